@@ -2,7 +2,8 @@
 
     python -m tests.attack [--only KIND ...] [--seconds S] [--out FOLDER] [--pages PAGE ...]
 
-Ends with status 1 where neighbours noticed more than they may. Bounded: some twelve seconds an attack.
+A second table has how servers end, SIGTERM while they load among it (`tests.attack.endings`). Ends with status 1 where
+neighbours noticed more than they may, or a server did not end as it must. Bounded: some twelve seconds an attack.
 """
 
 from __future__ import annotations
@@ -15,7 +16,9 @@ import tempfile
 from pathlib import Path
 
 from tests.attack.attack import Attack, Result, machine, row, run, table
+from tests.attack.endings import all_endings, endings_table
 
+ENDINGS = "endings"
 BEGIN, END = "<!-- made by: python -m tests.attack -->", "<!-- until here -->"
 
 ATTACKS = (
@@ -47,6 +50,9 @@ ATTACKS = (
     ),
     Attack("playheads that lie", "liars", 2),
     Attack("playheads that lie (built-in model)", "liars", 1, built_in=True),
+    Attack("32 sessions that play at three times real time (built-in model)", "fast_players", 1, built_in=True),
+    Attack("32 sessions that leap to their last frame once a second (built-in model)", "teleporters", 1, built_in=True),
+    Attack("a token that expires under load, and is shown on", "expired_tokens", 1, token_s=3.0),
     Attack("3,000 streams without hello", "silent_streams", 1),
     Attack("4,250 calls without their request", "half_open_calls", 1),
     Attack("4,250 calls and streams whose answers are not let through", "unread_calls", 1),
@@ -114,27 +120,31 @@ def put_into(page: Path, made: str) -> None:
 
 async def main() -> int:
     parser = argparse.ArgumentParser(prog="python -m tests.attack", description=__doc__)
-    parser.add_argument("--only", nargs="*", default=[], help="kinds of tests.attack.hostile, nobody")
+    parser.add_argument("--only", nargs="*", default=[], help="kinds of tests.attack.hostile, nobody, endings")
     parser.add_argument("--seconds", type=float, default=6.0, help="of each attack (default: %(default)s)")
     parser.add_argument("--out", type=Path, help="folder for attack.md; rows of earlier runs there stay")
     parser.add_argument("--pages", type=Path, nargs="*", default=[], help="Markdown files to put the table into")
     options = parser.parse_args()
-    results = []
+    results, endings = [], []
     with tempfile.TemporaryDirectory() as folder:
         for number, attack in enumerate(ATTACKS):
             if options.only and (attack.kind or "nobody") not in options.only:
                 continue
             results.append(await run(attack, options.seconds, Path(folder) / f"{number}.log"))
             print(f"{attack.name}: {'; '.join(results[-1].faults) or 'held'}", flush=True)
+        if not options.only or ENDINGS in options.only:
+            endings = await asyncio.to_thread(all_endings, Path(folder))
     rows = Rows(options.out)
     rows.add(results)
     report = f"{table(rows.in_order())}\n{machine()}, {options.seconds:g} s an attack\n"
+    if endings:
+        report += f"\n{endings_table(endings)}"
     if options.out:
         (options.out / "attack.md").write_text(report, encoding="utf-8")
     for page in options.pages:
         put_into(page, table(rows.in_order()))
     print(report)
-    return 1 if any(each.faults for each in results) else 0
+    return 1 if any(each.faults for each in results) or not all(each.holds for each in endings) else 0
 
 
 if __name__ == "__main__":

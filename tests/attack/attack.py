@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import asyncio
+import os
 import subprocess
 import sys
 import time
@@ -20,8 +21,9 @@ import psutil
 from grpc_health.v1 import health_pb2, health_pb2_grpc
 
 from tests.attack.neighbours import TIER_FULL, Noticed, neighbours
-from tests.attack.newcomers import Newcomers, newcomers
+from tests.attack.newcomers import newcomers
 from tests.attack.server import BUILT_IN, NULL, SLOW_ENCODER, Attacked, attacked
+from tests.attack.tokens import TOKEN_VARIABLE, Tokens, bearer
 from tests.conftest import ROOT
 
 WARM_S = 1.0
@@ -38,7 +40,8 @@ class Attack:
     its log. at_ops: on the port of operations. after: a kind of welcome clients who come and go first, so that memory
     is not counted that an engine takes whoever fills its batches. to_the_end: the clients go on while the server is
     asked to end. takes_places: they have sessions, as many as they get, so that newcomers may find no room.
-    slow_encoder: of texts; each edit of the neighbours has a new one.
+    slow_encoder: of texts; each edit of the neighbours has a new one. token_s: the server asks for tokens, and that of
+    the hostile clients is good for so long once they have begun.
     """
 
     name: str
@@ -57,32 +60,45 @@ class Attack:
     to_the_end: bool = False
     takes_places: bool = False
     slow_encoder: bool = False
+    token_s: float | None = None
 
 
 @dataclass(frozen=True)
-class Result:
-    """Of one attack. grown_mib: while it went on; left_mib: after it; health_ms: of a health check meanwhile.
+class Suffered:
+    """What came of an attack while its server lived. gateway_cpu: of a core. quiet_noticed: before it, where asked for.
 
-    errors: in its log, of its own. newcomers: sessions opened meanwhile, those that were served, refused by reason, and
-    left to wait.
+    grown_mib: while it went on; left_mib: after it. health_ms: of a health check meanwhile. newcomers: sessions opened
+    meanwhile, those that were served, refused by reason, and left to wait.
     """
 
-    attack: Attack
     noticed: Noticed
+    newcomers: tuple[int, Counter[str], int]
     grown_mib: float
     left_mib: float
     health_ms: float
     gateway_cpu: float
+    quiet_noticed: Noticed | None = None
+
+
+@dataclass(frozen=True)
+class Result:
+    """Of one attack. errors: in its log, of its own."""
+
+    attack: Attack
+    suffered: Suffered
     log_mib: float
     exit_code: int | None
-    newcomers: tuple[int, Counter[str], int]
     errors: int = 0
+
+    @property
+    def noticed(self) -> Noticed:
+        return self.suffered.noticed
 
     @property
     def faults(self) -> list[str]:
         """What neighbours noticed that they must not."""
-        attack, noticed = self.attack, self.noticed
-        welcomed, refused, waiting = self.newcomers
+        attack, noticed, suffered = self.attack, self.noticed, self.suffered
+        welcomed, refused, waiting = suffered.newcomers
         found = {
             f"newcomers were refused: {dict(refused)}": bool(refused) and not attack.takes_places,
             f"of newcomers {welcomed} were served and {waiting} waited": bool(waiting),
@@ -90,22 +106,25 @@ class Result:
             f"edits took {noticed.edit_p95_ms:.0f} ms": noticed.edit_p95_ms > attack.edit_ms,
             f"sessions were served at tier {noticed.lowest_tier}": noticed.lowest_tier != TIER_FULL,
             f"sessions ended: {noticed.closed}": bool(noticed.closed),
-            f"memory grew by {self.grown_mib:.0f} MiB": self.grown_mib > attack.grown_mib,
+            f"memory grew by {suffered.grown_mib:.0f} MiB": suffered.grown_mib > attack.grown_mib,
             f"the log grew by {self.log_mib:.1f} MiB": self.log_mib > attack.log_mib,
             f"{self.errors} errors inside the server are in its log": bool(self.errors),
-            "health was not answered": self.health_ms > 1000 * HEALTH_S,
+            "health was not answered": suffered.health_ms > 1000 * HEALTH_S,
             f"the server ended with {self.exit_code}": self.exit_code != 0,
         }
         return [fault for fault, holds in found.items() if holds]
 
 
 @contextmanager
-def hostile(attack: Attack, server: Attacked) -> Iterator[None]:
-    """The clients, until the end of the block."""
+def hostile(attack: Attack, server: Attacked, token: str = "") -> Iterator[None]:
+    """The clients, until the end of the block. token: that they show."""
     at = f"127.0.0.1:{server.ops_port}" if attack.at_ops else server.address
     command = [sys.executable, "-m", "tests.attack.hostile", attack.kind, at]
+    environment = {**os.environ, TOKEN_VARIABLE: token}
     processes = [
-        subprocess.Popen([*command, str(seed)], cwd=ROOT, stdout=subprocess.DEVNULL, stderr=subprocess.DEVNULL)
+        subprocess.Popen(
+            [*command, str(seed)], cwd=ROOT, env=environment, stdout=subprocess.DEVNULL, stderr=subprocess.DEVNULL
+        )
         for seed in range(1, 1 + attack.clients if attack.kind else 1)
     ]
     try:
@@ -136,17 +155,26 @@ async def health_ms(server: Attacked, by_http: bool) -> float:
 
 
 async def suffer(
-    attack: Attack, server: Attacked, seconds: float
-) -> tuple[Noticed, Newcomers, float, float, float, float]:
-    """Let the attack go on for so long. Returns what was noticed, who came, memory grown and left, health, CPU."""
-    async with neighbours(server.address, new_prompts=attack.slow_encoder) as good, newcomers(server.address) as coming:
+    attack: Attack, server: Attacked, seconds: float, tokens: Tokens | None = None, quiet_s: float = 0.0
+) -> Suffered:
+    """Let the attack go on for so long. quiet_s: for which neighbours are alone before."""
+    good_token = bearer(tokens.good) if tokens else ()
+    playing = neighbours(server.address, new_prompts=attack.slow_encoder, metadata=good_token)
+    async with playing as good, newcomers(server.address, good_token) as coming:
         await asyncio.sleep(WARM_S)
+        quiet_noticed = None
+        if quiet_s:
+            good.forget()
+            await asyncio.sleep(quiet_s)
+            quiet_noticed = good.noticed()
         if attack.after:
             with hostile(replace(attack, kind=attack.after), server):
                 await asyncio.sleep(2 * WARM_S + seconds)
             await asyncio.sleep(2 * WARM_S)
         before_mib = server.memory_mib()
-        with hostile(attack, server):
+        if tokens and attack.token_s is not None:
+            tokens.let_in_for(2 * WARM_S + attack.token_s)
+        with hostile(attack, server, tokens.hostile if tokens else ""):
             # They import their libraries first, which is not what this measures.
             await asyncio.sleep(2 * WARM_S)
             good.forget()
@@ -160,35 +188,39 @@ async def suffer(
             coming.stop(attack.newcomer_s)
             health = await health_ms(server, attack.most_files is not None)
         await asyncio.sleep(WARM_S)
-        return noticed, coming, most_mib - before_mib, server.memory_mib() - before_mib, health, share
+        came = coming.num_served, coming.refused, coming.num_waiting
+        left_mib = server.memory_mib() - before_mib
+        return Suffered(noticed, came, most_mib - before_mib, left_mib, health, share, quiet_noticed)
 
 
-async def run(attack: Attack, seconds: float, log: Path) -> Result:
-    """A fresh server, attacked."""
+async def run(attack: Attack, seconds: float, log: Path, quiet_s: float = 0.0) -> Result:
+    """A fresh server, attacked. quiet_s: as in `suffer`."""
     module = BUILT_IN if attack.built_in else SLOW_ENCODER if attack.slow_encoder else NULL
-    with ExitStack() as still_there, attacked(log, attack.settings, attack.most_files, module) as server:
-        noticed, coming, grown, left, health, share = await suffer(attack, server, seconds)
+    tokens = None if attack.token_s is None else Tokens(log.parent)
+    settings = (*attack.settings, *(tokens.settings if tokens else ()))
+    with ExitStack() as still_there, attacked(log, settings, attack.most_files, module) as server:
+        suffered = await suffer(attack, server, seconds, tokens, quiet_s)
         if attack.to_the_end:
             still_there.enter_context(hostile(attack, server))
             await asyncio.sleep(2 * WARM_S)
     said = server.log.read_text(encoding="utf-8", errors="replace")
     errors = max(said.count("error id"), said.count("Traceback"))  # gRPC's own errors have no id
-    came = coming.num_served, coming.refused, coming.num_waiting
-    return Result(attack, noticed, grown, left, health, share, server.log_mib(), server.exit_code, came, errors)
+    return Result(attack, suffered, server.log_mib(), server.exit_code, errors)
 
 
 def row(result: Result) -> str:
     """Of the table."""
-    noticed, attack = result.noticed, result.attack
+    noticed, attack, suffered = result.noticed, result.attack, result.suffered
     tier = "FULL" if noticed.lowest_tier == TIER_FULL else str(noticed.lowest_tier)
     verdict = "; ".join(result.faults) or "held"
-    welcomed, refused, waiting = result.newcomers
-    health = "none" if result.health_ms > 1000 * HEALTH_S else f"{result.health_ms:.0f} ms"
+    welcomed, refused, waiting = suffered.newcomers
+    health = "none" if suffered.health_ms > 1000 * HEALTH_S else f"{suffered.health_ms:.0f} ms"
     return (
         f"| {attack.name} | {attack.clients if attack.kind else 0} | {noticed.missed:.1%} "
         f"| {noticed.edit_p95_ms:.0f} ms | {noticed.ping_p95_ms:.0f} ms | {tier} "
         f"| {welcomed} of {welcomed + refused.total() + waiting} "
-        f"| {result.grown_mib:.0f} / {result.left_mib:.0f} MiB | {health} | {result.gateway_cpu:.0%} | {verdict} |"
+        f"| {suffered.grown_mib:.0f} / {suffered.left_mib:.0f} MiB | {health} "
+        f"| {suffered.gateway_cpu:.0%} | {verdict} |"
     )
 
 

@@ -1,5 +1,7 @@
 """Whether SIGTERM ends a server with 0, whatever goes on: `python -m tests.attack.endings [--times N]`.
 
+`python -m tests.attack` makes the same table after its own.
+
 A table of moments, of a server each: while it loads the built-in model, at moments spread over the start; twice; and
 with clients that do not read. Exit code 1 where a server ended with anything else, or not within its grace and what it
 may take beyond.
@@ -23,6 +25,7 @@ from tests.attack.attack import Attack, hostile, machine
 from tests.attack.server import BUILT_IN, NULL, ORDINARY, attacked
 from tests.conftest import ROOT
 
+TIMES = 9
 LIMIT_S = 60.0
 BEYOND_GRACE_S = 5.0
 """What an orchestrator adds to the grace; see docs/operations.md."""
@@ -122,19 +125,31 @@ SERVING = (
 )
 
 
+def all_endings(folder: Path, times: int = TIMES) -> list[Ending]:
+    """Of every moment there is. times: while it loads."""
+    log = folder / "endings.log"
+    endings = while_it_loads(log, times)
+    for moment, kind, settings, signals, at_ops in SERVING:
+        endings.append(while_it_serves(log, moment, kind, settings, signals, at_ops))
+    return endings
+
+
+def endings_table(endings: list[Ending]) -> str:
+    """A row an ending, in Markdown."""
+    rows = [
+        f"| {each.moment} | {each.exit_code} | {each.took_s:.1f} s | {'held' if each.holds else 'FAILED'} |"
+        for each in endings
+    ]
+    return "\n".join(["| SIGTERM | exit code | took | verdict |", "|---|---:|---:|---|", *rows]) + "\n"
+
+
 def main() -> int:
     parser = argparse.ArgumentParser(prog="python -m tests.attack.endings", description=__doc__)
-    parser.add_argument("--times", type=int, default=9, help="while it loads (default: %(default)s)")
+    parser.add_argument("--times", type=int, default=TIMES, help="while it loads (default: %(default)s)")
     asked = parser.parse_args()
     with tempfile.TemporaryDirectory() as folder:
-        log = Path(folder) / "log"
-        endings = while_it_loads(log, asked.times)
-        for moment, kind, settings, signals, at_ops in SERVING:
-            endings.append(while_it_serves(log, moment, kind, settings, signals, at_ops))
-    print("| SIGTERM | exit code | took |\n|---|---:|---:|")
-    for each in endings:
-        print(f"| {each.moment} | {each.exit_code} | {each.took_s:.1f} s |{'' if each.holds else ' FAILED'}")
-    print(machine())
+        endings = all_endings(Path(folder), asked.times)
+    print(f"{endings_table(endings)}\n{machine()}")
     return 0 if all(each.holds for each in endings) else 1
 
 

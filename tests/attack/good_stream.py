@@ -5,13 +5,14 @@ from __future__ import annotations
 import asyncio
 
 from motiongen.v1 import service_pb2, service_pb2_grpc
+from tests.attack.tokens import Metadata
 
 
 class GoodStream:
-    """To be derived from. What is begun belongs into `_tasks`."""
+    """To be derived from. What is begun belongs into `_tasks`. metadata: that the call shows."""
 
-    def __init__(self, stub: service_pb2_grpc.MotionServiceStub) -> None:
-        self._call = stub.StreamMotion()
+    def __init__(self, stub: service_pb2_grpc.MotionServiceStub, metadata: Metadata = ()) -> None:
+        self._call = stub.StreamMotion(metadata=metadata)
         self._tasks: list[asyncio.Task[None]] = []
         self._writing = asyncio.Lock()  # a call takes one message at a time
 

@@ -29,7 +29,9 @@ from tests.attack.hostile_load import (
     welcome_crowds,
 )
 from tests.attack.hostile_memory import first_messages, unconfirmed_edits
+from tests.attack.hostile_playheads import fast_players, teleporters
 from tests.attack.hostile_sockets import connections, garbage, idle_connections, unread_metrics
+from tests.attack.hostile_tokens import expired_tokens
 from tests.attack.mutation import mutations
 from tests.attack.prompts_over_streams import prompts_over_streams
 
@@ -225,12 +227,13 @@ KINDS: dict[str, Kind] = {
         silent_streams, unread_clips, unread_streams, catalogs, connections, garbage, heroes, playheads, empty_streams,
         long_names, idle_connections, unread_metrics, mutations, byte_a_second, burst_streams, crowds, watches,
         edits_behind_prompts, health_checks, long_paths, reflections, welcome_crowds, many_rotations, refused_rotations,
-        unconfirmed_edits, first_messages, half_open_calls, unread_calls,
+        unconfirmed_edits, first_messages, half_open_calls, unread_calls, fast_players, teleporters, expired_tokens,
         prompts_over_streams,
     )
 }  # fmt: skip
-ELSEWHERE = {connections, idle_connections, unread_metrics, welcome_crowds}
-"""They hold all connections that there may be, are for the port of operations, or are not hostile."""
+ELSEWHERE = {connections, idle_connections, unread_metrics, welcome_crowds, expired_tokens}
+"""They hold all connections that there may be, are for the port of operations, or for a server that asks for tokens, or
+are not hostile."""
 
 
 async def main(name: str, address: str, seed: int) -> None:

@@ -14,6 +14,7 @@ import numpy as np
 
 from motiongen.v1 import motion_pb2, service_pb2, service_pb2_grpc, session_pb2
 from tests.attack.good_stream import GoodStream
+from tests.attack.tokens import Metadata
 
 FPS = 20
 LOOKAHEAD = 40
@@ -25,7 +26,8 @@ TIER_FULL = session_pb2.SERVICE_TIER_FULL
 
 @dataclass
 class Playing:
-    """One session, whose playhead moves in real time from its first frame on."""
+    """One session, whose playhead moves in real time from its first frame on. had: frames in hand when it was told to
+    forget."""
 
     handle: int
     sent_to: int = 0
@@ -33,9 +35,15 @@ class Playing:
     due: int = 0
     missed: int = 0
     seq: int = 1
+    had: int = 0
     lowest_tier: int = TIER_FULL
     closed: str = ""
     edits: dict[int, float] = field(default_factory=dict)
+
+    @property
+    def in_hand(self) -> int:
+        """Frames that have come and are not due yet; less than 0 where some that are due have not."""
+        return self.sent_to - self.due
 
     def play(self, now: float) -> None:
         """Show the frames that are due by now; those that are not there are missed."""
@@ -49,10 +57,15 @@ class Playing:
 
 @dataclass(frozen=True)
 class Noticed:
-    """What all neighbours noticed. missed: the share of their frames; edits_ms: from an edit to its answer."""
+    """What all neighbours noticed. missed: the share of their frames; edits_ms: from an edit to its answer.
+
+    behind: of the frames that they showed, the share that nothing has come in place of: so many less are in hand, and
+    frames will be missed where that goes on.
+    """
 
     frames: int
     missed: float
+    behind: float
     edits_ms: tuple[float, ...]
     pings_ms: tuple[float, ...]
     lowest_tier: int
@@ -71,10 +84,14 @@ class Neighbour(GoodStream):
     """A stream with sessions that play."""
 
     def __init__(
-        self, stub: service_pb2_grpc.MotionServiceStub, num_sessions: int, new_prompt: Callable[[], str] | None = None
+        self,
+        stub: service_pb2_grpc.MotionServiceStub,
+        num_sessions: int,
+        new_prompt: Callable[[], str] | None = None,
+        metadata: Metadata = (),
     ) -> None:
-        """new_prompt: of each edit; without it there are two."""
-        super().__init__(stub)
+        """new_prompt: of each edit; without it there are two. metadata: that its call shows."""
+        super().__init__(stub, metadata)
         self._new_prompt = new_prompt
         self.sessions = [Playing(handle) for handle in range(num_sessions)]
         self.edits_ms: list[float] = []
@@ -95,8 +112,8 @@ class Neighbour(GoodStream):
         self._tasks = [asyncio.create_task(self._read())]
         async with asyncio.timeout(READY_S):
             while not all(each.begun_s for each in self.sessions):
-                if self.lost:
-                    raise RuntimeError(self.lost)
+                if told := self.lost or next((each.closed for each in self.sessions if each.closed), ""):
+                    raise RuntimeError(f"a neighbour was not let in, before any attack: {told}")
                 await asyncio.sleep(0.02)
         self._tasks += [asyncio.create_task(self._report()), asyncio.create_task(self._edit())]
 
@@ -171,7 +188,7 @@ class Neighbour(GoodStream):
             if session.closed:
                 continue
             session.play(now)
-            session.missed, session.begun_s, session.due = 0, now - session.due / FPS, session.due
+            session.missed, session.begun_s, session.had = 0, now - session.due / FPS, session.in_hand
 
     async def end(self) -> None:
         self.lost = self.lost or " "
@@ -226,6 +243,7 @@ class Neighbours:
         return Noticed(
             frames,
             sum(session.missed for session in sessions) / frames,
+            sum(max(0, session.had - session.in_hand) for session in sessions if not session.closed) / frames,
             tuple([ms for each in self._streams for ms in each.edits_ms] + [ms for ms in unanswered if ms > 1000]),
             tuple(ms for each in self._streams for ms in each.pings_ms),
             max(session.lowest_tier for session in sessions),
@@ -235,15 +253,19 @@ class Neighbours:
 
 @asynccontextmanager
 async def neighbours(
-    address: str, streams: int = 3, sessions: int = 4, new_prompts: bool = False
+    address: str, streams: int = 3, sessions: int = 4, *, new_prompts: bool = False, metadata: Metadata = ()
 ) -> AsyncIterator[Neighbours]:
-    """Streams that play, over a connection each. new_prompts: each edit has one that nobody has asked for before."""
+    """Streams that play, over a connection each. new_prompts: each edit has one that nobody has asked for before.
+
+    metadata: that their calls show.
+    """
     numbers = itertools.count()
     new_prompt = (lambda: f"a person waves {next(numbers)} times") if new_prompts else None
     channels = [
         grpc.aio.insecure_channel(address, options=(("grpc.use_local_subchannel_pool", 1),)) for _ in range(streams)
     ]
-    playing = [Neighbour(service_pb2_grpc.MotionServiceStub(channel), sessions, new_prompt) for channel in channels]
+    stubs = [service_pb2_grpc.MotionServiceStub(channel) for channel in channels]
+    playing = [Neighbour(stub, sessions, new_prompt, metadata) for stub in stubs]
     try:
         await asyncio.gather(*(each.begin() for each in playing))
         yield Neighbours(playing)

@@ -12,6 +12,7 @@ import grpc.aio
 
 from motiongen.v1 import service_pb2, service_pb2_grpc, session_pb2
 from tests.attack.good_stream import GoodStream
+from tests.attack.tokens import Metadata
 
 OPEN_EVERY_S = 0.5
 
@@ -19,15 +20,17 @@ OPEN_EVERY_S = 0.5
 class Newcomers(GoodStream):
     """A stream on which sessions are opened and, once they have frames, closed.
 
-    num_served: those that got frames. refused: how many, by reason. num_waiting: left to wait at the end.
+    num_served: those that got frames. refused: how many, by reason. refused_ms: how soon each was told so. num_waiting:
+    left to wait at the end.
     """
 
-    def __init__(self, stub: service_pb2_grpc.MotionServiceStub) -> None:
-        super().__init__(stub)
+    def __init__(self, stub: service_pb2_grpc.MotionServiceStub, metadata: Metadata = ()) -> None:
+        super().__init__(stub, metadata)
         self._asked: dict[int, float] = {}
         self._handle = 0
         self.num_served = 0
         self.refused: Counter[str] = Counter()
+        self.refused_ms: list[float] = []
         self.num_waiting = 0
 
     async def begin(self) -> None:
@@ -42,6 +45,7 @@ class Newcomers(GoodStream):
         self._asked.clear()
         self.num_served = 0
         self.refused.clear()
+        self.refused_ms.clear()
 
     def stop(self, patience_s: float) -> None:
         """Open no more. patience_s: after which those that have no frame are left to wait."""
@@ -63,7 +67,7 @@ class Newcomers(GoodStream):
             for update in response.updates:
                 kind = update.WhichOneof("update")
                 if kind == "outcome" and update.outcome.code and update.session in self._asked:
-                    del self._asked[update.session]
+                    self.refused_ms.append(1000 * (time.perf_counter() - self._asked.pop(update.session)))
                     self.refused[update.outcome.reason] += 1
                 elif kind == "chunk" and self._asked.pop(update.session, None) is not None:
                     self.num_served += 1
@@ -74,10 +78,10 @@ class Newcomers(GoodStream):
 
 
 @asynccontextmanager
-async def newcomers(address: str) -> AsyncIterator[Newcomers]:
-    """Over a connection of their own."""
+async def newcomers(address: str, metadata: Metadata = ()) -> AsyncIterator[Newcomers]:
+    """Over a connection of their own. metadata: that their call shows."""
     async with grpc.aio.insecure_channel(address, options=(("grpc.use_local_subchannel_pool", 1),)) as channel:
-        coming = Newcomers(service_pb2_grpc.MotionServiceStub(channel))
+        coming = Newcomers(service_pb2_grpc.MotionServiceStub(channel), metadata)
         try:
             await coming.begin()
             yield coming

@@ -1,8 +1,8 @@
 """Is as much let in as could be served? `python -m tests.bench.admission [--scenario crowd] [--cores 0.7 1 1.5 2]`.
 
 In virtual time, as `tests.bench.rehearsal`: first the most characters served with under 1 % of frames missed when
-nobody is refused or degraded, then how many of twice as many are let in, and what they get. A part of a core is one, or
-two, whose calls take longer, as a quota makes them on average; with --quota, as it makes them in truth.
+nobody is refused or degraded, then how many of twice as many (`--times`) are let in, and what they get. A part of a
+core is one, or two, whose calls take longer, as a quota makes them on average; with --quota, as it makes them in truth.
 """
 
 from __future__ import annotations
@@ -91,6 +91,7 @@ def main() -> int:
     )
     parser.add_argument("--scenario", nargs="+", default=["crowd"], choices=BUILT_IN)
     parser.add_argument("--cores", type=float, nargs="+", default=[0.7, 1.0, 1.5, 2.0])
+    parser.add_argument("--times", type=float, nargs="+", default=[2.0], help="as many as could be served ask")
     parser.add_argument("--seconds", type=int, default=20)
     parser.add_argument("--seed", type=int, default=1)
     parser.add_argument("--quota", action="store_true", help="stand still once a part of 100 ms is used up")
@@ -98,16 +99,18 @@ def main() -> int:
     parser.add_argument("--admit-load", type=float, help="as of the server (default: the engine's own)")
     options = parser.parse_args()
     logging.disable(logging.CRITICAL)
-    print("| scenario | cores | could be served | let in | of it | degraded | missed by them |")
-    print("|---|---:|---:|---:|---:|---:|---:|")
+    print("| scenario | cores | could be served | asked | let in | of it | degraded | missed by them |")
+    print("|---|---:|---:|---:|---:|---:|---:|---:|")
     for name in options.scenario:
         for cores in options.cores:
             machine, scenario = Machine(cores, options.seed, options.quota, options.engines), load_scenario(name)
             could = most_servable(machine, scenario, options.seconds)
-            count, degraded, found = let_in(machine, scenario, 2 * could, options.seconds, options.admit_load)
-            share = count / max(could, 1)
-            figures = f"{could} | {count} | {share:.0%} | {degraded} | {missed(found):.2%}"
-            print(f"| {name} | {cores:g} | {figures} |", flush=True)
+            for times in options.times:
+                asked = round(times * could)
+                count, degraded, found = let_in(machine, scenario, asked, options.seconds, options.admit_load)
+                share = count / max(could, 1)
+                figures = f"{could} | {asked} | {count} | {share:.0%} | {degraded} | {missed(found):.2%}"
+                print(f"| {name} | {cores:g} | {figures} |", flush=True)
     return 0
 
 

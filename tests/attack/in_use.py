@@ -12,6 +12,7 @@ import gc
 import os
 import shutil
 import socket
+import sys
 import tempfile
 import threading
 from collections.abc import Iterator
@@ -30,7 +31,9 @@ class _Mallinfo(ctypes.Structure):
 
 
 def bytes_in_use() -> int:
-    """Of this process, once what is garbage has gone."""
+    """Of this process, once what is garbage has gone, and kernels with it. For a moment in which nothing is computed."""
+    if (kernels := sys.modules.get("motiongen_server.runner.kernels")) is not None:
+        kernels.free_kernels()
     gc.collect()
     ask = ctypes.CDLL(None).mallinfo2
     ask.restype = _Mallinfo

@@ -11,6 +11,7 @@ import argparse
 import asyncio
 import contextlib
 import itertools
+import math
 import sys
 import tempfile
 import time
@@ -90,13 +91,18 @@ class Readings:
     cycles: list[int]
     values: list[list[int]]
 
-    def slopes(self) -> list[float]:
+    def slopes(self, step_bytes: float = math.inf) -> list[float]:
         """Bytes a cycle that each process grows by, after the first half: the median of what any two readings tell.
 
         So a reading that some cache, or the end of a rest, has made higher or lower than its neighbours counts little.
+        step_bytes: by which a reading may differ from the one before more than readings mostly do; what differs more is
+        a cache that has filled at once, and counts as they mostly do. A leak is there in every part.
         """
         half = len(self.cycles) // 2
-        table = np.array(self.values[half:], float)
+        grown = np.diff(np.array(self.values[half:], float), axis=0)
+        mostly = np.median(grown, axis=0)
+        grown = np.where(np.abs(grown - mostly) > step_bytes, mostly, grown)
+        table = np.vstack([np.zeros_like(mostly), np.cumsum(grown, axis=0)])
         pairs = list(itertools.combinations(range(len(table)), 2))
         cycles = self.cycles[half:]
         steps = [(table[after] - table[before]) / (cycles[after] - cycles[before]) for before, after in pairs]

@@ -31,7 +31,7 @@ class _Mallinfo(ctypes.Structure):
 
 
 def bytes_in_use() -> int:
-    """Of this process, once what is garbage has gone, and kernels with it. For a moment in which nothing is computed."""
+    """Of this process, once garbage and kernels have gone. For a moment in which nothing is computed."""
     if (kernels := sys.modules.get("motiongen_server.runner.kernels")) is not None:
         kernels.free_kernels()
     gc.collect()

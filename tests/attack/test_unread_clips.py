@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import asyncio
 from pathlib import Path
+from typing import Any
 
 import grpc
 import grpc.aio
@@ -55,7 +56,7 @@ class Readings:
         return sums
 
 
-async def status_of(call: grpc.aio.UnaryStreamCall) -> grpc.StatusCode:
+async def status_of(call: grpc.aio.UnaryStreamCall[Any, Any]) -> grpc.StatusCode:
     """With which it ends, all that is left of it read."""
     try:
         while await call.read() is not grpc.aio.EOF:

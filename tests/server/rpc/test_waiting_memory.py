@@ -233,7 +233,7 @@ async def test_calls_are_looked_at_without_any_stream() -> None:
     async with asyncio.timeout(LIMIT_S), LocalServer() as server:
         gate = asyncio.Event()
 
-        async def encode(*_: object) -> object:
+        async def encode(*_: object) -> None:
             await gate.wait()
 
         server.prompts.encode = encode  # type: ignore[method-assign, assignment]

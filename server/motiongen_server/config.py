@@ -104,7 +104,7 @@ class ServerConfig:
     stuck_timeout_s: float = setting(30.0, "after which a stream or clip that nobody reads is ended", 1, 3600)
     silent_timeout_s: float = setting(90.0, "after which a stream from which nothing comes is lost", 0.1, 1e6)
     max_waiting_mib: int = setting(
-        256, "unsent updates of all streams together, and what else is held for them, MiB", 1, 1_000_000
+        256, "unsent updates of all streams and clips, and what else is held for clients, MiB", 1, 1_000_000
     )
     max_clip_calls: int = setting(256, "calls for clips that are under way", 1, 100_000)
     peer_streams: int = setting(1024, "streams of one address", 1, 100_000)

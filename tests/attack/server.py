@@ -7,7 +7,7 @@ import os
 import signal
 import subprocess
 import sys
-from collections.abc import Iterator
+from collections.abc import Iterator, Mapping
 from contextlib import contextmanager
 from dataclasses import dataclass
 from pathlib import Path
@@ -53,9 +53,16 @@ class Attacked:
 
 @contextmanager
 def attacked(
-    log: Path, settings: tuple[str, ...] = (), most_files: int | None = None, module: tuple[str, ...] = NULL
+    log: Path,
+    settings: tuple[str, ...] = (),
+    most_files: int | None = None,
+    module: tuple[str, ...] = NULL,
+    environment: Mapping[str, str] | None = None,
 ) -> Iterator[Attacked]:
-    """Start a server; SIGTERM ends it, and what it exits with is noted. most_files: its limit of open descriptors."""
+    """Start a server; SIGTERM ends it, and what it exits with is noted. most_files: its limit of open descriptors.
+
+    environment: what it finds besides this process's.
+    """
 
     # By the shell, not between fork and exec: gRPC's threads in this process make Python code there unsafe.
     limited = () if most_files is None else ("/bin/sh", "-c", f'ulimit -n {most_files} && exec "$@"', "sh")
@@ -64,7 +71,7 @@ def attacked(
         process = subprocess.Popen(
             [*limited, sys.executable, "-m", *module, *ORDINARY, *settings],
             cwd=ROOT, stdout=subprocess.PIPE, stderr=errors, text=True,
-            env={**os.environ, "PYTHONPATH": python_path},
+            env={**os.environ, "PYTHONPATH": python_path, **(environment or {})},
         )  # fmt: skip
     assert process.stdout is not None
     try:

@@ -6,7 +6,7 @@ import asyncio
 
 from motiongen.v1 import service_pb2, session_pb2
 from motiongen_compliance.target import Target
-from motiongen_server.rpc.stream_reader import TAKEN_APART
+from motiongen_server.rpc.request_parts import TAKEN_APART
 from tests.contract.local import LocalServer
 
 

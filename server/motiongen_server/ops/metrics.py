@@ -142,7 +142,7 @@ class Metrics:
         )
         self.queue_bytes = Gauge(
             "motiongen_outbound_queue_bytes",
-            "What waits to be written to all streams, or to be taken from them.",
+            "What waits to be written to all clients, to be told again, or to be taken from them.",
             registry=registry,
         )
         self.heartbeat_age = Gauge(

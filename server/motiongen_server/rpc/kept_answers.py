@@ -52,6 +52,12 @@ class KeptAnswers:
         """Those to events up to a number."""
         return tuple(answer for number, answer in self._answers.items() if number <= event_seq)
 
+    def let_go_of_places(self) -> None:
+        """Keep what became of the events, and neither placements nor warnings."""
+        for answer in list(self._answers.values()):
+            if answer.placements or answer.warnings:
+                self._put(replace(answer, placements=(), warnings=()))
+
     def _let_go(self) -> None:
         *older, _ = self._answers.values()
         for answer in older:

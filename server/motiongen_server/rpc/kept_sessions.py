@@ -23,6 +23,7 @@ from motiongen_server.engine.types import (
 from motiongen_server.models.registry import LoadedModel
 from motiongen_server.rpc.durability import Durability
 from motiongen_server.rpc.event_path import end_waiting, refuse_waiting, without_needless_refusals
+from motiongen_server.rpc.kept_answers import KeptAnswers
 from motiongen_server.rpc.session_entry import Carrier, SessionEntry
 from motiongen_server.rpc.stream_metrics import NoStreamMetrics, StreamMetrics
 
@@ -51,6 +52,11 @@ class KeptSessions:
     def num_parked(self) -> int:
         """Sessions that wait for their client."""
         return len(self._timers)
+
+    @property
+    def num_waiting_bytes(self) -> int:
+        """What is held of sessions that no stream carries, about: of events that wait, and to be told again."""
+        return sum(entry.held_bytes for entry in list(self._away.values()) if isinstance(entry.carrier, _Nobody))
 
     @property
     def can_resume(self) -> bool:
@@ -133,14 +139,33 @@ class KeptSessions:
             self._close(entry, reason)
         return len(chosen)
 
-    def _give_up(self, entry: SessionEntry) -> None:
-        """Nobody came back."""
+    def let_go(self, num_bytes: int) -> None:
+        """Free so many bytes, if parked sessions hold as many; those that hold most first.
+
+        Placements and warnings go before anything else, so that a client that resumes still learns what became of its
+        events. Where that is not enough sessions are given up: a resume is refused as after the grace.
+        """
+        parked = sorted((self._away[key] for key in self._timers), key=lambda entry: entry.held_bytes, reverse=True)
+        for free in (SessionEntry.let_go_of_places, self._give_up_for_room):
+            for entry in parked:
+                if num_bytes <= 0:
+                    return
+                before = entry.held_bytes
+                free(entry)
+                num_bytes -= before - entry.held_bytes
+
+    def _give_up_for_room(self, entry: SessionEntry) -> None:
+        self._give_up(entry, "let_go")
+        entry.answers = KeptAnswers()  # nobody comes to hear them
+
+    def _give_up(self, entry: SessionEntry, how: str = "expired") -> None:
+        """Nobody came back, or nobody can be waited for."""
         self._stop_timer(entry)
         self._by_token.pop(entry.token, None)
         if entry.closed is not None:
             self.forget(entry)
             return
-        self._stream_metrics.count_resume("expired")
+        self._stream_metrics.count_resume(how)
         if not entry.closing:
             self._close(entry, CloseReason.CLIENT)
 

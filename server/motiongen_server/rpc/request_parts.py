@@ -20,6 +20,8 @@ SMALL_BYTES = 4096
 """Messages up to this size are parsed as a whole."""
 SMALL_EVENT_BYTES = 1024
 """Events up to this size may have as many fields as fit: their fields are not counted."""
+TAKEN_APART = 2
+"""Times its bytes a long message takes in memory, with the parts that it is taken apart into."""
 EVENTS_A_PART = 64
 FIELDS_A_PART = 4096
 FIELDS_AN_EVENT = 32

@@ -37,6 +37,7 @@ from motiongen_server.rpc.stream_reader import StreamReader
 from motiongen_server.rpc.stream_tracing import RecordWindow, StreamTracing
 from motiongen_server.rpc.stream_watch import StreamWatch
 from motiongen_server.rpc.stream_writer import cut, write
+from motiongen_server.rpc.waiting_memory import WaitingMemory
 from motiongen_server.snapshots.store import SnapshotStore
 
 _log = logging.getLogger(__name__)
@@ -77,8 +78,9 @@ class MotionService:
         self.durability = None if snapshots is None else Durability(snapshots, self._loop, count)
         self._kept = KeptSessions(models.limits.resume_grace_s, stream_metrics, self.durability)
         self._streams: dict[int, Stream] = {}
-        self.clips = ClipService(models, self._numbers, stream_metrics, self._limits)
-        self.watch = StreamWatch(self._limits, self._streams, self._callers)
+        self._memory = WaitingMemory(self._limits.max_waiting_bytes, self._streams, self._kept)
+        self.clips = ClipService(models, self._numbers, stream_metrics, self._limits, self._memory)
+        self.watch = StreamWatch(self._limits, self._streams, self._callers, self._memory)
         self._lag = GatewayLag(lambda: bool(self._streams))
         models.is_gateway_full = lambda: self._lag.is_too_long
         self._all_ended = asyncio.Event()
@@ -107,8 +109,8 @@ class MotionService:
 
     @property
     def num_waiting_bytes(self) -> int:
-        """What is held for all streams: to be written, to be told again, or of what has come."""
-        return sum(stream.num_waiting_bytes for stream in list(self._streams.values()))
+        """What is held for all streams, clips and parked sessions: to be written, to be told again, or of what came."""
+        return self._memory.num_bytes
 
     # ---- from the engine's thread -----------------------------------------------------------------------------------
 
@@ -147,7 +149,9 @@ class MotionService:
         """Samples of one clip, from the request to the last frame. Raises StreamRefused."""
         peer, data = await self._admission.request(call)
         self._note_call(call)
-        await self.clips.generate(clip_request(data, self._models.limits.max_event_fields), call, peer)
+        request = clip_request(data, self._models.limits.max_event_fields)
+        del data  # else it would be held as long as the call lasts
+        await self.clips.generate(request, call, peer)
 
     def _note_call(self, context: StreamContext | CallContext) -> None:
         if self._others is not None:

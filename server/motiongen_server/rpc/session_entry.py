@@ -135,10 +135,16 @@ class SessionEntry:
         self.place.peer.waiting_bytes += num_bytes
 
     @property
-    def kept_bytes(self) -> int:
-        """Of what is kept to be told again, about."""
+    def held_bytes(self) -> int:
+        """Of events that wait, and of what is kept to be told again, about."""
         placements = () if self.opened is None else self.opened.placements
-        return self.answers.num_bytes + PLACEMENT_OBJECT_BYTES * len(placements)
+        return self.waiting_bytes + self.answers.num_bytes + PLACEMENT_OBJECT_BYTES * len(placements)
+
+    def let_go_of_places(self) -> None:
+        """Of what is kept to be told again, keep what became of the events, and neither placements nor warnings."""
+        self.answers.let_go_of_places()
+        if self.opened is not None:
+            self.opened = replace(self.opened, placements=(), warnings=())
 
     def is_answered(self, event_seq: int) -> bool:
         """Whether an event has been answered."""

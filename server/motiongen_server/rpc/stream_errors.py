@@ -81,7 +81,8 @@ def client_silent(after_s: float) -> StreamRefused:
 
 
 def no_memory_left(most: int) -> StreamRefused:
-    message = f"more than {most} bytes are held of what clients have not read or paid for, and most are this one's"
+    held = f"more than {most} bytes are held of what clients have not read, confirmed or paid for"
+    message = f"{held}, and most are this one's; read what comes, or ask for less at a time"
     return StreamRefused(grpc.StatusCode.RESOURCE_EXHAUSTED, "SLOW_READER", message)
 
 

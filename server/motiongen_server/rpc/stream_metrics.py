@@ -17,7 +17,10 @@ class StreamMetrics(Protocol):
         ...
 
     def count_resume(self, how: str) -> None:
-        """A session whose transport was lost was resumed, or refused, or has expired: then nobody came back."""
+        """A session whose transport was lost was resumed, or refused, or has expired: then nobody came back.
+
+        Or it was let go, since memory ran short while it waited for its client.
+        """
         ...
 
     def count_snapshot(self, what: str) -> None:

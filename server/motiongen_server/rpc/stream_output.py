@@ -18,6 +18,8 @@ from motiongen_server.rpc.stream_tracing import StreamTracing
 
 MAX_RESPONSE_BYTES = 1 << 20
 MAX_WAITING_REPLIES = 64
+REPLY_BYTES = 512
+"""Of a pong or a goodbye in memory, about."""
 
 
 class StreamOutput(ABC):
@@ -38,6 +40,7 @@ class StreamOutput(ABC):
         self.responses: deque[service_pb2.StreamMotionResponse] = deque()
         self._limits = limits
         self._stream_metrics = stream_metrics
+        self._writing_bytes = 0  # of the message that is being written
         self._dropped_told = 0
         self._patience = ReaderPatience(limits, self._give_up_on_reader)
         self._room = asyncio.Event()
@@ -49,12 +52,17 @@ class StreamOutput(ABC):
 
     @property
     def num_waiting_bytes(self) -> int:
-        """What waits to be written, about."""
-        return self.send_queue.num_bytes
+        """What waits to be written, or is being written, about."""
+        return self.send_queue.num_bytes + REPLY_BYTES * len(self.responses) + self._writing_bytes
 
     def next_response(self) -> bytes | None:
         """The next StreamMotionResponse to write: pongs and goodbyes first, then updates of many sessions in one."""
         self._room.set()
+        response = self._next_response()
+        self._writing_bytes = 0 if response is None else len(response)
+        return response
+
+    def _next_response(self) -> bytes | None:
         if self.responses:
             return self.responses.popleft().SerializeToString()
         waiting = self.send_queue.take(MAX_RESPONSE_BYTES)
@@ -82,6 +90,7 @@ class StreamOutput(ABC):
         if self.gateway_lag is not None and self.writing_since is not None:
             self.gateway_lag.note_write(time.monotonic() - self.writing_since)
         self.writing_since = None
+        self._writing_bytes = 0
         self.has_written = True
         if self.tracing is not None:
             self.tracing.note_written()

@@ -15,7 +15,7 @@ from motiongen_server.rpc.event_errors import too_many_fields
 from motiongen_server.rpc.goodbye import say_draining
 from motiongen_server.rpc.handlers import StreamContext
 from motiongen_server.rpc.held_requests import Ended
-from motiongen_server.rpc.request_parts import SMALL_BYTES, SMALL_EVENT_BYTES, RequestParts, parsed
+from motiongen_server.rpc.request_parts import SMALL_BYTES, SMALL_EVENT_BYTES, TAKEN_APART, RequestParts, parsed
 from motiongen_server.rpc.stream import Stream
 from motiongen_server.rpc.stream_errors import (
     client_agent_too_long,
@@ -32,8 +32,6 @@ MAX_AGENT_CHARACTERS = 128
 EVENTS_A_TURN = 64
 EVENTS_A_WALK = 1024
 """Of a long message, counted before others have a turn."""
-TAKEN_APART = 2
-"""Times its bytes a long message takes in memory, with the parts that it is taken apart into."""
 PARSED = 25
 """Times its bytes a small one takes, which is parsed as a whole, where all that it holds is empty."""
 

@@ -52,8 +52,8 @@ class StreamSessions(StreamOutput):
     @property
     def num_waiting_bytes(self) -> int:
         """What waits to be written, of what has come waits for prompts, and is kept to be told again, about."""
-        entries = self._entries.values()
-        return super().num_waiting_bytes + sum(entry.waiting_bytes + entry.kept_bytes for entry in entries)
+        entries = list(self._entries.values())  # metrics ask on another thread
+        return super().num_waiting_bytes + sum(entry.held_bytes for entry in entries)
 
     def take(self, *outputs: Output) -> None:
         """Take outputs for this stream's client, in order."""

@@ -4,8 +4,7 @@ from __future__ import annotations
 
 import asyncio
 import time
-from collections.abc import Iterator, Mapping
-from contextlib import contextmanager
+from collections.abc import Mapping
 
 from motiongen_server.errors import StreamRefused
 from motiongen_server.identity.caller import ANYBODY, CREDENTIALS_EXPIRED
@@ -13,22 +12,34 @@ from motiongen_server.identity.callers import Callers
 from motiongen_server.rpc.goodbye import EXPIRY_NOTICE_S, say_expiring
 from motiongen_server.rpc.limits import ServiceLimits
 from motiongen_server.rpc.stream import Stream
-from motiongen_server.rpc.stream_errors import client_silent, hello_late, no_memory_left, reader_stuck, stream_empty
+from motiongen_server.rpc.stream_errors import client_silent, hello_late, reader_stuck, stream_empty
+from motiongen_server.rpc.waiting_memory import WaitingMemory, alone
 
 LOOK_EVERY_S = 0.25
 
 
 class StreamWatch:
-    """Looks at all streams a few times a second, while there are any. Lives on the event loop."""
+    """Looks at all streams, and at what everybody holds, a few times a second, while there is anybody. Lives on the
+    event loop.
+    """
 
-    def __init__(self, limits: ServiceLimits, streams: Mapping[int, Stream], callers: Callers | None = None) -> None:
+    def __init__(
+        self,
+        limits: ServiceLimits,
+        streams: Mapping[int, Stream],
+        callers: Callers | None = None,
+        memory: WaitingMemory | None = None,
+    ) -> None:
+        """memory: what is held, for streams and besides; of the streams alone where it is left out."""
         self._limits = limits
+        self._memory = memory or WaitingMemory(limits.max_waiting_bytes, streams)
+        self._memory.on_begin = self.begin
         self._callers = callers or Callers()
         self._streams = streams
         self._timer: asyncio.TimerHandle | None = None
 
     def begin(self) -> None:
-        """A stream has begun."""
+        """A stream has begun, or a call that holds memory."""
         if self._timer is None:
             self._timer = asyncio.get_running_loop().call_later(LOOK_EVERY_S, self._look)
 
@@ -37,25 +48,16 @@ class StreamWatch:
         try:
             self.look(time.monotonic())
         finally:  # else a fault would leave all streams unwatched until another begins
-            if self._streams:
+            if not self._memory.is_idle:
                 self.begin()
 
     def look(self, now: float) -> None:
         """End the streams that are due at `now`, in monotonic seconds."""
         self._callers.look()
-        live = [stream for stream in self._streams.values() if stream.refusal is None]
-        for stream in live:
-            with _alone(stream):
+        for stream in [stream for stream in self._streams.values() if stream.refusal is None]:
+            with alone(stream):
                 self._look_at(stream, now)
-        most = self._limits.max_waiting_bytes
-        total = sum(stream.num_waiting_bytes for stream in live)
-        if total > most:
-            live.sort(key=lambda stream: stream.num_waiting_bytes)
-            while total > most:
-                stream = live.pop()
-                total -= stream.num_waiting_bytes
-                with _alone(stream):
-                    stream.refuse(no_memory_left(most))
+        self._memory.bound()
 
     def _look_at(self, stream: Stream, now: float) -> None:
         if (refusal := self.refusal(stream, now)) is not None:
@@ -95,12 +97,3 @@ class StreamWatch:
             return reader_stuck(limits.stuck_timeout_s)
         is_empty = not stream.num_sessions and now - stream.empty_since > limits.empty_timeout_s
         return stream_empty(limits.empty_timeout_s) if is_empty and not stream.ended else None
-
-
-@contextmanager
-def _alone(stream: Stream) -> Iterator[None]:
-    """A fault of the server's own ends the stream that it is about, and the others are looked at all the same."""
-    try:
-        yield
-    except Exception as error:
-        stream.fail(error)

@@ -15,8 +15,9 @@ from motiongen_server.errors import StreamRefused
 from motiongen_server.rpc.handlers import StreamContext
 from motiongen_server.rpc.held_requests import Ended, HeldRequests
 from motiongen_server.rpc.limits import PeerLimits, ServiceLimits
+from motiongen_server.rpc.request_parts import TAKEN_APART
 from motiongen_server.rpc.stream_errors import hello_expected
-from motiongen_server.rpc.stream_reader import TAKEN_APART, StreamReader
+from motiongen_server.rpc.stream_reader import StreamReader
 from tests.contract.local import LocalServer
 from tests.server.rpc.test_event_order import Line
 from tests.server.rpc.test_stream_watch import connected, end_of, talk_on

@@ -151,7 +151,7 @@ async def test_of_what_another_server_has_kept_for_its_client_no_more_is_kept_th
         now=0.0,
     )
     assert len(entry.answers) == 5
-    assert entry.kept_bytes <= MAX_KEPT_BYTES
+    assert entry.held_bytes <= MAX_KEPT_BYTES
 
 
 class SlowStore(SqliteStore):

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import asyncio
 from collections import deque
 from collections.abc import Sequence
 from dataclasses import replace
@@ -32,7 +31,7 @@ OPEN_SEQ = 1
 
 
 class Call:
-    """said: what the engine told of its samples, not looked at yet. under_way: the samples that are not complete."""
+    """under_way: the samples that are not complete."""
 
     def __init__(
         self, specs: Sequence[SessionSpec], model: LoadedModel, coding: FrameCoding, warnings: tuple[Warned, ...] = ()
@@ -41,7 +40,6 @@ class Call:
         self.model = model
         self._coding = coding
         self._warnings = warnings
-        self.said: asyncio.Queue[Output] = asyncio.Queue()
         self.under_way: set[SessionKey] = set()
         self._reached: list[list[ConstraintReached]] = [[] for _ in specs]
 

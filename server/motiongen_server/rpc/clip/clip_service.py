@@ -5,6 +5,7 @@ from __future__ import annotations
 import asyncio
 import time
 from collections.abc import Iterator, Sequence
+from functools import partial
 
 import grpc
 import grpc.aio
@@ -18,14 +19,17 @@ from motiongen_server.rpc.bounded_write import write_within
 from motiongen_server.rpc.budget import CONSTRAINT_CALLS, PATH_CALLS
 from motiongen_server.rpc.call_context import CallContext
 from motiongen_server.rpc.clip.call import Call, refused
+from motiongen_server.rpc.clip.holding import Holding
 from motiongen_server.rpc.clip.request import check_extent, clip_specs, opening_event
 from motiongen_server.rpc.convert import UNENCODED, coding_of, num_paths, prompt_texts, warnings_of
 from motiongen_server.rpc.encoding import encoded
 from motiongen_server.rpc.event_errors import too_many_clips
 from motiongen_server.rpc.limits import ServiceLimits
 from motiongen_server.rpc.peers import Peer
+from motiongen_server.rpc.request_parts import TAKEN_APART
 from motiongen_server.rpc.stream_errors import CLIENT_GONE, failed_inside
 from motiongen_server.rpc.stream_metrics import NoStreamMetrics, StreamMetrics
+from motiongen_server.rpc.waiting_memory import WaitingMemory
 from motiongen_server.text.turns import Asker
 
 
@@ -38,23 +42,28 @@ class ClipService:
         numbers: Iterator[int],
         stream_metrics: StreamMetrics | None = None,
         limits: ServiceLimits | None = None,
+        memory: WaitingMemory | None = None,
     ) -> None:
-        """numbers: of streams, which clips share: the engine knows a call by one."""
+        """numbers: of streams, which clips share: the engine knows a call by one.
+
+        memory: in which counts what calls hold; an account of its own where it is left out.
+        """
         self._models = models
         self._limits = limits or ServiceLimits()
         self._numbers = numbers
         self._stream_metrics = stream_metrics or NoStreamMetrics()
+        self._memory = memory or WaitingMemory(self._limits.max_waiting_bytes, {})
         self._calls: dict[int, Call] = {}
+        self._holdings: dict[int, Holding] = {}  # of those, and of calls that are not begun yet
         self._closing = False
         self._idle = asyncio.Event()
         self._idle.set()
 
     def take(self, number: int, outputs: Sequence[Output]) -> None:
         """Take outputs of the engine for a call; those of one that has ended are dropped."""
-        call = self._calls.get(number)
-        if call is not None:
-            for output in outputs:
-                call.said.put_nowait(output)
+        holding = self._holdings.get(number)
+        if holding is not None:
+            holding.put(outputs)
 
     def close_all(self) -> None:
         """End every call, and make no more."""
@@ -74,16 +83,20 @@ class ClipService:
 
     async def generate(self, request: service_pb2.GenerateClipRequest, context: CallContext, peer: Peer) -> None:
         """Answer one call. What it has under way stops within a step when its client or its time is gone."""
-        begun_at, code = time.monotonic(), "CANCELLED"
+        begun_at, code, number = time.monotonic(), "CANCELLED", next(self._numbers)
+        holding = self._holdings[number] = Holding(TAKEN_APART * request.ByteSize(), self._memory.note)
+        self._memory.begin(number, holding)
         remaining_s = context.time_remaining()  # a cancelled or expired call is ended by gRPC, which cancels this task
         most_s = self._models.limits.max_clip_s
         try:
-            async with asyncio.timeout(most_s if remaining_s is None else min(most_s, remaining_s)):
-                await self._make(request, context, peer)
+            async with asyncio.timeout(most_s if remaining_s is None else min(most_s, remaining_s)) as within:
+                holding.cut = partial(_cut, within)
+                await self._make(request, number, context, peer)
             code = "OK"
         except TimeoutError:
-            code = "DEADLINE_EXCEEDED"
-            await context.abort_with_status(_too_slow(time.monotonic() - begun_at).status())
+            end = holding.refusal or _too_slow(time.monotonic() - begun_at)
+            code = end.code.name
+            await context.abort_with_status(end.status())
         except EventRefused as refusal:
             code = refusal.code.name
             if refusal.code is Code.RESOURCE_EXHAUSTED:
@@ -99,16 +112,20 @@ class ClipService:
             failure = failed_inside("a clip failed", "the clip failed inside the server", error)
             await context.abort_with_status(failure.status())
         finally:
+            del self._holdings[number]
+            self._memory.end(number)
             # Of one that is refused for its number, no more than may be: else one call outweighs all there ever were.
             num_samples = min(request.sample_count or 1, self._models.limits.max_clip_samples)
             self._stream_metrics.end_clip(code, time.monotonic() - begun_at, num_samples)
 
-    async def _make(self, request: service_pb2.GenerateClipRequest, context: CallContext, peer: Peer) -> None:
+    async def _make(
+        self, request: service_pb2.GenerateClipRequest, number: int, context: CallContext, peer: Peer
+    ) -> None:
         model = self._models.find(request.open.model_id)
         check_extent(request, model.catalog)
         if len(self._calls) >= self._limits.max_clip_calls:
             raise too_many_clips(self._limits.max_clip_calls)
-        number, num_samples = next(self._numbers), request.sample_count or 1
+        num_samples = request.sample_count or 1
         told = request.open.constraints
         each_calls = CONSTRAINT_CALLS * len(told) + PATH_CALLS * num_paths(told)
         peer.calls.charge(each_calls * num_samples, time.monotonic())
@@ -139,13 +156,15 @@ class ClipService:
 
     async def _run(self, call: Call, number: int, context: CallContext) -> None:
         self._calls[number] = call
+        holding = self._holdings[number]
         self._idle.clear()
         try:
             self._start(call, time.monotonic())
             while call.under_way:
-                output = await call.said.get()
+                output = await holding.next()
                 for response in call.responses(output):
                     await self._write(response, context)
+                holding.done(output)
                 if isinstance(output, Chunk) and output.session in call.under_way:
                     self._grant(call, output)
         finally:
@@ -177,6 +196,12 @@ class ClipService:
         """Have the engine forget the samples that are not complete."""
         for key in call.under_way:
             call.model.engine.submit(Close(key, 2, time.monotonic(), reason))
+
+
+def _cut(within: asyncio.Timeout) -> None:
+    """End what is awaited within that, unless its time is over already."""
+    if not within.expired():
+        within.reschedule(asyncio.get_running_loop().time())
 
 
 def _too_slow(waited_s: float) -> StreamRefused:

@@ -19,11 +19,11 @@ import psutil
 from motiongen_client import MotionClient
 from motiongen_tools.server_process import ServerProcess
 from tests.bench.machine import machine_facts
+from tests.bench.processes import below, memory_mib, processor_s
 from tests.bench.served import QUICK, Effort, edit_latencies_ms, most_served, windows_per_s
 
 CHARACTERS = 8
 STEPS = 4
-MIB = 1 << 20
 SETTINGS = ("--admit-load", "1000", "--degrade", "false", "--playback-rate", "1000")
 
 
@@ -34,24 +34,20 @@ class Server:
     pid: int
     address: str
 
-    def processes(self) -> list[psutil.Process]:
-        """The gateway and its engine processes."""
-        gateway = psutil.Process(self.pid)
-        return [gateway, *gateway.children()]
-
     def memory_mib(self) -> list[float]:
-        """Resident memory of each of its processes."""
-        return [process.memory_info().rss / MIB for process in self.processes()]
+        """Each process's part of the memory of all."""
+        return memory_mib(psutil.Process(self.pid))
 
     def cpu_s(self) -> float:
         """Processor seconds so far, of all its processes."""
-        times = [process.cpu_times() for process in self.processes()]
-        return sum(each.user + each.system for each in times)
+        gateway = psutil.Process(self.pid)
+        return processor_s([gateway, *below(gateway)])
 
 
 @dataclass(frozen=True)
 class Figures:
-    """Of one server. Latencies in ms; memory in MiB, of each process, the gateway first.
+    """Of one server. Latencies in ms; memory in MiB, of each process its part of that of all
+    (Pss), the gateway first.
 
     cpu_ms_per_window: processor milliseconds of the server for a window, 8 characters as fast as they come.
     """

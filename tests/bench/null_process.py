@@ -16,6 +16,7 @@ from pathlib import Path
 import psutil
 
 from tests.bench.machine import ROOT
+from tests.bench.processes import below, processor_s
 from tests.bench.revision import Revision
 
 NULL_SERVER = "tests.bench.null_server"
@@ -36,16 +37,14 @@ class NullServer:
     threads: dict[str, int]
 
     def cpu_s(self) -> dict[str, float]:
-        """Processor seconds so far of the engine (process or thread), of the event loop, and of all others."""
+        """Processor seconds so far of the engines (processes, or a thread), of the event loop, and of all others."""
         names = {number: name for name, number in self.threads.items()}
         seconds = {"engine": 0.0, "event loop": 0.0, "others": 0.0}
         for task in Path(f"/proc/{self.pid}/task").iterdir():
             used_ns = int((task / "schedstat").read_text(encoding="ascii").split()[0])
             name = {"engine": "engine", "MainThread": "event loop"}.get(names.get(int(task.name), ""), "others")
             seconds[name] += used_ns / 1e9
-        for process in psutil.Process(self.pid).children():
-            times = process.cpu_times()
-            seconds["engine"] += times.user + times.system
+        seconds["engine"] += processor_s(below(psutil.Process(self.pid)))
         return seconds
 
 

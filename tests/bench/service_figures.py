@@ -22,15 +22,16 @@ from rich.status import Status
 from motiongen_client import MotionClient
 from motiongen_tools.server_process import ServerProcess
 from tests.bench.machine import ROOT, machine_facts
+from tests.bench.processes import MIB, memory_mib
 from tests.bench.served import QUICK, Effort, edit_latencies_ms, most_served, open_latencies_ms, windows_per_s
 
 CROWDS = (1, 8, 32)
-MIB = 1 << 20
 
 
 @dataclass(frozen=True)
 class Figures:
-    """All of one number of denoising steps. Latencies are (p50, p95) in ms, memory is resident, in MiB.
+    """All of one number of denoising steps. Latencies are (p50, p95) in ms, memory is in MiB: of the client
+    what is resident, of the server the parts of all its processes (Pss).
 
     windows_per_s: by characters that take frames as fast as they come. served_characters: what `motiongen bench --find`
     finds. rollout_windows_per_s: `model.rollout`.
@@ -74,8 +75,7 @@ async def measure(steps: int, effort: Effort, status: Status) -> Figures:
                 rates[characters] = await windows_per_s(client, steps, characters, effort.window_s)
         client_memory = psutil.Process().memory_info().rss / MIB
         most = await most_served(server.address, steps, effort, say)
-        gateway = psutil.Process(server.pid)
-        server_memory = sum(each.memory_info().rss for each in [gateway, *gateway.children()]) / MIB
+        server_memory = sum(memory_mib(psutil.Process(server.pid)))
         ready_s = server.ready_s
     say("one rollout at a time")
     return Figures(

@@ -23,6 +23,7 @@ import psutil
 from tests.bench.machine import ROOT, machine_facts
 from tests.bench.processes import MIB, below, engines_of, memory_of, processor_s
 from tests.bench.revision import Revision, commit_tree
+from tests.server_process import ready
 
 SETTINGS = ("--port", "0", "--ops-port", "0", "--print-ports", "--drain-wait-s", "0", "--drain-grace-s", "0")
 COLUMNS = ("engines", "revision", "processes", "resident, each", "parts, together", "parts, an engine", "own, together",
@@ -45,23 +46,17 @@ class Server:
 @contextmanager
 def serving(revision: Revision, model: str, precision: str, engines: int) -> Iterator[Server]:
     command = [sys.executable, "-m", "motiongen_server", *SETTINGS, "--model", model, "--precision", precision]
-    with subprocess.Popen(
+    process = subprocess.Popen(
         [*command, "--devices", f"cpu:{engines}"],
         cwd=revision.tree,
         env=revision.environment,
         stdout=subprocess.PIPE,
         stderr=subprocess.PIPE,
         text=True,
-    ) as process:
-        assert process.stdout is not None
-        assert process.stderr is not None
-        try:
-            if not process.stdout.readline():  # its ports, once it is ready
-                raise RuntimeError(f"the server did not start:\n{process.stderr.read()}")
-            yield Server(psutil.Process(process.pid), process.stderr)
-        finally:
-            process.send_signal(signal.SIGTERM)
-            process.communicate()
+    )
+    assert process.stderr is not None
+    with ready(process):
+        yield Server(psutil.Process(process.pid), process.stderr)
 
 
 def row(revision: Revision, model: str, precision: str, engines: int) -> str:

@@ -26,6 +26,7 @@ from motiongen_tools.bench.scenario import BUILT_IN, load_scenario
 from motiongen_tools.server_process import ServerProcess
 from tests.bench.cpu_quota import CpuQuota
 from tests.bench.machine import busy_share, machine_facts
+from tests.server_process import over
 
 _FREE = ("--admit-load", "1000", "--degrade", "false")
 _BOTH = ("--log-level", "ERROR", "--max-sessions", "4096", "--events-per-second", "1000")
@@ -51,7 +52,8 @@ class Machine:
     @contextmanager
     def server(self, *settings: str) -> Iterator[ServerProcess]:
         """One that is ready, under the quota from its start on."""
-        process = ServerProcess(["--devices", f"cpu:{self.engines}", *_BOTH, *self.settings, *settings])
+        ordinary = ("--devices", f"cpu:{self.engines}", *_BOTH)
+        process = ServerProcess(over(ordinary, (*self.settings, *settings)))
         with CpuQuota(self.cores, self.shares) as quota:
             with quota.joined():
                 process.start()

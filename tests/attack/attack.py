@@ -3,8 +3,6 @@
 from __future__ import annotations
 
 import asyncio
-import subprocess
-import sys
 import time
 from collections import Counter
 from collections.abc import Iterable, Iterator
@@ -19,10 +17,10 @@ import httpx
 import psutil
 from grpc_health.v1 import health_pb2, health_pb2_grpc
 
+from tests.attack.hostile_clients import Clients
 from tests.attack.neighbours import TIER_FULL, Noticed, neighbours
 from tests.attack.newcomers import Newcomers, newcomers
 from tests.attack.server import BUILT_IN, NULL, Attacked, attacked
-from tests.conftest import ROOT
 
 WARM_S = 1.0
 HEALTH_S = 5.0
@@ -98,20 +96,11 @@ class Result:
 
 
 @contextmanager
-def hostile(attack: Attack, server: Attacked) -> Iterator[None]:
-    """The clients, until the end of the block."""
+def hostile(attack: Attack, server: Attacked) -> Iterator[Clients]:
+    """The clients, until the end of the block. Raises HostileClientEnded where one has not lived so long."""
     at = f"127.0.0.1:{server.ops_port}" if attack.at_ops else server.address
-    command = [sys.executable, "-m", "tests.attack.hostile", attack.kind, at]
-    processes = [
-        subprocess.Popen([*command, str(seed)], cwd=ROOT, stdout=subprocess.DEVNULL, stderr=subprocess.DEVNULL)
-        for seed in range(1, 1 + attack.clients if attack.kind else 1)
-    ]
-    try:
-        yield
-    finally:
-        for process in processes:
-            process.kill()
-            process.wait()
+    with Clients(attack.kind, at, attack.clients) as clients:
+        yield clients
 
 
 async def health_ms(server: Attacked, by_http: bool) -> float:
@@ -140,13 +129,13 @@ async def suffer(
     async with neighbours(server.address) as good, newcomers(server.address) as coming:
         await asyncio.sleep(WARM_S)
         if attack.after:
-            with hostile(replace(attack, kind=attack.after), server):
-                await asyncio.sleep(2 * WARM_S + seconds)
+            with hostile(replace(attack, kind=attack.after), server) as before:
+                await before.begun()
+                await asyncio.sleep(seconds)
             await asyncio.sleep(2 * WARM_S)
         before_mib = server.memory_mib()
-        with hostile(attack, server):
-            # They import their libraries first, which is not what this measures.
-            await asyncio.sleep(2 * WARM_S)
+        with hostile(attack, server) as clients:
+            await clients.begun()
             good.forget()
             coming.forget()
             cpu_s, begun_s, most_mib = server.cpu_s(), time.perf_counter(), 0.0
@@ -167,8 +156,8 @@ async def run(attack: Attack, seconds: float, log: Path) -> Result:
     with ExitStack() as still_there, attacked(log, attack.settings, attack.most_files, module) as server:
         noticed, coming, grown, left, health, share = await suffer(attack, server, seconds)
         if attack.to_the_end:
-            still_there.enter_context(hostile(attack, server))
-            await asyncio.sleep(2 * WARM_S)
+            await still_there.enter_context(hostile(attack, server)).begun()
+            await asyncio.sleep(WARM_S)
     said = server.log.read_text(encoding="utf-8", errors="replace")
     errors = max(said.count("error id"), said.count("Traceback"))  # gRPC's own errors have no id
     came = coming.num_served, coming.refused, coming.num_waiting

@@ -4,8 +4,8 @@ from __future__ import annotations
 
 import asyncio
 import time
-from collections.abc import AsyncIterator, Sequence
-from contextlib import asynccontextmanager
+from collections.abc import AsyncIterator, Callable, Sequence
+from contextlib import ExitStack, asynccontextmanager
 from dataclasses import dataclass, field
 
 import grpc.aio
@@ -13,12 +13,13 @@ import numpy as np
 
 from motiongen.v1 import motion_pb2, service_pb2, service_pb2_grpc, session_pb2
 from tests.attack.good_stream import GoodStream
+from tests.server.engine_process.audience import stopped
+from tests.waiting import LIMIT_S
 
 FPS = 20
 LOOKAHEAD = 40
 REPORT_EVERY_S = 0.25
 EDIT_EVERY_S = 2.0
-READY_S = 30.0
 TIER_FULL = session_pb2.SERVICE_TIER_FULL
 
 
@@ -48,7 +49,9 @@ class Playing:
 
 @dataclass(frozen=True)
 class Noticed:
-    """What all neighbours noticed. missed: the share of their frames; edits_ms: from an edit to its answer."""
+    """What all neighbours noticed. frames: that were due; missed: the share of them; edits_ms: from an edit to its
+    answer.
+    """
 
     frames: int
     missed: float
@@ -76,8 +79,8 @@ class Neighbour(GoodStream):
         self.pings_ms: list[float] = []
         self.lost = ""
 
-    async def begin(self) -> None:
-        """Open all sessions and wait until they play."""
+    async def ask(self) -> None:
+        """Open all sessions; return once the gateway has given each to an engine."""
         hello = service_pb2.ClientHello(client_agent="neighbour")
         opens = [
             session_pb2.SessionEvent(
@@ -86,13 +89,22 @@ class Neighbour(GoodStream):
             )
             for each in self.sessions
         ]  # fmt: skip
+        ping = service_pb2.Ping(client_time_ns=int(time.perf_counter() * 1e9))
         await self._write(service_pb2.StreamMotionRequest(hello=hello, events=opens))
+        await self._write(service_pb2.StreamMotionRequest(ping=ping))
         self._tasks = [asyncio.create_task(self._read())]
-        async with asyncio.timeout(READY_S):
-            while not all(each.begun_s for each in self.sessions):
+        await self._until(lambda: bool(self.pings_ms))
+
+    async def _until(self, condition: Callable[[], bool]) -> None:
+        async with asyncio.timeout(LIMIT_S):
+            while not condition():
                 if self.lost:
                     raise RuntimeError(self.lost)
                 await asyncio.sleep(0.02)
+
+    async def begin(self) -> None:
+        """Wait until all sessions play."""
+        await self._until(lambda: all(each.begun_s for each in self.sessions))
         self._tasks += [asyncio.create_task(self._report()), asyncio.create_task(self._edit())]
 
     async def _read(self) -> None:
@@ -193,7 +205,7 @@ class Neighbours:
         """
         begun_s = time.perf_counter()
         before = {id(session): session.sent_to for session in self._live}
-        async with asyncio.timeout(READY_S):
+        async with asyncio.timeout(LIMIT_S):
             # No event tells of it.
             while any(session.sent_to <= before[id(session)] for session in self._live):  # noqa: ASYNC110
                 await asyncio.sleep(0.01)
@@ -212,12 +224,12 @@ class Neighbours:
         sessions = [session for each in self._streams for session in each.sessions]
         for session in sessions:
             session.play(now)
-        frames = max(1, self._frames() - self._frames_before)
+        frames = self._frames() - self._frames_before
         unanswered = [1000 * (now - asked_s) for session in sessions for asked_s in session.edits.values()]
         lost = [each.lost for each in self._streams if each.lost]
         return Noticed(
             frames,
-            sum(session.missed for session in sessions) / frames,
+            sum(session.missed for session in sessions) / max(1, frames),
             tuple([ms for each in self._streams for ms in each.edits_ms] + [ms for ms in unanswered if ms > 1000]),
             tuple(ms for each in self._streams for ms in each.pings_ms),
             max(session.lowest_tier for session in sessions),
@@ -226,13 +238,23 @@ class Neighbours:
 
 
 @asynccontextmanager
-async def neighbours(address: str, streams: int = 3, sessions: int = 4) -> AsyncIterator[Neighbours]:
-    """Streams that play, over a connection each."""
+async def neighbours(
+    address: str, streams: int = 3, sessions: int = 4, engines: Sequence[int] = ()
+) -> AsyncIterator[Neighbours]:
+    """Streams that play, over a connection each.
+
+    engines: processes that stand still while sessions are given to them. They tell no load meanwhile, of which a busy
+    machine makes more for one of them, so each gets as many.
+    """
     channels = [
         grpc.aio.insecure_channel(address, options=(("grpc.use_local_subchannel_pool", 1),)) for _ in range(streams)
     ]
     playing = [Neighbour(service_pb2_grpc.MotionServiceStub(channel), sessions) for channel in channels]
     try:
+        with ExitStack() as standing:
+            for pid in engines:
+                standing.enter_context(stopped(pid))
+            await asyncio.gather(*(each.ask() for each in playing))
         await asyncio.gather(*(each.begin() for each in playing))
         yield Neighbours(playing)
     finally:

@@ -20,7 +20,7 @@ from motiongen_client import MotionClient
 from motiongen_tools.server_process import ServerProcess
 from tests.bench.machine import machine_facts
 from tests.bench.processes import below, memory_mib, processor_s
-from tests.bench.served import QUICK, Effort, edit_latencies_ms, most_served, windows_per_s
+from tests.bench.served import QUICK, Effort, Latencies, Most, edit_latencies_ms, most_served, windows_per_s
 
 CHARACTERS = 8
 STEPS = 4
@@ -46,18 +46,17 @@ class Server:
 
 @dataclass(frozen=True)
 class Figures:
-    """Of one server. Latencies in ms; memory in MiB, of each process its part of that of all
-    (Pss), the gateway first.
+    """Of one server. characters: None where they were not looked for. memory_mib: of each process its part of that of
+    all (Pss), the gateway first.
 
     cpu_ms_per_window: processor milliseconds of the server for a window, 8 characters as fast as they come.
     """
 
     engines: str
-    characters: int
+    characters: Most | None
     windows_per_s: float
     cpu_ms_per_window: float
-    edit_p50_ms: float
-    edit_p99_ms: float
+    edits: Latencies
     memory_mib: list[float]
 
 
@@ -67,10 +66,10 @@ async def measured(name: str, server: Server, effort: Effort, search: bool) -> F
     async with MotionClient(server.address) as client:
         rate = await windows_per_s(client, STEPS, CHARACTERS, effort.window_s)
     cpu_s = server.cpu_s() - cpu_before
-    characters = await most_served(server.address, STEPS, effort, lambda what: None) if search else 0
+    characters = await most_served(server.address, STEPS, effort, lambda what: None) if search else None
     # The first second of it is not counted as windows, but costs as much as any other.
     windows = rate * (effort.window_s + 1.0)
-    return Figures(name, characters, rate, 1000 * cpu_s / windows, edits["p50"], edits["p99"], server.memory_mib())
+    return Figures(name, characters, rate, 1000 * cpu_s / windows, edits, server.memory_mib())
 
 
 def markdown(facts: dict[str, str], figures: list[Figures]) -> str:
@@ -78,7 +77,7 @@ def markdown(facts: dict[str, str], figures: list[Figures]) -> str:
     lines.append("|---|---:|---:|---:|---:|---|")
     lines += [
         f"| {each.engines} | {each.characters or '-'} | {each.windows_per_s:.1f} | {each.cpu_ms_per_window:.1f} ms "
-        f"| {each.edit_p50_ms:.0f} / {each.edit_p99_ms:.0f} ms | "
+        f"| {each.edits.p50:.0f} / {each.edits.p99:.0f} ms{' (void)' * each.edits.is_void} | "
         + " + ".join(f"{memory:.0f}" for memory in each.memory_mib)
         + " MiB |"
         for each in figures

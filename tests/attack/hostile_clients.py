@@ -8,17 +8,11 @@ import subprocess
 import sys
 import tempfile
 from collections.abc import Mapping
-from contextlib import ExitStack
+from pathlib import Path
 from types import TracebackType
-from typing import Any
 
 from tests.conftest import ROOT
 from tests.waiting import LIMIT_S, until_true
-
-
-def _appended() -> Any:
-    """A file that clients append to, wherever this process reads; which reads no buffer, but what is there."""
-    return tempfile.TemporaryFile("a+b", buffering=0)
 
 
 class HostileClientEnded(Exception):
@@ -37,22 +31,19 @@ class Clients:
         self._command = [sys.executable, "-m", "tests.attack.hostile", kind, address]
         self._environment = dict(environment)
         self._count = count if kind else 0
-        self._files = ExitStack()
-        self._said = self._files.enter_context(_appended())
-        self._errors = self._files.enter_context(_appended())
+        self._folder = tempfile.TemporaryDirectory(prefix="hostile-clients-")
+        self._said, self._errors = (Path(self._folder.name) / name for name in ("said", "errors"))
         self._processes: list[subprocess.Popen[bytes]] = []
 
     def _check(self) -> None:
         for process in self._processes:
             if process.poll() is not None:
-                self._errors.seek(0)
-                said = self._errors.read()[-4000:].decode(errors="replace")
+                said = self._errors.read_text(encoding="utf-8", errors="replace")[-4000:]
                 raise HostileClientEnded(f"a client of kind {self._kind!r} ended with {process.returncode}:\n{said}")
 
     def _have_begun(self) -> bool:
         self._check()
-        self._said.seek(0)
-        return len(self._said.read().splitlines()) == self._count
+        return len(self._said.read_text(encoding="utf-8").splitlines()) == self._count
 
     async def begun(self) -> None:
         """Wait until each has reached the server; see `tests.attack.begun`. Raises HostileClientEnded, TimeoutError."""
@@ -60,13 +51,13 @@ class Clients:
             await until_true(self._have_begun)
 
     def __enter__(self) -> Clients:
-        self._processes += [
-            subprocess.Popen(
-                [*self._command, str(seed)],
-                cwd=ROOT, env=self._environment, stdout=self._said, stderr=self._errors,
-            )
-            for seed in range(1, 1 + self._count)
-        ]  # fmt: skip
+        with self._said.open("ab") as said, self._errors.open("ab") as errors:  # to which all append
+            self._processes += [
+                subprocess.Popen(
+                    [*self._command, str(seed)], cwd=ROOT, env=self._environment, stdout=said, stderr=errors
+                )
+                for seed in range(1, 1 + self._count)
+            ]
         return self
 
     def __exit__(self, failure: type[BaseException] | None, *_: BaseException | TracebackType | None) -> None:
@@ -77,4 +68,4 @@ class Clients:
             for process in self._processes:
                 process.kill()
                 process.wait()
-            self._files.close()
+            self._folder.cleanup()

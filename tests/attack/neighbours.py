@@ -98,12 +98,12 @@ class Neighbour(GoodStream):
     async def _until(self, condition: Callable[[], bool]) -> None:
         async with asyncio.timeout(LIMIT_S):
             while not condition():
-                if self.lost:
-                    raise RuntimeError(self.lost)
+                if ended := self.lost or next((each.closed for each in self.sessions if each.closed), ""):
+                    raise RuntimeError(ended)
                 await asyncio.sleep(0.02)
 
     async def begin(self) -> None:
-        """Wait until all sessions play."""
+        """Wait until all sessions play. Raises RuntimeError where one is refused, TimeoutError."""
         await self._until(lambda: all(each.begun_s for each in self.sessions))
         self._tasks += [asyncio.create_task(self._report()), asyncio.create_task(self._edit())]
 

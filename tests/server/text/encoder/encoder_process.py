@@ -48,7 +48,10 @@ class EncoderProcess:
             )  # fmt: skip
         assert self._process.stdout is not None
         with self._process.stdout:
-            return self._process.stdout.readline()
+            line = self._process.stdout.readline()
+        if not line:
+            self._process.wait(LIMIT_S)
+        return line
 
     def kill(self) -> None:
         """At once, as if its machine had gone."""

@@ -58,7 +58,11 @@ async def test_what_was_void_does_not_pass_and_the_most_may_be_more(
     void_times: dict[int, int], found: tuple[int, bool]
 ) -> None:
     loads = Loads(void_times, served=65)
-    assert await most_passing(Bracket(8), loads.play, lambda result: not result.missed) == found
+
+    def passes(run: Any) -> bool:
+        return not run.missed
+
+    assert await most_passing(Bracket(8), loads.play, passes) == found
 
 
 async def test_figures_of_a_load_that_was_late_say_so(monkeypatch: pytest.MonkeyPatch) -> None:

@@ -21,7 +21,7 @@ if os.fork() == 0:  # what engines are forked from
             held[::4096] = b"x" * len(held[::4096])
             while time.process_time() < until:
                 pass
-            os.write(1, b"there\n")  # at once: the other writes too
+            os.write(1, b"there\\n")  # at once: the other writes too
             sys.stdin.read()
             os._exit(0)
     os.wait(), os.wait()

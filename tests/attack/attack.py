@@ -32,7 +32,7 @@ class Attack:
     """What hostile clients do, and what neighbours must not notice more of than this.
 
     kind: of `tests.attack.hostile`, "" for none. missed: share of frames; edit_ms: the 95th percentile; newcomer_s: how
-    soon a session that is opened meanwhile has frames; grown_mib: memory, of all processes of the server. log_mib: of
+    soon a session that is opened meanwhile has frames; health_s: a health check is answered; grown_mib: memory, of all processes of the server. log_mib: of
     its log. at_ops: on the port of operations. after: a kind of welcome clients who come and go first, so that memory
     is not counted that an engine takes whoever fills its batches. to_the_end: the clients go on while the server is
     asked to end. takes_places: they have sessions, as many as they get, so that newcomers may find no room.
@@ -48,6 +48,7 @@ class Attack:
     missed: float = 0.01
     edit_ms: float = 1_000.0
     newcomer_s: float = 1.0
+    health_s: float = HEALTH_S
     grown_mib: float = 200.0
     log_mib: float = 1.0
     after: str = ""
@@ -89,7 +90,7 @@ class Result:
             f"memory grew by {self.grown_mib:.0f} MiB": self.grown_mib > attack.grown_mib,
             f"the log grew by {self.log_mib:.1f} MiB": self.log_mib > attack.log_mib,
             f"{self.errors} errors inside the server are in its log": bool(self.errors),
-            "health was not answered": self.health_ms > 1000 * HEALTH_S,
+            "health was not answered": self.health_ms > 1000 * attack.health_s,
             f"the server ended with {self.exit_code}": self.exit_code != 0,
         }
         return [fault for fault, holds in found.items() if holds]
@@ -103,22 +104,22 @@ def hostile(attack: Attack, server: Attacked) -> Iterator[Clients]:
         yield clients
 
 
-async def health_ms(server: Attacked, by_http: bool) -> float:
-    """How long a health check takes, over a connection of its own; beyond HEALTH_S where it is not answered.
+async def health_ms(server: Attacked, by_http: bool, within_s: float = HEALTH_S) -> float:
+    """How long a health check takes, over a connection of its own; beyond within_s where it is not answered.
 
     by_http: as orchestrators ask, on the port of operations, where no more connections fit on the other.
     """
     begun_s, address = time.perf_counter(), server.address
     if by_http:
-        async with httpx.AsyncClient(timeout=HEALTH_S) as client:
+        async with httpx.AsyncClient(timeout=within_s) as client:
             answer = await client.get(f"http://127.0.0.1:{server.ops_port}/readyz")
-        return 1000 * (time.perf_counter() - begun_s) if answer.status_code == 200 else 2000 * HEALTH_S
+        return 1000 * (time.perf_counter() - begun_s) if answer.status_code == 200 else 2000 * within_s
     async with grpc.aio.insecure_channel(address, options=(("grpc.use_local_subchannel_pool", 1),)) as channel:
         try:
             stub: Any = health_pb2_grpc.HealthStub(channel)  # its stubs name no methods
-            await stub.Check(health_pb2.HealthCheckRequest(), timeout=HEALTH_S)
+            await stub.Check(health_pb2.HealthCheckRequest(), timeout=within_s)
         except grpc.aio.AioRpcError:
-            return 2000 * HEALTH_S
+            return 2000 * within_s
     return 1000 * (time.perf_counter() - begun_s)
 
 
@@ -136,6 +137,7 @@ async def suffer(
         before_mib = server.memory_mib()
         with hostile(attack, server) as clients:
             await clients.begun()
+            await asyncio.sleep(WARM_S)  # until all of it goes on
             good.forget()
             coming.forget()
             cpu_s, begun_s, most_mib = server.cpu_s(), time.perf_counter(), 0.0
@@ -145,7 +147,7 @@ async def suffer(
             share = (server.cpu_s() - cpu_s) / (time.perf_counter() - begun_s)
             noticed = good.noticed()
             coming.stop(attack.newcomer_s)
-            health = await health_ms(server, attack.most_files is not None)
+            health = await health_ms(server, attack.most_files is not None, attack.health_s)
         await asyncio.sleep(WARM_S)
         return noticed, coming, most_mib - before_mib, server.memory_mib() - before_mib, health, share
 

@@ -32,10 +32,11 @@ class Attack:
     """What hostile clients do, and what neighbours must not notice more of than this.
 
     kind: of `tests.attack.hostile`, "" for none. missed: share of frames; edit_ms: the 95th percentile; newcomer_s: how
-    soon a session that is opened meanwhile has frames; health_s: a health check is answered; grown_mib: memory, of all processes of the server. log_mib: of
-    its log. at_ops: on the port of operations. after: a kind of welcome clients who come and go first, so that memory
-    is not counted that an engine takes whoever fills its batches. to_the_end: the clients go on while the server is
-    asked to end. takes_places: they have sessions, as many as they get, so that newcomers may find no room.
+    soon a session that is opened meanwhile has frames; health_s: how soon health is told; grown_mib: memory, of all
+    processes of the server. log_mib: of its log. at_ops: on the port of operations. after: a kind of welcome clients
+    who come and go first, so that memory is not counted that an engine takes whoever fills its batches. to_the_end: the
+    clients go on while the server is asked to end. takes_places: they have sessions, as many as they get, so that
+    newcomers may find no room.
     """
 
     name: str

@@ -2,8 +2,6 @@
 
 from __future__ import annotations
 
-import json
-import signal
 import subprocess
 import sys
 from collections.abc import Iterator
@@ -13,7 +11,7 @@ from pathlib import Path
 import pytest
 from hypothesis import HealthCheck, settings
 
-from tests.waiting import LIMIT_S
+from tests.server_process import ready
 
 # how fast an example runs is the machine's affair, not the test's
 settings.register_profile("motiongen", deadline=None, suppress_health_check=[HealthCheck.too_slow])
@@ -65,14 +63,7 @@ def live_server(tmp_path_factory: pytest.TempPathFactory) -> Iterator[LiveServer
             stderr=errors,
             text=True,
         )
-        assert process.stdout is not None
-        with process.stdout:
-            line = process.stdout.readline()  # ends when the server is ready, or with the process
-            if not line:
-                raise RuntimeError(f"the server did not start, exit code {process.wait()}:\n{log.read_text()}")
-            ports = json.loads(line)
-            address, ops = f"localhost:{ports['grpc_port']}", f"http://localhost:{ports['ops_port']}"
-            yield LiveServer(process, address, ops)
-            process.send_signal(signal.SIGTERM)
-            exit_code = process.wait(LIMIT_S)
-    assert exit_code == 0, log.read_text()
+    with ready(process, log) as ports:
+        address, ops = f"localhost:{ports['grpc_port']}", f"http://localhost:{ports['ops_port']}"
+        yield LiveServer(process, address, ops)
+    assert process.returncode == 0, log.read_text()

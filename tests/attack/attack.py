@@ -4,8 +4,6 @@ from __future__ import annotations
 
 import asyncio
 import os
-import subprocess
-import sys
 import time
 from collections import Counter
 from collections.abc import Iterable, Iterator
@@ -20,11 +18,11 @@ import httpx
 import psutil
 from grpc_health.v1 import health_pb2, health_pb2_grpc
 
+from tests.attack.hostile_clients import Clients
 from tests.attack.neighbours import TIER_FULL, Noticed, neighbours
 from tests.attack.newcomers import newcomers
 from tests.attack.server import BUILT_IN, NULL, SLOW_ENCODER, Attacked, attacked
 from tests.attack.tokens import TOKEN_VARIABLE, Tokens, bearer
-from tests.conftest import ROOT
 
 WARM_S = 1.0
 HEALTH_S = 5.0
@@ -36,12 +34,12 @@ class Attack:
     """What hostile clients do, and what neighbours must not notice more of than this.
 
     kind: of `tests.attack.hostile`, "" for none. missed: share of frames; edit_ms: the 95th percentile; newcomer_s: how
-    soon a session that is opened meanwhile has frames; grown_mib: memory, of all processes of the server. log_mib: of
-    its log. at_ops: on the port of operations. after: a kind of welcome clients who come and go first, so that memory
-    is not counted that an engine takes whoever fills its batches. to_the_end: the clients go on while the server is
-    asked to end. takes_places: they have sessions, as many as they get, so that newcomers may find no room.
-    slow_encoder: of texts; each edit of the neighbours has a new one. token_s: the server asks for tokens, and that of
-    the hostile clients is good for so long once they have begun.
+    soon a session that is opened meanwhile has frames; health_s: how soon health is told; grown_mib: memory, of all
+    processes of the server. log_mib: of its log. at_ops: on the port of operations. after: a kind of welcome clients
+    who come and go first, so that memory is not counted that an engine takes whoever fills its batches. to_the_end: the
+    clients go on while the server is asked to end. takes_places: they have sessions, as many as they get, so that
+    newcomers may find no room. slow_encoder: of texts; each edit of the neighbours has a new one. token_s: the server
+    asks for tokens, and that of the hostile clients is good for so long once they have begun.
     """
 
     name: str
@@ -54,6 +52,7 @@ class Attack:
     missed: float = 0.01
     edit_ms: float = 1_000.0
     newcomer_s: float = 1.0
+    health_s: float = HEALTH_S
     grown_mib: float = 200.0
     log_mib: float = 1.0
     after: str = ""
@@ -109,48 +108,39 @@ class Result:
             f"memory grew by {suffered.grown_mib:.0f} MiB": suffered.grown_mib > attack.grown_mib,
             f"the log grew by {self.log_mib:.1f} MiB": self.log_mib > attack.log_mib,
             f"{self.errors} errors inside the server are in its log": bool(self.errors),
-            "health was not answered": suffered.health_ms > 1000 * HEALTH_S,
+            "health was not answered": suffered.health_ms > 1000 * attack.health_s,
             f"the server ended with {self.exit_code}": self.exit_code != 0,
         }
         return [fault for fault, holds in found.items() if holds]
 
 
 @contextmanager
-def hostile(attack: Attack, server: Attacked, token: str = "") -> Iterator[None]:
-    """The clients, until the end of the block. token: that they show."""
+def hostile(attack: Attack, server: Attacked, token: str = "") -> Iterator[Clients]:
+    """The clients, until the end of the block. token: that they show.
+
+    Raises HostileClientEnded where one has not lived so long.
+    """
     at = f"127.0.0.1:{server.ops_port}" if attack.at_ops else server.address
-    command = [sys.executable, "-m", "tests.attack.hostile", attack.kind, at]
-    environment = {**os.environ, TOKEN_VARIABLE: token}
-    processes = [
-        subprocess.Popen(
-            [*command, str(seed)], cwd=ROOT, env=environment, stdout=subprocess.DEVNULL, stderr=subprocess.DEVNULL
-        )
-        for seed in range(1, 1 + attack.clients if attack.kind else 1)
-    ]
-    try:
-        yield
-    finally:
-        for process in processes:
-            process.kill()
-            process.wait()
+    with Clients(attack.kind, at, attack.clients, {**os.environ, TOKEN_VARIABLE: token}) as clients:
+        yield clients
 
 
-async def health_ms(server: Attacked, by_http: bool) -> float:
-    """How long a health check takes, over a connection of its own; beyond HEALTH_S where it is not answered.
+async def health_ms(server: Attacked, by_http: bool, within_s: float = HEALTH_S) -> float:
+    """How long a health check takes, over a connection of its own; beyond within_s where it is not answered.
 
     by_http: as orchestrators ask, on the port of operations, where no more connections fit on the other.
     """
     begun_s, address = time.perf_counter(), server.address
     if by_http:
-        async with httpx.AsyncClient(timeout=HEALTH_S) as client:
+        async with httpx.AsyncClient(timeout=within_s) as client:
             answer = await client.get(f"http://127.0.0.1:{server.ops_port}/readyz")
-        return 1000 * (time.perf_counter() - begun_s) if answer.status_code == 200 else 2000 * HEALTH_S
+        return 1000 * (time.perf_counter() - begun_s) if answer.status_code == 200 else 2000 * within_s
     async with grpc.aio.insecure_channel(address, options=(("grpc.use_local_subchannel_pool", 1),)) as channel:
         try:
             stub: Any = health_pb2_grpc.HealthStub(channel)  # its stubs name no methods
-            await stub.Check(health_pb2.HealthCheckRequest(), timeout=HEALTH_S)
+            await stub.Check(health_pb2.HealthCheckRequest(), timeout=within_s)
         except grpc.aio.AioRpcError:
-            return 2000 * HEALTH_S
+            return 2000 * within_s
     return 1000 * (time.perf_counter() - begun_s)
 
 
@@ -168,15 +158,16 @@ async def suffer(
             await asyncio.sleep(quiet_s)
             quiet_noticed = good.noticed()
         if attack.after:
-            with hostile(replace(attack, kind=attack.after), server):
-                await asyncio.sleep(2 * WARM_S + seconds)
+            with hostile(replace(attack, kind=attack.after), server) as before:
+                await before.begun()
+                await asyncio.sleep(seconds)
             await asyncio.sleep(2 * WARM_S)
         before_mib = server.memory_mib()
         if tokens and attack.token_s is not None:
             tokens.let_in_for(2 * WARM_S + attack.token_s)
-        with hostile(attack, server, tokens.hostile if tokens else ""):
-            # They import their libraries first, which is not what this measures.
-            await asyncio.sleep(2 * WARM_S)
+        with hostile(attack, server, tokens.hostile if tokens else "") as clients:
+            await clients.begun()
+            await asyncio.sleep(WARM_S)  # until all of it goes on
             good.forget()
             coming.forget()
             cpu_s, begun_s, most_mib = server.cpu_s(), time.perf_counter(), 0.0
@@ -186,7 +177,7 @@ async def suffer(
             share = (server.cpu_s() - cpu_s) / (time.perf_counter() - begun_s)
             noticed = good.noticed()
             coming.stop(attack.newcomer_s)
-            health = await health_ms(server, attack.most_files is not None)
+            health = await health_ms(server, attack.most_files is not None, attack.health_s)
         await asyncio.sleep(WARM_S)
         came = coming.num_served, coming.refused, coming.num_waiting
         left_mib = server.memory_mib() - before_mib
@@ -201,8 +192,8 @@ async def run(attack: Attack, seconds: float, log: Path, quiet_s: float = 0.0) -
     with ExitStack() as still_there, attacked(log, settings, attack.most_files, module) as server:
         suffered = await suffer(attack, server, seconds, tokens, quiet_s)
         if attack.to_the_end:
-            still_there.enter_context(hostile(attack, server))
-            await asyncio.sleep(2 * WARM_S)
+            await still_there.enter_context(hostile(attack, server)).begun()
+            await asyncio.sleep(WARM_S)
     said = server.log.read_text(encoding="utf-8", errors="replace")
     errors = max(said.count("error id"), said.count("Traceback"))  # gRPC's own errors have no id
     return Result(attack, suffered, server.log_mib(), server.exit_code, errors)

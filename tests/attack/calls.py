@@ -4,13 +4,15 @@ from __future__ import annotations
 
 import asyncio
 import itertools
-from collections.abc import Awaitable, Callable
+from collections.abc import AsyncIterator, Awaitable, Callable
+from contextlib import asynccontextmanager
 from typing import Any
 
 import grpc.aio
 
 from motiongen.v1 import service_pb2, session_pb2
 from motiongen_server.rpc.handlers import SERVICE_NAME
+from tests.attack.begun import begun, has_begun
 
 Request = service_pb2.StreamMotionRequest
 Event = session_pb2.SessionEvent
@@ -19,8 +21,23 @@ OPTIONS = (("grpc.use_local_subchannel_pool", 1), ("grpc.max_receive_message_len
 STREAMS = 8
 
 
-def channel_to(address: str) -> grpc.aio.Channel:
-    return grpc.aio.insecure_channel(address, options=OPTIONS)
+@asynccontextmanager
+async def channel_to(address: str, *more: tuple[str, int]) -> AsyncIterator[grpc.aio.Channel]:
+    """A connection of its own. The first that is there has begun the attack. more: options."""
+    async with grpc.aio.insecure_channel(address, options=(*OPTIONS, *more)) as channel:
+        telling = None if has_begun() else asyncio.create_task(_tell(channel))
+        try:
+            yield channel
+        finally:
+            if telling is not None:
+                telling.cancel()
+                await asyncio.gather(telling, return_exceptions=True)
+
+
+async def _tell(channel: grpc.aio.Channel) -> None:
+    """Once it has reached a server that speaks HTTP/2; some attacks have no answer to wait for."""
+    await channel.channel_ready()
+    begun()
 
 
 def bare_stream(channel: grpc.aio.Channel) -> Any:

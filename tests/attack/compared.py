@@ -73,8 +73,9 @@ async def compare(attack: Attack, turns: int, seconds: float, log: Path) -> tupl
                 coming.forget()
                 await asyncio.sleep(seconds)
                 quiet.add(good.noticed(), coming.refused_ms)
-                with hostile(attack, server):
-                    await asyncio.sleep(2 * WARM_S)
+                with hostile(attack, server) as clients:
+                    await clients.begun()
+                    await asyncio.sleep(WARM_S)
                     good.forget()
                     coming.forget()
                     await asyncio.sleep(seconds)

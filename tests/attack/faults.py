@@ -25,13 +25,18 @@ from motiongen.v1 import motion_pb2, service_pb2, service_pb2_grpc, session_pb2
 from tests.attack.attack import machine
 from tests.attack.neighbours import Noticed, neighbours
 from tests.attack.server import Attacked, attacked
+from tests.bench.processes import below
+from tests.waiting import LIMIT_S, until_true
 
 BEFORE_S = 2.0
 STOPPED_S = 5.0
 AFTER_S = 3.0
 MISSED = 0.01
 FULL_DISK_BYTES = 4096
-NEW_PROMPTS = 200
+NEW_PROMPTS = 40
+ANSWERED = 30
+NOT_KEPT = "cannot be used"
+"""What the log says of a prompt store once a write to it has failed."""
 
 
 async def stop(process: psutil.Process) -> None:
@@ -44,7 +49,7 @@ async def stop(process: psutil.Process) -> None:
 
 
 async def stop_engine(server: Attacked) -> None:
-    await stop(server.process.children()[0])
+    await stop(server.engines()[0])
 
 
 async def stop_gateway(server: Attacked) -> None:
@@ -53,14 +58,17 @@ async def stop_gateway(server: Attacked) -> None:
 
 async def kill_engine(server: Attacked) -> None:
     """SIGKILL, as the kernel does where memory is short."""
-    engine = server.process.children()[0]
+    engine = server.engines()[0]
     engine.kill()
     await asyncio.to_thread(psutil.wait_procs, [engine], 10.0)
 
 
 async def fill_disk(server: Attacked) -> None:
-    """No file of the server can grow any more, the prompt store and its log neither; then come prompts that are new."""
-    for process in (server.process, *server.process.children()):
+    """No file of the server can grow any more, the prompt store and its log neither; then come prompts that are new.
+
+    Raises RuntimeError where these are not answered, TimeoutError where the store has found nothing wrong.
+    """
+    for process in (server.process, *below(server.process)):
         resource.prlimit(process.pid, resource.RLIMIT_FSIZE, (FULL_DISK_BYTES, FULL_DISK_BYTES))
     async with grpc.aio.insecure_channel(server.address) as channel:
         call = service_pb2_grpc.MotionServiceStub(channel).StreamMotion()
@@ -70,19 +78,27 @@ async def fill_disk(server: Attacked) -> None:
             edit = session_pb2.EditPrompts(upsert=[span])
             events.append(session_pb2.SessionEvent(session=1, event_seq=2 + number, edit_prompts=edit))
         answered = 0
-        await call.write(service_pb2.StreamMotionRequest(hello=service_pb2.ClientHello(), events=events[:40]))
-        while answered < 30 and isinstance(response := await call.read(), service_pb2.StreamMotionResponse):
+        await call.write(service_pb2.StreamMotionRequest(hello=service_pb2.ClientHello(), events=events))
+        while answered < ANSWERED and isinstance(response := await call.read(), service_pb2.StreamMotionResponse):
             answered += sum(update.HasField("outcome") for update in response.updates)
         call.cancel()
+    if answered < ANSWERED:
+        raise RuntimeError(f"{answered} prompts were answered while no file could grow, not {ANSWERED}")
+    async with asyncio.timeout(LIMIT_S):
+        await until_true(lambda: NOT_KEPT in server.log.read_text(encoding="utf-8"))
 
 
 @dataclass(frozen=True)
 class Fault:
-    """act: does it, and undoes it where that is possible. lost: of the sessions, the most that may end with it."""
+    """act: does it, and undoes it where that is possible. lost: of the sessions, so many end with it.
+
+    engines: how many processes of them the server has.
+    """
 
     name: str
     act: Callable[[Attacked], Awaitable[None]]
     lost: int = 0
+    engines: int = 1
     settings: tuple[str, ...] = ()
 
 
@@ -101,7 +117,7 @@ class Outcome:
         """What must not be."""
         lost = len(self.noticed.closed)
         found = {
-            f"{lost} sessions were lost": lost > self.fault.lost,
+            f"{lost} sessions were lost, not {self.fault.lost}": lost != self.fault.lost,
             f"{self.noticed.missed:.1%} of the frames were missed afterwards": self.noticed.missed > MISSED,
             f"the server ended with {self.exit_code}": self.exit_code != 0,
         }
@@ -112,7 +128,10 @@ async def run(fault: Fault, folder: Path, after_s: float = AFTER_S) -> Outcome:
     """One fault, on a server of its own."""
     settings = tuple(setting.replace("FOLDER", str(folder)) for setting in fault.settings)
     with attacked(folder / "log", settings) as server:
-        async with neighbours(server.address) as good:
+        engines = [each.pid for each in server.engines()]
+        if len(engines) != fault.engines:
+            raise RuntimeError(f"the server has {len(engines)} engine processes, not {fault.engines}")
+        async with neighbours(server.address, engines=engines) as good:
             await asyncio.sleep(BEFORE_S)
             await fault.act(server)
             again_s = await good.again_s()
@@ -128,7 +147,8 @@ async def run(fault: Fault, folder: Path, after_s: float = AFTER_S) -> Outcome:
 FAULTS = (
     Fault(f"engine process stopped for {STOPPED_S:g} s (SIGSTOP)", stop_engine),
     Fault(f"gateway stopped for {STOPPED_S:g} s (SIGSTOP)", stop_gateway),
-    Fault("one of two engine processes killed (SIGKILL)", kill_engine, lost=6, settings=("--devices", "cpu:2")),
+    Fault("one of two engine processes killed (SIGKILL)", kill_engine, lost=6, engines=2,
+          settings=("--devices", "cpu:2")),
     Fault("no file can grow (disk full), new prompts for the store", fill_disk,
           settings=("--prompt-store", "FOLDER/prompts.db")),
 )  # fmt: skip

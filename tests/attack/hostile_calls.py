@@ -6,10 +6,8 @@ import asyncio
 import itertools
 from typing import Any
 
-import grpc.aio
-
 from motiongen_server.rpc.handlers import SERVICE_NAME
-from tests.attack.calls import HELLO, OPTIONS, channel_to, many
+from tests.attack.calls import HELLO, channel_to, many
 
 CONNECTIONS = 17
 CALLS_OF_A_CONNECTION = 250
@@ -39,7 +37,7 @@ async def unread_calls(address: str) -> None:
     """Calls of all methods, whose answers cannot be written: as many as get a place, again and again."""
 
     async def connection() -> None:
-        async with grpc.aio.insecure_channel(address, options=(*OPTIONS, *NARROW)) as channel:
+        async with channel_to(address, *NARROW) as channel:
             paths = itertools.cycle(UNREAD)
             calls: list[Any] = []
             while True:

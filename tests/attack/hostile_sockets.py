@@ -5,6 +5,8 @@ from __future__ import annotations
 import asyncio
 import socket
 
+from tests.attack.begun import begun
+
 
 async def connections(address: str) -> None:
     """Connections on which nothing is said, more than the server may have descriptors."""
@@ -13,6 +15,7 @@ async def connections(address: str) -> None:
     while True:
         try:
             held.append(socket.create_connection((host, int(port)), timeout=1))
+            begun()
         except OSError:
             await asyncio.sleep(0.02)
         if len(held) > 600:
@@ -25,6 +28,7 @@ async def garbage(address: str) -> None:
     while True:
         try:
             with socket.create_connection((host, int(port)), timeout=1) as connection:
+                begun()
                 connection.sendall(b"PRI * HTTP/2.0\r\n\r\nSM\r\n\r\n" + bytes(range(256)) * 64)
         except OSError:
             pass
@@ -38,6 +42,7 @@ async def idle_connections(address: str) -> None:
     while True:
         try:
             held.append(socket.create_connection((host, int(port)), timeout=1))
+            begun()
             held[-1].sendall(b"GET /metrics HTTP/1.1\r\nHost: x\r\n")
         except OSError:
             await asyncio.sleep(0.02)
@@ -53,6 +58,7 @@ async def unread_metrics(address: str) -> None:
     while True:
         try:
             connection = socket.create_connection((host, int(port)), timeout=1)
+            begun()
             connection.setsockopt(socket.SOL_SOCKET, socket.SO_RCVBUF, 4096)
             connection.sendall(b"GET /metrics HTTP/1.1\r\nHost: x\r\n\r\n" * 50)
             held.append(connection)

@@ -6,7 +6,7 @@ import asyncio
 import itertools
 import time
 from collections.abc import AsyncIterator, Callable, Sequence
-from contextlib import asynccontextmanager
+from contextlib import ExitStack, asynccontextmanager
 from dataclasses import dataclass, field
 
 import grpc.aio
@@ -15,12 +15,13 @@ import numpy as np
 from motiongen.v1 import motion_pb2, service_pb2, service_pb2_grpc, session_pb2
 from tests.attack.good_stream import GoodStream
 from tests.attack.tokens import Metadata
+from tests.server.engine_process.audience import stopped
+from tests.waiting import LIMIT_S
 
 FPS = 20
 LOOKAHEAD = 40
 REPORT_EVERY_S = 0.25
 EDIT_EVERY_S = 2.0
-READY_S = 30.0
 TIER_FULL = session_pb2.SERVICE_TIER_FULL
 
 
@@ -57,7 +58,8 @@ class Playing:
 
 @dataclass(frozen=True)
 class Noticed:
-    """What all neighbours noticed. missed: the share of their frames; edits_ms: from an edit to its answer.
+    """What all neighbours noticed. frames: that were due; missed: the share of them; edits_ms: from an edit to its
+    answer.
 
     behind: of the frames that they showed, the share that nothing has come in place of: so many less are in hand, and
     frames will be missed where that goes on.
@@ -98,8 +100,8 @@ class Neighbour(GoodStream):
         self.pings_ms: list[float] = []
         self.lost = ""
 
-    async def begin(self) -> None:
-        """Open all sessions and wait until they play."""
+    async def ask(self) -> None:
+        """Open all sessions; return once the gateway has given each to an engine."""
         hello = service_pb2.ClientHello(client_agent="neighbour")
         opens = [
             session_pb2.SessionEvent(
@@ -108,13 +110,22 @@ class Neighbour(GoodStream):
             )
             for each in self.sessions
         ]  # fmt: skip
+        ping = service_pb2.Ping(client_time_ns=int(time.perf_counter() * 1e9))
         await self._write(service_pb2.StreamMotionRequest(hello=hello, events=opens))
+        await self._write(service_pb2.StreamMotionRequest(ping=ping))
         self._tasks = [asyncio.create_task(self._read())]
-        async with asyncio.timeout(READY_S):
-            while not all(each.begun_s for each in self.sessions):
+        await self._until(lambda: bool(self.pings_ms))
+
+    async def _until(self, condition: Callable[[], bool]) -> None:
+        async with asyncio.timeout(LIMIT_S):
+            while not condition():
                 if told := self.lost or next((each.closed for each in self.sessions if each.closed), ""):
                     raise RuntimeError(f"a neighbour was not let in, before any attack: {told}")
                 await asyncio.sleep(0.02)
+
+    async def begin(self) -> None:
+        """Wait until all sessions play. Raises RuntimeError where one is refused, TimeoutError."""
+        await self._until(lambda: all(each.begun_s for each in self.sessions))
         self._tasks += [asyncio.create_task(self._report()), asyncio.create_task(self._edit())]
 
     async def _read(self) -> None:
@@ -218,7 +229,7 @@ class Neighbours:
         """
         begun_s = time.perf_counter()
         before = {id(session): session.sent_to for session in self._live}
-        async with asyncio.timeout(READY_S):
+        async with asyncio.timeout(LIMIT_S):
             # No event tells of it.
             while any(session.sent_to <= before[id(session)] for session in self._live):  # noqa: ASYNC110
                 await asyncio.sleep(0.01)
@@ -237,13 +248,13 @@ class Neighbours:
         sessions = [session for each in self._streams for session in each.sessions]
         for session in sessions:
             session.play(now)
-        frames = max(1, self._frames() - self._frames_before)
+        frames = self._frames() - self._frames_before
         unanswered = [1000 * (now - asked_s) for session in sessions for asked_s in session.edits.values()]
         lost = [each.lost for each in self._streams if each.lost]
         return Noticed(
             frames,
-            sum(session.missed for session in sessions) / frames,
-            sum(max(0, session.had - session.in_hand) for session in sessions if not session.closed) / frames,
+            sum(session.missed for session in sessions) / max(1, frames),
+            sum(max(0, session.had - session.in_hand) for session in sessions if not session.closed) / max(1, frames),
             tuple([ms for each in self._streams for ms in each.edits_ms] + [ms for ms in unanswered if ms > 1000]),
             tuple(ms for each in self._streams for ms in each.pings_ms),
             max(session.lowest_tier for session in sessions),
@@ -253,11 +264,18 @@ class Neighbours:
 
 @asynccontextmanager
 async def neighbours(
-    address: str, streams: int = 3, sessions: int = 4, *, new_prompts: bool = False, metadata: Metadata = ()
+    address: str,
+    streams: int = 3,
+    sessions: int = 4,
+    *,
+    new_prompts: bool = False,
+    metadata: Metadata = (),
+    engines: Sequence[int] = (),
 ) -> AsyncIterator[Neighbours]:
     """Streams that play, over a connection each. new_prompts: each edit has one that nobody has asked for before.
 
-    metadata: that their calls show.
+    metadata: that their calls show. engines: processes that stand still while sessions are given to them. They tell no
+    load meanwhile, of which a busy machine makes more for one of them, so each gets as many.
     """
     numbers = itertools.count()
     new_prompt = (lambda: f"a person waves {next(numbers)} times") if new_prompts else None
@@ -267,6 +285,10 @@ async def neighbours(
     stubs = [service_pb2_grpc.MotionServiceStub(channel) for channel in channels]
     playing = [Neighbour(stub, sessions, new_prompt, metadata) for stub in stubs]
     try:
+        with ExitStack() as standing:
+            for pid in engines:
+                standing.enter_context(stopped(pid))
+            await asyncio.gather(*(each.ask() for each in playing))
         await asyncio.gather(*(each.begin() for each in playing))
         yield Neighbours(playing)
     finally:

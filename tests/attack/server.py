@@ -2,9 +2,7 @@
 
 from __future__ import annotations
 
-import json
 import os
-import signal
 import subprocess
 import sys
 from collections.abc import Iterator, Mapping
@@ -14,7 +12,9 @@ from pathlib import Path
 
 import psutil
 
+from tests.bench.processes import below, engines_of
 from tests.conftest import ROOT
+from tests.server_process import over, ready
 
 NULL = ("tests.bench.null_server",)
 SLOW_ENCODER = ("tests.attack.slow_encoder_server",)
@@ -23,7 +23,6 @@ ORDINARY = (
     "--port", "0", "--ops-port", "0", "--log-level", "WARNING", "--drain-wait-s", "0", "--drain-grace-s", "0.5",
     "--devices", "cpu:1",
 )  # fmt: skip
-END_S = 30.0
 MIB = 1 << 20
 
 
@@ -38,8 +37,12 @@ class Attacked:
     exit_code: int | None = None
 
     def memory_mib(self) -> float:
-        """Resident memory now, of the gateway and of its engine processes."""
-        return sum(each.memory_info().rss for each in (self.process, *self.process.children())) / MIB
+        """Resident memory now, of the gateway and of all processes below it."""
+        return sum(each.memory_info().rss for each in (self.process, *below(self.process))) / MIB
+
+    def engines(self) -> list[psutil.Process]:
+        """Its engine processes."""
+        return engines_of(self.process)
 
     def log_mib(self) -> float:
         """Size of what it has logged."""
@@ -61,7 +64,7 @@ def attacked(
 ) -> Iterator[Attacked]:
     """Start a server; SIGTERM ends it, and what it exits with is noted. most_files: its limit of open descriptors.
 
-    environment: what it finds besides this process's.
+    settings: in place of what is ordinary, devices too. environment: what it finds besides this process's.
     """
 
     # By the shell, not between fork and exec: gRPC's threads in this process make Python code there unsafe.
@@ -69,22 +72,11 @@ def attacked(
     python_path = os.environ.get("ATTACKED_PYTHONPATH", os.environ.get("PYTHONPATH", ""))
     with log.open("w", encoding="utf-8") as errors:
         process = subprocess.Popen(
-            [*limited, sys.executable, "-m", *module, *ORDINARY, *settings],
+            [*limited, sys.executable, "-m", *module, *over(ORDINARY, settings)],
             cwd=ROOT, stdout=subprocess.PIPE, stderr=errors, text=True,
             env={**os.environ, "PYTHONPATH": python_path, **(environment or {})},
         )  # fmt: skip
-    assert process.stdout is not None
-    try:
-        line = process.stdout.readline()
-        if not line:
-            raise RuntimeError(f"the server did not start, exit code {process.wait()}:\n{log.read_text()}")
-        told = json.loads(line)
+    with ready(process, log) as told:
         server = Attacked(psutil.Process(process.pid), f"127.0.0.1:{told['grpc_port']}", told["ops_port"], log)
         yield server
-        process.send_signal(signal.SIGTERM)
-        server.exit_code = process.wait(END_S)
-    finally:
-        if process.poll() is None:
-            process.kill()
-            process.wait()
-        process.stdout.close()
+    server.exit_code = process.returncode

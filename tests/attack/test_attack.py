@@ -13,6 +13,7 @@ import pytest
 
 from tests.attack.__main__ import ATTACKS
 from tests.attack.attack import run
+from tests.waiting import LIMIT_S
 
 SECONDS = 1.5
 ANY_MS = 30_000.0
@@ -28,7 +29,9 @@ MORE_BEHIND = 0.6
 async def test_neighbours_are_served_as_before_and_the_server_ends_with_0(kind: str, tmp_path: Path) -> None:
     attack = next(attack for attack in ATTACKS if attack.kind == kind)
     token_s = None if attack.token_s is None else SECONDS / 2
-    attack = replace(attack, missed=1.0, edit_ms=ANY_MS, newcomer_s=ANY_MS, takes_places=True, token_s=token_s)
+    attack = replace(
+        attack, missed=1.0, edit_ms=ANY_MS, newcomer_s=ANY_MS, health_s=LIMIT_S, takes_places=True, token_s=token_s
+    )
     result = await run(attack, SECONDS, tmp_path / "log", quiet_s=SECONDS)
     assert result.faults == []
     before, noticed = result.suffered.quiet_noticed, result.noticed

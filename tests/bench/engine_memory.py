@@ -13,30 +13,21 @@ import os
 import signal
 import subprocess
 import sys
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterator
 from contextlib import ExitStack, contextmanager
 from dataclasses import dataclass
-from pathlib import Path
 from typing import IO
 
 import psutil
 
 from tests.bench.machine import ROOT, machine_facts
+from tests.bench.processes import MIB, below, engines_of, memory_of, processor_s
 from tests.bench.revision import Revision, commit_tree
+from tests.server_process import ready
 
 SETTINGS = ("--port", "0", "--ops-port", "0", "--print-ports", "--drain-wait-s", "0", "--drain-grace-s", "0")
 COLUMNS = ("engines", "revision", "processes", "resident, each", "parts, together", "parts, an engine", "own, together",
            "start, s", "again, s")  # fmt: skip
-MIB = 1 << 20
-
-
-@dataclass(frozen=True)
-class Memory:
-    """Of one process, bytes. proportional: its part of what several map; own: what no other maps."""
-
-    resident: int
-    proportional: int
-    own: int
 
 
 @dataclass(frozen=True)
@@ -46,67 +37,38 @@ class Server:
     gateway: psutil.Process
     log: IO[str]
 
-    def below(self) -> list[psutil.Process]:
-        """Its engine processes, and what they are forked from."""
-        return [
-            process for process in self.gateway.children(recursive=True) if process.status() != psutil.STATUS_ZOMBIE
-        ]
-
-    def engines(self) -> list[psutil.Process]:
-        """Those that nothing is forked from."""
-        return [process for process in self.below() if not process.children()]
-
     def serves_again(self) -> None:
         """Wait until an engine that was lost is replaced. Raises RuntimeError where the server ends instead."""
         if not any(line.find(" again, process ") > 0 for line in self.log):
             raise RuntimeError("the server has ended")
 
 
-def memory_of(pid: int) -> Memory:
-    """From `/proc/PID/smaps_rollup`."""
-    lines = Path(f"/proc/{pid}/smaps_rollup").read_text(encoding="ascii").splitlines()[1:]
-    kib = {line.split(":")[0]: int(line.split()[1]) for line in lines}
-    own = kib["Private_Clean"] + kib["Private_Dirty"]
-    return Memory(1024 * kib["Rss"], 1024 * kib["Pss"], 1024 * own)
-
-
-def processor_s(processes: Sequence[psutil.Process]) -> float:
-    """Used so far by all of them."""
-    return sum(sum(process.cpu_times()[:2]) for process in processes)
-
-
 @contextmanager
 def serving(revision: Revision, model: str, precision: str, engines: int) -> Iterator[Server]:
     command = [sys.executable, "-m", "motiongen_server", *SETTINGS, "--model", model, "--precision", precision]
-    with subprocess.Popen(
+    process = subprocess.Popen(
         [*command, "--devices", f"cpu:{engines}"],
         cwd=revision.tree,
         env=revision.environment,
         stdout=subprocess.PIPE,
         stderr=subprocess.PIPE,
         text=True,
-    ) as process:
-        assert process.stdout is not None
-        assert process.stderr is not None
-        try:
-            if not process.stdout.readline():  # its ports, once it is ready
-                raise RuntimeError(f"the server did not start:\n{process.stderr.read()}")
-            yield Server(psutil.Process(process.pid), process.stderr)
-        finally:
-            process.send_signal(signal.SIGTERM)
-            process.communicate()
+    )
+    assert process.stderr is not None
+    with ready(process):
+        yield Server(psutil.Process(process.pid), process.stderr)
 
 
 def row(revision: Revision, model: str, precision: str, engines: int) -> str:
     with serving(revision, model, precision, engines) as server:
-        below = server.below()
-        start_s = processor_s(below)
-        found = [memory_of(process.pid) for process in below]
-        lost = server.engines()[0]
-        before_s = processor_s([process for process in below if process != lost])
+        under = below(server.gateway)
+        start_s = processor_s(under)
+        found = [memory_of(process.pid) for process in under]
+        lost = engines_of(server.gateway)[0]
+        before_s = processor_s([process for process in under if process != lost])
         os.kill(lost.pid, signal.SIGKILL)
         server.serves_again()
-        again_s = processor_s(server.below()) - before_s
+        again_s = processor_s(below(server.gateway)) - before_s
     mean = sum(memory.resident for memory in found) / len(found)
     parts, own = sum(memory.proportional for memory in found), sum(memory.own for memory in found)
     cells = [f"{size / MIB:.0f}" for size in (mean, parts, parts / engines, own)]

@@ -19,11 +19,11 @@ import psutil
 from motiongen_client import MotionClient
 from motiongen_tools.server_process import ServerProcess
 from tests.bench.machine import machine_facts
-from tests.bench.served import QUICK, Effort, edit_latencies_ms, most_served, windows_per_s
+from tests.bench.processes import below, memory_mib, processor_s
+from tests.bench.served import QUICK, Effort, Latencies, Most, edit_latencies_ms, most_served, windows_per_s
 
 CHARACTERS = 8
 STEPS = 4
-MIB = 1 << 20
 SETTINGS = ("--admit-load", "1000", "--degrade", "false", "--playback-rate", "1000")
 
 
@@ -34,34 +34,29 @@ class Server:
     pid: int
     address: str
 
-    def processes(self) -> list[psutil.Process]:
-        """The gateway and its engine processes."""
-        gateway = psutil.Process(self.pid)
-        return [gateway, *gateway.children()]
-
     def memory_mib(self) -> list[float]:
-        """Resident memory of each of its processes."""
-        return [process.memory_info().rss / MIB for process in self.processes()]
+        """Each process's part of the memory of all."""
+        return memory_mib(psutil.Process(self.pid))
 
     def cpu_s(self) -> float:
         """Processor seconds so far, of all its processes."""
-        times = [process.cpu_times() for process in self.processes()]
-        return sum(each.user + each.system for each in times)
+        gateway = psutil.Process(self.pid)
+        return processor_s([gateway, *below(gateway)])
 
 
 @dataclass(frozen=True)
 class Figures:
-    """Of one server. Latencies in ms; memory in MiB, of each process, the gateway first.
+    """Of one server. characters: None where they were not looked for. memory_mib: of each process its part of that of
+    all (Pss), the gateway first.
 
     cpu_ms_per_window: processor milliseconds of the server for a window, 8 characters as fast as they come.
     """
 
     engines: str
-    characters: int
+    characters: Most | None
     windows_per_s: float
     cpu_ms_per_window: float
-    edit_p50_ms: float
-    edit_p99_ms: float
+    edits: Latencies
     memory_mib: list[float]
 
 
@@ -71,10 +66,10 @@ async def measured(name: str, server: Server, effort: Effort, search: bool) -> F
     async with MotionClient(server.address) as client:
         rate = await windows_per_s(client, STEPS, CHARACTERS, effort.window_s)
     cpu_s = server.cpu_s() - cpu_before
-    characters = await most_served(server.address, STEPS, effort, lambda what: None) if search else 0
+    characters = await most_served(server.address, STEPS, effort, lambda what: None) if search else None
     # The first second of it is not counted as windows, but costs as much as any other.
     windows = rate * (effort.window_s + 1.0)
-    return Figures(name, characters, rate, 1000 * cpu_s / windows, edits["p50"], edits["p99"], server.memory_mib())
+    return Figures(name, characters, rate, 1000 * cpu_s / windows, edits, server.memory_mib())
 
 
 def markdown(facts: dict[str, str], figures: list[Figures]) -> str:
@@ -82,7 +77,7 @@ def markdown(facts: dict[str, str], figures: list[Figures]) -> str:
     lines.append("|---|---:|---:|---:|---:|---|")
     lines += [
         f"| {each.engines} | {each.characters or '-'} | {each.windows_per_s:.1f} | {each.cpu_ms_per_window:.1f} ms "
-        f"| {each.edit_p50_ms:.0f} / {each.edit_p99_ms:.0f} ms | "
+        f"| {each.edits.p50:.0f} / {each.edits.p99:.0f} ms{' (void)' * each.edits.is_void} | "
         + " + ".join(f"{memory:.0f}" for memory in each.memory_mib)
         + " MiB |"
         for each in figures

@@ -2,9 +2,7 @@
 
 from __future__ import annotations
 
-import json
 import os
-import signal
 import subprocess
 import sys
 import tempfile
@@ -16,7 +14,9 @@ from pathlib import Path
 import psutil
 
 from tests.bench.machine import ROOT
+from tests.bench.processes import below, processor_s
 from tests.bench.revision import Revision
+from tests.server_process import ready
 
 NULL_SERVER = "tests.bench.null_server"
 SETTINGS = (
@@ -36,16 +36,14 @@ class NullServer:
     threads: dict[str, int]
 
     def cpu_s(self) -> dict[str, float]:
-        """Processor seconds so far of the engine (process or thread), of the event loop, and of all others."""
+        """Processor seconds so far of the engines (processes, or a thread), of the event loop, and of all others."""
         names = {number: name for name, number in self.threads.items()}
         seconds = {"engine": 0.0, "event loop": 0.0, "others": 0.0}
         for task in Path(f"/proc/{self.pid}/task").iterdir():
             used_ns = int((task / "schedstat").read_text(encoding="ascii").split()[0])
             name = {"engine": "engine", "MainThread": "event loop"}.get(names.get(int(task.name), ""), "others")
             seconds[name] += used_ns / 1e9
-        for process in psutil.Process(self.pid).children():
-            times = process.cpu_times()
-            seconds["engine"] += times.user + times.system
+        seconds["engine"] += processor_s(below(psutil.Process(self.pid)))
         return seconds
 
 
@@ -60,22 +58,5 @@ def server_process(module: str, *arguments: str, revision: Revision | None = Non
     with tempfile.TemporaryDirectory(prefix="motiongen-null-") as state:
         environment["XDG_STATE_HOME"] = state
         process = subprocess.Popen(command, cwd=tree, env=environment, stdout=subprocess.PIPE, text=True)
-        with ended(process):
-            assert process.stdout is not None
-            line = process.stdout.readline()
-            if not line:
-                raise RuntimeError(f"the server did not start, exit code {process.wait()}")
-            told = json.loads(line)
+        with ready(process) as told:
             yield NullServer(process.pid, f"127.0.0.1:{told['grpc_port']}", told["threads"])
-
-
-@contextmanager
-def ended(process: subprocess.Popen[str]) -> Iterator[None]:
-    """It is, at the end."""
-    try:
-        yield
-    finally:
-        process.send_signal(signal.SIGTERM)
-        process.wait(30)
-        if process.stdout is not None:
-            process.stdout.close()

@@ -24,6 +24,7 @@ from tests.bench.null_process import NULL_SERVER, SETTINGS, server_process
 from tests.bench.revision import Revision, commit_tree
 from tests.bench.service_cost import FLUSH_MS
 from tests.bench.service_turns import TREE
+from tests.server_process import over
 
 HEADER = (
     "| revision | streams | ping p50 / p99 / max, ms | edits p50 / p99, ms | the load's lag p99, ms | server's cores "
@@ -34,7 +35,7 @@ HEADER = (
 
 def play(revision: Revision, options: argparse.Namespace) -> Result:
     """One run against a server of its own."""
-    arguments = (*SETTINGS, "--flush-ms", str(FLUSH_MS), "--peer-streams", "4000", *options.server)
+    arguments = over(SETTINGS, ("--flush-ms", str(FLUSH_MS), "--peer-streams", "4000", *options.server))
     with server_process(NULL_SERVER, *arguments, revision=revision) as server:
         scenario = replace(load_scenario("crowd"), characters_per_stream=1)
         load = Load(

@@ -14,6 +14,7 @@ from motiongen_tools.bench.result import Result, Standard
 from motiongen_tools.bench.run import run_load
 from motiongen_tools.bench.scenario import EditRule, Group, Life, Scenario, load_scenario
 from motiongen_tools.bench.search import find_most
+from tests.bench.counting import counted
 from tests.bench.prompts import PROMPTS
 
 EDIT_EVERY_S = 0.53  # over all characters; not a multiple of the frame time or the flush interval
@@ -34,19 +35,40 @@ class Effort:
 QUICK = Effort(opens_s=8, edits_s=4, window_s=3.0, trial_s=4, confirm_s=6)
 
 
-async def open_latencies_ms(address: str, steps: int, seconds: int) -> dict[str, float]:
-    """From the intended open to the first frame, of characters that come and go one by one. Percentiles by name."""
+@dataclass(frozen=True)
+class Latencies:
+    """Milliseconds. is_void: the load was late itself, however often it was played; they do not count."""
+
+    p50: float
+    p95: float
+    p99: float
+    is_void: bool
+
+
+@dataclass(frozen=True)
+class Most:
+    """Characters served in full. or_more: the load of a larger number was late itself."""
+
+    characters: int
+    or_more: bool
+
+    def __str__(self) -> str:
+        return f"{self.characters} or more" if self.or_more else f"{self.characters}"
+
+
+async def open_latencies_ms(address: str, steps: int, seconds: int) -> Latencies:
+    """From the intended open to the first frame, of characters that come and go one by one."""
     group = Group("guests", 1.0, Priority.NEAR, PROMPTS, life=Life(median_s=1.0, sigma=0.1))
     return _latencies_ms(await _play(address, steps, group, 1, seconds), OPEN)
 
 
-async def edit_latencies_ms(address: str, steps: int, characters: int, seconds: int) -> dict[str, float]:
+async def edit_latencies_ms(address: str, steps: int, characters: int, seconds: int) -> Latencies:
     """From a new prompt to its first changed frame, edits spread over characters that all play."""
     group = Group("players", 1.0, Priority.NEAR, PROMPTS, (EditRule("prompt", characters * EDIT_EVERY_S),))
     return _latencies_ms(await _play(address, steps, group, characters, seconds), EVENT)
 
 
-async def most_served(address: str, steps: int, effort: Effort, say: Callable[[str], None]) -> int:
+async def most_served(address: str, steps: int, effort: Effort, say: Callable[[str], None]) -> Most:
     """The most characters of the scenario `crowd` that are served in full."""
 
     async def run(load: Load) -> Result:
@@ -55,7 +77,7 @@ async def most_served(address: str, steps: int, effort: Effort, say: Callable[[s
 
     load = Load(address, load_scenario("crowd"), 8, effort.confirm_s, seed=1, denoise_steps=steps)
     found = await find_most(load, run, effort.trial_s, lambda _: None, lambda: asyncio.sleep(REST_S))
-    return found.characters
+    return Most(found.characters, found.limited_by_generator)
 
 
 async def windows_per_s(client: MotionClient, steps: int, characters: int, seconds: float) -> float:
@@ -91,15 +113,16 @@ async def windows_per_s(client: MotionClient, steps: int, characters: int, secon
 
 async def _play(address: str, steps: int, group: Group, characters: int, seconds: int) -> Result:
     scenario = Scenario("figures", 1, "what the table needs", characters, 500, 0.0, 2.0, 2.0, 4.0, (group,), "")
-    return await run_load(Load(address, scenario, characters, seconds, 1, steps), _ignore, Standard())
+    load = Load(address, scenario, characters, seconds, 1, steps)
+    return await counted(lambda: run_load(load, _ignore, Standard()))
 
 
-def _latencies_ms(result: Result, what: str) -> dict[str, float]:
+def _latencies_ms(result: Result, what: str) -> Latencies:
     """Raises RuntimeError when nothing was measured."""
     found = result.latency_ms(what)
     if not found["count"]:
         raise RuntimeError(f"{what} was asked for, but none was measured")
-    return found
+    return Latencies(found["p50"], found["p95"], found["p99"], bool(result.void_reasons()))
 
 
 def _ignore(progress: Progress) -> None:

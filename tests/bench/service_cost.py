@@ -161,8 +161,10 @@ class Latency:
 
     @property
     def void(self) -> bool:
-        """Whether the generator was too late itself for the figures to count."""
-        return self.generator_lag_ms[1] > 5.0
+        """Whether the figures do not count: the generator was too late itself, or edits are left out of them that had
+        no answer.
+        """
+        return self.generator_lag_ms[1] > 5.0 or self.unanswered > 0
 
 
 async def latency(server: NullServer, sessions: int, streams: int, flush_ms: float, seconds: float) -> Latency:
@@ -217,8 +219,9 @@ def markdown(facts: dict[str, str], costs: list[ChunkCost], latencies: list[Late
         "The engine with the null runner and the service, sessions playing in real time:",
         "",
         "| sessions | streams | flush | chunks a message | frames a chunk | CPU us a chunk | event loop | engine "
-        "| gRPC's threads | server CPU | ping p50 / p99 / max | edit to frame p50 / p99 / max | generator lag p99 |",
-        "|---:|---:|---:|---:|---:|---:|---:|---:|---:|---:|---:|---:|---:|",
+        "| gRPC's threads | server CPU | ping p50 / p99 / max | edit to frame p50 / p99 / max | edits without answer "
+        "| generator lag p99 |",
+        "|---:|---:|---:|---:|---:|---:|---:|---:|---:|---:|---:|---:|---:|---:|",
     ]
     for each in latencies:
         edit, ping = (" / ".join(f"{value:.1f}" for value in values) for values in (each.edit_ms, each.ping_ms))
@@ -227,7 +230,7 @@ def markdown(facts: dict[str, str], costs: list[ChunkCost], latencies: list[Late
             f"| {each.sessions} | {each.streams} | {each.flush_ms:g} ms | {each.chunks_a_message:.1f} "
             f"| {each.frames_a_chunk:.1f} | {sum(each.cpu_us.values()):.1f} | {each.cpu_us['event loop']:.1f} "
             f"| {each.cpu_us['engine']:.1f} | {each.cpu_us['others']:.1f} "
-            f"| {100 * sum(each.cpu_share.values()):.0f} % of a core | {ping} ms | {edit} ms "
+            f"| {100 * sum(each.cpu_share.values()):.0f} % of a core | {ping} ms | {edit} ms | {each.unanswered} "
             f"| {each.generator_lag_ms[1]:.1f} ms{void} |"
         )
     lines += ["", *(f"- {name}: {value}" for name, value in facts.items()), ""]

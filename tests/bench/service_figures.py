@@ -22,15 +22,25 @@ from rich.status import Status
 from motiongen_client import MotionClient
 from motiongen_tools.server_process import ServerProcess
 from tests.bench.machine import ROOT, machine_facts
-from tests.bench.served import QUICK, Effort, edit_latencies_ms, most_served, open_latencies_ms, windows_per_s
+from tests.bench.processes import MIB, memory_mib
+from tests.bench.served import (
+    QUICK,
+    Effort,
+    Latencies,
+    Most,
+    edit_latencies_ms,
+    most_served,
+    open_latencies_ms,
+    windows_per_s,
+)
 
 CROWDS = (1, 8, 32)
-MIB = 1 << 20
 
 
 @dataclass(frozen=True)
 class Figures:
-    """All of one number of denoising steps. Latencies are (p50, p95) in ms, memory is resident, in MiB.
+    """All of one number of denoising steps. Memory is in MiB: of the client
+    what is resident, of the server the parts of all its processes (Pss).
 
     windows_per_s: by characters that take frames as fast as they come. served_characters: what `motiongen bench --find`
     finds. rollout_windows_per_s: `model.rollout`.
@@ -38,11 +48,11 @@ class Figures:
 
     steps: int
     start_to_ready_s: float
-    open_to_first_frame_ms: tuple[float, float]
-    edit_to_frame_alone_ms: tuple[float, float]
-    edit_to_frame_among_8_ms: tuple[float, float]
+    open_to_first_frame: Latencies
+    edit_to_frame_alone: Latencies
+    edit_to_frame_among_8: Latencies
     windows_per_s: dict[int, float]
-    served_characters: int
+    served_characters: Most
     server_memory_mib: float
     client_memory_mib: float
     rollout_windows_per_s: float
@@ -74,16 +84,15 @@ async def measure(steps: int, effort: Effort, status: Status) -> Figures:
                 rates[characters] = await windows_per_s(client, steps, characters, effort.window_s)
         client_memory = psutil.Process().memory_info().rss / MIB
         most = await most_served(server.address, steps, effort, say)
-        gateway = psutil.Process(server.pid)
-        server_memory = sum(each.memory_info().rss for each in [gateway, *gateway.children()]) / MIB
+        server_memory = sum(memory_mib(psutil.Process(server.pid)))
         ready_s = server.ready_s
     say("one rollout at a time")
     return Figures(
         steps=steps,
         start_to_ready_s=ready_s,
-        open_to_first_frame_ms=(opens["p50"], opens["p95"]),
-        edit_to_frame_alone_ms=(alone["p50"], alone["p95"]),
-        edit_to_frame_among_8_ms=(among["p50"], among["p95"]),
+        open_to_first_frame=opens,
+        edit_to_frame_alone=alone,
+        edit_to_frame_among_8=among,
         windows_per_s=rates,
         served_characters=most,
         server_memory_mib=server_memory,
@@ -103,14 +112,14 @@ def rollout_rate(steps: int, seconds: float) -> float:
 def markdown(facts: dict[str, str], figures: list[Figures]) -> str:
     """The figures as a table with a column for each number of steps, and what they were measured on."""
 
-    def pair(values: tuple[float, float]) -> str:
-        return f"{values[0]:.0f} / {values[1]:.0f} ms"
+    def pair(each: Latencies) -> str:
+        return f"{each.p50:.0f} / {each.p95:.0f} ms{' (void)' * each.is_void}"
 
     rows: list[tuple[str, list[str]]] = [
         ("start to ready", [f"{each.start_to_ready_s:.1f} s" for each in figures]),
-        ("open to first frame, p50 / p95", [pair(each.open_to_first_frame_ms) for each in figures]),
-        ("event to first changed frame, alone, p50 / p95", [pair(each.edit_to_frame_alone_ms) for each in figures]),
-        ("the same among 8 characters", [pair(each.edit_to_frame_among_8_ms) for each in figures]),
+        ("open to first frame, p50 / p95", [pair(each.open_to_first_frame) for each in figures]),
+        ("event to first changed frame, alone, p50 / p95", [pair(each.edit_to_frame_alone) for each in figures]),
+        ("the same among 8 characters", [pair(each.edit_to_frame_among_8) for each in figures]),
         *(
             (
                 f"windows a second, {crowd} character{'s' * (crowd > 1)}",

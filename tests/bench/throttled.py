@@ -24,8 +24,11 @@ from motiongen_tools.bench.result import Result, Standard
 from motiongen_tools.bench.run import run_load
 from motiongen_tools.bench.scenario import BUILT_IN, load_scenario
 from motiongen_tools.server_process import ServerProcess
+from tests.bench.counting import most_passing
 from tests.bench.cpu_quota import CpuQuota
 from tests.bench.machine import busy_share, machine_facts
+from tests.bench.served import Most
+from tests.server_process import over
 
 _FREE = ("--admit-load", "1000", "--degrade", "false")
 _BOTH = ("--log-level", "ERROR", "--max-sessions", "4096", "--events-per-second", "1000")
@@ -51,7 +54,8 @@ class Machine:
     @contextmanager
     def server(self, *settings: str) -> Iterator[ServerProcess]:
         """One that is ready, under the quota from its start on."""
-        process = ServerProcess(["--devices", f"cpu:{self.engines}", *_BOTH, *self.settings, *settings])
+        ordinary = ("--devices", f"cpu:{self.engines}", *_BOTH)
+        process = ServerProcess(over(ordinary, (*self.settings, *settings)))
         with CpuQuota(self.cores, self.shares) as quota:
             with quota.joined():
                 process.start()
@@ -87,18 +91,23 @@ async def play(server: ServerProcess, characters: int, effort: Effort) -> Result
     return result
 
 
-async def most_servable(machine: Machine, effort: Effort, guess: int) -> int:
+async def most_servable(machine: Machine, effort: Effort, guess: int) -> Most:
     """The most characters with under 1 % of frames missed where everybody is let in and gets everything."""
-    bracket = Bracket(guess)
+
+    def passes(result: Result) -> bool:
+        return result.figures().miss_ratio < Standard.max_miss_ratio
+
     with machine.server(*_FREE) as server:
-        while (characters := bracket.next()) is not None:
+
+        async def trial(characters: int) -> Result:
             result = await play(server, characters, effort)
-            bracket.note(characters, result.figures().miss_ratio < Standard.max_miss_ratio)
             await asyncio.sleep(_REST_S)
-    return bracket.most
+            return result
+
+        return Most(*await most_passing(Bracket(guess), trial, passes))
 
 
-def row(machine: Machine, effort: Effort, could: int, result: Result, others: float) -> str:
+def row(machine: Machine, effort: Effort, could: Most, result: Result, others: float) -> str:
     """The line of one machine. could: be served."""
     counts, asked = dict(result.counts()), result.load.characters
     refused = sum(count for name, count in counts.items() if name.startswith(_REFUSED))
@@ -106,7 +115,7 @@ def row(machine: Machine, effort: Effort, could: int, result: Result, others: fl
     edits, use = result.latency_ms(EVENT), result.server_use
     cells = [
         effort.scenario, f"{machine.cores:g}", f"{machine.engines}", f"{could}", f"{asked}", f"{asked - refused}",
-        f"{(asked - refused) / max(could, 1):.0%}", f"{less}", f"{result.figures().miss_ratio:.2%}",
+        f"{(asked - refused) / max(could.characters, 1):.0%}", f"{less}", f"{result.figures().miss_ratio:.2%}",
         f"{edits['p50']:.0f} / {edits['p99']:.0f}" if edits["count"] else "-",
         "-" if use is None else f"{use.cores:.2f}", f"{others:.0%}", "void" if result.void_reasons() else "no",
     ]  # fmt: skip
@@ -116,10 +125,12 @@ def row(machine: Machine, effort: Effort, could: int, result: Result, others: fl
 async def measure(machine: Machine, effort: Effort, could: int | None) -> str:
     others = busy_share()
     if could is None:
-        could = await most_servable(machine, effort, max(4, round(_CHARACTERS_A_CORE * machine.cores)))
+        most = await most_servable(machine, effort, max(4, round(_CHARACTERS_A_CORE * machine.cores)))
+    else:
+        most = Most(could, or_more=False)
     with machine.server() as server:
-        result = await play(server, max(1, round(effort.times * could)), effort)
-    return row(machine, effort, could, result, others())
+        result = await play(server, max(1, round(effort.times * most.characters)), effort)
+    return row(machine, effort, most, result, others())
 
 
 def parse(arguments: Sequence[str] | None = None) -> argparse.Namespace:

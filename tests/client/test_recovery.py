@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import asyncio
-from collections.abc import AsyncIterator
 
 import pytest
 
@@ -150,12 +149,6 @@ def test_a_frame_to_go_back_to_is_counted_from_the_new_beginning() -> None:
     assert shifted(session_pb2.SessionEvent(seek=session_pb2.Seek(frame=40)), 40) is None
     pose = session_pb2.SessionEvent(seek=session_pb2.Seek(start_pose=session_pb2.StartPose(x=1)))
     assert shifted(pose, 40) == pose
-
-
-@pytest.fixture
-async def client(server: FakeServer) -> AsyncIterator[MotionClient]:
-    async with MotionClient(server.address) as connected:
-        yield connected
 
 
 async def test_where_no_session_is_resumed_it_is_opened_anew_with_what_was_held(

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import asyncio
-import time
 from collections.abc import Sequence
 from dataclasses import replace
 
@@ -28,23 +27,13 @@ from motiongen_server.rpc.service import MotionService
 from motiongen_server.snapshots.store import SnapshotStore
 from motiongen_server.text.prompts import PromptEncoder
 from tests.server.engine.engine_thread import EngineThread
-from tests.server.engine.fakes import FACTS, FakeClock, FakeRunner
+from tests.server.engine.fakes import FACTS, FakeRunner, RealTime
 from tests.waiting import LIMIT_S
 
 ANY_LOAD = (1000.0, 1000.0, 1000.0, 1000.0)
 UNMETERED = 1e9
 """Events a second, for tests of what comes after the budget."""
 NO_BUDGET = ServiceLimits(peer=PeerLimits(events_per_second=UNMETERED))
-
-
-class RealTime(FakeClock):
-    """Time that passes by itself; a runner's work takes none of it."""
-
-    def now(self) -> float:
-        return time.monotonic()
-
-    def advance(self, seconds: float) -> None:
-        del seconds
 
 
 class LengthEncoder:

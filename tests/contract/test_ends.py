@@ -12,6 +12,7 @@ from motiongen.v1 import service_pb2, session_pb2
 from motiongen_compliance.messages import span
 from motiongen_compliance.target import Target, connect
 from motiongen_server.rpc.limits import Limits
+from tests.channels import ALONE
 from tests.contract.local import NO_BUDGET, LocalServer
 
 
@@ -35,7 +36,7 @@ async def test_a_client_that_vanishes_leaves_nothing_behind(
     local_server, local = forgetful_server, forgetful
     other = await local.talk()
     await other.open(1)
-    channel = grpc.aio.insecure_channel(local_server.address, options=[("grpc.use_local_subchannel_pool", 1)])
+    channel = grpc.aio.insecure_channel(local_server.address, options=ALONE)
     async with channel:
         target = Target(type(local.stub)(channel), local.catalog)
         gone = await target.talk()

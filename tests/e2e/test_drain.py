@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import asyncio
-import json
 import os
 import signal
 import socket
@@ -22,6 +21,7 @@ from motiongen_compliance.talk import Talk
 from tests.attack.endings import catches_sigterm
 from tests.conftest import ROOT, TINY_MODEL
 from tests.scale.replicas import NULL_SERVER, SERVER
+from tests.server_process import watched
 from tests.waiting import LIMIT_S, until_true
 
 ANY_LOAD = ("--admit-load", "1000", "--degrade", "false")  # however busy the machine
@@ -48,16 +48,8 @@ async def serving(
 ) -> AsyncIterator[tuple[asyncio.subprocess.Process, dict[str, int]]]:
     """A server that is ready, and its ports. It is killed if the test has not ended it."""
     process = await start(*MODEL, *FREE_PORTS, *ANY_LOAD, *arguments, program=program)
-    assert process.stdout is not None
-    try:
-        line = await process.stdout.readline()
-        if not line:
-            pytest.fail((await process.communicate())[1].decode())
-        yield process, json.loads(line)
-    finally:
-        if process.returncode is None:
-            process.kill()
-        await process.communicate()
+    async with watched(process) as told:
+        yield process, told
 
 
 async def test_sigterm_under_a_live_stream_says_goodbye_and_ends_with_0() -> None:

@@ -14,7 +14,7 @@ from motiongen_tools import cli
 from tests.contract.local import LocalServer
 from tests.e2e.lost_line import FACTS_AS_SERVED
 from tests.server.identity.files import AUTHORITY, TenantsFile, client_credentials, copy_pair
-from tests.waiting import LIMIT_S
+from tests.waiting import LIMIT_S, until_true
 
 EXPIRES, EXPIRES_AT = "2027-01-15T08:01:00Z", 1_800_000_060.0
 
@@ -73,8 +73,10 @@ async def test_a_session_outlives_its_token_where_there_is_a_next_one(tenants: T
             pass
         tokens.append(new)
         tenants.wall = EXPIRES_AT
+        await until_true(lambda: session.stats.resumes)
         async for _ in session.frames(seconds=4):
             pass
+        assert (session.stats.resumes, session.reopenings) == (1, ())
 
 
 async def test_a_token_that_expires_without_another_ends_the_stream(tenants: TenantsFile) -> None:

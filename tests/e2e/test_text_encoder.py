@@ -6,8 +6,6 @@ Characters move on throughout; prompts that are known take effect; others are an
 from __future__ import annotations
 
 import asyncio
-import json
-import signal
 import subprocess
 import sys
 from collections.abc import Iterator
@@ -21,6 +19,7 @@ from motiongen_ardy.text.prompt_file import encode_prompts, write_prompt_file
 from motiongen_client import EventRefused, MotionClient, Preset, Session, TextEmbedding
 from tests.conftest import ROOT, TINY_MODEL
 from tests.server.text.encoder.encoder_process import EncoderProcess
+from tests.server_process import ready
 from tests.waiting import LIMIT_S, try_again
 
 WIDTH = 32
@@ -75,13 +74,9 @@ def address(shared: EncoderProcess, folder: Path) -> Iterator[str]:
     log = folder / "server.txt"
     with log.open("w", encoding="utf-8") as errors:
         process = subprocess.Popen(command, cwd=ROOT, stdout=subprocess.PIPE, stderr=errors, text=True)
-        assert process.stdout is not None
-        with process.stdout:
-            line = process.stdout.readline()
-        assert line, log.read_text()
-        yield f"localhost:{json.loads(line)['grpc_port']}"
-        process.send_signal(signal.SIGTERM)
-        assert process.wait(LIMIT_S) == 0, log.read_text()
+    with ready(process, log) as told:
+        yield f"localhost:{told['grpc_port']}"
+    assert process.returncode == 0, log.read_text()
     assert "Traceback" not in log.read_text()
 
 

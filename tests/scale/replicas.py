@@ -32,6 +32,8 @@ SMALL = (
 """Of a server that shares a small machine with others: it lets in whoever comes."""
 
 
+PORT_TAKEN = "cannot listen on"
+"""What a server says whose port somebody else has got: for a moment, it may be, as every connection takes one."""
 SERVER = "motiongen_server"
 NULL_SERVER = "tests.bench.null_server"
 """The same but for the model: its frames mean nothing, and cost nothing."""
@@ -53,6 +55,7 @@ class Replica:
             *SMALL, *arguments,
         ]  # fmt: skip
         self.process: subprocess.Popen[bytes] | None = None
+        self._may_begin_again = False
         self.environment: Mapping[str, str] = {}
         """Beside this process's own, from the next start on."""
 
@@ -63,16 +66,26 @@ class Replica:
 
     @property
     def is_ready(self) -> bool:
-        """Whether it serves. Raises RuntimeError with its log where it has ended by itself."""
+        """Whether it serves; one whose port is not free is begun once more.
+
+        Raises RuntimeError with its log where it has ended by itself.
+        """
         if not self.is_running:
+            if self._may_begin_again and PORT_TAKEN in self.last_words():
+                self.begin()
+                self._may_begin_again = False
+                return False
             raise RuntimeError(f"{self.name} has ended: {self.last_words()}")
-        return bool(self._asked("/readyz"))
+        ready = bool(self._asked("/readyz"))
+        self._may_begin_again &= not ready
+        return ready
 
     def begin(self) -> None:
         """Start it; `is_ready` tells when it serves."""
         with self._log.open("ab") as log:
             environment = {**os.environ, **self.environment}
             self.process = subprocess.Popen(self._command, stdout=log, stderr=log, env=environment)
+        self._may_begin_again = True
 
     def last_words(self) -> str:
         """The end of its log."""

@@ -13,8 +13,8 @@ from grpc_health.v1 import health_pb2
 from motiongen_server.app import Application
 from motiongen_server.config import ServerConfig
 from motiongen_server.engine.ports import Runner
-from tests.contract.local import LengthEncoder, RealTime
-from tests.server.engine.fakes import FakeRunner
+from tests.contract.local import LengthEncoder
+from tests.server.engine.fakes import FakeRunner, RealTime
 from tests.server.in_process import in_process
 from tests.waiting import LIMIT_S
 

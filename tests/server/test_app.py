@@ -17,9 +17,8 @@ from motiongen_server.addresses import join_address
 from motiongen_server.app import SERVICE_NAME
 from motiongen_server.engine_process.model_loading import build_engine, load_model
 from motiongen_server.settings import SettingError
-from tests.contract.local import RealTime
 from tests.server.application import NOT_SERVING, SERVING, SlowLoad, application_of, config, get, running
-from tests.server.engine.fakes import FakeRunner
+from tests.server.engine.fakes import FakeRunner, RealTime
 from tests.waiting import LIMIT_S
 
 

@@ -20,6 +20,7 @@ from motiongen_compliance.talk import Talk
 from motiongen_server.rpc import stream_writer
 from motiongen_server.rpc.limits import PeerLimits, ServiceLimits
 from tests.attack.hostile_calls import NARROW
+from tests.channels import ALONE
 from tests.contract.local import LocalServer
 from tests.server.application import SERVING, config, running
 from tests.waiting import LIMIT_S, until_true
@@ -37,7 +38,6 @@ OF_ONE_REQUEST = (
 )
 REFLECTION = tuple(f"/grpc.reflection.{version}.ServerReflection/ServerReflectionInfo" for version in ("v1", "v1alpha"))
 GARBAGE = b"\xff"
-ALONE = (("grpc.use_local_subchannel_pool", 1),)
 
 
 @asynccontextmanager
@@ -81,11 +81,13 @@ async def end_of(channel: grpc.aio.Channel, path: str, sends: Sequence[bytes], i
 async def test_a_call_without_its_request_is_ended_with_a_reason_and_nothing_is_logged(
     sends: Sequence[bytes], is_over: bool, end: tuple[grpc.StatusCode, str], caplog: pytest.LogCaptureFixture
 ) -> None:
-    async with channels(hello_timeout_s=0.2) as (motion, admin):
+    is_late = end[1] == "REQUEST_LATE"
+    async with channels(hello_timeout_s=0.2 if is_late else 60.0) as (motion, admin):
         for path in OF_ONE_REQUEST:
             assert await end_of(admin if path.startswith(ADMIN) else motion, path, sends, is_over) == end, path
-        catalog = service_pb2_grpc.MotionServiceStub(motion).GetCatalog(service_pb2.GetCatalogRequest())
-        assert (await catalog).models[0].model_id == "fake"  # type: ignore[misc]
+        if not is_late:  # a busy machine may be as late with a request of its own
+            catalog = service_pb2_grpc.MotionServiceStub(motion).GetCatalog(service_pb2.GetCatalogRequest())
+            assert (await catalog).models[0].model_id == "fake"  # type: ignore[misc]
     assert not [record for record in caplog.records if record.levelname in ("WARNING", "ERROR")]
 
 
@@ -140,7 +142,7 @@ async def test_a_stream_whose_first_answer_is_not_let_through_keeps_its_place_un
     events: int, monkeypatch: pytest.MonkeyPatch, caplog: pytest.LogCaptureFixture
 ) -> None:
     monkeypatch.setattr(stream_writer, "LAST_WRITE_S", 0.0)
-    limits = ServiceLimits(stuck_timeout_s=0.05, peer=PeerLimits(streams=2))
+    limits = ServiceLimits(peer=PeerLimits(streams=2))
     async with (
         asyncio.timeout(LIMIT_S),
         LocalServer(service_limits=limits) as server,
@@ -152,7 +154,12 @@ async def test_a_stream_whose_first_answer_is_not_let_through_keeps_its_place_un
         if events:
             asked = service_pb2.StreamMotionRequest(events=[session_pb2.SessionEvent()] * events)
             await call.write(asked.SerializeToString())
-        await until_true(lambda: any(stream.refusal is not None for stream in server.service._streams.values()))
+        await until_true(lambda: server.service.num_streams)
+        (stuck,) = server.service._streams.values()
+        await until_true(lambda: stuck.writing_since is not None or stuck.refusal is not None)
+        if stuck.writing_since is not None:
+            stuck.writing_since -= limits.stuck_timeout_s  # of this stream alone: others may be slow on a busy machine
+        await until_true(lambda: stuck.refusal is not None)
         stub = service_pb2_grpc.MotionServiceStub(other)
         talk = await Talk(stub, await stub.GetCatalog(service_pb2.GetCatalogRequest())).hello()  # type: ignore[misc]
         await talk.ping(20)

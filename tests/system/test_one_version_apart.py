@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import io
-import json
 import os
 import subprocess
 import sys
@@ -15,6 +14,7 @@ from pathlib import Path
 import pytest
 
 from tests.conftest import ROOT
+from tests.server_process import ready
 
 pytestmark = pytest.mark.system
 
@@ -65,13 +65,9 @@ def serving(tree: Path, state: Path) -> Iterator[str]:
     more = ["--profile-s", "0.2", "--log-level", "WARNING", "--admit-load", "100"]
     variables = {**environment(tree), "XDG_STATE_HOME": str(state)}
     process = subprocess.Popen([*command, *more], cwd=tree, env=variables, stdout=subprocess.PIPE, text=True)
-    assert process.stdout is not None
-    with process.stdout:
-        try:
-            yield f"127.0.0.1:{json.loads(process.stdout.readline())['grpc_port']}"
-        finally:
-            process.terminate()
-            assert process.wait(60) == 0
+    with ready(process) as told:
+        yield f"127.0.0.1:{told['grpc_port']}"
+    assert process.returncode == 0
 
 
 def played(tree: Path, address: str) -> str:

@@ -24,7 +24,7 @@ from tests.server.engine.fakes import FRAME
 from tests.system.real_redis import start_redis, url_in
 from tests.waiting import LIMIT_S, until, until_true
 
-pytestmark = [pytest.mark.system, pytest.mark.timeout(180)]
+pytestmark = pytest.mark.system
 
 OPTIONS = SessionOptions(lookahead_frames=80)
 

@@ -7,6 +7,7 @@ entry of the prompt's embedding (-1 for none), CONSTRAINTS how many constraints 
 
 from __future__ import annotations
 
+import time
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, field
 
@@ -69,6 +70,16 @@ class FakeClock:
     def advance(self, seconds: float) -> None:
         self._now += seconds
         self.ticked()
+
+
+class RealTime(FakeClock):
+    """Time that passes by itself; a runner's work takes none of it."""
+
+    def now(self) -> float:
+        return time.monotonic()
+
+    def advance(self, seconds: float) -> None:
+        del seconds
 
 
 class RunnerFailure(Exception):

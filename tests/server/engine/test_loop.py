@@ -24,7 +24,7 @@ from motiongen_server.engine.types import (
 )
 from motiongen_server.engine.types.report import StepReport
 from tests.server.engine.engine_thread import EngineThread
-from tests.server.engine.fakes import FakeClock, FakeRunner
+from tests.server.engine.fakes import FakeClock, FakeRunner, RealTime
 from tests.server.engine.stage import crowd, prompt, spec
 from tests.waiting import LIMIT_S
 
@@ -68,11 +68,6 @@ def test_an_error_of_the_loop_itself_is_kept_and_closes_every_session() -> None:
     assert viewer.closed.reason is CloseReason.ENGINE_FAULT
 
 
-class _RealClock:
-    def now(self) -> float:
-        return time.monotonic()
-
-
 def test_the_thread_serves_and_ends() -> None:
     outputs: queue.Queue[Output] = queue.Queue()
     reports = []
@@ -82,7 +77,7 @@ def test_the_thread_serves_and_ends() -> None:
         for output in batch:
             outputs.put(output)
 
-    engine = Engine(runner, _RealClock(), deliver, EngineConfig(), observe=reports.append)
+    engine = Engine(runner, RealTime(), deliver, EngineConfig(), observe=reports.append)
     thread = EngineThread(engine)
     key = SessionKey(1, 1)
     engine.submit(Open(spec(key), 1, time.monotonic()))

@@ -12,7 +12,6 @@ import os
 import signal
 import sys
 import threading
-import time
 from collections.abc import Sequence
 from dataclasses import replace
 from pathlib import Path
@@ -30,20 +29,10 @@ from motiongen_server.engine_process.messages import Begin, Outputs, ToGateway
 from motiongen_server.engine_process.outlet import Wire
 from motiongen_server.engine_process.slot import BuildEngine, Built
 from motiongen_server.settings import SettingError
-from tests.server.engine.fakes import FakeRunner
+from tests.server.engine.fakes import FakeRunner, RealTime
 
 FATAL_SEED = 666
 ANY_LOAD = (1000.0, 1000.0, 1000.0, 1000.0)
-
-
-class RealTime:
-    """The clock of a process that plays in real time; what takes virtual time takes none."""
-
-    def now(self) -> float:
-        return time.monotonic()
-
-    def advance(self, seconds: float) -> None:
-        pass
 
 
 class FatalRunner(FakeRunner):
@@ -70,7 +59,7 @@ def build(begin: Begin, how: str, source: str, deliver: Deliver, observe: Observ
         raise SettingError(f"admit_load is {begin.config.admit_load}")
     if how == "load":
         raise RuntimeError("the disk is gone")
-    runner = FatalRunner(RealTime())  # type: ignore[arg-type]
+    runner = FatalRunner(RealTime())
     runner.how = how
     runner.facts = replace(runner.facts, model_id=source)
     max_sessions = 1 if how == "small" else begin.config.max_sessions

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import asyncio
-import json
 import os
 import signal
 import sys
@@ -20,6 +19,7 @@ from motiongen.v1 import service_pb2, service_pb2_grpc, session_pb2
 from motiongen_compliance.talk import Talk
 from tests.conftest import ROOT, TINY_MODEL
 from tests.server.engine_process.audience import is_gone, stopped
+from tests.server_process import watched
 from tests.waiting import LIMIT_S, try_again, until_true
 
 SETTINGS = ("--model", str(TINY_MODEL), "--text-encoder", "hashed", "--profile-s", "0",
@@ -39,13 +39,8 @@ async def start(devices: str) -> asyncio.subprocess.Process:
 async def serving(devices: str) -> AsyncIterator[tuple[asyncio.subprocess.Process, dict[str, int]]]:
     """A server that is ready, and its ports."""
     process = await start(devices)
-    assert process.stdout is not None
-    try:
-        yield process, json.loads(await process.stdout.readline())
-    finally:
-        if process.returncode is None:
-            process.kill()
-        await process.communicate()
+    async with watched(process) as told:
+        yield process, told
 
 
 def loaded_libraries(pid: int) -> str:

@@ -28,8 +28,7 @@ from motiongen_server.engine_process.process import EngineProcess
 from motiongen_server.engine_process.slot import Built
 from motiongen_server.ops.memory import settled_objects
 from motiongen_server.rpc.abilities import NOTHING_CLAIMED
-from tests.server.engine.fakes import FACTS, FakeRunner
-from tests.server.engine_process.fake_engine import RealTime
+from tests.server.engine.fakes import FACTS, FakeRunner, RealTime
 from tests.server.engine_process.test_host import Process
 
 READY = Ready(1, FACTS, "CC0-1.0", NOTHING_CLAIMED)
@@ -90,7 +89,7 @@ class RealEngines(Process):
         super().__init__()
 
     def _build(self, source: str, deliver: Deliver, observe: Observe, inbox: Inbox) -> Built:
-        runner = FakeRunner(RealTime())  # type: ignore[arg-type]
+        runner = FakeRunner(RealTime())
         self.runners.append(weakref.ref(runner))
         engine = Engine(runner, RealTime(), deliver, EngineConfig(), observe=observe, inbox=inbox)
         return Built(engine, runner.facts, "CC0-1.0")

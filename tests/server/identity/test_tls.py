@@ -15,12 +15,12 @@ from motiongen_compliance.talk import Talk
 from motiongen_server.identity.tls import Renewal, ServerTls, TlsFiles
 from motiongen_server.identity.watched import Watched
 from motiongen_server.settings import SettingError
+from tests.channels import ALONE
 from tests.contract.local import LocalServer
 from tests.server.identity.files import AUTHORITY, CERTIFICATES, client_credentials, copy_pair
 from tests.waiting import LIMIT_S
 
 RELOADS = 100
-ALONE = (("grpc.use_local_subchannel_pool", 1),)
 
 
 def served(folder: Path, client_ca: str = "") -> LocalServer:

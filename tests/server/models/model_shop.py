@@ -19,9 +19,9 @@ from motiongen.v1 import admin_pb2, admin_pb2_grpc, service_pb2, service_pb2_grp
 from motiongen_compliance.talk import Talk
 from motiongen_server.app import Application
 from motiongen_server.config import ServerConfig
-from tests.contract.local import LengthEncoder, RealTime
+from tests.contract.local import LengthEncoder
 from tests.server.application import config
-from tests.server.engine.fakes import FACTS, FakeRunner
+from tests.server.engine.fakes import FACTS, FakeRunner, RealTime
 from tests.server.in_process import in_process
 from tests.waiting import LIMIT_S
 

@@ -2,12 +2,14 @@
 
 from __future__ import annotations
 
+import socket
 import sys
 import threading
 import time
 from collections.abc import Sequence
 
 import pytest
+from opentelemetry.exporter.otlp.proto.grpc.trace_exporter import OTLPSpanExporter
 from opentelemetry.sdk.trace import ReadableSpan
 from opentelemetry.sdk.trace.export import SpanExporter, SpanExportResult
 from opentelemetry.sdk.trace.export.in_memory_span_exporter import InMemorySpanExporter
@@ -18,7 +20,6 @@ from motiongen_server.engine.types.tracing import WindowTiming, WindowTrace
 from motiongen_server.ops import tracing
 from motiongen_server.ops.tracing import WindowSpans, open_window_spans
 from motiongen_server.settings import SettingError
-from tests.scale.proxies import free_port
 from tests.server.ops.collector import Collector, attributes
 from tests.waiting import LIMIT_S
 
@@ -108,13 +109,27 @@ def test_a_collector_is_sent_them() -> None:
 
 
 def test_where_no_collector_is_nobody_waits(monkeypatch: pytest.MonkeyPatch) -> None:
-    """More than may be kept are recorded; the oldest are dropped, and no call comes to wait for the network."""
+    """More than may be kept are recorded; some are dropped, and no call comes to wait for the network."""
     monkeypatch.setattr(tracing, "END_S", 0.1)
-    spans = open_window_spans(f"grpc:127.0.0.1:{free_port()}", 1.0)
-    assert spans is not None
-    for _ in range(5000):
-        spans.record(WINDOW)
-    spans.close()
+    exports: list[tuple[int, SpanExportResult]] = []
+    export, are_recorded = OTLPSpanExporter.export, threading.Event()
+
+    def noted(exporter: OTLPSpanExporter, spans: Sequence[ReadableSpan]) -> SpanExportResult:
+        assert are_recorded.wait(LIMIT_S)
+        exports.append((len(spans), export(exporter, spans)))
+        return exports[-1][1]
+
+    monkeypatch.setattr(OTLPSpanExporter, "export", noted)
+    with socket.socket() as nobody:
+        nobody.bind(("127.0.0.1", 0))  # and does not listen
+        spans = open_window_spans(f"grpc:127.0.0.1:{nobody.getsockname()[1]}", 1.0)
+        assert spans is not None
+        for _ in range(5000):
+            spans.record(WINDOW)
+        are_recorded.set()
+        spans.close()
+    assert {result for _, result in exports} == {SpanExportResult.FAILURE}
+    assert 0 < sum(count for count, _ in exports) < 5000
 
 
 class StuckExporter(SpanExporter):

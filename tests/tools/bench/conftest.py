@@ -2,8 +2,6 @@
 
 from __future__ import annotations
 
-import json
-import signal
 import subprocess
 import sys
 from collections.abc import Iterator
@@ -11,7 +9,7 @@ from pathlib import Path
 
 import pytest
 
-from tests.waiting import LIMIT_S
+from tests.server_process import ready
 
 ROOT = Path(__file__).resolve().parents[3]
 SHORT = """
@@ -56,12 +54,6 @@ def null_server(tmp_path_factory: pytest.TempPathFactory) -> Iterator[str]:
     with log.open("w", encoding="utf-8") as errors:
         command = [sys.executable, "-m", "tests.bench.null_server", *settings]
         process = subprocess.Popen(command, cwd=ROOT, stdout=subprocess.PIPE, stderr=errors, text=True)
-        assert process.stdout is not None
-        with process.stdout:
-            line = process.stdout.readline()  # ends when the server is ready, or with the process
-            if not line:
-                raise RuntimeError(f"the server did not start, exit code {process.wait()}:\n{log.read_text()}")
-            yield f"localhost:{json.loads(line)['grpc_port']}"
-            process.send_signal(signal.SIGTERM)
-            exit_code = process.wait(LIMIT_S)
-    assert exit_code == 0, log.read_text()
+    with ready(process, log) as told:
+        yield f"localhost:{told['grpc_port']}"
+    assert process.returncode == 0, log.read_text()

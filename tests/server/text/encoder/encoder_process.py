@@ -6,11 +6,13 @@ import json
 import signal
 import subprocess
 import sys
+from collections.abc import Sequence
 from pathlib import Path
 from types import TracebackType
 
+from tests.waiting import LIMIT_S
+
 ROOT = Path(__file__).resolve().parents[4]
-END_S = 30.0
 
 
 class EncoderProcess:
@@ -29,6 +31,15 @@ class EncoderProcess:
 
     def start(self, *options: str) -> None:
         """At the address it had; on a free port the first time. options: more of the command's."""
+        # Somebody else may have got the port it had, for a moment: every connection takes one.
+        line = self._begun(options) or self._begun(options)
+        if not line:
+            raise RuntimeError(f"the encoder did not start:\n{self._log.read_text()}")
+        told = json.loads(line)
+        self.port, self.ops_port = told["grpc_port"], told["ops_port"]
+
+    def _begun(self, options: Sequence[str]) -> str:
+        """What it says once it is ready; nothing where it has not started."""
         ports = ["--port", str(self.port), "--ops-port", "0", "--print-ports", "--drain-grace-s", "1"]
         with self._log.open("a", encoding="utf-8") as errors:
             self._process = subprocess.Popen(
@@ -39,19 +50,18 @@ class EncoderProcess:
         with self._process.stdout:
             line = self._process.stdout.readline()
         if not line:
-            raise RuntimeError(f"the encoder did not start:\n{self._log.read_text()}")
-        told = json.loads(line)
-        self.port, self.ops_port = told["grpc_port"], told["ops_port"]
+            self._process.wait(LIMIT_S)
+        return line
 
     def kill(self) -> None:
         """At once, as if its machine had gone."""
         self._process.kill()
-        self._process.wait(END_S)
+        self._process.wait(LIMIT_S)
 
     def stop(self) -> int:
         """As an orchestrator does. Returns the exit code."""
         self._process.terminate()
-        return self._process.wait(END_S)
+        return self._process.wait(LIMIT_S)
 
     def halt(self) -> None:
         """Let it answer nothing any more, its connections open."""
@@ -69,4 +79,4 @@ class EncoderProcess:
     ) -> None:
         if self._process.poll() is None:
             self._process.kill()
-            self._process.wait(END_S)
+            self._process.wait(LIMIT_S)

@@ -21,13 +21,12 @@ from motiongen_ardy.text import TextEncoderUnavailable
 from motiongen_server.rpc.limits import PeerLimits
 from motiongen_server.text.encoder.service import TextEncoderService, add_text_encoder
 from motiongen_server.text.prompts import PromptEncoder
+from tests.contract.local import LengthEncoder
 from tests.waiting import LIMIT_S
 
 
-class LengthEncoder:
-    """A text's vector is its length, when the test lets it."""
-
-    identity = "length-1"
+class GatedEncoder(LengthEncoder):
+    """Answers when the test lets it, and fails where it is told to."""
 
     def __init__(self) -> None:
         self.go = threading.Event()
@@ -40,11 +39,11 @@ class LengthEncoder:
         assert self.go.wait(LIMIT_S)
         if self.error is not None:
             raise self.error
-        return np.array([[len(text), 0.5] for text in texts], np.float32)
+        return super().encode(texts)
 
 
 @asynccontextmanager
-async def serving(encoder: LengthEncoder, limits: PeerLimits | None = None, **settings: Any) -> AsyncIterator[Any]:
+async def serving(encoder: GatedEncoder, limits: PeerLimits | None = None, **settings: Any) -> AsyncIterator[Any]:
     """A stub of the service, which knows 10 texts at most and takes 3 of 20 characters in a request."""
     prompts = PromptEncoder(encoder, 10, **settings)
     server = grpc.aio.server()
@@ -77,18 +76,18 @@ async def refusal(call: Any) -> tuple[grpc.StatusCode, str, str, float | None]:
 
 
 async def test_it_says_what_it_is_and_answers_in_order() -> None:
-    encoder = LengthEncoder()
+    encoder = GatedEncoder()
     async with serving(encoder) as stub:
         told = await stub.GetTextEncoder(encoder_pb2.GetTextEncoderRequest())
         assert (told.text_encoder, told.width, told.max_texts, told.max_characters) == ("length-1", 2, 3, 20)
         response = await stub.EncodeTexts(asking("walk", "", "walk", expected="length-1"))
-        assert [list(each.values) for each in response.embeddings] == [[4, 0.5], [0, 0.5], [4, 0.5]]
+        assert [list(each.values) for each in response.embeddings] == [[4, 0], [0, 0], [4, 0]]
         assert {each.text_encoder for each in response.embeddings} == {"length-1"}
         assert sorted(encoder.asked) == ["", "walk"]
 
 
 async def test_callers_that_ask_for_the_same_text_share_it() -> None:
-    encoder = LengthEncoder()
+    encoder = GatedEncoder()
     encoder.go.clear()
     async with serving(encoder) as stub:
         calls = [asyncio.ensure_future(stub.EncodeTexts(asking("crawl"))) for _ in range(5)]
@@ -96,7 +95,7 @@ async def test_callers_that_ask_for_the_same_text_share_it() -> None:
         leaver.cancel()
         encoder.go.set()
         for call in calls:
-            assert list((await call).embeddings[0].values) == [5, 0.5]
+            assert list((await call).embeddings[0].values) == [5, 0]
     assert encoder.asked == ["crawl"]
 
 
@@ -117,7 +116,7 @@ async def test_callers_that_ask_for_the_same_text_share_it() -> None:
 async def test_a_wrong_request_is_refused(
     request_message: encoder_pb2.EncodeTextsRequest, code: grpc.StatusCode, reason: str, said: str
 ) -> None:
-    encoder = LengthEncoder()
+    encoder = GatedEncoder()
     async with serving(encoder) as stub:
         found = await refusal(stub.EncodeTexts(request_message))
     assert found[:2] == (code, reason)
@@ -126,7 +125,7 @@ async def test_a_wrong_request_is_refused(
 
 
 async def test_when_too_many_wait_the_next_is_refused_at_once_and_when_it_is_slow_it_says_so() -> None:
-    encoder = LengthEncoder()
+    encoder = GatedEncoder()
     async with serving(encoder, max_waiting=2, timeout_s=0.05) as stub:
         encoder.go.clear()
         busy = await refusal(stub.EncodeTexts(asking("a", "bb", "ccc")))
@@ -138,14 +137,14 @@ async def test_when_too_many_wait_the_next_is_refused_at_once_and_when_it_is_slo
 
 
 async def test_a_failing_encoder_is_an_answer_and_what_is_known_goes_on() -> None:
-    encoder = LengthEncoder()
+    encoder = GatedEncoder()
     async with serving(encoder) as stub:
         await stub.EncodeTexts(asking("walk"))
         encoder.error = TextEncoderUnavailable("the one behind it is away")
         away = await refusal(stub.EncodeTexts(asking("jump")))
         encoder.error = ZeroDivisionError("secret")
         broken = await refusal(stub.EncodeTexts(asking("jump")))
-        assert list((await stub.EncodeTexts(asking("walk"))).embeddings[0].values) == [4, 0.5]
+        assert list((await stub.EncodeTexts(asking("walk"))).embeddings[0].values) == [4, 0]
     assert away[:2] == (grpc.StatusCode.UNAVAILABLE, "TEXT_ENCODER_UNAVAILABLE")
     assert "the one behind it is away" in away[2]
     assert broken[:2] == (grpc.StatusCode.INTERNAL, "INTERNAL")
@@ -153,7 +152,7 @@ async def test_a_failing_encoder_is_an_answer_and_what_is_known_goes_on() -> Non
 
 
 async def test_new_texts_of_a_caller_have_a_rate_and_known_ones_go_on() -> None:
-    encoder = LengthEncoder()
+    encoder = GatedEncoder()
     async with serving(encoder, PeerLimits(prompts_per_second=0.01)) as stub:
         await stub.EncodeTexts(asking("a", "bb", "ccc"))
         code, reason, said, after_s = await refusal(stub.EncodeTexts(asking("dddd")))
@@ -166,7 +165,7 @@ async def test_new_texts_of_a_caller_have_a_rate_and_known_ones_go_on() -> None:
 
 
 async def test_calls_of_a_caller_have_a_rate_whatever_they_ask_for() -> None:
-    async with serving(LengthEncoder(), PeerLimits(calls_per_second=0.01)) as stub:
+    async with serving(GatedEncoder(), PeerLimits(calls_per_second=0.01)) as stub:
         await stub.GetTextEncoder(encoder_pb2.GetTextEncoderRequest())
         code, reason, _, after_s = await refusal(stub.EncodeTexts(asking()))
         assert (code, reason) == (grpc.StatusCode.RESOURCE_EXHAUSTED, "TOO_MANY_CALLS")

@@ -1,0 +1,52 @@
+"""An attack that nobody makes is noticed: hostile clients have reached the server, and live until they are killed."""
+
+from __future__ import annotations
+
+import asyncio
+import os
+import socket
+from pathlib import Path
+
+import psutil
+import pytest
+
+from tests.attack.attack import Attack, hostile
+from tests.attack.hostile_clients import HostileClientEnded
+from tests.attack.server import Attacked
+
+
+def attacked_at(port: int) -> Attacked:
+    return Attacked(psutil.Process(), f"127.0.0.1:{port}", 0, Path("nowhere"))
+
+
+async def test_a_client_that_cannot_begin_is_noticed() -> None:
+    with (
+        pytest.raises(HostileClientEnded, match=r"'no_such_kind' ended with 1:[^$]*KeyError"),
+        hostile(Attack("", "no_such_kind"), attacked_at(1)) as clients,
+    ):
+        await clients.begun()
+
+
+async def kill_it_once_it_has_begun(port: int) -> None:
+    with hostile(Attack("", "garbage"), attacked_at(port)) as clients:
+        await clients.begun()
+        (client,) = [each for each in psutil.Process().children() if "garbage" in each.cmdline()]
+        client.kill()
+        await asyncio.to_thread(os.waitid, os.P_PID, client.pid, os.WEXITED | os.WNOWAIT)
+
+
+async def test_a_client_that_ends_later_is_noticed() -> None:
+    with socket.create_server(("127.0.0.1", 0)) as listener, pytest.raises(HostileClientEnded, match="ended with -9"):
+        await kill_it_once_it_has_begun(listener.getsockname()[1])
+
+
+async def test_clients_have_begun_once_all_have_reached_the_server() -> None:
+    with socket.create_server(("127.0.0.1", 0)) as listener:
+        with hostile(Attack("", "garbage", clients=2), attacked_at(listener.getsockname()[1])) as clients:
+            await clients.begun()
+        listener.accept()[0].close()
+
+
+async def test_where_nobody_attacks_nobody_is_waited_for() -> None:
+    with hostile(Attack("", ""), attacked_at(1)) as clients:
+        await clients.begun()

@@ -64,7 +64,7 @@ def _planned(model: Model, targets: Targets, state: RootState, first_frame: int,
         return targets
     told = first_frame + model.config.horizon + _TOLD_BEYOND_FRAMES
     span = PlanSpan(first_frame, told, end, model.config.fps)
-    asked = without_steering(root_goals(targets), first_frame)
+    asked = without_steering(root_goals(targets), first_frame, {frame for frame, joint in targets.positions if joint})
     return with_root(targets, plan_root(asked, state, span, model.sampling.plan))
 
 

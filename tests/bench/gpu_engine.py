@@ -1,6 +1,7 @@
 """The engine's table on a GPU at the released size: `python -m tests.bench.gpu_engine --out out/gpu --part served`.
 
-Random weights, so nothing has to be downloaded; needs torch, numpy, psutil and this repository alone. Each part ends
+Before it measures it steers the built-in model by constraints of every kind and by a velocity. What is measured has
+random weights, so nothing has to be downloaded; needs torch, numpy, psutil and this repository alone. Each part ends
 within ten minutes; what parts have found is read from --out and held against the goals. `--device cpu --tiny --quick`
 tries the script where there is no GPU. The picture is drawn later, where matplotlib is: see tests.bench.engine_picture.
 """
@@ -12,12 +13,17 @@ import sys
 import time
 from collections.abc import Sequence
 
+import numpy as np
 import torch
 
+from motiongen_ardy.checkpoint.checkpoint import load_checkpoint
+from motiongen_server.runner import TorchRunner
+from motiongen_server.runner.loading import recorder_for
 from tests.bench.engine import parser, settings
 from tests.bench.engine_run import run
 from tests.bench.engine_table import markdown, write
 from tests.bench.gpu_goals import goals, reports_in
+from tests.steered_jobs import MINI, all_kinds, played
 
 PARTS: dict[str, tuple[str, ...]] = {
     "batches": (),
@@ -42,8 +48,22 @@ def parse(arguments: Sequence[str] | None = None) -> argparse.Namespace:
     return options
 
 
+def steered(device: str) -> int:
+    """Play windows that constraints of every kind and a velocity steer. Returns how many.
+
+    Raises AssertionError where a number is not finite.
+    """
+    model = load_checkpoint(MINI, device)
+    runner = TorchRunner(model, "mini", recorder=recorder_for(device))
+    first = played(runner, all_kinds(model))
+    results = first + played(runner, all_kinds(model, first))
+    assert all(np.isfinite(result.frames).all() for result in results)
+    return len(results)
+
+
 def main() -> int:
     options = parse()
+    print(f"{steered(options.device)} windows of the built-in model, steered in every way: all finite", flush=True)
     for part in options.part:
         begun_s = time.monotonic()
         options.only = options.only or PARTS[part]

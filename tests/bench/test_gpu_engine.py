@@ -7,7 +7,7 @@ import pytest
 import torch
 
 from tests.bench.contest import NAMES
-from tests.bench.gpu_engine import PARTS, parse
+from tests.bench.gpu_engine import PARTS, parse, steered
 from tests.bench.gpu_goals import goals, reports_in
 
 
@@ -45,3 +45,7 @@ def test_without_a_gpu_it_says_what_runs(capsys: pytest.CaptureFixture[str], mon
     with pytest.raises(SystemExit):
         parse([])
     assert "--device cpu --tiny" in capsys.readouterr().err
+
+
+def test_the_built_in_model_is_steered_in_every_way_before_anything_is_measured() -> None:
+    assert steered("cpu") == 12

@@ -2,14 +2,18 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 import torch
 
+from motiongen_ardy.checkpoint.checkpoint import load_checkpoint
 from motiongen_ardy.model.model import Model
 from motiongen_server.engine.types import WindowJob, WindowResult
 from motiongen_server.runner import TorchRunner
 from tests.parity.conftest import TOLERANCE, in_company, make_job
+from tests.steered_jobs import MINI, all_kinds, played
 
 
 def run_alone(model: Model, job: WindowJob) -> WindowResult:
@@ -92,3 +96,16 @@ def test_what_a_row_gets_in_a_step_is_what_it_gets_alone(model: Model, precision
         together = tokens(jobs[:num_rows])
         for job_id in alone.keys() & together.keys():
             assert (together[job_id] - alone[job_id]).abs().max() < 1e-5
+
+
+@pytest.mark.parametrize("num_rows", [2, 5, 8])
+def test_what_a_row_is_shown_is_what_it_is_shown_alone(num_rows: int) -> None:
+    mini = load_checkpoint(MINI)
+    begun = played(TorchRunner(mini, "mini"), all_kinds(mini))
+    kinds = [*all_kinds(mini, begun), *(replace(job, job_id=job.job_id + 10) for job in all_kinds(mini, begun[::-1]))]
+    jobs = kinds[:num_rows]
+    together = played(TorchRunner(mini, "mini"), jobs)
+    for job, result in zip(jobs, together, strict=True):
+        (alone,) = played(TorchRunner(mini, "mini"), [job])
+        assert np.array_equal(result.frames, alone.frames), job.job_id
+        assert np.array_equal(result.features, alone.features), job.job_id

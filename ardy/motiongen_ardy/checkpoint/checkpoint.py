@@ -22,6 +22,7 @@ from motiongen_ardy.checkpoint.files import CheckpointError, TensorFile, path_in
 from motiongen_ardy.checkpoint.paces_file import PACES_FILE, read_paces, write_paces
 from motiongen_ardy.checkpoint.sampling_file import SAMPLING_FILE, read_options, write_options
 from motiongen_ardy.checkpoint.stats import load_stats, save_stats
+from motiongen_ardy.core.files import written_whole
 from motiongen_ardy.core.problems import Problems
 from motiongen_ardy.core.representation import LOCAL_ROOT_WIDTH, Representation
 from motiongen_ardy.core.skeleton import load_skeleton
@@ -267,14 +268,16 @@ def _write_tokenizer_files(tokenizer: Tokenizer, folder: Path) -> None:
 def _write_tensors(tensors: dict[str, Tensor], path: Path) -> None:
     from safetensors.torch import save_file
 
-    save_file(tensors, path)
+    with written_whole(path) as partial:
+        save_file(tensors, partial)
 
 
 def _write_yaml(content: dict[str, object], path: Path) -> None:
     import yaml
 
     path.parent.mkdir(parents=True, exist_ok=True)
-    path.write_text(yaml.safe_dump(content, sort_keys=False), encoding="utf-8")
+    with written_whole(path) as partial:
+        partial.write_text(yaml.safe_dump(content, sort_keys=False), encoding="utf-8")
 
 
 def _plain_tensors(module: nn.Module) -> dict[str, Tensor]:

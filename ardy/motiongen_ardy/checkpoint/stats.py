@@ -10,6 +10,7 @@ from torch import Tensor
 
 from motiongen_ardy.checkpoint.files import read_bytes
 from motiongen_ardy.checkpoint.npy import NpyError, read_npy
+from motiongen_ardy.core.files import written_whole
 from motiongen_ardy.core.problems import Problems
 from motiongen_ardy.core.stats import Stats, StatsError
 
@@ -58,5 +59,6 @@ def _load_vector(path: Path, width: int, problems: list[str]) -> Tensor | None:
 def save_stats(stats: Stats, folder: Path) -> None:
     """Write `mean.npy` and `std.npy`, float32, into a folder that is made if need be."""
     folder.mkdir(parents=True, exist_ok=True)
-    np.save(folder / "mean.npy", stats.mean.cpu().numpy())
-    np.save(folder / "std.npy", stats.std.cpu().numpy())
+    for name, vector in (("mean.npy", stats.mean), ("std.npy", stats.std)):
+        with written_whole(folder / name) as partial, partial.open("wb") as file:
+            np.save(file, vector.cpu().numpy())

@@ -29,7 +29,7 @@ def heading_angle(skeleton: Skeleton, positions: Tensor) -> Tensor:
     """Facing (...) in radians about +Y, 0 toward +Z, from joint positions (..., J, 3): the hips' line turned by 90."""
     right, left = skeleton.hip_joints
     across = positions[..., right, :] - positions[..., left, :]
-    return torch.atan2(across[..., 2], -across[..., 0])
+    return angle_of(across[..., 2], -across[..., 0])
 
 
 def repeat_last_valid(values: Tensor, lengths: Tensor) -> Tensor:
@@ -200,13 +200,13 @@ class Representation(nn.Module):
     def canonicalize(self, features: Tensor) -> Tensor:
         """Turn and move (B, T, D) in natural units so that frame 0 faces +Z at x = z = 0."""
         heading = features[:, 0, self.heading_block]
-        turned = self.rotate(features, -torch.atan2(heading[:, 1], heading[:, 0]))
+        turned = self.rotate(features, -angle_of(heading[:, 1], heading[:, 0]))
         return self.translate_ground(turned, -turned[:, 0, [0, 2]])
 
     def heading_of_root(self, root: Tensor) -> Tensor:
         """Heading (...) in radians of a normalised root (..., 5)."""
         heading = self.root_stats.denormalize(root)[..., self.heading_block]
-        return torch.atan2(heading[..., 1], heading[..., 0])
+        return angle_of(heading[..., 1], heading[..., 0])
 
     def local_root(self, root: Tensor, lengths: Tensor) -> Tensor:
         """Normalised local root (B, T, 4) of a normalised root (B, T, 5) with valid lengths (B).

@@ -102,7 +102,7 @@ def rotation_vector(matrix: Tensor) -> Tensor:
     quaternion = torch.where(quaternion[..., :1] < 0, -quaternion, quaternion)
     imaginary = quaternion[..., 1:]
     sine = imaginary.norm(dim=-1, keepdim=True)
-    angle = 2 * torch.atan2(sine, quaternion[..., :1])
+    angle = 2 * angle_of(sine, quaternion[..., :1])
     tiny = sine < 1e-12  # the axis is undefined; angle / sine tends to 2
     return imaginary * torch.where(tiny, 2.0, angle / torch.where(tiny, 1.0, sine))
 

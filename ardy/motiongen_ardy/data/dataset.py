@@ -8,6 +8,8 @@ World positions and headings are those of the capture; a training loader turns a
 from __future__ import annotations
 
 import json
+import zipfile
+import zlib
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
@@ -17,6 +19,7 @@ import numpy as np
 import torch
 from torch import Tensor
 
+from motiongen_ardy.core.files import written_whole
 from motiongen_ardy.core.skeleton import Skeleton, load_skeleton
 from motiongen_ardy.data.captions import mirror_caption, mirror_content
 from motiongen_ardy.data.mirror import mirror_clip
@@ -114,11 +117,12 @@ class MotionDataset:
         """
         document = _read_document(folder)
         try:
-            with np.load(folder / MOTION_FILE, allow_pickle=False) as arrays:
+            # numpy leaves a file open that it cannot read.
+            with (folder / MOTION_FILE).open("rb") as file, np.load(file, allow_pickle=False) as arrays:
                 rotations = torch.from_numpy(arrays["local_rotations"])
                 positions = torch.from_numpy(arrays["root_positions"])
-        except (OSError, KeyError, ValueError) as error:
-            raise DatasetError(f"{folder / MOTION_FILE}: cannot be read: {error}") from error
+        except (OSError, KeyError, ValueError, EOFError, zipfile.BadZipFile, zlib.error) as error:
+            raise DatasetError(f"{folder / MOTION_FILE}: cannot be read: {error}; build the set again") from error
         skeleton = load_skeleton(document["skeleton"])
         rows = document["clips"]
         total = sum(row["length"] for row in rows)
@@ -152,12 +156,14 @@ class MotionDataset:
             "skipped": [{"id": id_, "reason": reason} for id_, reason in skipped],
             "clips": rows,
         }
-        np.savez(
-            folder / MOTION_FILE,
-            local_rotations=torch.cat([clip.local_rotations for clip in self.clips]).to(torch.float32).numpy(),
-            root_positions=torch.cat([clip.root_positions for clip in self.clips]).to(torch.float32).numpy(),
-        )
-        (folder / CLIPS_FILE).write_text(json.dumps(document, indent=1), encoding="utf-8")
+        with written_whole(folder / MOTION_FILE) as partial, partial.open("wb") as file:
+            np.savez(
+                file,
+                local_rotations=torch.cat([clip.local_rotations for clip in self.clips]).to(torch.float32).numpy(),
+                root_positions=torch.cat([clip.root_positions for clip in self.clips]).to(torch.float32).numpy(),
+            )
+        with written_whole(folder / CLIPS_FILE) as partial:
+            partial.write_text(json.dumps(document, indent=1), encoding="utf-8")
 
 
 def skipped_clips(folder: Path) -> list[tuple[str, str]]:

@@ -7,6 +7,7 @@ Windows are made as the server makes them: 16 frames of history, the model's own
 from __future__ import annotations
 
 import argparse
+import math
 import sys
 import time
 from collections.abc import Sequence
@@ -54,7 +55,9 @@ def main() -> None:
     torch.set_num_threads(arguments.threads)
     try:
         subject = _subject(arguments)
-    except UNUSABLE as error:
+        if arguments.json is not None:  # what takes hours is judged only where its figures can be written
+            arguments.json.parent.mkdir(parents=True, exist_ok=True)
+    except (*UNUSABLE, OSError) as error:
         print(f"python -m motiongen_ardy.evaluate: {error}", file=sys.stderr)
         sys.exit(2)
     reports = [_judge(subject, steps, arguments, console) for steps in arguments.steps]
@@ -106,14 +109,24 @@ def _arguments() -> argparse.Namespace:
     )
     parser.add_argument("--sampling", type=Path, help="a sampling.yaml in place of the model's own")
     parser.add_argument("--capabilities", type=Path, help="a capabilities.yaml in place of the model's own")
-    parser.add_argument("--text-guidance", type=float, help="the model's own if absent")
-    parser.add_argument("--constraint-guidance", type=float, help="the model's own if absent")
+    parser.add_argument("--text-guidance", type=_weight, help="the model's own if absent")
+    parser.add_argument("--constraint-guidance", type=_weight, help="the model's own if absent")
     parser.add_argument("--text-encoder", default="static")
     parser.add_argument("--json", type=Path, help="write the figures here; with several step counts one file each")
     parser.add_argument("--png", type=Path, help="folder to draw a sheet of each part into")
     parser.add_argument("--takes", type=Path, help="folder to write a few takes of each part into, for a gallery")
     parser.add_argument("--threads", type=int, default=1, help="cores (default %(default)s)")
     return parser.parse_args()
+
+
+def _weight(text: str) -> float:
+    try:
+        weight = float(text)
+    except ValueError:
+        weight = math.nan
+    if not math.isfinite(weight):
+        raise argparse.ArgumentTypeError(f"{text!r} is no weight; give a finite number")
+    return weight
 
 
 def _numbers(text: str) -> tuple[int, ...]:

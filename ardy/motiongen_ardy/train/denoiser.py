@@ -18,16 +18,17 @@ from torch import nn
 
 from motiongen_ardy.checkpoint.checkpoint import load_checkpoint, load_tokenizer, save_checkpoint
 from motiongen_ardy.data.dataset import MotionDataset
-from motiongen_ardy.model.config import DenoiserConfig, ModelConfig
+from motiongen_ardy.model.config import ConfigError, DenoiserConfig, ModelConfig
 from motiongen_ardy.model.denoiser import build_denoiser
 from motiongen_ardy.model.model import Model
 from motiongen_ardy.model.tokenizer.model import Tokenizer
 from motiongen_ardy.text import load_text_encoder
 from motiongen_ardy.train.denoiser_loss import DenoiserLoss
 from motiongen_ardy.train.feature_bank import build_feature_bank, natural_layout
-from motiongen_ardy.train.loop import ResumeError, Trainer, distributed
+from motiongen_ardy.train.loop import Trainer, distributed
 from motiongen_ardy.train.loop_settings import LoopSettings, add_loop_arguments, loop_settings
 from motiongen_ardy.train.recipe import Recipe, read_recipe
+from motiongen_ardy.train.refusals import UNUSABLE
 from motiongen_ardy.train.windows import OwnHistory, TrainingWindows, WindowSampler, WindowShape
 
 OWN_HISTORY_FROM = 0.3
@@ -115,12 +116,14 @@ def denoiser_of(tokenizer: Tokenizer, config: DenoiserConfig, horizon: int, num_
 
 
 def starting_model(tokenizer: Tokenizer, recipe: Recipe, init: Path | None) -> Model:
-    """A fresh model, or one that starts from the denoiser of a checkpoint. Raises CheckpointError or ValueError."""
+    """A fresh model, or one that starts from the denoiser of a checkpoint. Raises CheckpointError or ConfigError."""
     model = denoiser_of(tokenizer, recipe.denoiser, recipe.horizon, recipe.num_base_steps)
     if init is not None:
         given = load_checkpoint(init).denoiser
         if given.config != model.denoiser.config:
-            raise ValueError(f"{init} has a denoiser of other sizes: {given.config}; the recipe's is {recipe.denoiser}")
+            raise ConfigError(
+                f"{init} has a denoiser of other sizes: {given.config}; the recipe's is {recipe.denoiser}"
+            )
         model.denoiser.load_state_dict(given.state_dict())
     return model
 
@@ -134,18 +137,18 @@ def main(given: Sequence[str] | None = None) -> int:
     parser.add_argument("--config", type=Path, help="YAML with sections tokenizer, denoiser, model, loss")
     parser.add_argument("--init", type=Path, help="checkpoint folder whose denoiser the training starts from")
     arguments = parser.parse_args(given)
-    recipe = read_recipe(arguments.config)
-    with distributed():  # before anything is put on a device: "cuda" is the device that this process has by then
-        tokenizer = load_tokenizer(arguments.tokenizer, arguments.device)
-        torch.manual_seed(arguments.seed)
-        model = starting_model(tokenizer, recipe, arguments.init)
-        dataset = MotionDataset.load(arguments.data, "train")
-        settings = loop_settings(arguments)
-        try:
+    try:
+        recipe = read_recipe(arguments.config)
+        with distributed():  # before anything is put on a device: "cuda" is the device that this process has by then
+            tokenizer = load_tokenizer(arguments.tokenizer, arguments.device)
+            torch.manual_seed(arguments.seed)
+            model = starting_model(tokenizer, recipe, arguments.init)
+            dataset = MotionDataset.load(arguments.data, "train")
+            settings = loop_settings(arguments)
             return train_denoiser(model, dataset, arguments.text_encoder, settings, arguments.batch, recipe).exit_code
-        except ResumeError as error:
-            print(f"error: {error}", file=sys.stderr)
-            return 2
+    except UNUSABLE as error:
+        print(f"error: {error}", file=sys.stderr)
+        return 2
 
 
 if __name__ == "__main__":

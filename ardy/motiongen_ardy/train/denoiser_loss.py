@@ -99,7 +99,7 @@ class DenoiserLoss(nn.Module):
         clean = self.clean_tokens(batch)
         latents = clean[..., self.root_width :]
         if batch.earlier is not None:
-            own = own_latents(self, batch.earlier.windows, OWN_HISTORY_STEPS)
+            own = own_latents(self, batch.earlier.windows, min(OWN_HISTORY_STEPS, self.config.num_base_steps))
             latents = batch.earlier.as_history(own, latents)
         seen = self._seen_history(clean, latents) * window.history_tokens[..., None]
         step = torch.randint(self.config.num_base_steps, batch.history_len.shape, device=clean.device)

@@ -16,8 +16,10 @@ from pathlib import Path
 import torch
 from torch import Tensor, nn
 
-from motiongen_ardy.checkpoint.checkpoint import load_tokenizer, save_tokenizer
-from motiongen_ardy.core.representation import ROOT_WIDTH, Representation
+from motiongen_ardy.checkpoint.checkpoint import save_tokenizer
+from motiongen_ardy.checkpoint.config import MOTION_STATS
+from motiongen_ardy.checkpoint.stats import load_stats, save_stats
+from motiongen_ardy.core.representation import LOCAL_ROOT_WIDTH, ROOT_WIDTH, Representation
 from motiongen_ardy.core.stats import Stats
 from motiongen_ardy.data.dataset import MotionDataset
 from motiongen_ardy.model.config import TokenizerConfig
@@ -27,6 +29,7 @@ from motiongen_ardy.train.loop import STATE_FILE, Trainer, distributed
 from motiongen_ardy.train.loop_settings import LoopSettings, add_loop_arguments, loop_settings
 from motiongen_ardy.train.losses import captured_kinematics, consistency, kinematic_errors, kinematics, skate, smooth_l1
 from motiongen_ardy.train.recipe import read_recipe
+from motiongen_ardy.train.refusals import UNUSABLE
 
 WEIGHTS = {
     "reconstruction": 1.0,
@@ -169,9 +172,14 @@ def train_tokenizer(
         dataset.require(dataset.skeleton.name, round(dataset.fps))  # models count in whole frames a second
         layout = natural_layout(dataset.skeleton, int(dataset.fps))
         bank = build_feature_bank(dataset, layout, device=device)
-        # A run that goes on keeps the statistics it began with: its weights know no others.
-        going_on = (settings.out / STATE_FILE).exists()
-        stats = load_tokenizer(settings.out).representation.stats if going_on else measure_stats(bank, layout)
+        # A run that goes on keeps the statistics it began with: its weights know no others. They are written before the
+        # first weights are, so that a run that is killed at any time after that can go on.
+        if (settings.out / STATE_FILE).exists():
+            stats = load_stats(settings.out / MOTION_STATS, dataset.skeleton.feature_dim + LOCAL_ROOT_WIDTH)
+        else:
+            stats = measure_stats(bank, layout)
+            if rank == 0:
+                save_stats(stats, settings.out / MOTION_STATS)
         representation = Representation(dataset.skeleton, int(dataset.fps), stats).to(device)
         task = TokenizerTask(config, bank, representation, batch)
         task.module.to(device)
@@ -181,14 +189,18 @@ def train_tokenizer(
 
 
 def main(given: Sequence[str] | None = None) -> int:
-    """Command line. Returns 0 when all steps are done, 3 when some are left."""
+    """Command line. Returns 0 when all steps are done, 3 when some are left, 2 for input that cannot be used."""
     parser = argparse.ArgumentParser(prog="python -m motiongen_ardy.train.tokenizer", description=__doc__)
     add_loop_arguments(parser, steps=30_000, learning_rate=1e-3, batch=64)
     parser.add_argument("--config", type=Path, help="YAML with sections tokenizer, denoiser, model, loss")
     arguments = parser.parse_args(given)
-    config = read_recipe(arguments.config).tokenizer
-    dataset = MotionDataset.load(arguments.data, "train")
-    return train_tokenizer(config, dataset, loop_settings(arguments), arguments.batch, arguments.device).exit_code
+    try:
+        config = read_recipe(arguments.config).tokenizer
+        dataset = MotionDataset.load(arguments.data, "train")
+        return train_tokenizer(config, dataset, loop_settings(arguments), arguments.batch, arguments.device).exit_code
+    except UNUSABLE as error:
+        print(f"error: {error}", file=sys.stderr)
+        return 2
 
 
 if __name__ == "__main__":

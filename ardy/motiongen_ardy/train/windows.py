@@ -15,7 +15,7 @@ import torch
 from torch import Tensor
 
 from motiongen_ardy.core.representation import Representation
-from motiongen_ardy.model.config import RELEASED_PATCH
+from motiongen_ardy.model.config import RELEASED_PATCH, ConfigError
 from motiongen_ardy.model.rollout import usual_history
 from motiongen_ardy.train.constraint_sampling import ConstraintSampler, WindowSpans
 from motiongen_ardy.train.feature_bank import MIN_CLIP_FRAMES, FeatureBank
@@ -131,7 +131,10 @@ class WindowSampler:
         batch: int,
         patch: int = RELEASED_PATCH,
     ) -> None:
-        """horizon: frames that a window generates; batch: windows of 64 frames; patch: frames of a token."""
+        """horizon: frames that a window generates; batch: windows of 64 frames; patch: frames of a token.
+
+        Raises ConfigError for a horizon that no window of training has room for.
+        """
         self.bank = bank
         self.text_embeddings = torch.from_numpy(text_embeddings).float().to(bank.device)
         self.representation = representation
@@ -143,6 +146,12 @@ class WindowSampler:
         longest = 10 * representation.fps // patch * patch
         shapes = [self._whole(shape) for shape in SHAPES]
         self.shapes = tuple(shape for shape in shapes if shape.history + horizon + shape.future <= longest)
+        if not self.shapes:
+            least = min(shape.history + shape.future for shape in shapes)
+            raise ConfigError(
+                f"model.horizon is {horizon}; a window of training lasts 10 s at most, {longest} frames, of which"
+                f" {least} at least are history: give at most {longest - least}"
+            )
 
     def count(self, shape: WindowShape | OwnHistory) -> int:
         """Windows of a batch of one shape, so that batches of all shapes cost about the same."""
@@ -162,9 +171,11 @@ class WindowSampler:
         """Windows with the history that servers give, and the windows before them, whose horizon ends with it."""
         given, future = self.own_history, self._tokens_of(shape.future)
         rows = self._rows(self.count(shape), generator, lambda boundary: self._tokens_of(boundary).clamp(max=given))
-        used = rows.boundary >= self.horizon
         before = (rows.boundary - self.horizon).clamp(min=0)
-        earlier_history = torch.where(used, self._tokens_of(before).clamp(max=given), rows.history)
+        earlier_history = self._tokens_of(before).clamp(max=given)
+        # Where the horizon is shorter than what is given, the earlier window has to hold all of that with its history.
+        used = (rows.boundary >= self.horizon) & (earlier_history + self.horizon >= given)
+        earlier_history = torch.where(used, earlier_history, rows.history)
         start = torch.where(used, before, rows.boundary) - earlier_history
         span = given + 2 * self.horizon + future
         frames = self._turned(rows.clips, start, span, generator)
@@ -198,7 +209,7 @@ class WindowSampler:
         """Windows of frames (B, T, D) in natural units. guided: told the root's whole way, so that they stay on it."""
         device, history = self.bank.device, rows.history
         whole = torch.minimum(self._tokens_of(rows.left), torch.full_like(rows.left, self.horizon))
-        whole = whole.clamp(min=self._tokens_of(MIN_CLIP_FRAMES))
+        whole = whole.clamp(min=min(self._tokens_of(MIN_CLIP_FRAMES), self.horizon))
         caption, generation = self.bank.captions.draw(
             self.bank.first[rows.clips] + rows.boundary, whole, rows.left, self.patch, generator
         )

@@ -50,3 +50,39 @@ def test_what_cannot_be_judged_ends_with_2_and_one_line(
     assert ended.value.code == 2
     (line,) = capsys.readouterr().err.splitlines()
     assert said in line
+
+
+@pytest.mark.parametrize("option", ["--text-guidance", "--constraint-guidance"])
+def test_a_weight_that_is_no_number_is_refused(
+    option: str, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    monkeypatch.setattr(sys, "argv", ["evaluate", TINY, "data", option, "nan"])
+    with pytest.raises(SystemExit) as ended:
+        main()
+    assert ended.value.code == 2
+    assert f"argument {option}: 'nan' is no weight; give a finite number" in capsys.readouterr().err
+
+
+def test_figures_that_cannot_be_written_are_not_made(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    dataset = swinging_dataset()
+    replace(dataset, clips=tuple(replace(clip, split="test") for clip in dataset.clips)).save(tmp_path)
+    judged: list[Path] = []
+
+    def judge(*_: object) -> None:
+        judged.append(tmp_path)
+        raise KeyboardInterrupt
+
+    monkeypatch.setattr("motiongen_ardy.evaluate.__main__._judge", judge)
+    line = ["evaluate", TINY, str(tmp_path), "--text-encoder", "hashed", "--json"]
+    monkeypatch.setattr(sys, "argv", [*line, str(tmp_path / "clips.json" / "figures.json")])
+    with pytest.raises(SystemExit) as ended:
+        main()
+    assert ended.value.code == 2
+    assert not judged
+    assert "clips.json" in capsys.readouterr().err
+    monkeypatch.setattr(sys, "argv", [*line, str(tmp_path / "new" / "folder" / "figures.json")])
+    with pytest.raises(KeyboardInterrupt):
+        main()
+    assert (tmp_path / "new" / "folder").is_dir()

@@ -130,3 +130,33 @@ def test_make_builds_nothing_upon_what_is_unfinished(tmp_path: Path) -> None:
     lines, done = made(tmp_path, UNFINISHED)
     assert done.returncode != 0
     assert [line[0] for line in lines] == ["tokenizer"]
+
+
+@pytest.mark.parametrize(
+    ("recipe", "said"),
+    [
+        ("model: {horizon: 200}", "model.horizon is 200; a window of training lasts 10 s"),
+        ("modle: {}", "unknown keys modle"),
+    ],
+)
+def test_wrong_input_ends_both_trainings_with_2_and_a_message(
+    data: Path, tmp_path: Path, recipe: str, said: str, capsys: pytest.CaptureFixture[str]
+) -> None:
+    (tmp_path / "recipe.yaml").write_text(RECIPE.replace("model: {horizon: 16}", recipe))
+    options = ["--config", str(tmp_path / "recipe.yaml"), "--steps", "1", "--batch", "2", "--float32"]
+    options += ["--device", "cpu"]
+    run = str(tmp_path / "run")
+    if "unknown" in said:
+        assert tokenizer.main([str(data), run, *options]) == 2
+    else:
+        assert tokenizer.main([str(data), run, *options]) == 0
+        capsys.readouterr()
+        assert denoiser.main([str(data), str(tmp_path / "second"), "--tokenizer", run, *options]) == 2
+    told = capsys.readouterr().err
+    assert told.startswith("error: ")
+    assert said in told
+    assert tokenizer.main([str(tmp_path / "nothing"), run]) == 2
+    assert denoiser.main([str(data), run, "--tokenizer", str(tmp_path / "nothing")]) == 2
+    lines = capsys.readouterr().err.splitlines()
+    assert all(line.startswith("error: ") for line in lines if not line.startswith(" "))
+    assert "no clips.json; make a set" in lines[0]

@@ -5,18 +5,24 @@ from __future__ import annotations
 from dataclasses import replace
 from pathlib import Path
 
+import numpy as np
 import pytest
 import torch
 
 from motiongen_ardy.checkpoint.checkpoint import load_checkpoint, load_tokenizer
+from motiongen_ardy.checkpoint.stats import load_stats
 from motiongen_ardy.model.config import TokenizerConfig, TransformerConfig
 from motiongen_ardy.model.denoiser.guidance import GuidanceWeights
 from motiongen_ardy.model.rollout import RolloutRequest, rollout
 from motiongen_ardy.train.denoiser import denoiser_of, train_denoiser
+from motiongen_ardy.train.denoiser_loss import DenoiserLoss
+from motiongen_ardy.train.feature_bank import build_feature_bank, natural_layout
 from motiongen_ardy.train.loop import STATE_FILE, UNFINISHED, ResumeError
 from motiongen_ardy.train.loop_settings import LoopSettings
 from motiongen_ardy.train.recipe import MINI_DENOISER
-from motiongen_ardy.train.tokenizer import train_tokenizer
+from motiongen_ardy.train.tokenizer import TokenizerTask, train_tokenizer
+from motiongen_ardy.train.windows import OwnHistory, WindowSampler
+from motiongen_server.runner.facts import model_facts
 from tests.ardy.train.clips import swinging_dataset
 
 SMALL = TransformerConfig(width=16, feed_forward=32, num_layers=1, num_heads=2)
@@ -83,3 +89,40 @@ def test_it_stops_when_asked_and_has_saved(settings: LoopSettings) -> None:
     assert trainer.exit_code == UNFINISHED
     assert (settings.out / "state.pt").exists()
     assert load_tokenizer(settings.out).config == TOKENIZER
+
+
+@pytest.mark.parametrize("num_base_steps", [1, 2, 3])
+def test_a_model_of_few_base_steps_makes_its_own_history_too(settings: LoopSettings, num_base_steps: int) -> None:
+    dataset = swinging_dataset()
+    train_tokenizer(TOKENIZER, dataset, replace(settings, steps=1), batch=2)
+    small = replace(MINI_DENOISER, transformer=SMALL, latent_dim=8, text_dim=8)
+    model = denoiser_of(load_tokenizer(settings.out), small, 8, num_base_steps)
+    layout = model.representation
+    bank = build_feature_bank(dataset, natural_layout(dataset.skeleton, layout.fps))
+    sampler = WindowSampler(bank, np.ones((len(bank.captions.texts), 8), np.float32), layout, 8, batch=4)
+    batch = sampler.sample(OwnHistory(), torch.Generator().manual_seed(0))
+    total, _ = DenoiserLoss(model)(batch)
+    assert bool(total.isfinite())
+    facts = model_facts(model, "few", 4)
+    assert (facts.min_steps, facts.default_steps, facts.max_steps) == (
+        min(2, num_base_steps), num_base_steps, num_base_steps,
+    )  # fmt: skip
+
+
+def test_a_run_that_was_killed_before_its_first_export_goes_on(
+    settings: LoopSettings, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    dataset = swinging_dataset()
+
+    def killed(*_: object) -> None:
+        raise KeyboardInterrupt
+
+    with monkeypatch.context() as patched:
+        patched.setattr(TokenizerTask, "export", killed)
+        with pytest.raises(KeyboardInterrupt):
+            train_tokenizer(TOKENIZER, dataset, replace(settings, steps=2), batch=2)
+    began = load_stats(settings.out / "stats" / "motion", dataset.skeleton.feature_dim + 4)
+    trainer = train_tokenizer(TOKENIZER, dataset, settings, batch=2)
+    assert trainer.step == settings.steps
+    assert torch.equal(load_tokenizer(settings.out).representation.stats.mean, began.mean)
+    assert not list(settings.out.rglob("*.partial"))

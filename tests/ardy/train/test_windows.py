@@ -11,6 +11,7 @@ import torch
 from motiongen_ardy.core.constraint import Targets
 from motiongen_ardy.core.representation import Representation
 from motiongen_ardy.data.dataset import Segment
+from motiongen_ardy.model.config import ConfigError
 from motiongen_ardy.train.caption_spans import caption_spans
 from motiongen_ardy.train.constraint_sampling import FORMS, ConstraintChances, ConstraintSampler, WindowSpans
 from motiongen_ardy.train.feature_bank import FeatureBank, build_feature_bank, measure_stats, natural_layout
@@ -180,3 +181,39 @@ def test_training_covers_the_columns_that_run_time_fills(form: str, layout: Repr
     possible = {tuple((columns > 0).tolist()) for columns in allowed}
     assert found <= possible
     assert len(found) >= min(2, len(possible))
+
+
+@pytest.mark.parametrize("horizon", [4, 8, 12, 16, 40])
+def test_a_history_that_the_model_makes_is_whole_whatever_the_horizon(
+    bank: FeatureBank, layout: Representation, horizon: int
+) -> None:
+    sampler = WindowSampler(bank, np.ones((len(bank.captions.texts), 8), np.float32), layout, horizon, batch=24)
+    generator, any_used = torch.Generator().manual_seed(0), False
+    for _ in range(20):
+        batch = sampler.sample(OwnHistory(), generator)
+        earlier = batch.earlier
+        assert earlier is not None
+        assert bool((earlier.first_token >= 0).all())
+        for windows in (earlier.windows, batch):
+            assert bool((windows.generation_len <= horizon).all())
+            assert bool((windows.length <= windows.features.shape[1]).all())
+        assert bool((batch.history_len[earlier.used] == sampler.own_history).all())
+        tokens = [torch.zeros(len(each.length), each.features.shape[1] // 4, 8) for each in (earlier.windows, batch)]
+        earlier.as_history(*tokens)
+        any_used |= bool(earlier.used.any())
+        # The windows meet: the last frame of the earlier one's horizon is that before the batch's own.
+        rows = earlier.used.nonzero()[:, 0]
+        ends = earlier.first_token[rows] * 4 + batch.history_len[rows] - 1
+        shown, own = (layout.denormalize(each.features) for each in (earlier.windows, batch))
+        body = slice(layout.rotation_block.start, layout.rotation_block.stop)
+        torch.testing.assert_close(
+            shown[rows, ends][:, body], own[rows, batch.history_len[rows] - 1][:, body], atol=1e-4, rtol=0
+        )
+    assert any_used
+
+
+def test_a_horizon_that_no_window_has_room_for_is_refused(bank: FeatureBank, layout: Representation) -> None:
+    embeddings = np.ones((len(bank.captions.texts), 8), np.float32)
+    assert WindowSampler(bank, embeddings, layout, horizon=184, batch=24).shapes
+    with pytest.raises(ConfigError, match=r"model\.horizon is 188; .* give at most 184"):
+        WindowSampler(bank, embeddings, layout, horizon=188, batch=24)

@@ -12,6 +12,7 @@ from torch import Tensor
 from torch.nn import functional
 
 from motiongen_ardy.core.representation import heading_angle
+from motiongen_ardy.core.rotation import angle_of
 from motiongen_ardy.model.sampling.pose import Poses
 
 # Less than this is the error of a decoder and the sway of hips, and stays.
@@ -22,11 +23,11 @@ _WEIGHTS = (1.0, 6.0, 15.0, 20.0, 15.0, 6.0, 1.0)
 def face_root(poses: Poses, heading: Tensor) -> None:
     """Turn poses (B, T), frame 0 of which is of the history and does not change. heading: (B, T, 2) cosine and sine."""
     shown = heading_angle(poses.layout.skeleton, poses.positions())
-    off = torch.atan2(heading[..., 1], heading[..., 0]) - shown
-    off = torch.atan2(off.sin(), off.cos())
+    off = angle_of(heading[..., 1], heading[..., 0]) - shown
+    off = angle_of(off.sin(), off.cos())
     # A body that is turned right round goes on turning the way it began.
     steps = off[:, 1:] - off[:, :-1]
-    off = torch.cat([off[:, :1], off[:, :1] + torch.atan2(steps.sin(), steps.cos()).cumsum(dim=1)], dim=1)
+    off = torch.cat([off[:, :1], off[:, :1] + angle_of(steps.sin(), steps.cos()).cumsum(dim=1)], dim=1)
     off = off.sign() * (off.abs() - SWAY_RAD).clamp(min=0)
     reach = len(_WEIGHTS) // 2
     padded = functional.pad(off[:, None], (reach, reach), mode="replicate")[:, 0]

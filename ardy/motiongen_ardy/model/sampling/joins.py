@@ -70,4 +70,5 @@ def _joined(history: Tensor, new: Tensor, options: JoinOptions, patch: int) -> T
     """New frames' numbers (B, G, k), joined."""
     before = history[:, -HISTORY_FRAMES:]
     operator = join_operator(before.shape[1], new.shape[1], options.seam_frames, patch).to(new)
-    return torch.einsum("ts,bsk->btk", operator, torch.cat([before, new], dim=1))
+    # A product for each row: one of all rows adds in another order in another batch.
+    return torch.bmm(operator.expand(len(new), -1, -1), torch.cat([before, new], dim=1))

@@ -64,7 +64,7 @@ def _planned(model: Model, targets: Targets, state: RootState, first_frame: int,
         return targets
     told = first_frame + model.config.horizon + _TOLD_BEYOND_FRAMES
     span = PlanSpan(first_frame, told, end, model.config.fps)
-    asked = without_steering(root_goals(targets), first_frame)
+    asked = without_steering(root_goals(targets), first_frame, {frame for frame, joint in targets.positions if joint})
     return with_root(targets, plan_root(asked, state, span, model.sampling.plan))
 
 
@@ -91,10 +91,11 @@ def with_root(targets: Targets, goals: RootGoals) -> Targets:
 
 
 def root_state(layout: Representation, history: Tensor | None, start: tuple[float, float, float]) -> RootState:
-    """What the root does at the end of a history (H, 5 or more, normalised); at `start` it stands."""
+    """What the root does at the end of a history (H, 5 or more, normalised), on any device; at `start` it stands."""
     if history is None or not len(history):
         return RootState(np.array(start[:2], dtype=np.float64), np.zeros(2), float(start[2]))
-    root = layout.root_stats.denormalize(history[-_STATE_FRAMES:, :ROOT_WIDTH]).double().cpu().numpy()
+    recent = history[-_STATE_FRAMES:, :ROOT_WIDTH].to(layout.root_stats.mean.device)
+    root = layout.root_stats.denormalize(recent).double().cpu().numpy()
     ground, last = root[:, [0, 2]], root[-1]
     velocity = (ground[-1] - ground[0]) * (layout.fps / max(1, len(ground) - 1))
     return RootState(ground[-1], velocity, float(np.arctan2(last[4], last[3])))

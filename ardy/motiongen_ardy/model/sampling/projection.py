@@ -133,7 +133,7 @@ def make_projection(
     natural = layout.root_stats.denormalize(observed[:, horizon, :ROOT_WIDTH])
     where = held[..., [0, 1, 3]]
     known = where.cpu().numpy()
-    angle = np.where(known[..., 2], torch.atan2(natural[..., 4], natural[..., 3]).cpu().numpy(), 0.0)
+    angle = np.where(known[..., 2], angle_of(natural[..., 4], natural[..., 3]).cpu().numpy(), 0.0)
     for row, frames in zip(angle, known[..., 2], strict=True):
         row[frames] = np.unwrap(row[frames])
     curves = [

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Container, Iterator, Mapping, Sequence
 from dataclasses import dataclass, field
 
 import numpy as np
@@ -190,16 +190,20 @@ class _Plan:
             self.goals.heading[one] = float(turned[one - run[0]])
 
 
-def without_steering(asked: RootGoals, first_frame: int) -> RootGoals:
-    """Goals without what only leads on, where a client asks for a place: its places are walked to instead."""
+def without_steering(asked: RootGoals, first_frame: int, needed: Container[int] = ()) -> RootGoals:
+    """Goals without what only leads on, where a client asks for a place: its places are walked to instead.
+
+    needed: frames at which something is asked of other joints. These are placed from the root, so they keep its place.
+    """
     own: Mapping[int, np.ndarray] = {f: g for f, g in asked.ground.items() if f not in asked.planned}
     last = max((frame for frame in own if frame >= first_frame), default=None)
     if last is None or not asked.planned:
         return asked
-    gone = {frame for frame in asked.planned if frame <= last}
+    led = {frame for frame in asked.planned if frame <= last}
+    gone, turned = {frame for frame in led if frame not in needed}, led & asked.faced
     return RootGoals(
         {frame: ground for frame, ground in asked.ground.items() if frame not in gone},
-        {frame: heading for frame, heading in asked.heading.items() if frame not in gone},
+        {frame: heading for frame, heading in asked.heading.items() if frame not in turned},
         asked.planned - gone,
-        asked.faced - gone,
+        asked.faced - turned,
     )

@@ -5,7 +5,7 @@ from __future__ import annotations
 import torch
 from torch import Tensor
 
-from motiongen_ardy.core.rotation import axis_angle_to_matrix, rotation_y
+from motiongen_ardy.core.rotation import angle_of, axis_angle_to_matrix, rotation_y
 from motiongen_ardy.model.sampling.limbs import Limb
 from motiongen_ardy.model.sampling.pose import Poses
 
@@ -18,7 +18,7 @@ def twist(standing: Tensor, sole: Tensor) -> Tensor:
 
     standing: (B, T, 2) bool; sole: (B, T, 2, 3) metres, from heel to toe.
     """
-    step = wrapped_steps(torch.atan2(sole[..., 0], sole[..., 2]))
+    step = wrapped_steps(angle_of(sole[..., 0], sole[..., 2]))
     turned = (step * (standing[:, 1:] & standing[:, :-1])).cumsum(dim=1)
     return torch.cat([torch.zeros_like(turned[:, :1]), turned], dim=1)
 
@@ -26,7 +26,7 @@ def twist(standing: Tensor, sole: Tensor) -> Tensor:
 def wrapped_steps(angle: Tensor) -> Tensor:
     """Changes (B, T - 1, ...) of angles (B, T, ...) from frame to frame, the short way round."""
     step = angle[:, 1:] - angle[:, :-1]
-    return torch.atan2(step.sin(), step.cos())
+    return angle_of(step.sin(), step.cos())
 
 
 def turned_about_up(vectors: Tensor, angle: Tensor) -> Tensor:

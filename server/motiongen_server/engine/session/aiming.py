@@ -10,6 +10,7 @@ import numpy as np
 
 from motiongen_ardy.locomotion.velocity import RootState, lead_by
 from motiongen_ardy.locomotion.way import WALK_M_S
+from motiongen_server.engine.session.course import Course, place_given
 from motiongen_server.engine.session.kinematics import Posed
 from motiongen_server.engine.session.placing import Anchor, goal_of, root_for
 from motiongen_server.engine.session.residuals import nearest_frame
@@ -18,15 +19,12 @@ from motiongen_server.engine.types import (
     VELOCITY_ID,
     Constraint,
     JointTargets,
-    Keyframe,
     RigLayout,
     RootTrajectory,
     Waypoint,
 )
 
 FASTEST_LEAD_M_S = 3.0
-_EXPECTED_S = 1.0
-"""Nobody is taken to go straight on for longer."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -86,29 +84,26 @@ class Aiming:
         heading = None if way.heading is None else way.heading.astype(np.float32)
         return RootTrajectory(VELOCITY_ID, start, way.ground.astype(np.float32), heading)
 
-    def free_roots(self, constraints: Sequence[Constraint]) -> tuple[Waypoint, ...]:
+    def free_roots(self, constraints: Sequence[Constraint], lead: RootTrajectory | None = None) -> tuple[Waypoint, ...]:
         """A place of the root for each of the joint targets that leave it free, where nothing else gives it then.
 
-        It is where the character is taken to go, brought to where the joints can reach their places.
+        It is where the character is taken to go, brought to where the joints can reach their places. lead: the way that
+        a velocity, or a far place, leads; while it does, the joints reach for their places from there.
         """
         free = [item for item in constraints if isinstance(item, JointTargets) and 0 not in item.joints]
         if not free:
             return ()
-        given = {frame for item in constraints for frame in _root_frame(item)}
+        given = {item.frame for item in constraints if not isinstance(item, RootTrajectory) and place_given(item)}
         paths = [item for item in constraints if isinstance(item, RootTrajectory)]
-        root = self.root_before(self.window.start)
+        course = Course(self.window, self.fps, self.root_before(self.window.start), lead, constraints)
         found = []
-        for item in free:
+        for item in sorted(free, key=lambda item: item.frame):
             frame = item.frame
             if frame in given or any(path.first_frame <= frame <= path.last_frame for path in paths):
                 continue
-            seconds = min((frame - self.window.start) / self.fps, _EXPECTED_S)
-            x, z = root_for(item, root.x + root.speed_x * seconds, root.z + root.speed_z * seconds, self.rig)
+            x, z = course.at(frame)
+            if not course.is_led_at(frame):  # a single place beside a lead would be a jump aside and back
+                x, z = root_for(item, x, z, self.rig)
+            course.add(frame, x, z)
             found.append(Waypoint(VELOCITY_ID, frame, x, z))
         return tuple(found)
-
-
-def _root_frame(item: Constraint) -> tuple[int, ...]:
-    """The frame at which it gives the root's place, if it does so at one alone."""
-    gives = isinstance(item, Waypoint | Keyframe) or (isinstance(item, JointTargets) and 0 in item.joints)
-    return () if isinstance(item, RootTrajectory) or not gives else (item.frame,)

@@ -136,7 +136,7 @@ class WindowSite:
         seen = in_force(aiming.aimed(held), range(first_frame, end), self.facts.fps)
         lead = aiming.lead(held, first_frame + self.facts.horizon)
         leads = path if lead is None else lead
-        return (*(() if leads is None else (leads,)), *aiming.free_roots(seen), *seen)
+        return (*(() if leads is None else (leads,)), *aiming.free_roots(seen, leads), *seen)
 
     def _velocity_path(self, first_frame: int) -> RootTrajectory | None:
         """Where a velocity leads through a window; None where none does."""

@@ -139,6 +139,16 @@ def test_places_that_a_client_asks_for_win_over_what_only_leads() -> None:
     assert set(without_steering(asked, FIRST).ground) == {f for f in leads if f > FIRST + 12} | {FIRST + 12}
 
 
+def test_what_joints_are_placed_from_stays_where_a_client_asks_for_a_later_place() -> None:
+    leads = {FIRST + index: np.array([5.0, 5.0]) for index in range(0, 40, 5)}
+    turns = dict.fromkeys(leads, 0.5)
+    asked = RootGoals({**leads, FIRST + 42: np.zeros(2)}, turns, planned=set(leads), faced=set(leads) - {FIRST + 10})
+    kept = without_steering(asked, FIRST, {FIRST + 20})
+    assert set(kept.ground) == {FIRST + 20, FIRST + 42}
+    assert kept.planned == {FIRST + 20}
+    assert set(kept.heading) == {FIRST + 10}, "a heading that a client asked for is not one that only leads"
+
+
 def test_three_goals_close_together_lead_by_themselves() -> None:
     assert list(runs([1, 5, 9, 40, 45, 80])) == [[1, 5, 9], [40], [45], [80]]
 

@@ -110,6 +110,22 @@ def test_joints_without_a_root_bring_one_along_where_nobody_says_where_it_is(is_
         assert (root.x, root.z) == pytest.approx((1.5, 2.0 - REACH * 0.8))
 
 
+def test_a_root_that_is_free_is_taken_to_be_on_the_way_to_the_next_place() -> None:
+    standing = RootState(0.0, 0.0, 0.0, 0.0, 0.0)
+    rig = RigLayout("arm", ("root", "hand"), (-1, 0), np.array([[0, 0, 0], [0.8, 0, 0]]), ())
+    aiming = Aiming(rig, 20, Timeline.empty(1, 1), range(100, 200), lambda frame: standing)
+    hand = JointTargets(2, 119, (1,), np.array([[0.1, 1.0, 1.0]], np.float32))
+    (root,) = aiming.free_roots([hand, Waypoint(3, 139, 0.0, 2.0)])
+    assert (root.x, root.z) == pytest.approx((0.0, 1.0))
+    lead = RootTrajectory(VELOCITY_ID, 100, np.array([[0.0, 0.1 * (frame + 1)] for frame in range(40)], np.float32))
+    within, behind = (JointTargets(2, frame, (1,), hand.positions) for frame in (119, 145))
+    roots = aiming.free_roots([within, behind], lead)
+    assert [(each.x, each.z) for each in roots] == [
+        pytest.approx((0.0, 2.0)),  # where it is led
+        pytest.approx((0.1, 1.0 + REACH * 0.8), abs=0.02),  # no longer: where the hand comes so far
+    ]
+
+
 def test_an_opening_tells_where_its_constraints_were_put_and_refuses_what_cannot_be() -> None:
     stage = Stage()
     viewer = stage.open(1, constraints=(Unplaced(Waypoint(5, 0, 3.0, 0.0), at_any_frame=True),))

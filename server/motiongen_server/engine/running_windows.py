@@ -150,15 +150,16 @@ class RunningWindows:
                 continue  # closed or restarted meanwhile, and discarded
             self._executor.finish(result.job_id)
             running, planned_to = state.running, state.planned_to
-            misses = len(report.deadline_misses)
+            misses, held = len(report.deadline_misses), state.holding
             outputs = planning.accept(state, result, now, report)
             if running is not None:
                 self._settle(state, running.job, state.planned_to - planned_to)
             if self.timings is not None and running is not None:
                 outputs = self.timings.with_timing(outputs, running, now)
             said.append((state, outputs))
-            # Only who goes on shows whether the machine keeps up: edits may ask for more than it could ever do.
-            if running is not None and _shows_load(running.job):
+            # Only who goes on shows whether the machine keeps up: edits may ask for more than it could ever do, and who
+            # was made to stand is late by that.
+            if running is not None and not held and _shows_load(running.job):
                 due += 1
                 if len(report.deadline_misses) > misses:
                     late += running.late_share(now)

@@ -63,7 +63,8 @@ class DegradationLimits:
     the load is above high_load, and that for pressed_s, since many sessions that open at once ask for more than they
     do later; not again within settle_s, since what a level saves shows only then. Up after well_s without either and
     with the load below low_load, and after half as long if the level before held; where it did not, twice as long, up
-    to patience times.
+    to patience times. Where all that is there would be below fits_load in full, up after back_s, whatever was learned
+    of a load that has gone; unless that was tried, and did not hold.
     least_busy: a machine that computes for less of the time is not what windows are late for, and nobody gets less.
     That is of time and not of the load, which counts steps as if they were full: a lone character that a slow processor
     cannot keep up with is a small load.
@@ -74,10 +75,12 @@ class DegradationLimits:
     miss_window_s: float = 2.0
     high_load: float = 0.95
     low_load: float = 0.8
+    fits_load: float = 0.7
     least_busy: float = 0.5
     pressed_s: float = 1.0
     settle_s: float = 2.0
     well_s: float = 10.0
+    back_s: float = 5.0
     patience: int = 8
     min_windows: int = 10
 
@@ -107,6 +110,7 @@ class Degradation:
         self._unpressed_at = now
         self._went_up_at = -math.inf
         self._wait_s = self._limits.well_s
+        self._trusts_asked, self._went_up_by_asked = True, False
         self.shed = False
 
     def level(self, priority: Priority) -> Level:
@@ -135,15 +139,18 @@ class Degradation:
         """Of the frames of the windows of the last miss_window_s, those that were late; 0 where too few are known."""
         return self._late / self._windows if self._windows >= self._limits.min_windows else 0.0
 
-    def update(self, now: float, load: float, present: Mapping[Priority, int], busy: float = 1.0) -> Iterable[Priority]:
+    def update(
+        self, now: float, load: float, present: Mapping[Priority, int], busy: float = 1.0, asked: float = math.inf
+    ) -> Iterable[Priority]:
         """Go down or up a level if it is time; returns the class that moved, if one did.
 
         load: share of the machine that is in use. present: sessions of each class; those without any are passed over.
-        busy: share of the time in which anything was computed, however well its steps were filled.
+        busy: share of the time in which anything was computed, however well its steps were filled. asked: share of the
+        machine that all who are there would take in full, infinity where that is not known.
 
         A class of which nobody is there holds no pose: whoever comes next is made frames, if at a lower level.
         """
-        moved = self._move(now, load, present, busy)
+        moved = self._move(now, load, present, busy, asked)
         self._spared |= {
             index
             for index, (priority, depth) in enumerate(self._moves[: self._made])
@@ -151,7 +158,9 @@ class Degradation:
         }
         return moved
 
-    def _move(self, now: float, load: float, present: Mapping[Priority, int], busy: float) -> Iterable[Priority]:
+    def _move(
+        self, now: float, load: float, present: Mapping[Priority, int], busy: float, asked: float
+    ) -> Iterable[Priority]:
         limits = self._limits
         while self._noted and self._noted[0][0] < now - limits.miss_window_s:
             _, windows, late_windows = self._noted.popleft()
@@ -173,15 +182,17 @@ class Degradation:
             self._settled_at = now
             self._forget_windows()  # what was late before says nothing about the level that comes
             return self._down(present)
-        if self._made and now - max(self._well_since, self._settled_at) >= self._wait_s:
+        fits = asked < limits.fits_load and self._trusts_asked
+        if self._made and now - max(self._well_since, self._settled_at) >= (limits.back_s if fits else self._wait_s):
             self._settled_at = self._went_up_at = now
+            self._went_up_by_asked = fits
             self._wait_s = max(limits.well_s, self._wait_s / 2)  # if this one holds, the next comes sooner
             return self._up(present)
         return ()
 
     def _forget(self, now: float) -> None:
         """Nobody is there: what was too much for the machine has gone."""
-        self._made, self._wait_s = 0, self._limits.well_s
+        self._made, self._wait_s, self._trusts_asked = 0, self._limits.well_s, True
         self._spared.clear()
         self._settled_at = self._unpressed_at = now
         self._forget_windows()
@@ -195,8 +206,9 @@ class Degradation:
         limits = self._limits
         if now - self._went_up_at < limits.well_s:
             self._wait_s = min(4 * self._wait_s, limits.patience * limits.well_s)
+            self._trusts_asked &= not self._went_up_by_asked
         elif now - self._went_up_at > limits.patience * limits.well_s:
-            self._wait_s = limits.well_s
+            self._wait_s, self._trusts_asked = limits.well_s, True
 
     def _down(self, present: Mapping[Priority, int]) -> Iterable[Priority]:
         for index in (*sorted(self._spared), *range(self._made, len(self._moves))):

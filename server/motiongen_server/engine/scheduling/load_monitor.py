@@ -78,4 +78,5 @@ class LoadMonitor:
         self._admission.set_prices(prices, times * measured, times * elsewhere, self._rates)
         if self._degradation is None:
             return ()
-        return self._degradation.update(now, self.load, present, self._of_late.busy_s + elsewhere)
+        asked = self._admission.asked + times * elsewhere
+        return self._degradation.update(now, self.load, present, self._of_late.busy_s + elsewhere, asked)

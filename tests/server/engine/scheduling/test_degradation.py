@@ -1,4 +1,5 @@
 import itertools
+import math
 from collections.abc import Mapping
 
 import pytest
@@ -23,13 +24,15 @@ class Day:
         self.moved: list[Priority] = []
         self.shed = 0
 
-    def pass_time(self, seconds: float, load: float = 0.3, late: float = 0.0) -> list[Priority]:
+    def pass_time(
+        self, seconds: float, load: float = 0.3, late: float = 0.0, asked: float = math.inf
+    ) -> list[Priority]:
         """Returns the classes that moved meanwhile, in order."""
         moved: list[Priority] = []
         for _ in range(round(seconds / EVERY_S)):
             self.now += EVERY_S
             self.degradation.note_windows(self.now, 100, round(100 * late))
-            moved += self.degradation.update(self.now, load, self.present)
+            moved += self.degradation.update(self.now, load, self.present, asked=asked)
             self.shed += self.degradation.shed
         return moved
 
@@ -192,3 +195,32 @@ def test_who_comes_while_others_get_less_is_made_frames_all_the_same() -> None:
     assert not day.degradation.level(CROWD).hold
     day.pass_time(300.0)
     assert day.levels() == [0, 0, 0, 0]
+
+
+def _out_of_patience(day: Day) -> None:
+    """Under a load that only lower levels bear: none that it went up to has held, and it waits for long."""
+    for _ in range(12):
+        day.pass_time(8.0, load=1.2)
+        day.pass_time(12.0, load=0.5)
+    day.pass_time(30.0, load=1.2)
+
+
+def test_a_load_that_has_gone_is_forgotten_where_all_that_is_there_fits() -> None:
+    day, waits = Day({CROWD: 10}), Day({CROWD: 10})
+    for each in (day, waits):
+        _out_of_patience(each)
+    assert day.levels()[CROWD - 1] == len(RUNGS) - 1
+    waits.pass_time(30.0, load=0.2)
+    day.pass_time(30.0, load=0.2, asked=0.5)
+    assert waits.levels()[CROWD - 1] > 0
+    assert day.levels() == [0, 0, 0, 0]
+
+
+def test_what_is_asked_is_not_believed_again_once_it_has_not_held() -> None:
+    day = Day({CROWD: 10})
+    _out_of_patience(day)
+    ups = 0
+    for _ in range(20):
+        ups += len(day.pass_time(5.25, load=0.2, asked=0.5))
+        day.pass_time(4.0, load=1.2, asked=0.5)
+    assert ups <= 4

@@ -2,11 +2,12 @@
 #include <chrono>
 
 #include "client/core.hpp"
+#include "client/timeouts.hpp"
 
 namespace motiongen {
 
 ShortCall::ShortCall(ClientCore& core, double timeout_s) : core_(core) {
-  const auto timeout = std::chrono::duration<double>(timeout_s);
+  const auto timeout = std::chrono::duration<double>(bounded_s(timeout_s));
   context.set_deadline(std::chrono::system_clock::now() +
                        std::chrono::duration_cast<std::chrono::system_clock::duration>(timeout));
   if (!core.options_.token.empty()) context.AddMetadata("authorization", "Bearer " + core.options_.token);

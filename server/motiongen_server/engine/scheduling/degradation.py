@@ -65,8 +65,6 @@ class DegradationLimits:
     with the load below low_load, and after half as long if the level before held; where it did not, twice as long, up
     to patience times.
     least_busy: a machine that computes for less of the time is not what windows are late for, and nobody gets less.
-    That is of time and not of the load, which counts steps as if they were full: a lone character that a slow processor
-    cannot keep up with is a small load.
     min_windows: fewer than so many windows say nothing about the share that is late.
     """
 

@@ -198,7 +198,7 @@ class FakeServer(service_pb2_grpc.MotionServiceServicer):
     refuse: given an event, the reason to refuse it, or "", or the outcome to refuse it with. replica_id: its name.
     """
 
-    def __init__(self, frame_rate: int = 100, replica_id: str = "fake") -> None:
+    def __init__(self, frame_rate: int = 100, replica_id: str = "fake", listen: str = "127.0.0.1:0") -> None:
         self.replica_id = replica_id
         self.frame_rate = frame_rate
         self.streams: list[FakeStream] = []
@@ -208,7 +208,8 @@ class FakeServer(service_pb2_grpc.MotionServiceServicer):
         self._threads = ThreadPoolExecutor(16)
         self._server = grpc.server(self._threads)
         service_pb2_grpc.add_MotionServiceServicer_to_server(self, self._server)
-        self.address = f"127.0.0.1:{self._server.add_insecure_port('127.0.0.1:0')}"
+        port = self._server.add_insecure_port(listen)
+        self.address = listen if listen.startswith("unix:") else f"127.0.0.1:{port}"
 
     def GetCatalog(
         self, request: service_pb2.GetCatalogRequest, context: grpc.ServicerContext

@@ -130,6 +130,21 @@ def test_a_plan_that_reaches_behind_the_playhead_changes_nothing_that_was_shown(
         check_motion(walker)
 
 
+def test_a_paused_session_that_the_server_closes_says_so(program: Program, server: FakeServer) -> None:
+    with character(program, server.address) as walker:
+        walker.tell("wait 20")
+        walker.hear("frame")
+        walker.tell("pause")
+        assert walker.hear("edit")[2] == "OK"
+        server.stream.push(1, closed=session_pb2.SessionClosed(reason=session_pb2.CLOSE_REASON_IDLE))
+        assert walker.hear("closed")[1] == "IDLE"
+        walker.tell("wait 100000")
+        assert walker.hear("frame")[2] == "IDLE", "who waits for a frame that never comes is told"
+        walker.tell("resume")
+        assert "IDLE" in " ".join(walker.hear("refused"))
+        check_motion(walker)
+
+
 class Silence(queue.Queue[service_pb2.StreamMotionResponse]):
     """Gives nothing of what is put into it, until the end."""
 

@@ -9,6 +9,8 @@ from collections.abc import Callable
 from pathlib import Path
 from typing import Any
 
+import pytest
+
 from motiongen_server.identity.tls import ServerTls, TlsFiles
 from motiongen_server.identity.tokens import new_token
 from tests.contract.local import LocalServer
@@ -90,6 +92,44 @@ async def refusal(program: Program, server: LocalServer, variables: dict[str, st
         return done.stderr.splitlines()[-1]
 
     return await asyncio.to_thread(connect)
+
+
+def put(file: Path, text: str) -> None:
+    """In one step: who reads it finds all of a text, or none."""
+    beside = file.with_suffix(".next")
+    beside.write_text(text, encoding="utf-8")
+    beside.replace(file)
+
+
+@pytest.mark.parametrize("is_late", [False, True], ids=["at hand", "late"])
+async def test_a_session_outlives_its_token_where_there_is_a_next_one(
+    program: Program, tmp_path: Path, is_late: bool
+) -> None:
+    """is_late: at first there is none, and what gives it throws."""
+    tenants, file = TenantsFile(tmp_path), tmp_path / "token"
+    (old, old_hash), (new, new_hash) = new_token(), new_token()
+    tenants.write(f"[tenants.a]\ntokens = [{{ hash = '{old_hash}', expires = {EXPIRES} }}, {{ hash = '{new_hash}' }}]")
+    put(file, old)
+
+    def stream(address: str) -> None:
+        with character(program, address, MOTIONGEN_TOKEN_FILE=str(file)) as walker:
+            play(walker)
+            tenants.wall = EXPIRES_AT - 5
+            walker.hear("draining")
+            put(file, "" if is_late else new)
+            tenants.wall = EXPIRES_AT
+            assert walker.hear("lost")[1] == "UNAUTHENTICATED"
+            if is_late:
+                for _ in range(3):
+                    walker.hear("no_token")
+                put(file, new)
+            _, first, exact = walker.hear("recovered")
+            assert exact == "1"
+            walker.tell(f"wait {int(first) + 40}")
+            assert walker.hear("frame")[2] == "OK"
+
+    async with asyncio.timeout(LIMIT_S), served(tenants) as server:
+        await asyncio.to_thread(stream, server.address)
 
 
 async def test_a_token_that_expires_ends_the_session(program: Program, tmp_path: Path) -> None:

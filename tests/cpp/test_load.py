@@ -134,6 +134,8 @@ def test_a_server_that_goes_is_in_the_report(program: Callable[[str], Path]) -> 
          '"report_hz": 4, "end_s": 1, "jitter_s": [0]}', "no motiongen server answers at localhost:1"),
         ('{"address": "localhost:1", "num_processes": 1, "num_streams": 1, "max_request_bytes": 9, "frame_rate": 20,'
          '"report_hz": 4, "end_s": 1, "jitter_s": [0], "access": {"token": "abc\\n"}}', "the byte 0x0a at position 3"),
+        ('{"address": "10.0.0.7:1", "num_processes": 1, "num_streams": 1, "max_request_bytes": 9, "frame_rate": 20,'
+         '"report_hz": 4, "end_s": 1, "jitter_s": [0], "access": {"token": "abc"}}', "without TLS"),
     ],
 )  # fmt: skip
 def test_a_load_that_cannot_be_played_is_said_to_be(program: Callable[[str], Path], line: str, why: str) -> None:

@@ -29,8 +29,11 @@ target_include_directories(motiongen_proto SYSTEM PUBLIC ${generated})
 target_link_libraries(motiongen_proto PUBLIC gRPC::grpc++ protobuf::libprotobuf)
 
 add_library(motiongen_client
+  src/client/address.cpp
   src/client/book.cpp
   src/client/call.cpp
+  src/client/call_metadata.cpp
+  src/client/channels.cpp
   src/client/client.cpp
   src/client/client_options.cpp
   src/client/clip.cpp
@@ -66,3 +69,6 @@ target_link_libraries(motiongen_client PUBLIC motiongen_core
   PRIVATE $<BUILD_INTERFACE:motiongen_library_flags> gRPC::grpc++ protobuf::libprotobuf Threads::Threads)
 target_precompile_headers(motiongen_client PRIVATE <grpcpp/grpcpp.h> <grpcpp/generic/generic_stub.h>)
 set_target_properties(motiongen_client PROPERTIES VERSION ${PROJECT_VERSION} SOVERSION 0 EXPORT_NAME client)
+# calls a function of the application, which may throw; the precompiled headers are compiled without exceptions
+set_source_files_properties(src/client/call_metadata.cpp PROPERTIES COMPILE_OPTIONS -fexceptions
+  SKIP_PRECOMPILE_HEADERS ON)

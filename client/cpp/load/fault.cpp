@@ -1,6 +1,7 @@
 // What makes a load unplayable.
 #include <string>
 
+#include "client/address.hpp"
 #include "client/texts.hpp"
 #include "player.hpp"
 
@@ -43,6 +44,10 @@ std::string find_fault(const Load& load) {
   }
   const Status token = check_token(load.access().token());
   if (!token) return token.message();
+  if (!load.access().tls() && !load.access().token().empty()) {
+    const Status plain = check_plain_token({load.address()});
+    if (!plain) return plain.message();
+  }
   for (const Group& group : load.groups()) {
     for (const Rule& rule : group.rules()) {
       if (rule.kind() != "prompt" && rule.kind() != "constraints" && rule.kind() != "velocity") {

@@ -6,13 +6,15 @@
 namespace motiongen::load {
 namespace {
 
-grpc::ChannelArguments channel_arguments() {
+grpc::ChannelArguments channel_arguments(const Access& access) {
   grpc::ChannelArguments arguments;
   arguments.SetInt(GRPC_ARG_USE_LOCAL_SUBCHANNEL_POOL, 1);  // a connection for each stream, as separate clients have
   arguments.SetInt(GRPC_ARG_HTTP2_BDP_PROBE, 0);
   arguments.SetInt(GRPC_ARG_HTTP2_STREAM_LOOKAHEAD_BYTES, 1 << 20);
   arguments.SetInt(GRPC_ARG_ENABLE_RETRIES, 0);
   arguments.SetMaxReceiveMessageSize(64 << 20);
+  // a proxy of the environment is another machine: what says who calls stays on this one
+  if (!access.tls() && !access.token().empty()) arguments.SetInt(GRPC_ARG_ENABLE_HTTP_PROXY, 0);
   return arguments;
 }
 
@@ -39,12 +41,15 @@ Stream::Stream(Stage& stage, Run& run)
 }
 
 void Stream::start() {
-  channel_ = grpc::CreateCustomChannel(run_.load.address(), credentials(run_.load.access()), channel_arguments());
+  const Access& access = run_.load.access();
+  channel_ = grpc::CreateCustomChannel(run_.load.address(), credentials(access), channel_arguments(access));
   stub_ = std::make_unique<grpc::GenericStub>(channel_);
   v1::StreamMotionRequest hello;
   hello.mutable_hello()->set_client_agent("motiongen-load");
   outbox_.put_alone(hello);
-  call_ = Call::start(*stub_, run_.load.access().token(), "", outbox_, shared_from_this());
+  Metadata metadata;
+  if (!access.token().empty()) metadata.emplace_back("authorization", "Bearer " + access.token());
+  call_ = Call::start(*stub_, metadata, outbox_, shared_from_this());
 }
 
 bool Stream::wait_hello(double timeout_s) {

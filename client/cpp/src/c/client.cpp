@@ -48,6 +48,21 @@ void put_reached(const motiongen::Reached& reached, motiongen_event& told) {
   told.rotation_error_rad = reached.rotation_error_rad.value_or(0);
 }
 
+constexpr std::size_t kMostTokenBytes = 16384;  // with its end; those of issuers are a few thousand
+
+motiongen::Result<std::string> token_of(const motiongen_client_options& given) {
+  std::string token(kMostTokenBytes, '\0');
+  if (given.token_source(given.token_context, &token[0], static_cast<uint32_t>(token.size())) == 0) {
+    return motiongen::Status(motiongen::Code::unavailable, "", "it returned 0");
+  }
+  const auto end = token.find('\0');
+  if (end == std::string::npos) {
+    return motiongen::invalid("token_source", "a text without an end", "a token and its NUL in `size` bytes");
+  }
+  token.resize(end);
+  return token;
+}
+
 }  // namespace
 
 uint32_t motiongen_abi_version(void) { return MOTIONGEN_ABI_VERSION; }
@@ -61,6 +76,7 @@ motiongen_code motiongen_client_connect(const motiongen_client_options* options,
   motiongen::ClientOptions chosen;
   chosen.address = text(given.address);
   chosen.token = text(given.token);
+  if (given.token_source != nullptr) chosen.token_source = [given] { return token_of(given); };
   chosen.tls = given.use_tls != 0;
   chosen.root_certificates_pem = text(given.root_certificates_pem);
   chosen.certificate_chain_pem = text(given.certificate_chain_pem);

@@ -4,12 +4,11 @@
 
 namespace motiongen {
 
-std::shared_ptr<Call> Call::start(grpc::GenericStub& stub, const std::string& token, const std::string& routing_key,
-                                  Outbox& outbox, std::shared_ptr<CallUser> user) {
+std::shared_ptr<Call> Call::start(grpc::GenericStub& stub, const Metadata& metadata, Outbox& outbox,
+                                  std::shared_ptr<CallUser> user) {
   std::shared_ptr<Call> call(new Call(outbox, std::move(user)));
   call->self_ = call;
-  if (!token.empty()) call->context_.AddMetadata("authorization", "Bearer " + token);
-  if (!routing_key.empty()) call->context_.AddMetadata("x-motiongen-key", routing_key);
+  for (const auto& [key, text] : metadata) call->context_.AddMetadata(key, text);
   stub.PrepareBidiStreamingCall(&call->context_, "/motiongen.v1.MotionService/StreamMotion", grpc::StubOptions(),
                                 call.get());
   call->AddHold();  // so that writes may begin outside of its own callbacks; let go when nothing more can be read

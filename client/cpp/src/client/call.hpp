@@ -10,6 +10,7 @@
 #include <string>
 #include <vector>
 
+#include "client/call_metadata.hpp"
 #include "client/outbox.hpp"
 #include "client/wire.hpp"
 
@@ -29,8 +30,8 @@ class CallUser {
 class Call final : public grpc::ClientBidiReactor<grpc::ByteBuffer, grpc::ByteBuffer> {
  public:
   // Begin a call that sends what is in the outbox, which outlives it as part of `user`.
-  static std::shared_ptr<Call> start(grpc::GenericStub& stub, const std::string& token, const std::string& routing_key,
-                                     Outbox& outbox, std::shared_ptr<CallUser> user);
+  static std::shared_ptr<Call> start(grpc::GenericStub& stub, const Metadata& metadata, Outbox& outbox,
+                                     std::shared_ptr<CallUser> user);
 
   // Send what waits in the outbox, now or when what is being sent has gone.
   void send();

@@ -1,17 +1,53 @@
 // What is wrong with the options of a client.
+#include "client/address.hpp"
 #include "client/core.hpp"
 #include "client/texts.hpp"
 
 namespace motiongen {
+namespace {
+
+constexpr char kOfGrpc[] = "grpc.";
+constexpr char kUserAgent[] = "grpc.primary_user_agent";
+constexpr char kProxies[] = "grpc.enable_http_proxy";
+
+Status check_channel_options(const ClientOptions& options) {
+  for (const auto& [name, value] : options.channel_options) {
+    static_cast<void>(value);
+    const std::string given = "\"" + name + "\"";
+    if (name.rfind(kOfGrpc, 0) != 0) {
+      return invalid("channel_options", given, "names of gRPC's, which begin with \"grpc.\"");
+    }
+    if (name == kUserAgent) return invalid("channel_options", given, "any other; `agent` says who calls");
+    if (name == kProxies && !options.tls && has_token(options)) {
+      return invalid("channel_options", given, "any other beside a token without TLS, which goes to no proxy");
+    }
+  }
+  return {};
+}
+
+Status check_token_of(const ClientOptions& options) {
+  if (options.token_source && !options.token.empty()) {
+    return invalid("token_source", "a source beside a token", "one of the two");
+  }
+  Status checked = check_token(options.token);
+  if (!checked || options.tls || !has_token(options)) return checked;
+  return check_plain_token(addresses_of(options));
+}
+
+}  // namespace
+
+bool has_token(const ClientOptions& options) { return !options.token.empty() || options.token_source; }
+
+std::vector<std::string> addresses_of(const ClientOptions& options) {
+  std::vector<std::string> addresses = options.other_addresses;
+  addresses.insert(addresses.begin(), options.address);
+  return addresses;
+}
 
 Status ClientCore::check_options() const {
-  std::vector<std::string> addresses = options_.other_addresses;
-  addresses.insert(addresses.begin(), options_.address);
-  for (const std::string& address : addresses) {
-    const auto colon = address.rfind(':');
-    if (colon == std::string::npos || colon == 0 || colon + 1 == address.size()) {
-      return invalid("address", "\"" + address + "\"", "host:port, such as localhost:50051");
-    }
+  for (const std::string& address : addresses_of(options_)) {
+    Status checked = check_address("address", address);
+    if (!checked) return checked;
   }
   if (!(options_.report_hz >= 1 && options_.report_hz <= 5)) {
     return invalid("report_hz", std::to_string(options_.report_hz), "a number from 1 to 5");
@@ -28,7 +64,9 @@ Status ClientCore::check_options() const {
   if (!(options_.connect_timeout_s > 0)) {
     return invalid("connect_timeout_s", std::to_string(options_.connect_timeout_s), "a number above 0");
   }
-  Status checked = check_token(options_.token);
+  Status checked = check_token_of(options_);
+  if (checked) checked = check_metadata(options_.metadata);
+  if (checked) checked = check_channel_options(options_);
   return checked ? check_utf8("agent", options_.agent) : checked;
 }
 

@@ -132,6 +132,7 @@ Result<std::vector<Clip>> ClientCore::generate_clip(const ClipOptions& options) 
   Status checked = check(options, known->limits);
   if (!checked) return checked;
   ShortCall call(*this, options.timeout_s);
+  if (!call.made) return call.made;
   const auto stub = v1::MotionService::NewStub(server().channel);
   const auto reader = stub->GenerateClip(&call.context, request_of(options));
   std::vector<Sample> samples(options.num_samples);

@@ -12,9 +12,10 @@
 namespace motiongen {
 namespace {
 
-constexpr double kCloseGraceS = 2;        // for the server to end the call
-constexpr double kCancelGraceS = 5;       // for gRPC to end it
-constexpr char kStarting[] = "STARTING";  // the reason of a server that has no engine yet
+constexpr double kCloseGraceS = 2;                  // for the server to end the call
+constexpr double kCancelGraceS = 5;                 // for gRPC to end it
+constexpr char kStarting[] = "STARTING";            // the reason of a server that has no engine yet
+constexpr char kExpired[] = "CREDENTIALS_EXPIRED";  // of one whose caller needs another token
 constexpr char kAgent[] = "motiongen-cpp/0.1.0";
 constexpr std::size_t kMostAgentBytes = 100;  // of what the application adds
 
@@ -25,40 +26,14 @@ bool is_loss(const Status& status) {
          code != Code::unimplemented && status.reason() != "PROTOCOL_VIOLATION";
 }
 
-}  // namespace
+// Whether no call was made since there was no token: no server is at fault.
+bool lacks_token(const Status& status) { return status.reason() == kTokenSource; }
 
-Status ClientCore::make_channels() {
-  Status checked = check_options();
-  if (!checked) return checked;
-  grpc::ChannelArguments arguments;
-  arguments.SetInt(GRPC_ARG_USE_LOCAL_SUBCHANNEL_POOL, 1);  // a connection of its own
-  arguments.SetInt(GRPC_ARG_KEEPALIVE_TIME_MS, 30'000);
-  arguments.SetInt(GRPC_ARG_KEEPALIVE_TIMEOUT_MS, 10'000);
-  arguments.SetInt(GRPC_ARG_INITIAL_RECONNECT_BACKOFF_MS, 100);
-  arguments.SetInt(GRPC_ARG_MIN_RECONNECT_BACKOFF_MS, 5'000);  // in truth: how long one attempt may take
-  arguments.SetInt(GRPC_ARG_MAX_RECONNECT_BACKOFF_MS, 2'000);
-  // A window of fixed size: left to its own measure of the line, gRPC would take in minutes of motion unread.
-  arguments.SetInt(GRPC_ARG_HTTP2_BDP_PROBE, 0);
-  arguments.SetInt(GRPC_ARG_HTTP2_STREAM_LOOKAHEAD_BYTES, 1 << 20);
-  arguments.SetInt(GRPC_ARG_ENABLE_RETRIES, 0);  // a stream carries state; a call repeated behind our back carries none
-  arguments.SetMaxReceiveMessageSize(64 << 20);
-  std::shared_ptr<grpc::ChannelCredentials> credentials = grpc::InsecureChannelCredentials();
-  if (options_.tls) {
-    credentials = grpc::SslCredentials(
-        {options_.root_certificates_pem, options_.private_key_pem, options_.certificate_chain_pem});
-  }
-  const auto add = [&](const std::string& address) {
-    auto channel = grpc::CreateCustomChannel(address, credentials, arguments);
-    auto stub = std::make_unique<grpc::GenericStub>(channel);
-    servers_.push_back({std::move(channel), std::move(stub)});
-  };
-  add(options_.address);
-  for (const std::string& address : options_.other_addresses) add(address);
-  return {};
-}
+}  // namespace
 
 Status ClientCore::fetch_catalog(double timeout_s) {
   ShortCall call(*this, timeout_s);
+  if (!call.made) return call.made;
   call.context.set_wait_for_ready(servers_.size() == 1);  // else one that is not there is passed over at once
   v1::GetCatalogRequest request;
   v1::GetCatalogResponse response;
@@ -76,10 +51,11 @@ Status ClientCore::fetch_catalog(double timeout_s) {
 Status ClientCore::try_connect(double deadline_s) {
   Status asked = fetch_catalog(std::max(deadline_s - now_s(), 0.01));
   if (!asked) {
-    route_.pass_over(asked.reason() == kStarting);
+    if (!lacks_token(asked)) route_.pass_over(asked.reason() == kStarting);
     return asked;
   }
-  begin_call();
+  Status begun = begin_call();
+  if (!begun) return begun;
   std::unique_lock<std::mutex> lock(mutex_);
   const auto left = std::chrono::duration<double>(std::max(deadline_s - now_s(), 0.1));
   changed_.wait_for(lock, left, [this] { return connected_ || call_ == nullptr; });
@@ -88,8 +64,9 @@ Status ClientCore::try_connect(double deadline_s) {
 }
 
 Status ClientCore::connect() {
-  Status made = make_channels();
-  if (!made) return made;
+  Status checked = check_options();
+  if (!checked) return checked;
+  make_channels();
   const double deadline_s = now_s() + bounded_s(options_.connect_timeout_s);
   Status why;
   for (double wait_s = Backoff::kFirstS;; wait_s = std::min(Backoff::kGrowth * wait_s, Backoff::kMostS)) {
@@ -97,11 +74,12 @@ Status ClientCore::connect() {
     // it is loading its model, was lost meanwhile, or is asked for too much at the moment
     const bool may_pass = why.code() == Code::unavailable || why.code() == Code::resource_exhausted;
     const double left_s = deadline_s - now_s();
-    if (!may_pass || left_s <= 0) break;
+    if (!may_pass || lacks_token(why) || left_s <= 0) break;
     std::this_thread::sleep_for(std::chrono::duration<double>(std::min(wait_s, left_s)));
   }
   if (!why) {
     shut_down();
+    if (lacks_token(why)) return why;
     const Code code = why.code() == Code::deadline_exceeded ? Code::unavailable : why.code();
     return {code, why.reason(),
             "no motiongen server answers at " + options_.address + " (" + name_of(why.code()) + ": " + why.message() +
@@ -111,7 +89,9 @@ Status ClientCore::connect() {
   return {};
 }
 
-void ClientCore::begin_call() {
+Status ClientCore::begin_call() {
+  const auto metadata = metadata_.make(route_.key());
+  if (!metadata) return metadata.status();
   v1::StreamMotionRequest hello;
   hello.mutable_hello()->set_client_agent(
       options_.agent.empty() ? kAgent : kAgent + first_bytes(" " + options_.agent, kMostAgentBytes));
@@ -121,7 +101,7 @@ void ClientCore::begin_call() {
   heard_at_s_ = now_s();
   std::vector<std::shared_ptr<Call>> ended;  // let go when the lock is
   const std::lock_guard<std::mutex> lock(mutex_);
-  if (closing_) return;
+  if (closing_) return {};
   // one whose end is still being told, as in a callback that takes its time, is used there until then
   const auto first =
       std::partition(ended_calls_.begin(), ended_calls_.end(), [](const auto& each) { return !each->wait_ended(0); });
@@ -132,7 +112,8 @@ void ClientCore::begin_call() {
   drop_reason_ = Status();  // of a call that had ended already
   backoff_.begin_call();
   next_ping_s_ = now_s();
-  call_ = Call::start(*server().stub, options_.token, route_.key(), outbox_, shared_from_this());
+  call_ = Call::start(*server().stub, metadata.value(), outbox_, shared_from_this());
+  return {};
 }
 
 void ClientCore::on_call_ended(const grpc::Status& status, std::shared_ptr<Call> call) {
@@ -144,15 +125,17 @@ void ClientCore::on_call_ended(const grpc::Status& status, std::shared_ptr<Call>
     if (!drop_reason_) why = drop_reason_;
     drop_reason_ = Status();
   }
-  lose(why, options_.reconnect && is_loss(why) && !closing_);
+  // where the next call has no better token, it is refused for good
+  const bool may_pass = is_loss(why) || (connected_ && why.reason() == kExpired);
+  lose(why, options_.reconnect && may_pass && !closing_);
   events_.dispatch();
 }
 
 // Choose which server is asked next, after a loss or a vain attempt. Returns for how many seconds at least the server
 // wants to be left alone. With mutex_ held.
-double ClientCore::choose_server(bool was_connected, bool is_starting) {
+double ClientCore::choose_server(bool was_connected, const Status& why) {
   if (!was_connected) {
-    route_.pass_over(is_starting);
+    if (!lacks_token(why)) route_.pass_over(why.reason() == kStarting);
     return 0;
   }
   const v1::Goodbye goodbye = goodbye_.value_or(v1::Goodbye());
@@ -171,9 +154,9 @@ void ClientCore::lose(const Status& status, bool will_reconnect) {
     call_ = nullptr;
     failure_ = status;
     is_lost_ = will_reconnect;
-    const double asked_s = choose_server(was_connected, status.reason() == kStarting);
+    const double asked_s = choose_server(was_connected, status);
     num_failures_ = was_connected ? 0 : num_failures_ + 1;
-    const bool all_failed = num_failures_ % servers_.size() == 0;
+    const bool all_failed = lacks_token(status) || num_failures_ % servers_.size() == 0;
     const double jitter = std::uniform_real_distribution<double>(0.8, 1.2)(jitter_);
     const double wait_s = was_connected || all_failed ? backoff_.next_s(now_s()) * jitter : 0;
     reconnect_at_s_ = now_s() + std::max(wait_s, asked_s);
@@ -207,10 +190,10 @@ void ClientCore::forget_closed() {
 }
 
 void ClientCore::reconnect() {
-  const Status asked = fetch_catalog(kAskTimeoutS);
+  Status begun = fetch_catalog(kAskTimeoutS);
   if (closing_) return;
-  if (!asked) return lose(asked, options_.reconnect && is_loss(asked));
-  begin_call();
+  if (begun) begun = begin_call();
+  if (!begun) lose(begun, options_.reconnect && is_loss(begun));
 }
 
 void ClientCore::shut_down() {

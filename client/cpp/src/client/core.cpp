@@ -7,20 +7,14 @@
 #include "client/convert.hpp"
 
 namespace motiongen {
-namespace {
-
-std::vector<std::string> addresses_of(const ClientOptions& options) {
-  std::vector<std::string> addresses = options.other_addresses;
-  addresses.insert(addresses.begin(), options.address);
-  return addresses;
-}
-
-}  // namespace
 
 double now_s() { return std::chrono::duration<double>(std::chrono::steady_clock::now().time_since_epoch()).count(); }
 
 ClientCore::ClientCore(ClientOptions options)
-    : options_(std::move(options)), events_(options_.on_event), route_(addresses_of(options_), options_.routing_key) {}
+    : options_(std::move(options)),
+      metadata_(options_),
+      events_(options_.on_event),
+      route_(addresses_of(options_), options_.routing_key) {}
 
 std::shared_ptr<const Catalog> ClientCore::catalog() const {
   const std::lock_guard<std::mutex> lock(mutex_);

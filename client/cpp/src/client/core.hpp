@@ -18,6 +18,7 @@
 
 #include "client/backoff.hpp"
 #include "client/call.hpp"
+#include "client/call_metadata.hpp"
 #include "client/convert.hpp"
 #include "client/events.hpp"
 #include "client/outbox.hpp"
@@ -32,15 +33,22 @@ inline constexpr double kAskTimeoutS = 5;  // for the catalogue, once it is conn
 // Seconds of a clock that never goes back.
 double now_s();
 
-// The context of a short call, with deadline and token; closing the client cancels it.
+// Whether calls say who makes them.
+bool has_token(const ClientOptions& options);
+// The client's own address and then the others.
+std::vector<std::string> addresses_of(const ClientOptions& options);
+
+// The context of a short call, with deadline and metadata; closing the client cancels it.
 class ShortCall {
  public:
+  // Asks for the token: no lock may be held. `made` is why the call cannot be made.
   ShortCall(class ClientCore& core, double timeout_s);
   ~ShortCall();
   ShortCall(const ShortCall&) = delete;
   ShortCall& operator=(const ShortCall&) = delete;
 
   grpc::ClientContext context;
+  Status made;
 
  private:
   ClientCore& core_;
@@ -85,14 +93,15 @@ class ClientCore final : public CallUser, public std::enable_shared_from_this<Cl
 
   Status check_options() const;
 
+  void make_channels();
+
   // connection.cpp: calls, their loss, and another one
-  Status make_channels();
   Status try_connect(double deadline_s);
   Status fetch_catalog(double timeout_s);
-  void begin_call();
+  Status begin_call();
   void reconnect();
   void lose(const Status& status, bool will_reconnect);
-  double choose_server(bool was_connected, bool is_starting);
+  double choose_server(bool was_connected, const Status& why);
   void forget_closed();
   // Wait for the present call, and for lost ones whose end is still being told: gRPC's threads use this until then.
   void end_calls();
@@ -118,6 +127,7 @@ class ClientCore final : public CallUser, public std::enable_shared_from_this<Cl
   void follow(const std::shared_ptr<SessionState>& state);
 
   const ClientOptions options_;
+  CallMetadata metadata_;
   EventQueue events_;
   Outbox outbox_;
   // By its address; made once, and gRPC connects when it is first used.

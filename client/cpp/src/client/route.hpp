@@ -11,6 +11,9 @@
 
 namespace motiongen {
 
+// Metadata by which a proxy can bring all calls of one client to one server, which has its sessions.
+inline constexpr char kRoutingKey[] = "x-motiongen-key";
+
 // May be used from any thread; takes no other lock.
 class Route {
  public:

@@ -2,8 +2,10 @@
 #include <gtest/gtest.h>
 
 #include <cstddef>
+#include <cstdio>
 #include <cstring>
 #include <optional>
+#include <string>
 
 #include "c/structs.hpp"
 #include "c/values.hpp"
@@ -36,6 +38,49 @@ TEST(CInterface, RefusesATokenThatNoHeaderMayHave) {
   EXPECT_EQ(motiongen_client_connect(&options, &client, &error), MOTIONGEN_INVALID_ARGUMENT);
   EXPECT_NE(std::strstr(error.message, "0x0a at position 3"), nullptr) << error.message;
   EXPECT_EQ(std::strstr(error.message, "abc"), nullptr) << "it is secret";
+}
+
+TEST(CInterface, ATokenCrossesNoNetworkInPlainText) {
+  motiongen_client_options options{};
+  options.struct_size = sizeof options;
+  options.address = "10.0.0.7:50051";
+  options.token = "abc";
+  motiongen_error error{};
+  error.struct_size = sizeof error;
+  motiongen_client* client = nullptr;
+  EXPECT_EQ(motiongen_client_connect(&options, &client, &error), MOTIONGEN_INVALID_ARGUMENT);
+  EXPECT_NE(std::strstr(error.message, "without TLS"), nullptr) << error.message;
+}
+
+TEST(CInterface, AsksForTheToken) {
+  motiongen_client_options options{};
+  options.struct_size = sizeof options;
+  options.address = "localhost:1";
+  options.connect_timeout_s = 0.01;
+  int asked = 0;
+  options.token_context = &asked;
+  motiongen_error error{};
+  error.struct_size = sizeof error;
+  motiongen_client* client = nullptr;
+  const auto told = [&](int32_t (*source)(void*, char*, uint32_t)) {
+    options.token_source = source;
+    motiongen_client_connect(&options, &client, &error);
+    return std::string(error.message);
+  };
+  EXPECT_NE(told([](void* context, char* token, uint32_t size) {
+              ++*static_cast<int*>(context);
+              std::snprintf(token, size, "abc");
+              return 1;
+            }).find("no motiongen server answers"),
+            std::string::npos);
+  EXPECT_GT(asked, 0);
+  EXPECT_NE(told([](void*, char*, uint32_t) { return 0; }).find("it returned 0"), std::string::npos);
+  EXPECT_STREQ(error.reason, "TOKEN_SOURCE");
+  EXPECT_NE(told([](void*, char* token, uint32_t size) {
+              std::memset(token, 'x', size);
+              return 1;
+            }).find("without an end"),
+            std::string::npos);
 }
 
 TEST(CInterface, WritesNoFurtherThanTheCallersStructGoes) {

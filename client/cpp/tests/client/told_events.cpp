@@ -3,15 +3,19 @@
 //   opened | edit ID CODE FRAME | placed TARGET FIRST LAST ARRIVAL ANCHOR | reached TARGET MET FRAME METRES RADIANS
 //   lost REASON | connected | recovered FRAME EXACT | closed REASON | draining | durability KEPT | refused WORDS
 //   frame FRAME CODE | at FRAME CODE | x FRAME X Y Z | row FRAME NUMBERS | stats PLANS UNDERRUNS LATE RECOVERIES
-//   held FIRST Z Z ... (where the root is at each frame that is held)
-// By variables: MOTIONGEN_TOKEN, the files MOTIONGEN_CA, MOTIONGEN_CERTIFICATE and MOTIONGEN_KEY, MOTIONGEN_OTHER (more
-// addresses, with commas), MOTIONGEN_FORMAT (1 to 3), MOTIONGEN_LOOKAHEAD (frames), MOTIONGEN_CLOCK=manual,
-// MOTIONGEN_PING_S (0.4: a server that is silent for a second is given up).
+//   held FIRST Z Z ... (where the root is at each frame that is held) | no_token (the file has none)
+// By variables: MOTIONGEN_TOKEN, MOTIONGEN_TOKEN_FILE (read for every call), MOTIONGEN_METADATA and
+// MOTIONGEN_CHANNEL_OPTIONS (NAME=VALUE, with commas; numbers are whole numbers), the files MOTIONGEN_CA,
+// MOTIONGEN_CERTIFICATE and MOTIONGEN_KEY, MOTIONGEN_OTHER (more addresses, with commas), MOTIONGEN_FORMAT (1 to 3),
+// MOTIONGEN_LOOKAHEAD (frames), MOTIONGEN_CLOCK=manual, MOTIONGEN_PING_S (0.4: a server that is silent for a second is
+// given up).
 #include <cstdio>
 #include <cstdlib>
 #include <fstream>
 #include <iostream>
+#include <map>
 #include <sstream>
+#include <stdexcept>
 #include <string>
 #include <vector>
 
@@ -85,6 +89,46 @@ std::string content_of(const std::string& path) {
   return content.str();
 }
 
+// What the file has now. Throws where it has nothing, as an application might.
+std::string token_of(const std::string& path) {
+  std::string token = content_of(path);
+  if (!token.empty()) return token;
+  std::printf("no_token\n");
+  std::fflush(stdout);
+  throw std::runtime_error(path + " has no token");
+}
+
+std::map<std::string, std::string> pairs_of(const std::string& text) {
+  std::map<std::string, std::string> pairs;
+  std::istringstream in(text);
+  for (std::string each; std::getline(in, each, ',');) {
+    const auto equals = each.find('=');
+    if (equals != std::string::npos) pairs[each.substr(0, equals)] = each.substr(equals + 1);
+  }
+  return pairs;
+}
+
+void set_line(motiongen::ClientOptions& options) {
+  options.token = variable("MOTIONGEN_TOKEN");
+  const std::string token_file = variable("MOTIONGEN_TOKEN_FILE");
+  if (!token_file.empty()) options.token_source = [token_file] { return token_of(token_file); };
+  options.metadata = pairs_of(variable("MOTIONGEN_METADATA"));
+  for (const auto& [name, value] : pairs_of(variable("MOTIONGEN_CHANNEL_OPTIONS"))) {
+    const bool is_number = value.find_first_not_of("0123456789") == std::string::npos;
+    if (is_number) {
+      options.channel_options[name] = std::atoi(value.c_str());
+    } else {
+      options.channel_options[name] = value;
+    }
+  }
+  options.tls = !variable("MOTIONGEN_CA").empty();
+  options.root_certificates_pem = content_of(variable("MOTIONGEN_CA"));
+  options.certificate_chain_pem = content_of(variable("MOTIONGEN_CERTIFICATE"));
+  options.private_key_pem = content_of(variable("MOTIONGEN_KEY"));
+  std::istringstream others(variable("MOTIONGEN_OTHER"));
+  for (std::string each; std::getline(others, each, ',');) options.other_addresses.push_back(each);
+}
+
 }  // namespace
 
 int main(int argc, char** argv) {
@@ -93,13 +137,7 @@ int main(int argc, char** argv) {
   options.address = argv[1];
   const std::string ping_s = variable("MOTIONGEN_PING_S");
   options.ping_period_s = ping_s.empty() ? 0.4 : std::atof(ping_s.c_str());
-  options.token = variable("MOTIONGEN_TOKEN");
-  options.tls = !variable("MOTIONGEN_CA").empty();
-  options.root_certificates_pem = content_of(variable("MOTIONGEN_CA"));
-  options.certificate_chain_pem = content_of(variable("MOTIONGEN_CERTIFICATE"));
-  options.private_key_pem = content_of(variable("MOTIONGEN_KEY"));
-  std::istringstream others(variable("MOTIONGEN_OTHER"));
-  for (std::string each; std::getline(others, each, ',');) options.other_addresses.push_back(each);
+  set_line(options);
   options.on_event = tell;
   auto client = motiongen::Client::connect(options);
   if (!client) {

@@ -46,8 +46,8 @@ typedef struct motiongen_error {
 typedef struct motiongen_client_options {
   uint32_t struct_size;
   uint32_t use_tls;    /* 1: TLS with root_certificates_pem, or the system's where that is NULL */
-  const char* address; /* host:port */
-  const char* token;   /* NULL: none; else printable ASCII without spaces or a line end */
+  const char* address; /* host:port, or unix:PATH for a socket of this machine */
+  const char* token;   /* NULL: none; else printable ASCII without spaces or a line end. Without TLS: to this machine */
   const char* root_certificates_pem;
   double connect_timeout_s; /* 0: 10 s */
   uint32_t no_reconnect;    /* 1: sessions end when the stream is lost */
@@ -55,6 +55,12 @@ typedef struct motiongen_client_options {
   const char* const* other_addresses; /* of servers that share a store of sessions, tried in turn */
   const char* certificate_chain_pem;  /* of this client, where the server asks for one; with private_key_pem */
   const char* private_key_pem;
+  /* In place of token, NULL: none. Asked before every call, so that a token that expires is followed by the next:
+   * writes the token with its NUL, at most `size` bytes, and returns 1; 0 where there is none at present, and it is
+   * asked again later. Called on threads of the library, one at a time: it is to return soon, and must neither use the
+   * client nor be gone before it. */
+  int32_t (*token_source)(void* context, char* token, uint32_t size);
+  void* token_context; /* its first argument */
 } motiongen_client_options;
 
 /* How frames are stored on their way here. */

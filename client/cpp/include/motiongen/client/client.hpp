@@ -2,8 +2,10 @@
 #pragma once
 
 #include <functional>
+#include <map>
 #include <memory>
 #include <string>
+#include <variant>
 #include <vector>
 
 #include "motiongen/client/clip.hpp"
@@ -13,7 +15,7 @@
 namespace motiongen {
 
 struct ClientOptions {
-  std::string address;  // host:port
+  std::string address;  // host:port, or unix:PATH for a socket of this machine
   // Of servers that share a store of sessions: tried in turn where the one before does not answer or goes away, and
   // where one that has no room names them. The token is sent to no others.
   std::vector<std::string> other_addresses;
@@ -25,7 +27,19 @@ struct ClientOptions {
   std::string certificate_chain_pem;  // of this client, where the server asks for one
   std::string private_key_pem;
   // Sent as `authorization: Bearer ...` with every call; empty: none. Printable ASCII without spaces or a line end.
+  // Without tls it is sent to this machine only: other addresses are refused beside it.
   std::string token;
+  // In its place: asked before every call, so that a token that expires is followed by the next. Returns the token, or
+  // why there is none: sessions play what they hold and it is asked again, unless the status is one that trying again
+  // cannot mend (README.md), or of `Client::connect`, which ends with it at once. One that throws has said UNAVAILABLE.
+  // Called on threads of the library and on those that connect or make clips, one at a time. Meanwhile no call is made,
+  // and the client does not end: it is to return soon, and must not use the client.
+  std::function<Result<std::string>()> token_source;
+  // Sent with every call too, also in plain text. Keys of a-z, 0-9, _ - . that are not gRPC's own (grpc-..., ...-bin)
+  // or other options' (authorization, x-motiongen-key); texts of printable ASCII.
+  std::map<std::string, std::string> metadata;
+  // Of gRPC, by their names (grpc/impl/codegen/grpc_types.h), in place of what the library sets.
+  std::map<std::string, std::variant<int, std::string>> channel_options;
   double connect_timeout_s = 10;   // how long `connect` waits for a server that is ready
   double report_hz = 4;            // how often the server hears each playhead, 1 to 5
   double flush_interval_s = 0.02;  // how long the server may gather frames, 0.005 to 0.1

@@ -205,6 +205,22 @@ async def test_a_session_that_nobody_looks_at_says_where_it_stands(client: Motio
     assert {report.playhead.frame for report in reports} == {0}
 
 
+async def test_a_paused_session_that_is_opened_anew_says_where_it_stands(
+    client: MotionClient, server: FakeServer
+) -> None:
+    session = await client.open("a person walks")
+    async for _ in session.frames(seconds=0.2, realtime=False):
+        pass
+    await session.pause()
+    server.stream.end()
+    await until(lambda: session.reopenings or None)
+    assert session.playback.playhead < session.reopenings[0].frame
+    reports = await received(server, "playhead", 2)
+    assert {report.playhead.frame for report in reports} == {0}, "it does not fall silent until it is resumed"
+    await session.resume()
+    assert session.is_reporting, "the server counts on from what it was told"
+
+
 async def test_a_session_that_is_closed_ends_though_the_line_is_lost_before_the_answer(
     client: MotionClient, server: FakeServer, monkeypatch: pytest.MonkeyPatch
 ) -> None:

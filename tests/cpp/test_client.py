@@ -48,6 +48,11 @@ def test_an_example_runs(program: Program, live_server: LiveServer, example: str
     assert subprocess.run(command, check=True, stdout=subprocess.PIPE, text=True).stdout.strip()
 
 
+@pytest.mark.parametrize("size", [["0"], ["20", "0"], ["many"]])
+def test_a_crowd_of_nobody_or_for_no_time_is_refused(program: Program, size: list[str]) -> None:
+    assert subprocess.run([program("crowd"), "localhost:1", *size], stderr=subprocess.DEVNULL).returncode == 2
+
+
 def test_the_c_interface_passes_its_unit_tests(program: Program, tmp_path: Path) -> None:
     subprocess.run([program("c_tests"), "--gtest_brief=1"], check=True, cwd=tmp_path)
 

@@ -91,6 +91,9 @@ def test_both_play_the_same_load_and_tell_it_alike(
         assert min(counts) > max(counts) / 2 > 10
     due = [sum(each["by_second"]["due"]) for each in (in_cpp, in_python)]
     assert min(due) > max(due) / 2 > 100
+    # a moment at which all stood still is one sample among a hundred a second, of each process, however many streams
+    for each in (in_cpp, in_python):
+        assert 0 < each["generator"]["loop_lag_ms"]["count"] <= 2 * (100 * 3 + 1)
     against_us = ("refused", "stream", "protocol", "sessions_lost")
     assert not [name for name in in_cpp["counts"] if name.startswith(against_us)]
     assert {"chunk_slack/hero", "event_to_screen/passing", "write_wait/generator"} <= in_cpp["histograms"].keys()

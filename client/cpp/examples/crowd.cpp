@@ -20,6 +20,10 @@ constexpr const char* kPrompts[] = {"a person walks forward", "a person runs for
 int main(int argc, char** argv) {
   const std::size_t num_characters = argc > 2 ? std::strtoul(argv[2], nullptr, 10) : 500;
   const double seconds = argc > 3 ? std::strtod(argv[3], nullptr) : 10;
+  if (num_characters == 0 || !(seconds > 0 && seconds < 1e6)) {
+    std::fprintf(stderr, "a crowd is 1 character or more, for more than 0 s\n");
+    return 2;
+  }
   motiongen::ClientOptions options;
   options.address = argc > 1 ? argv[1] : "localhost:50051";
   auto client = motiongen::Client::connect(options);
@@ -60,7 +64,7 @@ int main(int argc, char** argv) {
   motiongen::Event event;
   for (int frame = 0; frame < frames; ++frame) {
     for (motiongen::Session& each : crowd) poses += each.sample(pose) ? 1 : 0;
-    motiongen::Session& told = crowd[static_cast<std::size_t>(frame) % num_characters];
+    motiongen::Session& told = crowd[static_cast<std::size_t>(frame) % crowd.size()];
     const auto edit = told.set_prompt(kPrompts[static_cast<std::size_t>(frame / 7) % std::size(kPrompts)]);
     if (!edit) {
       std::fprintf(stderr, "%s\n", edit.status().message().c_str());
@@ -76,11 +80,11 @@ int main(int argc, char** argv) {
   const auto chunks = client->stats().chunks - chunks_before;
   std::uint64_t held = 0;
   for (const motiongen::Session& each : crowd) held += each.stats().underruns;
-  std::printf("%zu characters, %.0f s: %llu poses, %llu chunks, %llu frames held\n", num_characters, seconds,
+  std::printf("%zu characters, %.0f s: %llu poses, %llu chunks, %llu frames held\n", crowd.size(), seconds,
               static_cast<unsigned long long>(poses), static_cast<unsigned long long>(chunks),
               static_cast<unsigned long long>(held));
   std::printf("%.3f of a core; %.1f us a character and second; %.1f us a chunk, poses included\n", used_s / seconds,
-              1e6 * used_s / seconds / static_cast<double>(num_characters),
+              1e6 * used_s / seconds / static_cast<double>(crowd.size()),
               chunks == 0 ? 0.0 : 1e6 * used_s / static_cast<double>(chunks));
   return 0;
 }

@@ -61,21 +61,24 @@ int main(int argc, char**) {
   const std::string unreachable = player.connect();
   Told told;
   if (!unreachable.empty()) {
-    static_cast<void>(player.finish());
-    return fail(unreachable);
+    const int failed = fail(unreachable);
+    player.stop();
+    return failed;
   }
   told.mutable_ready()->set_program(kProgram);
   tell(told);
   Go go;
   if (!read(go)) {
-    static_cast<void>(player.finish());
-    return fail("the second line is no moment to start at");
+    const int failed = fail("the second line is no moment to start at");
+    player.stop();
+    return failed;
   }
   player.play(go.start_at_s(), [&told](const motiongen::load::Progress& progress) {
     *told.mutable_progress() = progress;
     tell(told);
   });
-  *told.mutable_book() = player.finish();
+  *told.mutable_book() = player.book();
   tell(told);
+  player.stop();  // afterwards: nobody who waits for the book waits for a server that does not end its calls
   return 0;
 }

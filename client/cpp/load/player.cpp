@@ -18,10 +18,12 @@ namespace {
 constexpr double kTickS = 0.025;
 constexpr std::size_t kMostTurns = 25;  // of a tick: streams have it in turns, as clients do that know of no other
 constexpr double kLeastSleepS = 0.001;  // several events of one millisecond share a wake-up
-constexpr double kProbeS = 0.01;        // how often the loop looks at how late it wakes, at least
+constexpr double kProbeS = 0.01;        // how often the loop looks at how late it wakes
 constexpr std::size_t kPingTicks = 80;  // a stream is pinged every so many ticks, each in its own: 2 s
 constexpr double kProgressPeriodS = 1;
 constexpr double kHelloTimeoutS = 15;
+constexpr double kCloseGraceS = 5;   // for the server to end the calls, all of them
+constexpr double kCancelGraceS = 5;  // for gRPC to end those that are left
 constexpr std::uint32_t kHandlesFrom = 1;
 
 double monotonic_s() {
@@ -129,9 +131,9 @@ void Player::play(double start_at_s, const std::function<void(const Progress&)>&
 }
 
 double Player::act(double now) {
-  if (next_probe_s_ > 0) note_lag(Lag::loop, now, std::max(now - next_probe_s_, 0.0));
+  probe(now);
   for (; next_intent_ < intents_.size() && intents_[next_intent_].at_s <= now; ++next_intent_) {
-    act_on(intents_[next_intent_], now);
+    act_on(intents_[next_intent_]);
   }
   const double turn_s = kTickS / static_cast<double>(num_turns_);
   if (now >= static_cast<double>(next_turn_) * turn_s) {
@@ -144,13 +146,24 @@ double Player::act(double now) {
     next_turn_ = last + 1;
     note_cpu(now);
   }
-  double next_s = std::min(static_cast<double>(next_turn_) * turn_s, now + kProbeS);
+  double next_s = std::min(static_cast<double>(next_turn_) * turn_s, probe_due_s_);
   if (next_intent_ < intents_.size()) next_s = std::min(next_s, intents_[next_intent_].at_s);
-  next_probe_s_ = std::max(next_s, now + kLeastSleepS);
   return next_s;
 }
 
-void Player::act_on(const Intent& intent, double now) {
+// How late the loop wakes, once every so often whatever else wakes it: of many streams, whose turns come faster, as of
+// one, or a moment that all stood still would be one sample among more.
+void Player::probe(double now) {
+  if (probe_due_s_ != kNoProbe && now < probe_due_s_) {
+    probe_due_s_ = std::max(probe_due_s_, now + kLeastSleepS);  // the loop sleeps no shorter
+    return;
+  }
+  if (probe_due_s_ != kNoProbe) note_lag(Lag::loop, now, now - probe_due_s_);
+  probe_due_s_ = now + kProbeS;
+}
+
+void Player::act_on(const Intent& intent) {
+  const double now = now_s();  // what was done before it in this turn has made it late
   PlayedCharacter& character = *by_number_[intent.character];
   Stream& stream = stream_of(intent.character);
   const std::uint32_t group = character.plan().group();
@@ -207,18 +220,14 @@ Progress Player::progress(double now) const {
   return progress;
 }
 
-Book Player::finish() {
-  {
-    const std::lock_guard<std::mutex> lock(stage_.mutex);
-    const double end_s = now_s();
-    for (PlayedCharacter& character : characters_) {
-      character.look(end_s);
-      character.give_up_edits(end_s);
-      character.end(end_s, true);
-    }
-  }
-  for (const auto& stream : streams_) stream->stop();
+Book Player::book() {
   const std::lock_guard<std::mutex> lock(stage_.mutex);
+  const double end_s = now_s();
+  for (PlayedCharacter& character : characters_) {
+    character.look(end_s);
+    character.give_up_edits(end_s);
+    character.end(end_s, true);
+  }
   for (const auto& stream : streams_) stream->write_waits(recorder_);
   Book book;
   recorder_.write(load_, book);
@@ -226,6 +235,18 @@ Book Player::finish() {
   book.set_cpu_s((cpu_to_s_ < 0 ? used_s : cpu_to_s_) - (cpu_from_s_ < 0 ? used_s : cpu_from_s_));
   book.set_streams(static_cast<std::uint32_t>(streams_.size()));
   return book;
+}
+
+void Player::stop() {
+  for (const auto& stream : streams_) stream->begin_end();
+  const auto wait_all = [this](double grace_s, bool cancels) {
+    const double deadline_s = monotonic_s() + grace_s;
+    for (const auto& stream : streams_) {
+      if (!stream->wait_ended(std::max(deadline_s - monotonic_s(), 0.0)) && cancels) stream->cancel();
+    }
+  };
+  wait_all(kCloseGraceS, true);
+  wait_all(kCancelGraceS, false);
 }
 
 }  // namespace motiongen::load

@@ -24,8 +24,10 @@ class Player {
   std::string connect();
   // From the moment start_at_s of CLOCK_MONOTONIC on. tell: called once a second, without locks.
   void play(double start_at_s, const std::function<void(const Progress&)>& tell);
-  // End the streams. Returns what was measured.
-  Book finish();
+  // The run is over. Returns what was measured.
+  Book book();
+  // End the streams, all at once. It may take some seconds where a server does not.
+  void stop();
 
  private:
   struct Intent {  // what is to be sent; rule: of the group, or one of those below
@@ -36,6 +38,7 @@ class Player {
   };
   static constexpr int kOpen = -1;
   static constexpr int kClose = -2;
+  static constexpr double kNoProbe = -1;
 
   void make_streams();
   void draw_up();
@@ -45,7 +48,8 @@ class Player {
   double now_s() const;
   // Do what is due. Returns when something is again.
   double act(double now_s);
-  void act_on(const Intent& intent, double now_s);
+  void act_on(const Intent& intent);
+  void probe(double now_s);
   void report(const std::vector<std::uint32_t>& numbers, double now_s);
   void note_lag(Lag what, double now_s, double lag_s);
   void note_cpu(double now_s);
@@ -65,7 +69,7 @@ class Player {
   std::vector<std::vector<Stream*>> pings_;
   std::atomic<double> start_at_s_{0};
   std::size_t next_turn_ = 0;
-  double next_probe_s_ = 0;
+  double probe_due_s_ = kNoProbe;
   double cpu_from_s_ = -1;
   double cpu_to_s_ = -1;
 };

@@ -1,12 +1,10 @@
 #include "stream.hpp"
 
+#include "client/convert.hpp"
 #include "motiongen/core/status.hpp"
 
 namespace motiongen::load {
 namespace {
-
-constexpr double kCloseGraceS = 5;
-constexpr double kCancelGraceS = 5;
 
 grpc::ChannelArguments channel_arguments(const Access& access) {
   grpc::ChannelArguments arguments;
@@ -25,8 +23,9 @@ std::shared_ptr<grpc::ChannelCredentials> credentials(const Access& access) {
   return grpc::SslCredentials({access.root_certificates(), access.private_key(), access.certificate_chain()});
 }
 
-// A name of an enum's value, without what all of them begin with.
-std::string short_name(const std::string& name, const std::string& prefix) {
+// A name of an enum's value without what all of them begin with; of a value of a later version, the number.
+std::string short_name(const std::string& name, const std::string& prefix, int number) {
+  if (name.empty()) return std::to_string(number);
   return name.compare(0, prefix.size(), prefix) == 0 ? name.substr(prefix.size()) : name;
 }
 
@@ -35,7 +34,8 @@ std::string short_name(const std::string& name, const std::string& prefix) {
 Stream::Stream(Stage& stage, Run& run)
     : stage_(stage), run_(run), outbox_([this](double waited_s) {
         const std::lock_guard<std::mutex> lock(waits_mutex_);
-        waits_.record(waited_s);
+        if (hello_taken_) waits_.record(waited_s);
+        hello_taken_ = true;  // the first of all, which waits for the connection
       }) {
   outbox_.set_limit(run.load.max_request_bytes());
 }
@@ -58,16 +58,12 @@ bool Stream::wait_hello(double timeout_s) {
   return greeted_;
 }
 
-void Stream::stop() {
+void Stream::begin_end() {
   {
     const std::lock_guard<std::mutex> lock(stage_.mutex);
     ending_ = true;
   }
   call_->finish();
-  if (!call_->wait_ended(kCloseGraceS)) {
-    call_->cancel();
-    static_cast<void>(call_->wait_ended(kCancelGraceS));
-  }
 }
 
 // ---- out
@@ -82,7 +78,7 @@ void Stream::put_ping() {
   v1::StreamMotionRequest request;
   request.mutable_ping()->set_client_time_ns(static_cast<std::int64_t>(stage_.now_s() * 1e9));
   if (round_trip_s_ > 0) {
-    request.mutable_ping()->mutable_round_trip()->set_nanos(static_cast<std::int32_t>(round_trip_s_ * 1e9));
+    convert::set_seconds(round_trip_s_, request.mutable_ping()->mutable_round_trip());
   }
   outbox_.put_alone(request);
 }
@@ -178,8 +174,8 @@ void Stream::take(PlayedCharacter& character, const v1::SessionUpdate& update, d
     recorder.count("sessions_opened");
   } else if (update.has_service_level()) {
     const auto& level = update.service_level();
-    recorder.count("service level: " + short_name(v1::ServiceTier_Name(level.tier()), "SERVICE_TIER_") + ", " +
-                   std::to_string(level.denoise_steps()) + " steps");
+    recorder.count("service level: " + short_name(v1::ServiceTier_Name(level.tier()), "SERVICE_TIER_", level.tier()) +
+                   ", " + std::to_string(level.denoise_steps()) + " steps");
   } else if (update.has_closed()) {
     take_closed(character, update.closed(), now_s);
   }
@@ -201,7 +197,8 @@ void Stream::take_outcome(PlayedCharacter& character, const v1::EditOutcome& out
 void Stream::take_closed(PlayedCharacter& character, const v1::SessionClosed& closed, double now_s) {
   run_.recorder.count("frames_late_by_server", closed.late_frames());
   if (closed.reason() == v1::CLOSE_REASON_CLIENT) return;
-  run_.recorder.count("sessions_lost: " + short_name(v1::CloseReason_Name(closed.reason()), "CLOSE_REASON_"));
+  run_.recorder.count("sessions_lost: " +
+                      short_name(v1::CloseReason_Name(closed.reason()), "CLOSE_REASON_", closed.reason()));
   character.end(now_s, false);
 }
 

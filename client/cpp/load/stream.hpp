@@ -33,8 +33,11 @@ class Stream final : public CallUser, public std::enable_shared_from_this<Stream
   void start();
   // Whether the server has said hello; false when the call ended first, or it took longer.
   bool wait_hello(double timeout_s);
-  // End the call: the server closes what is open.
-  void stop();
+  // Say that no more comes: the server closes what is open and ends the call.
+  void begin_end();
+  // Whether the call has ended, after at most so long.
+  bool wait_ended(double timeout_s) { return call_->wait_ended(timeout_s); }
+  void cancel() { call_->cancel(); }
 
   // ---- with the stage locked
 
@@ -77,6 +80,7 @@ class Stream final : public CallUser, public std::enable_shared_from_this<Stream
   std::string scratch_;
   std::string entry_;
   std::mutex waits_mutex_;
+  bool hello_taken_ = false;
   Histogram waits_;
 };
 

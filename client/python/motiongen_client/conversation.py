@@ -100,14 +100,20 @@ class Conversation(Recovery):
 
     @property
     def is_reporting(self) -> bool:
-        """Whether the server is to hear the playhead: not before it reaches what a new session made."""
+        """Whether the server is to hear the playhead: not before it reaches what a new session made.
+
+        One that stands still is told nevertheless, or the session would be closed for its silence; and then the server
+        counts on from there, so it is told on.
+        """
         if self._line is not Line.OPEN or self._failure is not None:
             return False
-        return not self.playback.started or self.playback.playhead >= self._offset
+        stands = not self.playback.started or not self.playback.is_playing
+        return stands or self._has_reported or self.playback.playhead >= self._offset
 
     def report(self) -> session_pb2.SessionEvent:
         """Where the playhead is, and which answers have come."""
         playback, offset = self.playback, self._offset
+        self._has_reported = True
         report = session_pb2.Playhead(
             frame=max(playback.playhead - offset, 0),
             buffered_to=max(playback.buffered_to - offset, 0),

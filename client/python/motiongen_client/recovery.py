@@ -63,6 +63,7 @@ class Recovery(Direction):
         self._attempt = 0
         self._reason = ""
         self._num_resumes = 0
+        self._has_reported = False  # of the present session on the server
         self._patience = Backoff()
         self.is_durable = False
         self.durable_seq = 0
@@ -173,6 +174,7 @@ class Recovery(Direction):
         """Open a session that goes on from the last frame that is held."""
         self._line, self._token, self._attempt, self._reason = Line.REOPENING, "", 0, reason
         self.durable_seq = 0
+        self._has_reported = False
         self._set_durable(False)
         frame = self.playback.buffered_to
         options = replace(self._options, seed=self.opened.seed, model_id=self.opened.model_id)

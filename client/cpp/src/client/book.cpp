@@ -8,18 +8,26 @@
 
 namespace motiongen {
 
-std::vector<std::uint32_t> SessionBook::drop_begun_prompts(std::uint64_t playhead, bool spare_last) {
+bool SessionBook::is_being_changed(std::uint32_t prompt_id) const {
+  return std::any_of(pending_.begin(), pending_.end(), [prompt_id](const Pending& each) {
+    const auto& edit = each.event.edit_prompts();
+    const auto has_id = [prompt_id](const v1::PromptSpan& span) { return span.prompt_id() == prompt_id; };
+    return std::count(edit.remove().begin(), edit.remove().end(), prompt_id) != 0 ||
+           std::any_of(edit.upsert().begin(), edit.upsert().end(), has_id);
+  });
+}
+
+std::vector<std::uint32_t> SessionBook::begun_prompts(std::uint64_t playhead, bool spare_last) const {
   std::vector<std::pair<std::uint64_t, std::uint32_t>> begun;
   for (const v1::PromptSpan& span : prompts_) {
     const bool goes_by_itself = span.prompt_id() == kPresentPrompt || span.end_frame() != 0;
-    if (goes_by_itself || span.start_frame() > playhead || going_.count(span.prompt_id()) != 0) continue;
+    if (goes_by_itself || span.start_frame() > playhead || is_being_changed(span.prompt_id())) continue;
     begun.emplace_back(span.start_frame(), span.prompt_id());
   }
   std::sort(begun.begin(), begun.end());
   if (spare_last && !begun.empty()) begun.pop_back();
   std::vector<std::uint32_t> ids;
   for (const auto& each : begun) ids.push_back(each.second);
-  going_.insert(ids.begin(), ids.end());
   return ids;
 }
 
@@ -95,7 +103,6 @@ std::optional<EditId> SessionBook::answer(std::uint64_t event_seq, const std::op
                                   [event_seq](const Pending& each) { return each.event.event_seq() == event_seq; });
   if (found == pending_.end()) return std::nullopt;
   const EditId edit = found->edit;
-  for (const std::uint32_t id : found->event.edit_prompts().remove()) going_.erase(id);
   if (taken) accept(found->event, *taken);
   pending_.erase(found);
   return edit;

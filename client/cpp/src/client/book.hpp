@@ -6,7 +6,6 @@
 #include <deque>
 #include <map>
 #include <optional>
-#include <set>
 #include <utility>
 #include <vector>
 
@@ -39,8 +38,9 @@ class SessionBook {
   bool knows_constraint(std::uint32_t id) const { return id > 0 && id < next_constraint_; }
 
   // Scheduled prompts that hold no longer once another takes over, to be removed by the edit that says so: accepted
-  // ones that have begun by the playhead, without the one that holds until then. One with an end goes by itself.
-  std::vector<std::uint32_t> drop_begun_prompts(std::uint64_t playhead, bool spare_last);
+  // ones that have begun by the playhead, without the one that holds until then. One with an end goes by itself, and of
+  // one that an edit on its way removes or replaces it is not known yet whether it is there.
+  std::vector<std::uint32_t> begun_prompts(std::uint64_t playhead, bool spare_last) const;
 
   // Note an edit. Its frames are the timeline's. Returns its number; `event_seq` of the event is set.
   EditId add(v1::SessionEvent& event);
@@ -103,6 +103,7 @@ class SessionBook {
   void accept_options(const v1::SetOptions& options);
   void place(const std::vector<Placement>& placements);
   void forget_prompt(std::uint32_t id);
+  bool is_being_changed(std::uint32_t prompt_id) const;
   bool is_over(const v1::Constraint& constraint, std::uint64_t frame) const;
   std::optional<v1::Constraint> left(const v1::Constraint& constraint, std::uint64_t frame) const;
 
@@ -114,7 +115,6 @@ class SessionBook {
   std::uint32_t next_constraint_ = 1;
   std::deque<Pending> pending_;
   std::vector<v1::PromptSpan> prompts_;      // in the order they were set
-  std::set<std::uint32_t> going_;            // prompts whose removal is on its way
   std::vector<v1::Constraint> constraints_;  // in the order they were set: of equal ones the last holds
   std::map<std::uint32_t, Placement> placements_;
   std::optional<Held> velocity_;

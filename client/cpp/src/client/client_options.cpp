@@ -1,6 +1,4 @@
 // What is wrong with the options of a client.
-#include <cmath>
-
 #include "client/address.hpp"
 #include "client/core.hpp"
 #include "client/texts.hpp"
@@ -57,10 +55,13 @@ Status ClientCore::check_options() const {
   if (!(options_.ping_period_s >= 0.1 && options_.ping_period_s <= 60)) {
     return invalid("ping_period_s", std::to_string(options_.ping_period_s), "a number from 0.1 to 60");
   }
+  if (!(options_.flush_interval_s >= 0.005 && options_.flush_interval_s <= 0.1)) {
+    return invalid("flush_interval_s", std::to_string(options_.flush_interval_s), "a number from 0.005 to 0.1");
+  }
   if (!Route::is_key(options_.routing_key)) {
     return invalid("routing_key", "\"" + options_.routing_key + "\"", "letters, digits, -, . and _");
   }
-  if (!std::isfinite(options_.connect_timeout_s) || options_.connect_timeout_s <= 0) {
+  if (!(options_.connect_timeout_s > 0)) {
     return invalid("connect_timeout_s", std::to_string(options_.connect_timeout_s), "a number above 0");
   }
   Status checked = check_token_of(options_);

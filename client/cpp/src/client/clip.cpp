@@ -38,7 +38,7 @@ Status check(const ClipOptions& options, const Limits& limits) {
   };
   Status checked = in_range("num_frames", options.num_frames, limits.max_clip_frames);
   if (checked) checked = in_range("num_samples", options.num_samples, limits.max_clip_samples);
-  if (!std::isfinite(options.timeout_s) || !(options.timeout_s > 0)) {
+  if (!(options.timeout_s > 0)) {
     checked = invalid("timeout_s", std::to_string(options.timeout_s), "a number above 0");
   }
   return checked ? convert::check(session_of(options)) : checked;

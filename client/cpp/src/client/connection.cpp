@@ -6,18 +6,12 @@
 #include "client/core.hpp"
 #include "client/status_details.hpp"
 #include "client/texts.hpp"
+#include "client/timeouts.hpp"
 #include "motiongen/v1/service.grpc.pb.h"
 
 namespace motiongen {
 namespace {
 
-constexpr double kFirstBackoffS = 0.05;
-constexpr double kBackoffGrowth = 1.6;
-constexpr double kMostBackoffS = 2;
-// While what a character holds may last, it shall not lose another second to a server that is back.
-constexpr double kSoonS = 3;
-constexpr double kMostBackoffSoonS = 0.25;
-constexpr double kAskTimeoutS = 5;                  // for the catalogue, when connecting again
 constexpr double kCloseGraceS = 2;                  // for the server to end the call
 constexpr double kCancelGraceS = 5;                 // for gRPC to end it
 constexpr char kStarting[] = "STARTING";            // the reason of a server that has no engine yet
@@ -73,9 +67,9 @@ Status ClientCore::connect() {
   Status checked = check_options();
   if (!checked) return checked;
   make_channels();
-  const double deadline_s = now_s() + options_.connect_timeout_s;
+  const double deadline_s = now_s() + bounded_s(options_.connect_timeout_s);
   Status why;
-  for (double wait_s = kFirstBackoffS;; wait_s = std::min(kBackoffGrowth * wait_s, kMostBackoffS)) {
+  for (double wait_s = Backoff::kFirstS;; wait_s = std::min(Backoff::kGrowth * wait_s, Backoff::kMostS)) {
     why = try_connect(deadline_s);
     // it is loading its model, was lost meanwhile, or is asked for too much at the moment
     const bool may_pass = why.code() == Code::unavailable || why.code() == Code::resource_exhausted;
@@ -115,6 +109,8 @@ Status ClientCore::begin_call() {
   ended_calls_.erase(first, ended_calls_.end());
   is_lost_ = false;
   goodbye_.reset();
+  drop_reason_ = Status();  // of a call that had ended already
+  backoff_.begin_call();
   next_ping_s_ = now_s();
   call_ = Call::start(*server().stub, metadata.value(), outbox_, shared_from_this());
   return {};
@@ -161,14 +157,8 @@ void ClientCore::lose(const Status& status, bool will_reconnect) {
     const double asked_s = choose_server(was_connected, status);
     num_failures_ = was_connected ? 0 : num_failures_ + 1;
     const bool all_failed = lacks_token(status) || num_failures_ % servers_.size() == 0;
-    if (was_connected) {
-      backoff_s_ = kFirstBackoffS;
-      lost_at_s_ = now_s();
-    }
-    const double most_s = now_s() - lost_at_s_ < kSoonS ? kMostBackoffSoonS : kMostBackoffS;
-    if (!was_connected && all_failed) backoff_s_ = std::min(backoff_s_ * kBackoffGrowth, most_s);
     const double jitter = std::uniform_real_distribution<double>(0.8, 1.2)(jitter_);
-    const double wait_s = was_connected || all_failed ? backoff_s_ * jitter : 0;
+    const double wait_s = was_connected || all_failed ? backoff_.next_s(now_s()) * jitter : 0;
     reconnect_at_s_ = now_s() + std::max(wait_s, asked_s);
     woken_ = true;
     changed_.notify_all();

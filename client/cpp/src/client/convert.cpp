@@ -3,6 +3,7 @@
 #include <cmath>
 #include <string>
 
+#include "client/outbox.hpp"
 #include "client/texts.hpp"
 
 namespace motiongen::convert {
@@ -65,6 +66,13 @@ Status check(const SessionOptions& options) {
     if (checked) checked = check(target);
   }
   return checked;
+}
+
+Status check_size(const char* what, const google::protobuf::MessageLite& message, const Limits& limits) {
+  const std::size_t most = Outbox::most_event_bytes(limits.max_request_bytes);
+  const std::size_t given = message.ByteSizeLong();
+  if (given <= most) return {};
+  return invalid(what, std::to_string(given) + " bytes", "at most " + std::to_string(most) + " in one event; split it");
 }
 
 Status check_rows(Span<const float> rows, std::uint32_t row_width) {

@@ -18,6 +18,8 @@ Status check(const Target& target);
 Status check(const Prompt& prompt);
 // The same for all prompts and targets that a session is opened with, and its other texts. Not of its rows.
 Status check(const SessionOptions& options);
+// INVALID_ARGUMENT for more than the server takes in a message. what: it is, for people.
+Status check_size(const char* what, const google::protobuf::MessageLite& message, const Limits& limits);
 // INVALID_ARGUMENT for what is no row or several.
 Status check_rows(Span<const float> rows, std::uint32_t row_width);
 v1::Constraint constraint(std::uint32_t id, const Target& target);

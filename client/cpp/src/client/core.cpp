@@ -1,6 +1,7 @@
 // Sessions of a client, and what comes for them.
 #include "client/core.hpp"
 
+#include <algorithm>
 #include <chrono>
 
 #include "client/convert.hpp"
@@ -77,13 +78,15 @@ Result<std::shared_ptr<SessionState>> ClientCore::open(const SessionOptions& opt
   for (const Target& target : options.targets) {
     state->book.add_opening(convert::constraint(state->book.take_constraint_id(), target));
   }
+  Status fits = convert::check_size("the session", state->book.opening(), catalog()->limits);
+  if (!fits) return fits;
   {
     const std::lock_guard<std::mutex> lock(mutex_);
     sessions_.emplace(state->id, state);
   }
   {
     const std::lock_guard<std::mutex> lock(state->mutex);
-    if (connected_ && state->phase == Phase::waiting) state->send_open(outbox_, *catalog());
+    if (connected_ && state->phase == Phase::waiting) state->send_open(outbox_, *catalog(), events_);
   }
   flush();
   return state;
@@ -153,6 +156,8 @@ bool ClientCore::take_stream_event(const wire::Cursor& all) {
       v1::Pong pong;
       readable = pong.ParseFromString(scratch_);
       round_trip_s_ = now_s() - static_cast<double>(pong.client_time_ns()) / 1e9;
+      const std::lock_guard<std::mutex> lock(mutex_);
+      backoff_.note_pong();
     } else if (field == v1::StreamMotionResponse::kGoodbyeFieldNumber) {
       v1::Goodbye goodbye;
       readable = goodbye.ParseFromString(scratch_);
@@ -169,7 +174,6 @@ void ClientCore::take_hello(const v1::ServerHello& hello) {
     const std::lock_guard<std::mutex> lock(mutex_);
     connected_ = true;
     replica_id_ = hello.replica_id();
-    backoff_s_ = 0;
     changed_.notify_all();
   }
   if (!again) return;
@@ -194,8 +198,11 @@ void ClientCore::open_waiting(double now) {
   const auto present = catalog();
   for (const auto& state : sessions()) {
     const std::lock_guard<std::mutex> lock(state->mutex);
-    if (connected_ && state->phase == Phase::waiting && state->retry_at_s <= now) state->send_open(outbox_, *present);
+    if (connected_ && state->phase == Phase::waiting && state->retry_at_s <= now) {
+      state->send_open(outbox_, *present, events_);
+    }
   }
+  forget_closed();
 }
 
 void ClientCore::take_update(const wire::Update& update, double now) {
@@ -209,6 +216,14 @@ void ClientCore::take_update(const wire::Update& update, double now) {
   bool over = false;
   bool readable = true;
   bool is_answer = false;
+  v1::SessionUpdate message;
+  if (update.kind != wire::Update::Kind::chunk && update.kind != wire::Update::Kind::plan) {
+    readable = wire::gather(update.all, scratch_) && message.ParseFromString(scratch_);
+    const std::string& reason = message.outcome().reason();
+    if (reason == "UNKNOWN_MODEL" || reason == "UNKNOWN_RIG") wants_catalog_ = true;
+    // models come and go while the server runs; without its rig the session cannot begin, so it is waited for here
+    if (message.has_opened() && !knows_rig_of(message.opened())) static_cast<void>(fetch_catalog(kAskTimeoutS));
+  }
   {
     const std::lock_guard<std::mutex> lock(state->mutex);
     if (update.kind == wire::Update::Kind::chunk) {
@@ -221,8 +236,6 @@ void ClientCore::take_update(const wire::Update& update, double now) {
       readable = wire::read_plan(update.body, plan);
       if (readable) state->take_plan(plan, events_, outbox_);
     } else {
-      v1::SessionUpdate message;
-      readable = wire::gather(update.all, scratch_) && message.ParseFromString(scratch_);
       if (readable) state->take(message, *catalog(), now, events_, outbox_);
       is_answer = message.has_outcome() || message.has_opened();
     }
@@ -239,12 +252,19 @@ void ClientCore::take_update(const wire::Update& update, double now) {
   sessions_.erase(update.session);
 }
 
+bool ClientCore::knows_rig_of(const v1::SessionOpened& opened) const {
+  const auto known = catalog();
+  const auto is_its = [&opened](const Rig& each) { return each.rig_id == opened.rig_id(); };
+  return std::any_of(known->rigs.begin(), known->rigs.end(), is_its) &&
+         convert::find_model(*known, opened.model_id()) != nullptr;
+}
+
 void ClientCore::drop_call(const Status& status) {
   std::shared_ptr<Call> call;
   {
     const std::lock_guard<std::mutex> lock(mutex_);
     call = call_;
-    drop_reason_ = status;
+    if (call != nullptr) drop_reason_ = status;  // else it would be said of the next one
   }
   if (call != nullptr) call->cancel();
 }

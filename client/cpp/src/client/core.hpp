@@ -16,8 +16,10 @@
 #include <unordered_map>
 #include <vector>
 
+#include "client/backoff.hpp"
 #include "client/call.hpp"
 #include "client/call_metadata.hpp"
+#include "client/convert.hpp"
 #include "client/events.hpp"
 #include "client/outbox.hpp"
 #include "client/route.hpp"
@@ -25,6 +27,8 @@
 #include "motiongen/client/client.hpp"
 
 namespace motiongen {
+
+inline constexpr double kAskTimeoutS = 5;  // for the catalogue, once it is connected
 
 // Seconds of a clock that never goes back.
 double now_s();
@@ -114,6 +118,7 @@ class ClientCore final : public CallUser, public std::enable_shared_from_this<Cl
   void take_goodbye(const v1::Goodbye& goodbye);
   void drop_call(const Status& status);
   void take_update(const wire::Update& update, double now);
+  bool knows_rig_of(const v1::SessionOpened& opened) const;
   std::vector<std::shared_ptr<SessionState>> sessions() const;
   void open_waiting(double now);
 
@@ -136,6 +141,7 @@ class ClientCore final : public CallUser, public std::enable_shared_from_this<Cl
   std::atomic<bool> connected_{false};
   std::atomic<bool> ever_connected_{false};
   std::atomic<bool> closing_{false};
+  std::atomic<bool> wants_catalog_{false};  // the server has refused a model or a rig that its catalogue has
   std::atomic<std::uint64_t> num_messages_{0};
   std::atomic<std::uint64_t> num_bytes_{0};
   std::atomic<std::uint64_t> num_chunks_{0};
@@ -160,8 +166,7 @@ class ClientCore final : public CallUser, public std::enable_shared_from_this<Cl
   Status drop_reason_;                  // why the present call is given up here
   bool is_lost_ = false;                // there is no call, and a time to make another
   double reconnect_at_s_ = 0;
-  double backoff_s_ = 0;
-  double lost_at_s_ = 0;
+  Backoff backoff_;
   std::size_t num_failures_ = 0;  // to connect, since the last loss
   double next_ping_s_ = 0;
   bool woken_ = false;
@@ -179,11 +184,8 @@ Result<EditId> ClientCore::edit_with(SessionState& state, Make make) {
                     "the session has ended (" + state.ended.reason() + "): " + state.ended.message());
     }
     v1::SessionEvent event = make();
-    const auto most = Outbox::most_event_bytes(catalog()->limits.max_request_bytes);
-    if (event.ByteSizeLong() > most) {
-      return invalid("edit", std::to_string(event.ByteSizeLong()) + " bytes",
-                     "at most " + std::to_string(most) + " bytes in one edit; split it");
-    }
+    Status fits = convert::check_size("edit", event, catalog()->limits);
+    if (!fits) return fits;
     edit = state.send_edit(std::move(event), outbox_);
   }
   flush();

@@ -8,6 +8,8 @@
 namespace motiongen {
 namespace {
 
+constexpr double kUsualFrameRateHz = 20;  // where the server will refuse the model
+
 Status check_span(const Prompt& prompt, std::uint64_t start_frame, std::uint64_t end_frame) {
   Status checked = convert::check(prompt);
   if (checked && end_frame != 0 && end_frame <= start_frame) {
@@ -29,7 +31,7 @@ Result<EditId> Session::set_prompt(const Prompt& prompt) {
     v1::SessionEvent event;
     auto* edit = event.mutable_edit_prompts();
     const std::uint64_t playhead = state_->timeline ? state_->timeline->playhead() : 0;
-    for (const std::uint32_t id : state_->book.drop_begun_prompts(playhead, false)) edit->add_remove(id);
+    for (const std::uint32_t id : state_->book.begun_prompts(playhead, false)) edit->add_remove(id);
     *edit->add_upsert() = convert::span(SessionBook::kPresentPrompt, prompt, 0, 0);
     return event;
   });
@@ -43,7 +45,7 @@ Result<EditId> Session::schedule_prompt(const Prompt& prompt, std::uint64_t star
     v1::SessionEvent event;
     auto* edit = event.mutable_edit_prompts();
     const std::uint64_t playhead = state_->timeline ? state_->timeline->playhead() : 0;
-    for (const std::uint32_t id : state_->book.drop_begun_prompts(playhead, true)) edit->add_remove(id);
+    for (const std::uint32_t id : state_->book.begun_prompts(playhead, true)) edit->add_remove(id);
     const std::uint32_t id = state_->book.take_prompt_id();
     if (prompt_id != nullptr) *prompt_id = id;
     *edit->add_upsert() = convert::span(id, prompt, start_frame, end_frame);
@@ -149,11 +151,19 @@ Result<EditId> Session::set_velocity(float x_mps, float z_mps, double seconds, s
     velocity->set_x(x_mps);
     velocity->set_z(z_mps);
     if (heading_rad) velocity->set_heading(*heading_rad);
-    const double rate = state_->timeline ? state_->timeline->frame_rate_hz() : 20;
+    const double rate = frame_rate_hz();
     velocity->set_hold_frames(static_cast<std::uint32_t>(std::lround(seconds * rate)));
     velocity->set_keep_prompt(keep_prompt);
     return event;
   });
+}
+
+// Before it has opened: of the rig that it will have. With the state's mutex held.
+double Session::frame_rate_hz() const {
+  if (state_->timeline) return state_->timeline->frame_rate_hz();
+  const auto known = core_->catalog();
+  const Rig* rig = convert::find_rig(*known, state_->options.model_id);
+  return rig != nullptr ? rig->frame_rate_hz : kUsualFrameRateHz;
 }
 
 Result<EditId> Session::pause() { return play(true); }
@@ -161,7 +171,7 @@ Result<EditId> Session::resume() { return play(false); }
 
 Result<EditId> Session::play(bool paused) {
   return core_->edit_with(*state_, [&] {
-    if (state_->timeline) paused ? state_->timeline->pause() : state_->timeline->resume();
+    state_->set_playing(!paused);
     v1::SessionEvent event;
     event.mutable_set_play_state()->set_state(paused ? v1::PLAY_STATE_PAUSED : v1::PLAY_STATE_PLAYING);
     return event;

@@ -53,7 +53,7 @@ void SessionState::say_as_rows(v1::Seek& seek, const Catalog& catalog) const {
   seek.clear_frame();
 }
 
-void SessionState::send_resume(Outbox& outbox) {
+v1::SessionEvent SessionState::resuming_event() {
   v1::SessionEvent event;
   event.set_session(id);
   event.set_event_seq(1);
@@ -66,15 +66,29 @@ void SessionState::send_resume(Outbox& outbox) {
   // for another server, which may not know
   point->set_playhead(timeline->playhead() > base_ ? timeline->playhead() - base_ : 0);
   point->set_committed_to(timeline->committed_to() > base_ ? timeline->committed_to() - base_ : 0);
-  can_report = false;
-  resuming_ = true;
-  phase = Phase::opening;
-  outbox.put(event);
+  return event;
 }
 
-void SessionState::send_open(Outbox& outbox, const Catalog& catalog) {
-  if (was_open_ && !token_.empty()) return send_resume(outbox);
-  resuming_ = false;
+void SessionState::send_open(Outbox& outbox, const Catalog& catalog, EventQueue& events) {
+  can_report = false;
+  resuming_ = was_open_ && !token_.empty();
+  phase = Phase::opening;
+  if (resuming_) return send_all({resuming_event()}, outbox, catalog, events);
+  std::vector<v1::SessionEvent> said = {opening_event(catalog)};
+  for (v1::SessionEvent& each : book.unanswered(base_)) said.push_back(std::move(each));
+  send_all(said, outbox, catalog, events);
+}
+
+void SessionState::send_all(const std::vector<v1::SessionEvent>& said, Outbox& outbox, const Catalog& catalog,
+                            EventQueue& events) {
+  for (const v1::SessionEvent& each : said) {
+    Status fits = convert::check_size(each.has_open() ? "the session" : "edit", each, catalog.limits);
+    if (!fits) return phase == Phase::open ? break_off(fits, events, outbox) : end(std::move(fits), events);
+  }
+  for (const v1::SessionEvent& each : said) outbox.put(each);
+}
+
+v1::SessionEvent SessionState::opening_event(const Catalog& catalog) {
   book.begin_stream();
   last_seq = 0;
   v1::SessionEvent event;
@@ -91,10 +105,7 @@ void SessionState::send_open(Outbox& outbox, const Catalog& catalog) {
   } else {
     *event.mutable_open() = book.opening();
   }
-  can_report = false;
-  phase = Phase::opening;
-  outbox.put(event);
-  for (const v1::SessionEvent& each : book.unanswered(base_)) outbox.put(each);
+  return event;
 }
 
 void SessionState::take_closed(const v1::SessionClosed& message, double now_s, EventQueue& events) {
@@ -116,26 +127,27 @@ void SessionState::open_anew(EventQueue& events) {
   phase = Phase::waiting;
 }
 
-void SessionState::take_resumed(const v1::SessionOpened& message, EventQueue& events, Outbox& outbox) {
+void SessionState::take_resumed(const v1::SessionOpened& message, const Catalog& catalog, EventQueue& events,
+                                Outbox& outbox) {
   resuming_ = false;
   token_ = message.session_token();
   phase = Phase::open;
   ++stats.recoveries;
-  for (const v1::SessionEvent& each : book.repetitions(base_)) outbox.put(each);
   Event event;
   event.kind = EventKind::recovered;
   event.session = id;
   event.frame = base_ + message.start_frame();
   event.exact = true;
   events.push(std::move(event));
+  send_all(book.repetitions(base_), outbox, catalog, events);
 }
 
 void SessionState::take_opened(const v1::SessionOpened& message, const Catalog& catalog, EventQueue& events,
                                Outbox& outbox) {
   if (phase != Phase::opening) return;
-  if (resuming_) return take_resumed(message, events, outbox);
+  if (resuming_) return take_resumed(message, catalog, events, outbox);
   const auto found = convert::session_rig(catalog, message, options.outputs);
-  if (!found) return end(found.status(), events);
+  if (!found) return break_off(found.status(), events, outbox);
   opened = convert::opened(message);
   note_placements(opened.placements);
   token_ = message.session_token();
@@ -144,33 +156,46 @@ void SessionState::take_opened(const v1::SessionOpened& message, const Catalog& 
   Event event;
   event.session = id;
   event.outcome.warnings = opened.warnings;
-  if (was_open_) {
+  const bool was_reopened = was_open_;
+  if (was_reopened) {
     if (!same_rows(rig, found.value())) {
-      return end(Status(Code::failed_precondition, "RIG_CHANGED", "the server came back with another rig"), events);
+      return break_off(Status(Code::failed_precondition, "RIG_CHANGED", "the server came back with another rig"),
+                       events, outbox);
     }
     timeline->continue_with_new_plans();
     ++stats.recoveries;
     event.kind = EventKind::recovered;
     event.frame = base_;
   } else {
-    rig = found.value();
-    TimelineOptions made;
-    made.frame_rate_hz = rig.frame_rate_hz;
-    made.row_width = rig.row_width;
-    made.start_frame = message.start_frame();
-    made.keep_frames = options.keep_frames;
-    const Model* model = convert::find_model(catalog, opened.model_id);
-    made.reserve_frames = 2 * opened.lookahead_frames + (model != nullptr ? model->horizon_frames : 0);
-    auto timeline_made = Timeline::make(made);
-    if (!timeline_made) return end(timeline_made.status(), events);
-    timeline.emplace(std::move(timeline_made).value());
-    if (options.frame_format != FrameFormat::f32) decoder.emplace(rig, options.frame_format);
-    if (book.is_paused()) timeline->pause();
-    book.opened(opened.placements);
-    was_open_ = true;
+    const Status begun = begin(found.value(), message.start_frame(), catalog);
+    if (!begun) return break_off(begun, events, outbox);
     event.kind = EventKind::opened;
   }
   events.push(std::move(event));
+  // another follows where that is not so; one that has just begun has told nobody anything else
+  const ServiceLevel full = {v1::SERVICE_TIER_FULL, opened.denoise_steps};
+  const bool was_less = level_.tier != full.tier || level_.denoise_steps != full.denoise_steps;
+  if (was_reopened && was_less) set_level(full, events);
+  level_ = full;
+}
+
+Status SessionState::begin(const Rig& of, std::uint64_t start_frame, const Catalog& catalog) {
+  TimelineOptions made;
+  made.frame_rate_hz = of.frame_rate_hz;
+  made.row_width = of.row_width;
+  made.start_frame = start_frame;
+  made.keep_frames = options.keep_frames;
+  const Model* model = convert::find_model(catalog, opened.model_id);
+  made.reserve_frames = 2 * opened.lookahead_frames + (model != nullptr ? model->horizon_frames : 0);
+  auto timeline_made = Timeline::make(made);
+  if (!timeline_made) return timeline_made.status();
+  rig = of;
+  timeline.emplace(std::move(timeline_made).value());
+  if (options.frame_format != FrameFormat::f32) decoder.emplace(rig, options.frame_format);
+  if (!is_playing_) timeline->pause();
+  book.opened(opened.placements);
+  was_open_ = true;
+  return {};
 }
 
 void SessionState::lose(const Status& status, bool will_reconnect, EventQueue& events) {

@@ -25,6 +25,11 @@ EditId SessionState::send_edit(v1::SessionEvent event, Outbox& outbox) {
   return edit;
 }
 
+void SessionState::set_playing(bool is_playing) {
+  is_playing_ = is_playing;
+  if (timeline) is_playing ? timeline->resume() : timeline->pause();
+}
+
 void SessionState::send_close(Outbox& outbox) {
   v1::SessionEvent event;
   event.set_session(id);
@@ -37,10 +42,13 @@ void SessionState::send_close(Outbox& outbox) {
 void SessionState::report(double now_s, double period_s, Outbox& outbox) {
   if (phase != Phase::open || !timeline) return;
   if (options.clock == Clock::real_time) timeline->advance(now_s);
-  if (!timeline->started() || timeline->playhead() < base_) return;
+  // What plays on towards what a new session has made is not told: the server would count on from there. What stands
+  // still is, or the session would be closed for its silence; and so is what was told once.
+  const bool stands = !timeline->started() || !timeline->playing();
+  if (!stands && !can_report && timeline->playhead() < base_) return;
   std::string entry;
-  wire::put_playhead(id, timeline->playhead() - base_, timeline->buffered_to() - base_, timeline->underruns(),
-                     book.answered_seq(), entry);
+  wire::put_playhead(id, std::max(timeline->playhead(), base_) - base_, timeline->buffered_to() - base_,
+                     timeline->underruns(), book.answered_seq(), entry);
   outbox.put(entry);
   // those that open together are spread over the period, so that the server need not hear them all at once
   next_report_s = now_s + (can_report ? period_s : period_s * (1 + id % 10) / 10);
@@ -88,11 +96,8 @@ void SessionState::take(const v1::SessionUpdate& update, const Catalog& catalog,
   } else if (update.has_outcome()) {
     take_outcome(update.outcome(), now_s, events);
   } else if (update.has_service_level()) {
-    Event event;
-    event.kind = EventKind::service_level;
-    event.session = id;
-    event.level = {static_cast<std::uint32_t>(update.service_level().tier()), update.service_level().denoise_steps()};
-    events.push(std::move(event));
+    set_level({static_cast<std::uint32_t>(update.service_level().tier()), update.service_level().denoise_steps()},
+              events);
   } else if (update.has_durability()) {
     set_durable(update.durability().is_kept(), events);
   } else if (update.has_constraint_reached()) {
@@ -142,7 +147,8 @@ void SessionState::take_outcome(const v1::EditOutcome& message, double now_s, Ev
 }
 
 void SessionState::give_up_opening(EventQueue& events) {
-  if (!was_open_) end(std::move(*refusal), events);
+  // where its time came meanwhile it has been asked for again, and the answer to that counts
+  if (!was_open_ && phase == Phase::waiting) end(std::move(*refusal), events);
 }
 
 void SessionState::note_answer(EditId edit, Outcome outcome, EventQueue& events) {
@@ -196,6 +202,15 @@ void SessionState::set_durable(bool is_kept, EventQueue& events) {
   event.kind = EventKind::durability;
   event.session = id;
   event.is_durable = is_kept;
+  events.push(std::move(event));
+}
+
+void SessionState::set_level(const ServiceLevel& level, EventQueue& events) {
+  level_ = level;
+  Event event;
+  event.kind = EventKind::service_level;
+  event.session = id;
+  event.level = level;
   events.push(std::move(event));
 }
 

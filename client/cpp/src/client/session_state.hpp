@@ -56,14 +56,17 @@ class SessionState {
   // ---- to the server
 
   // Put its OpenSession into the outbox: its first, one that resumes it where the server may have kept it, else one
-  // that goes on from the frames held, with what was not answered.
-  void send_open(Outbox& outbox, const Catalog& catalog);
+  // that goes on from the frames held, with what was not answered. Where that is more than the server takes in a
+  // message the session ends: the server would end the stream with all sessions.
+  void send_open(Outbox& outbox, const Catalog& catalog, EventQueue& events);
   // What has it go on from a frame of its own: by number, or by the rows where the session at the server has another
   // count since it was opened anew.
   v1::SessionEvent seek_event(std::uint64_t frame, const Catalog& catalog) const;
   // Take an edit. Returns its number.
   EditId send_edit(v1::SessionEvent event, Outbox& outbox);
   void send_close(Outbox& outbox);
+  // Whether its playhead shall move, from now on or from when it has opened.
+  void set_playing(bool is_playing);
   // A report where it plays; moves the playhead to the present where the clock is the library's.
   void report(double now_s, double period_s, Outbox& outbox);
 
@@ -94,9 +97,14 @@ class SessionState {
 
  private:
   void take_opened(const v1::SessionOpened& message, const Catalog& catalog, EventQueue& events, Outbox& outbox);
-  void take_resumed(const v1::SessionOpened& message, EventQueue& events, Outbox& outbox);
+  void take_resumed(const v1::SessionOpened& message, const Catalog& catalog, EventQueue& events, Outbox& outbox);
+  Status begin(const Rig& of, std::uint64_t start_frame, const Catalog& catalog);
   void take_closed(const v1::SessionClosed& message, double now_s, EventQueue& events);
-  void send_resume(Outbox& outbox);
+  v1::SessionEvent resuming_event();
+  v1::SessionEvent opening_event(const Catalog& catalog);
+  // Send them, or end where one of them is too big.
+  void send_all(const std::vector<v1::SessionEvent>& said, Outbox& outbox, const Catalog& catalog, EventQueue& events);
+  void set_level(const ServiceLevel& level, EventQueue& events);
   void take_outcome(const v1::EditOutcome& message, double now_s, EventQueue& events);
   void break_off(const Status& status, EventQueue& events, Outbox& outbox);
   void note_reached(const v1::ConstraintReached& message, EventQueue& events);
@@ -114,6 +122,8 @@ class SessionState {
   std::uint64_t base_ = 0;  // the timeline's frame that is frame 0 of the present session on the server
   const bool recovers_;
   bool was_open_ = false;
+  bool is_playing_ = true;  // as it was wished
+  ServiceLevel level_;
   bool resuming_ = false;      // OpenSession with the token is on its way
   std::string token_;          // of the present session on the server; empty: it cannot be resumed
   std::uint32_t attempt_ = 0;  // to resume it

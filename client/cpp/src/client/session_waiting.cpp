@@ -2,6 +2,7 @@
 #include <chrono>
 
 #include "client/core.hpp"
+#include "client/timeouts.hpp"
 #include "motiongen/client/session.hpp"
 
 namespace motiongen {
@@ -18,12 +19,19 @@ Status too_long(const char* what, double timeout_s) {
           std::string(what) + " took longer than " + std::to_string(timeout_s) + " s"};
 }
 
-std::chrono::duration<double> of(double seconds) { return std::chrono::duration<double>(seconds); }
+// Why nothing can be waited for, for so long.
+Status check_wait(const EventQueue& events, double timeout_s) {
+  if (events.in_callback()) return in_callback();
+  return check_timeout(timeout_s);
+}
+
+std::chrono::duration<double> of(double seconds) { return std::chrono::duration<double>(bounded_s(seconds)); }
 
 }  // namespace
 
 Result<Opened> Session::wait_open(double timeout_s) {
-  if (core_->events().in_callback()) return in_callback();
+  Status checked = check_wait(core_->events(), timeout_s);
+  if (!checked) return checked;
   std::unique_lock<std::mutex> lock(state_->mutex);
   const auto told = [this] { return state_->timeline.has_value() || state_->phase == Phase::closed; };
   if (!state_->changed.wait_for(lock, of(timeout_s), told)) return too_long("opening the session", timeout_s);
@@ -32,7 +40,8 @@ Result<Opened> Session::wait_open(double timeout_s) {
 }
 
 Result<Outcome> Session::wait_edit(EditId edit, double timeout_s) {
-  if (core_->events().in_callback()) return in_callback();
+  Status checked = check_wait(core_->events(), timeout_s);
+  if (!checked) return checked;
   std::unique_lock<std::mutex> lock(state_->mutex);
   std::optional<Outcome> answer;
   const auto told = [&] {
@@ -45,7 +54,8 @@ Result<Outcome> Session::wait_edit(EditId edit, double timeout_s) {
 }
 
 Result<Reached> Session::wait_reached(std::uint32_t target, double timeout_s) {
-  if (core_->events().in_callback()) return in_callback();
+  Status checked = check_wait(core_->events(), timeout_s);
+  if (!checked) return checked;
   std::unique_lock<std::mutex> lock(state_->mutex);
   std::optional<Reached> found;
   const auto told = [&] {
@@ -63,7 +73,8 @@ std::optional<Placement> Session::placement(std::uint32_t target) const {
 }
 
 Status Session::wait_frame(std::uint64_t frame, double timeout_s) {
-  if (core_->events().in_callback()) return in_callback();
+  Status checked = check_wait(core_->events(), timeout_s);
+  if (!checked) return checked;
   std::unique_lock<std::mutex> lock(state_->mutex);
   const auto there = [&] {
     return state_->phase == Phase::closed || (state_->timeline && state_->timeline->buffered_to() > frame);

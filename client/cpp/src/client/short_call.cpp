@@ -2,6 +2,7 @@
 #include <chrono>
 
 #include "client/core.hpp"
+#include "client/timeouts.hpp"
 
 namespace motiongen {
 
@@ -11,7 +12,7 @@ ShortCall::ShortCall(ClientCore& core, double timeout_s) : core_(core) {
   if (metadata) {
     for (const auto& [key, text] : metadata.value()) context.AddMetadata(key, text);
   }
-  const auto timeout = std::chrono::duration<double>(timeout_s);
+  const auto timeout = std::chrono::duration<double>(bounded_s(timeout_s));
   context.set_deadline(std::chrono::system_clock::now() +
                        std::chrono::duration_cast<std::chrono::system_clock::duration>(timeout));
   const std::lock_guard<std::mutex> lock(core.mutex_);

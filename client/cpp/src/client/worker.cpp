@@ -32,6 +32,7 @@ void ClientCore::work() {
     if (closing_) break;
     if (due) reconnect();
     if (connected_) tick(now_s());
+    if (connected_ && wants_catalog_.exchange(false)) static_cast<void>(fetch_catalog(kAskTimeoutS));
     if (has_call && now_s() - heard_at_s_ > kSilentPeriods * options_.ping_period_s) {
       heard_at_s_ = now_s();  // the call ends by itself now
       drop_call(Status(Code::unavailable, "SERVER_SILENT", "nothing came from the server for too long"));
@@ -54,12 +55,15 @@ void ClientCore::tick(double now) {
 }
 
 void ClientCore::report(double now) {
+  bool ended = false;
   for (const auto& state : sessions()) {
     const std::lock_guard<std::mutex> lock(state->mutex);
     if (now >= state->next_report_s) state->report(now, report_period_s(), outbox_);
     const bool again = state->phase == Phase::waiting && now >= state->retry_at_s;
-    if (again && connected_) state->send_open(outbox_, *catalog());
+    if (again && connected_) state->send_open(outbox_, *catalog(), events_);
+    ended = ended || state->phase == Phase::closed;
   }
+  if (ended) forget_closed();
 }
 
 void ClientCore::send_ping(double now) {

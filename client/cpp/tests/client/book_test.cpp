@@ -87,8 +87,29 @@ TEST(SessionBook, KnowsWhichScheduledPromptsHaveBegun) {
     book.add(event);
     book.answer(event.event_seq(), Taken{});
   }
-  EXPECT_EQ(book.drop_begun_prompts(40, true), (std::vector<std::uint32_t>{3}));
-  EXPECT_EQ(book.drop_begun_prompts(40, false), (std::vector<std::uint32_t>{2})) << "the other is on its way";
+  EXPECT_EQ(book.begun_prompts(40, true), (std::vector<std::uint32_t>{3}));
+  EXPECT_EQ(book.begun_prompts(40, false), (std::vector<std::uint32_t>{3, 2})) << "nothing was sent yet";
+}
+
+TEST(SessionBook, APromptThatIsBeingChangedIsNotTakenAwayOnceMore) {
+  SessionBook book = new_book();
+  for (int number = 0; number < 2; ++number) {
+    v1::SessionEvent event = prompt_event(book.take_prompt_id(), "x", 10);
+    book.add(event);
+    book.answer(event.event_seq(), Taken{});
+  }
+  v1::SessionEvent removal;
+  removal.mutable_edit_prompts()->add_remove(2);
+  v1::SessionEvent replacement = prompt_event(3, "y", 300);
+  v1::SessionEvent again = prompt_event(3, "z", 20);
+  for (v1::SessionEvent* each : {&removal, &replacement, &again}) book.add(*each);
+  EXPECT_TRUE(book.begun_prompts(40, false).empty()) << "what is in their place is not known yet";
+  book.answer(removal.event_seq(), std::nullopt);
+  EXPECT_EQ(book.begun_prompts(40, false), (std::vector<std::uint32_t>{2})) << "it was refused: it still holds";
+  book.answer(replacement.event_seq(), Taken{});
+  EXPECT_EQ(book.begun_prompts(40, false), (std::vector<std::uint32_t>{2})) << "another is still on its way";
+  book.answer(again.event_seq(), Taken{});
+  EXPECT_EQ(book.begun_prompts(40, false), (std::vector<std::uint32_t>{2, 3}));
 }
 
 TEST(SessionBook, APromptForAWhileIsNeverDroppedForAnother) {
@@ -96,7 +117,7 @@ TEST(SessionBook, APromptForAWhileIsNeverDroppedForAnother) {
   v1::SessionEvent event = prompt_event(book.take_prompt_id(), "wave", 10, 90);
   book.add(event);
   book.answer(event.event_seq(), Taken{});
-  EXPECT_TRUE(book.drop_begun_prompts(40, false).empty());
+  EXPECT_TRUE(book.begun_prompts(40, false).empty());
 }
 
 TEST(SessionBook, WhatIsPutInThePlaceOfATargetIsHeldAlone) {

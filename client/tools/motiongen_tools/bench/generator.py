@@ -123,13 +123,14 @@ class Generator:
             character.look(end_s)
             character.give_up_edits(end_s)
             character.end(end_s, as_planned=True)
-        await asyncio.gather(*(stream_client.stop() for stream_client in self._lanes))
-        return Report(
+        made = Report(  # now, as motiongen-load does: what comes while streams end is no part of it
             process=self._process,
             recorder=self._recorder.pack(),
             cpu_s=(self._cpu_to_s or time.process_time()) - (self._cpu_from_s or time.process_time()),
             streams=len(self._lanes),
         )
+        await asyncio.gather(*(stream_client.stop() for stream_client in self._lanes))
+        return made
 
     def _now_s(self) -> float:
         return self._clock.now_s() - self._started_at_s

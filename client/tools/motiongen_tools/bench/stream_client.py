@@ -5,6 +5,7 @@ from __future__ import annotations
 import asyncio
 import contextlib
 from collections.abc import Callable, Iterable
+from typing import Any
 
 import grpc
 import grpc.aio
@@ -207,7 +208,7 @@ class StreamClient:
                 counts["sessions_opened"] += 1
             elif kind == "service_level":
                 level = update.service_level
-                tier = session_pb2.ServiceTier.Name(level.tier).removeprefix("SERVICE_TIER_")
+                tier = _short_name(session_pb2.ServiceTier.Name, level.tier, "SERVICE_TIER_")
                 counts[f"service level: {tier}, {level.denoise_steps} steps"] += 1
             elif kind == "closed":
                 self._take_closed(character, update.closed, now_s)
@@ -226,9 +227,17 @@ class StreamClient:
     def _take_closed(self, character: Character, closed: session_pb2.SessionClosed, now_s: float) -> None:
         self._recorder.counts["frames_late_by_server"] += closed.late_frames
         if closed.reason != _CLIENT:
-            name = session_pb2.CloseReason.Name(closed.reason).removeprefix("CLOSE_REASON_")
+            name = _short_name(session_pb2.CloseReason.Name, closed.reason, "CLOSE_REASON_")
             self._recorder.counts[f"sessions_lost: {name}"] += 1
             character.end(now_s, as_planned=False)
+
+
+def _short_name(name_of: Callable[[Any], str], number: int, prefix: str) -> str:
+    """A name of an enum's value without what all of them begin with; of a value of a later version, the number."""
+    try:
+        return name_of(number).removeprefix(prefix)
+    except ValueError:
+        return str(number)
 
 
 def report(character: Character, now_s: float) -> session_pb2.SessionEvent:

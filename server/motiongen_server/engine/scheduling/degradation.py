@@ -66,8 +66,6 @@ class DegradationLimits:
     to patience times. Where all that is there would be below fits_load in full, up after back_s, whatever was learned
     of a load that has gone; unless that was tried, and did not hold.
     least_busy: a machine that computes for less of the time is not what windows are late for, and nobody gets less.
-    That is of time and not of the load, which counts steps as if they were full: a lone character that a slow processor
-    cannot keep up with is a small load.
     min_windows: fewer than so many windows say nothing about the share that is late.
     """
 

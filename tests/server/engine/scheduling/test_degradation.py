@@ -71,17 +71,6 @@ def test_nobody_gets_less_while_the_machine_stands_idle_half_the_time() -> None:
     assert day.pass_time(2.0, late=0.5) == [BATCH]
 
 
-def test_a_machine_that_is_busy_with_few_windows_gives_less_whatever_full_steps_would_take() -> None:
-    """A lone character on a slow processor: its steps hold one row, and are a small part of what full ones do."""
-    day = Day({NEAR: 1})
-    moved = []
-    for _ in range(20):
-        day.now += EVERY_S
-        day.degradation.note_windows(day.now, 10, 5)
-        moved += day.degradation.update(day.now, 0.2, day.present, busy=0.9)
-    assert NEAR in moved
-
-
 def test_heroes_give_up_last_and_are_never_held() -> None:
     day = Day()
     moved = day.pass_time(200.0, late=0.5)

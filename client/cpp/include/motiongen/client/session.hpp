@@ -77,7 +77,7 @@ class MOTIONGEN_API Session {
   [[nodiscard]] Status close();
 
   // ---- waiting, for those who may: DEADLINE_EXCEEDED when it takes longer, FAILED_PRECONDITION inside an event
-  // callback
+  // callback. timeout_s: infinity waits for ever; INVALID_ARGUMENT for no number
 
   [[nodiscard]] Result<Opened> wait_open(double timeout_s);
   // Of an edit of this session. Answers are kept for the last 1,024 edits.
@@ -86,7 +86,8 @@ class MOTIONGEN_API Session {
   std::optional<Placement> placement(std::uint32_t target) const;
   // What became of a target. Kept for the last 1,024 that were told.
   [[nodiscard]] Result<Reached> wait_reached(std::uint32_t target, double timeout_s);
-  // Until the frame is held.
+  // Until the frame has come. It may be gone again by then, as those are that lie `keep_frames` behind the playhead:
+  // `copy_frame` tells.
   [[nodiscard]] Status wait_frame(std::uint64_t frame, double timeout_s);
 
   // ---- frames. out: rig().row_width floats
@@ -122,6 +123,7 @@ class MOTIONGEN_API Session {
   [[nodiscard]] Result<EditId> add_target(const Target& target, std::uint32_t* id);
   [[nodiscard]] Result<EditId> edit_targets(Span<const Target> targets, std::vector<std::uint32_t>* ids, bool clear);
   [[nodiscard]] Result<EditId> play(bool paused);
+  double frame_rate_hz() const;
   [[nodiscard]] Result<bool> show(GroundFollower* ground, Span<float> out);
   std::shared_ptr<ClientCore> core_;
   std::shared_ptr<SessionState> state_;

@@ -29,8 +29,11 @@ def test_every_contestant_was_tried_and_its_costs_are_known(report: Report) -> N
         assert sum(trial.broken for trial in one.trials) == 0
 
 
-def test_efficiency_is_a_share_of_the_product(report: Report) -> None:
-    assert all(0 < one.efficiency < 1 for one in report.ceilings)
+def test_efficiency_is_what_was_computed_of_what_the_product_computes(report: Report) -> None:
+    for one in report.ceilings:
+        assert one.efficiency * one.product_flops_per_s == pytest.approx(one.window_flops * one.rate.windows_per_s)
+        assert one.step_flops > 0
+        assert one.window_flops > report.settings.num_steps * one.step_flops
 
 
 def test_table_file_and_picture_are_written(report: Report, tmp_path: Path) -> None:

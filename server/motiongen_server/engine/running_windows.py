@@ -46,9 +46,8 @@ class RunningWindows:
         self.quotas = StepQuotas()
         self._now = clock.now
         self._owners: dict[int, SessionState] = {}
-        # What windows cost beside playing on, in whole windows: of those under way, and of what nobody has taken yet.
-        self._extra: dict[int, tuple[Priority, float]] = {}
-        self._noted: list[tuple[Priority, float]] = []
+        self._replans: dict[int, tuple[Priority, float]] = {}  # of those under way
+        self._begun_replans: list[tuple[Priority, float]] = []
         self._job_ids = itertools.count(1)
         self._executor = StepExecutor(
             runner,
@@ -109,20 +108,16 @@ class RunningWindows:
         self._owners[job.job_id] = state
         self._executor.add(job)
         if job.cause is not PlanCause.CONTINUE and not job.background:
-            added = job.first_frame + state.facts.horizon - state.planned_to
-            self._extra[job.job_id] = extra = job.priority, _beside_playing(state, job, added)
-            self._noted.append(extra)
+            self._replans[job.job_id] = replan = job.priority, job.num_steps / state.spec.denoise_steps
+            self._begun_replans.append(replan)
 
     def _begin_elsewhere(self, job_id: int, left_s: float) -> WindowJob | None:
         return planning.begin_elsewhere(self._owners[job_id], self._now(), left_s * self._lease.stretch)
 
-    def take_extra(self) -> list[tuple[Priority, float]]:
-        """What sessions of each class cost beside playing on since this was last asked, in whole windows.
-
-        A replan counts from when it begins, since a rush of them is noticed too late else, and is put right once it has
-        landed or is let go of.
-        """
-        taken, self._noted = self._noted, []
+    def take_replans(self) -> list[tuple[Priority, float]]:
+        """The windows begun since this was last asked that change what would be shown, each with its share of a whole
+        one's steps; those that were let go of count against others."""
+        taken, self._begun_replans = self._begun_replans, []
         return taken
 
     def step(self, report: StepReport) -> list[int]:
@@ -149,11 +144,10 @@ class RunningWindows:
             if state is None:
                 continue  # closed or restarted meanwhile, and discarded
             self._executor.finish(result.job_id)
-            running, planned_to = state.running, state.planned_to
+            self._replans.pop(result.job_id, None)
+            running = state.running
             misses, held = len(report.deadline_misses), state.holding
             outputs = planning.accept(state, result, now, report)
-            if running is not None:
-                self._settle(state, running.job, state.planned_to - planned_to)
             if self.timings is not None and running is not None:
                 outputs = self.timings.with_timing(outputs, running, now)
             said.append((state, outputs))
@@ -166,26 +160,15 @@ class RunningWindows:
         load.note_windows(now, due, late)
         return said
 
-    def _settle(self, state: SessionState, job: WindowJob, added: int) -> None:
-        """What a window was taken to cost beside playing on when it began is made what it cost: it added so many."""
-        if not job.background:
-            _, noted = self._extra.pop(job.job_id, (job.priority, 0.0))
-            self._noted.append((job.priority, _beside_playing(state, job, added) - noted))
-
     def discard(self, job_id: int) -> None:
         """Forget a job that runs; its result can reach nobody any more."""
         if self.timings is not None:
             self.timings.forget(job_id)
         del self._owners[job_id]
-        if job_id in self._extra:
-            priority, share = self._extra.pop(job_id)
-            self._noted.append((priority, -share))
+        if job_id in self._replans:
+            priority, share = self._replans.pop(job_id)
+            self._begun_replans.append((priority, -share))
         self._executor.discard(job_id)
-
-
-def _beside_playing(state: SessionState, job: WindowJob, added: int) -> float:
-    """What a window costs beside playing on, in whole windows: its steps, less those of the frames that it adds."""
-    return job.num_steps / state.spec.denoise_steps - added / state.facts.horizon
 
 
 def _shows_load(job: WindowJob) -> bool:

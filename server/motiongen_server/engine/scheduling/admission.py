@@ -95,10 +95,6 @@ class Admission:
         with self._lock:
             self._beginning.discard(session)
 
-    def expected_hz(self, priority: Priority) -> float:
-        """Windows a second that a session of this class is expected to ask for."""
-        return self._rates[priority]
-
     def _share(self, priority: Priority, steps: int, sessions: int) -> float:
         prices = self._prices
         return self._rates[priority] * (steps * prices.step_s + sessions * prices.window_s)

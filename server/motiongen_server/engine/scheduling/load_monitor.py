@@ -50,9 +50,10 @@ class LoadMonitor:
         """Where a class is."""
         return self._degradation.level(priority) if self._degradation is not None else FULL
 
-    def note_extra(self, priority: Priority, share: float) -> None:
-        """See `WindowRates.note_extra`."""
-        self._rates.note_extra(priority, share)
+    def note_replan(self, priority: Priority, share: float = 1.0) -> None:
+        """A session's window was begun that changes what it would show. share: of a whole window's steps, below 0 for
+        one that was let go of."""
+        self._rates.note_replan(priority, share)
 
     def note_windows(self, now: float, windows: int, late: float) -> None:
         """So many windows were due, and so late were they, in windows: see `Degradation.note_windows`."""

@@ -8,35 +8,35 @@ from motiongen_server.engine.types import Priority
 
 # What was seen counts half as much after so long.
 _HALF_LIFE_S = 10.0
-# Until more was seen, a session is taken for one that asks for so many windows a second beside playing: half of what it
-# is edited, since plans are half played by then. That counts as much as having watched one session for so long.
-EXPECTED_HZ = {Priority.HERO: 0.5, Priority.NEAR: 0.15, Priority.CROWD: 0.1, Priority.BATCH: 0.05}
+# Until more was seen, a session is taken for one that asks for so many replans a second. That counts as much as having
+# watched one session for so long.
+EXPECTED_HZ = {Priority.HERO: 1.0, Priority.NEAR: 0.3, Priority.CROWD: 0.2, Priority.BATCH: 0.1}
 _EXPECTED_S = 20.0
 
 
 class WindowRates:
-    """By class: what playing on alone takes, and what windows have cost beside that.
+    """By class: what playing on alone takes, and a window for every replan, which replaces about a whole one.
 
-    A replan replaces what is left of a plan, and nothing where there is nothing left: its window costs its steps, less
-    those of the frames that it adds. That is counted by the seconds that sessions were there, so that many who come at
-    once do not pass for sessions that ask for little. What sessions of a class did is kept when they have gone: it is
-    what the next ones are expected to do.
+    Replans are counted by the seconds that sessions were there, so that many who come at once do not pass for sessions
+    that ask for little. What sessions of a class did is kept when they have gone: it is what the next ones are expected
+    to do.
     """
 
     def __init__(self, playing_hz: float) -> None:
         """playing_hz: windows a second of a session that is never edited."""
         self._playing_hz = playing_hz
-        self._extra = dict.fromkeys(Priority, 0.0)
+        self._replans = dict.fromkeys(Priority, 0.0)
         self._watched_s = dict.fromkeys(Priority, 0.0)
         self._begun = dict.fromkeys(Priority, 0.0)
 
     def __getitem__(self, priority: Priority) -> float:
         """Windows a second of one session."""
-        extra = self._extra[priority] + EXPECTED_HZ[priority] * _EXPECTED_S
-        return self._playing_hz + extra / (self._watched_s[priority] + _EXPECTED_S)
+        replans = self._replans[priority] + EXPECTED_HZ[priority] * _EXPECTED_S
+        return self._playing_hz + replans / (self._watched_s[priority] + _EXPECTED_S)
 
-    def note_extra(self, priority: Priority, share: float = 1.0) -> None:
-        """What a session's window costs beside playing on, in whole windows; below 0 where too much was noted."""
+    def note_replan(self, priority: Priority, share: float = 1.0) -> None:
+        """A session's window was begun that changes what it would show. share: of a whole window's steps, below 0 for
+        one that was let go of."""
         self._begun[priority] += share
 
     def update(self, elapsed_s: float, present: Mapping[Priority, int]) -> None:
@@ -44,6 +44,6 @@ class WindowRates:
         for priority, sessions in present.items():
             if sessions > 0 and elapsed_s > 0:
                 kept = 0.5 ** (elapsed_s / _HALF_LIFE_S)
-                self._extra[priority] = max(0.0, kept * self._extra[priority] + self._begun[priority])
+                self._replans[priority] = max(0.0, kept * self._replans[priority] + self._begun[priority])
                 self._watched_s[priority] = kept * self._watched_s[priority] + sessions * elapsed_s
         self._begun = dict.fromkeys(Priority, 0.0)

@@ -49,7 +49,7 @@ def test_a_class_that_is_steered_takes_the_room_that_its_edits_take() -> None:
     rates = WindowRates(FACTS.fps / FACTS.horizon)
     for _ in range(1000):
         for _ in range(10):
-            rates.note_extra(Priority.HERO)
+            rates.note_replan(Priority.HERO)
         rates.update(0.25, {Priority.HERO: 8})  # five windows a second each
     admission = _admission()
     admission.set_prices(PRICES, 0.0, rates=rates)

@@ -11,7 +11,7 @@ def _seen(replans: int, sessions: int, seconds: float = 60.0) -> WindowRates:
     rates = WindowRates(0.5)
     for _ in range(round(seconds / 0.25)):
         for _ in range(replans):
-            rates.note_extra(Priority.HERO)
+            rates.note_replan(Priority.HERO)
         rates.update(0.25, {Priority.HERO: sessions})
     return rates
 
@@ -19,13 +19,13 @@ def _seen(replans: int, sessions: int, seconds: float = 60.0) -> WindowRates:
 def test_until_something_is_seen_a_session_is_expected_to_be_edited_now_and_then() -> None:
     rates = WindowRates(0.5)
     rates.update(0.25, {})
-    assert [rates[priority] for priority in Priority] == pytest.approx([1.0, 0.65, 0.6, 0.55])
+    assert [rates[priority] for priority in Priority] == [1.5, 0.8, 0.7, 0.6]
 
 
 def test_a_class_that_is_steered_is_expected_to_be_steered() -> None:
     rates = _seen(replans=25, sessions=10)
     assert rates[Priority.HERO] == pytest.approx(10.5, rel=0.15)
-    assert rates[Priority.CROWD] == 0.6
+    assert rates[Priority.CROWD] == 0.7
 
 
 def test_a_class_that_is_never_edited_is_soon_expected_to_play_on_only() -> None:
@@ -37,7 +37,7 @@ def test_many_who_have_just_come_do_not_pass_for_ones_that_ask_for_little() -> N
     for second in range(1, 4):
         rates.update(1.0, {Priority.CROWD: 30 * second})
         for _ in range(6 * second):  # each is edited every five seconds from the start
-            rates.note_extra(Priority.CROWD)
+            rates.note_replan(Priority.CROWD)
     rates.update(0.25, {Priority.CROWD: 90})
     assert rates[Priority.CROWD] == pytest.approx(0.7, rel=0.1)
 

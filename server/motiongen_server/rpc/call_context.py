@@ -66,10 +66,21 @@ class CallContext:
         """End the call, after what is being written."""
         if self._writing is not None:
             await asyncio.wait({self._writing})
-        try:
-            await self._context.abort(code, details, trailing_metadata)
-        except CLIENT_GONE as error:  # there is nobody to be told anything, and nothing to be logged
-            raise asyncio.CancelledError from error
+        await end_with(self._context, code, details, trailing_metadata)
+
+
+async def end_with(context: Context, code: grpc.StatusCode, details: str, trailing_metadata: Any = ()) -> NoReturn:
+    """End a call with a status. Where its client has gone there is nobody to be told, and nothing to be logged."""
+    try:
+        await context.abort(code, details, trailing_metadata)
+    except CLIENT_GONE as error:
+        raise asyncio.CancelledError from error
+
+
+async def refuse(context: Context, refusal: StreamRefused) -> NoReturn:
+    """End a call with a refusal, as `end_with`."""
+    status = refusal.status()
+    await end_with(context, status.code, status.details or "", status.trailing_metadata or ())
 
 
 def unary_method(

@@ -19,7 +19,7 @@ from motiongen_server.identity.callers import Callers
 from motiongen_server.models.registry import LoadedModel, ModelRegistry
 from motiongen_server.replicas.other_servers import OtherServers
 from motiongen_server.rpc.call_admission import CallAdmission
-from motiongen_server.rpc.call_context import CallContext
+from motiongen_server.rpc.call_context import CallContext, refuse
 from motiongen_server.rpc.clip import ClipService, clip_request
 from motiongen_server.rpc.durability import Durability
 from motiongen_server.rpc.gateway_lag import GatewayLag
@@ -164,7 +164,7 @@ class MotionService:
             self._note_call(context)
             stream = self._begin(peer, caller)
         except StreamRefused as refusal:
-            await context.abort_with_status(refusal.status())
+            await refuse(context, refusal)
         try:
             await self._serve(stream, context)
         finally:
@@ -226,9 +226,9 @@ class MotionService:
             if reader.done():
                 reader.result()  # raises StreamRefused
         except StreamRefused as refusal:
-            await context.abort_with_status(refusal.status())
+            await refuse(context, refusal)
         except Exception as error:
-            await context.abort_with_status(stream_failed(stream.number, error).status())
+            await refuse(context, stream_failed(stream.number, error))
         finally:
             for task in (reader, writer):
                 task.cancel()

@@ -11,6 +11,7 @@ from __future__ import annotations
 import argparse
 import asyncio
 import json
+import shutil
 import sys
 import tempfile
 from pathlib import Path
@@ -122,20 +123,22 @@ async def main() -> int:
     parser = argparse.ArgumentParser(prog="python -m tests.attack", description=__doc__)
     parser.add_argument("--only", nargs="*", default=[], help="kinds of tests.attack.hostile, nobody, endings")
     parser.add_argument("--seconds", type=float, default=6.0, help="of each attack (default: %(default)s)")
-    parser.add_argument("--out", type=Path, help="folder for attack.md; rows of earlier runs there stay")
+    parser.add_argument("--out", type=Path, help="folder for attack.md and servers' logs; rows of earlier runs stay")
     parser.add_argument("--pages", type=Path, nargs="*", default=[], help="Markdown files to put the table into")
     options = parser.parse_args()
-    results, endings = [], []
+    results, endings, rows = [], [], Rows(options.out)
     with tempfile.TemporaryDirectory() as folder:
         for number, attack in enumerate(ATTACKS):
             if options.only and (attack.kind or "nobody") not in options.only:
                 continue
-            results.append(await run(attack, options.seconds, Path(folder) / f"{number}.log"))
+            log = Path(folder) / f"{number}.log"
+            results.append(await run(attack, options.seconds, log))
+            rows.add(results[-1:])
             print(f"{attack.name}: {'; '.join(results[-1].faults) or 'held'}", flush=True)
+            if options.out and results[-1].faults:
+                shutil.copy(log, options.out / f"{attack.kind or 'nobody'}.log")
         if not options.only or ENDINGS in options.only:
             endings = await asyncio.to_thread(all_endings, Path(folder))
-    rows = Rows(options.out)
-    rows.add(results)
     report = f"{table(rows.in_order())}\n{machine()}, {options.seconds:g} s an attack\n"
     if endings:
         report += f"\n{endings_table(endings)}"

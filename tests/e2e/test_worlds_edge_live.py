@@ -53,6 +53,12 @@ class Walk:
     def hips_mps(self) -> np.ndarray:
         return FPS * np.linalg.norm(np.diff(self.joints_m[:, 0], axis=0), axis=-1)
 
+    def at_its_fastest(self) -> str:
+        """Where the hips are around that frame, and in which leg that is."""
+        frame = int(self.hips_mps.argmax())
+        places = np.round(self.joints_m[max(0, frame - 3) : frame + 4, 0], 2).tolist()
+        return f"frame {frame}, leg {frame // round(LEG_S * FPS)}: {places}"
+
     @property
     def joints_mps(self) -> np.ndarray:
         """Of the fastest joint, frame by frame: a limb that jumps is seen here."""
@@ -92,7 +98,7 @@ async def test_who_is_led_about_at_the_edge_is_as_fast_and_as_smooth_as_in_the_m
         assert walk.num_plans > len(LEGS), "what it was told made new plans, whose seams are among these frames"
         assert walk.num_resumes == 0
         assert np.isfinite(walk.joints_m).all()
-        assert walk.hips_mps.max() < FASTER * middle.hips_mps.max()
+        assert walk.hips_mps.max() < FASTER * middle.hips_mps.max(), walk.at_its_fastest()
         assert walk.joints_mps.max() < FASTER * middle.joints_mps.max()
         # Nobody is set back into the world: who is led over its edge walks on there.
         assert np.abs(walk.joints_m[:, 0, 0]).max() > WORLD_M

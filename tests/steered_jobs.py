@@ -3,10 +3,10 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from pathlib import Path
 
 import numpy as np
 
+from motiongen_ardy.checkpoint.model_card import model_folder
 from motiongen_ardy.model.model import Model
 from motiongen_server.engine.ports import Runner
 from motiongen_server.engine.types import (
@@ -27,7 +27,7 @@ from motiongen_server.engine.types import (
     WindowResult,
 )
 
-MINI = Path(__file__).parents[1] / "ardy" / "pretrained" / "motiongen-mini"
+MINI = model_folder("motiongen-mini")
 HAND = 17  # of the built-in model's skeleton
 
 

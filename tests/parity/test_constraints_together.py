@@ -4,12 +4,12 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass, field, replace
-from pathlib import Path
 
 import numpy as np
 import pytest
 
 from motiongen_ardy.checkpoint.checkpoint import load_checkpoint
+from motiongen_ardy.checkpoint.model_card import model_folder
 from motiongen_ardy.model.model import Model
 from motiongen_server.engine.config import EngineConfig
 from motiongen_server.engine.engine import Engine
@@ -37,14 +37,13 @@ from motiongen_server.engine.types import (
 from motiongen_server.runner import TorchRunner
 from tests.server.engine.fakes import FakeClock
 
-MINI = Path(__file__).parents[2] / "ardy" / "pretrained" / "motiongen-mini"
 HAND = 17
 NUM_FRAMES = 100
 
 
 @pytest.fixture(scope="module")
 def mini() -> Model:
-    return load_checkpoint(MINI)
+    return load_checkpoint(model_folder("motiongen-mini"))
 
 
 @dataclass

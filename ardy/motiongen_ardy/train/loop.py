@@ -26,6 +26,7 @@ from torch.nn.parallel import DistributedDataParallel
 from torch.optim.lr_scheduler import LambdaLR
 from torch.utils.tensorboard import SummaryWriter
 
+from motiongen_ardy.core.files import written_whole
 from motiongen_ardy.train.loop_settings import LoopSettings
 from motiongen_ardy.train.moving_average import MovingAverage
 from motiongen_ardy.train.optimizer import AdamAtan2, warmup_cosine
@@ -158,9 +159,8 @@ class Trainer:
             "step": self.step,
             "fingerprint": self.task.fingerprint,
         }
-        partial = self.settings.out / (STATE_FILE + ".partial")
-        torch.save(state, partial)
-        partial.replace(self.settings.out / STATE_FILE)
+        with written_whole(self.settings.out / STATE_FILE) as partial:
+            torch.save(state, partial)
         self.task.export(copy.deepcopy(self.averaged.module).eval(), self.settings.out)
 
     @property

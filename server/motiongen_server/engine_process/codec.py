@@ -8,6 +8,7 @@ the bytes, so nothing can be made that the table does not name. `schema` is equa
 from __future__ import annotations
 
 import hashlib
+import re
 import threading
 import types
 import typing
@@ -26,6 +27,10 @@ Convert = Callable[[Any], Any]
 PLAIN = (bool, int, float, str, bytes, type(None))
 DTYPES = tuple(np.dtype(name) for name in ("<f4", "<f8", "<i4", "<i8", "|u1", "|b1"))
 _DTYPE_NUMBERS = {dtype: number for number, dtype in enumerate(DTYPES)}
+_ARRAY = re.compile(
+    r"NDArray\[(?P<new>[^\]]+)\]|numpy\.ndarray\[(?:[\w.]+|tuple\[[^\]]*\]), numpy\.dtype\[(?P<old>[^\]]+)\]\]"
+)
+_ARRAY_SPELLED = "numpy.ndarray[tuple[typing.Any, ...], numpy.dtype[{}]]"
 _SEQUENCES: dict[Any, Callable[[Any], Any]] = {tuple: tuple, list: list, Sequence: tuple}
 _MAPPINGS = (dict, Mapping)
 
@@ -108,7 +113,7 @@ class _Table:
         origin, arguments = typing.get_origin(hint), typing.get_args(hint)
         if hint in PLAIN:
             return None, None
-        if origin is np.ndarray:
+        if _is_array(hint):
             return _encode_array, self._decode_array
         if origin in (typing.Union, types.UnionType):
             return self._optional(arguments)
@@ -191,8 +196,17 @@ class _Table:
         return None, kind._make
 
 
+def _is_array(hint: Any) -> bool:
+    """Whether this is an `NDArray[...]`, which from numpy 2.5 on is an alias with its meaning in `__value__`."""
+    origin = typing.get_origin(hint)
+    return np.ndarray in (origin, typing.get_origin(getattr(origin, "__value__", None)))
+
+
 def _spelled(hint: Any) -> str:
-    return hint.__name__ if isinstance(hint, type) and not typing.get_args(hint) else str(hint)
+    """A type's name, in the same words whatever the version of numpy, since servers read each other's records."""
+    if isinstance(hint, type) and not typing.get_args(hint):
+        return hint.__name__
+    return _ARRAY.sub(lambda found: _ARRAY_SPELLED.format(found["new"] or found["old"]), str(hint))
 
 
 def _struct_encoder(names: list[str], encoders: list[Convert | None]) -> Convert:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import types
 import typing
 from dataclasses import dataclass, fields, is_dataclass
 from enum import Enum
@@ -150,6 +151,33 @@ def test_a_field_without_a_place_in_the_table_is_an_error_at_once() -> None:
 
     with pytest.raises(TypeError, match="cannot cross between processes"):
         Codec(Odd)
+
+
+class Alias:
+    """What `NDArray` is from numpy 2.5 on: an alias with a meaning of its own."""
+
+    __value__ = NDArray[np.float32]
+
+    def __getitem__(self, arguments: typing.Any) -> types.GenericAlias:
+        return types.GenericAlias(typing.cast(type, self), arguments)
+
+    def __repr__(self) -> str:
+        return "NDArray"
+
+
+def test_arrays_are_the_same_type_to_every_version_of_numpy() -> None:
+    @dataclass
+    class Told:
+        values: NDArray[np.float32]
+        more: tuple[NDArray[np.float32], ...]
+
+    before = Codec(Told)
+    alias = Alias()[np.float32]
+    Told.__annotations__ = {"values": alias, "more": tuple[alias, ...]}  # type: ignore[valid-type]
+    after = Codec(Told)
+    assert after.schema == before.schema
+    told = Told(np.arange(3, dtype=np.float32), (np.ones(2, np.float32),))
+    assert np.array_equal(before.decode(after.encode(told)).values, told.values)
 
 
 def test_the_schema_changes_with_the_fields_and_only_with_them() -> None:

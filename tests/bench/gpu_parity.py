@@ -1,0 +1,128 @@
+"""What a device computes against the processor, and in company against alone: `python -m tests.bench.gpu_parity`.
+
+For the built-in model, in both precisions, with the layers called and replayed as graphs: windows of every kind of
+constraint, and rows alone and in batches of 2 to 128. Prints a table; ends with 1 where a bound is broken. Needs torch,
+numpy and this repository alone. `--device cpu` tries the script where there is no GPU.
+"""
+
+from __future__ import annotations
+
+import argparse
+import sys
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+
+import numpy as np
+import torch
+
+from motiongen_ardy.checkpoint.checkpoint import load_checkpoint
+from motiongen_ardy.model.model import Model
+from motiongen_ardy.model.precision import PRECISIONS
+from motiongen_server.engine.types import WindowJob, WindowResult
+from motiongen_server.runner import TorchRunner
+from motiongen_server.runner.loading import recorder_for
+from tests.bench.machine import machine_facts
+from tests.steered_jobs import MINI, all_kinds, played
+
+COMPANIES = (2, 3, 5, 8, 24, 128)
+FRAME_BOUND_M = {"float32": 0.02, "bfloat16": 0.1}
+"""How far a joint may be from where the processor has it in float32: codes of the tokenizer fall otherwise at ties."""
+COMPANY_BOUND = {"float32": 1e-4, "bfloat16": 0.05}
+"""By how much a token may differ after a step: products of other sizes add in another order."""
+
+
+@dataclass(frozen=True)
+class Row:
+    """One precision and one way of calling the layers.
+
+    frames_m: the most that a joint is from where the processor has it, over all windows; median_m: half of them.
+    company: the most that a token differs after a step, by the number of rows.
+    """
+
+    precision: str
+    graphs: bool
+    frames_m: float
+    median_m: float
+    company: dict[int, float]
+
+    @property
+    def holds(self) -> bool:
+        within = self.median_m <= FRAME_BOUND_M[self.precision]
+        return within and max(self.company.values()) <= COMPANY_BOUND[self.precision]
+
+
+def runner_of(model: Model, precision: str, device: str, graphs: bool) -> TorchRunner:
+    recorder = recorder_for(device) if graphs else None
+    return TorchRunner(model, "mini", precision=PRECISIONS[precision], recorder=recorder)
+
+
+def windows(runner: TorchRunner, model: Model, before: Sequence[WindowResult]) -> list[WindowResult]:
+    """First windows of every kind of constraint, and windows that go on from those that are given."""
+    return [*played(runner, all_kinds(model)), *played(runner, all_kinds(model, before))]
+
+
+def tokens_after_a_step(runner: TorchRunner, jobs: Sequence[WindowJob]) -> list[torch.Tensor]:
+    ids = [job.job_id for job in jobs]
+    runner.prepare(jobs)
+    runner.denoise(ids)
+    tokens = [runner.row(job_id).tokens.cpu() for job_id in ids]
+    runner.discard(ids)
+    return tokens
+
+
+def in_company(runner: TorchRunner, jobs: Sequence[WindowJob]) -> dict[int, float]:
+    """By the number of rows: how far the first rows' tokens are from what they are alone."""
+    alone = [tokens_after_a_step(runner, [job])[0] for job in jobs[: COMPANIES[0]]]
+    found = {}
+    for count in COMPANIES:
+        together = tokens_after_a_step(runner, jobs[:count])
+        found[count] = max(float((one - other).abs().max()) for one, other in zip(together, alone, strict=False))
+    return found
+
+
+def measure(
+    model: Model, jobs: Sequence[WindowJob], expected: Sequence[WindowResult], runner: TorchRunner
+) -> tuple[float, float]:
+    found = windows(runner, model, expected[: len(expected) // 2])
+    apart = [
+        float(np.abs(one.features - other.features)[:, :3].max()) for one, other in zip(found, expected, strict=True)
+    ]
+    return max(apart), float(np.median(apart))
+
+
+def main() -> int:
+    parser = argparse.ArgumentParser(
+        prog="python -m tests.bench.gpu_parity", description=(__doc__ or "").splitlines()[0]
+    )
+    parser.add_argument("--device", default="cuda", help="(default: %(default)s)")
+    options = parser.parse_args()
+    reference = load_checkpoint(MINI, "cpu")
+    expected = played(TorchRunner(reference, "mini"), all_kinds(reference))
+    expected = [*expected, *played(TorchRunner(reference, "mini"), all_kinds(reference, expected))]
+    kinds = all_kinds(reference, expected[:6])
+    jobs = [replace(kinds[number % len(kinds)], job_id=number + 1, seed=number) for number in range(COMPANIES[-1])]
+    model = load_checkpoint(MINI, options.device)
+    print("\n".join(f"{key}: {value}" for key, value in machine_facts().items()))
+    print(
+        "| precision | layers | hips apart, worst / median | tokens in company of "
+        + ", ".join(map(str, COMPANIES))
+        + " |"
+    )
+    print("|---|---|---:|---:|")
+    rows = []
+    for precision in PRECISIONS:
+        for graphs in (False, True):
+            runner = runner_of(model, precision, options.device, graphs)
+            row = Row(precision, graphs, *measure(model, jobs, expected, runner), in_company(runner, jobs))
+            rows.append(row)
+            print(
+                f"| {precision} | {'graphs' if graphs else 'called'} | {row.frames_m:.4f} / {row.median_m:.4f} m | "
+                + " ".join(f"{value:.1e}" for value in row.company.values())
+                + f" | {row.holds}",
+                flush=True,
+            )
+    return 0 if all(row.holds for row in rows) else 1
+
+
+if __name__ == "__main__":
+    sys.exit(main())

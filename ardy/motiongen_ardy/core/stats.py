@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from functools import cached_property
+
 import torch
 from torch import Tensor, nn
 
@@ -34,6 +36,11 @@ class Stats(nn.Module):
         self.register_buffer("mean", mean, persistent=False)
         self.register_buffer("std", std, persistent=False)
         self.register_buffer("scale", torch.sqrt(std.square() + VARIANCE_FLOOR), persistent=False)
+
+    @cached_property
+    def on_host(self) -> Stats:
+        """The same on the processor."""
+        return Stats(self.mean.cpu(), self.std.cpu())
 
     @property
     def width(self) -> int:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import logging
 import os
 import time
 from dataclasses import dataclass, replace
@@ -15,6 +16,7 @@ from motiongen_server.engine.scheduling.device import Device, InTurns
 from motiongen_server.engine.scheduling.profile import profile
 from motiongen_server.engine.scheduling.quota_share import QuotaAccount
 from motiongen_server.engine.scheduling.scheduler import Scheduler
+from motiongen_server.engine.scheduling.warm_up import warm_up
 from motiongen_server.engine.types import ModelFacts
 from motiongen_server.engine_process.host import FreeUnused, LoadText, TextEncoder
 from motiongen_server.engine_process.messages import Begin
@@ -23,6 +25,8 @@ from motiongen_server.models.repertoire import as_abilities
 from motiongen_server.processor_quota import quota_cores, quota_use
 from motiongen_server.rpc.abilities import NOTHING_CLAIMED, Abilities
 from motiongen_server.settings import SettingError
+
+log = logging.getLogger(__name__)
 
 
 class MonotonicClock:
@@ -107,12 +111,24 @@ def load_model(config: ServerConfig, source: str, kind: str = "cpu", threads: in
     torch.set_num_threads(threads)
     try:
         runner = load_runner(source, kind, config.denoise_steps, config.precision, config.cuda_graphs)
+        if kind == "cuda" and config.cuda_graphs:
+            _record(runner, config)
         folder = model_folder(source)
         card = read_model_card(folder)
         abilities = as_abilities(read_capabilities(folder))
     except (ValueError, RuntimeError) as error:
         raise SettingError(f"cannot serve model {source!r}: {error}") from error
     return RunnerOfModel(runner, card.licence, abilities)
+
+
+def _record(runner: Runner, config: ServerConfig) -> None:
+    """Record graphs of the usual windows: later their sessions would wait for it."""
+    from motiongen_ardy.model.packed.graphs import SIZES
+
+    sizes = [*(size for size in SIZES if size < config.max_rows), config.max_rows]
+    begun_at = time.monotonic()
+    largest = warm_up(runner, sizes, runner.facts.whole_patches(config.history_frames))
+    log.info("recorded graphs of up to %d windows in %.1f s", largest, time.monotonic() - begun_at)
 
 
 def check_fit(config: ServerConfig, facts: ModelFacts) -> None:

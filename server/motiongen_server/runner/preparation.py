@@ -16,6 +16,7 @@ from motiongen_ardy.model.generation import local_goals, recentre_tokens
 from motiongen_ardy.model.model import Model
 from motiongen_ardy.model.noise import window_noise
 from motiongen_ardy.model.packed import PackedDenoiser, RowRequest
+from motiongen_ardy.model.packed.graphs import GraphedRows, GraphRecorder, RowWork
 from motiongen_ardy.model.rollout import visible_frames
 from motiongen_ardy.model.sampling.plan import plan_window
 from motiongen_ardy.model.sampling.projection import RootProjection, free_projection, make_projection
@@ -34,7 +35,6 @@ class _Shape(NamedTuple):
     history_len: int
     num_frames: int
     has_targets: bool
-    has_tokens: bool
 
 
 class _Member(NamedTuple):
@@ -49,10 +49,18 @@ class _Member(NamedTuple):
 class Preparation:
     """Prepares jobs of one model. Jobs that share the shape of their window are prepared together."""
 
-    def __init__(self, model: Model, codec: Tokenizer | ExplicitBody, denoiser: PackedDenoiser) -> None:
-        """codec: the model's own, as it is served."""
+    def __init__(
+        self,
+        model: Model,
+        codec: Tokenizer | ExplicitBody,
+        denoiser: PackedDenoiser,
+        recorder: GraphRecorder | None = None,
+    ) -> None:
+        """codec: the model's own, as it is served. recorder: of graphs that histories are encoded by."""
         self._model = model
-        self._codec = codec
+        self._encode: RowWork = lambda features: (codec.to_hybrid(features),)
+        if recorder is not None:
+            self._encode = GraphedRows(self._encode, recorder)
         self._denoiser = denoiser
         self._device = model.representation.stats.mean.device
 
@@ -72,7 +80,7 @@ class Preparation:
             member = self._member(job)
             history_len = len(job.history)
             num_frames = visible_frames(self._model, history_len, member.targets, job.first_frame - history_len)
-            shape = _Shape(history_len, num_frames, member.targets is not None, job.history_tokens is not None)
+            shape = _Shape(history_len, num_frames, member.targets is not None)
             groups.setdefault(shape, []).append(member)
         return [row for shape, members in groups.items() for row in self._group(shape, members)]
 
@@ -91,6 +99,7 @@ class Preparation:
         return _Member(job, targets, told.text, kept)
 
     def _group(self, shape: _Shape, members: list[_Member]) -> list[Row]:
+        members = sorted(members, key=lambda member: member.job.history_tokens is not None)
         jobs = [member.job for member in members]
         history, translation, heading = self._history(shape, jobs)
         observed, mask, goals = None, None, None
@@ -107,22 +116,26 @@ class Preparation:
         request = RowRequest(history, texts, heading, observed, mask, passes, projection)
         conditions = self._denoiser.conditions(request)
         noise = torch.stack([self._noise(job) for job in jobs]).to(self._device)
+        tensors = zip(noise.unbind(), history.unbind(), translation.unbind(), strict=True)
         return [
             Row(
                 member.job,
-                noise[index],
-                history[index],
-                translation[index],
+                tokens,
+                before_it,
+                moved_by,
                 conditions[index],
                 member.num_frames,
                 None if goals is None else (goals[0][index], goals[1][index]),
                 led[index],
             )
-            for index, member in enumerate(members)
+            for index, (member, (tokens, before_it, moved_by)) in enumerate(zip(members, tensors, strict=True))
         ]
 
     def _history(self, shape: _Shape, jobs: Sequence[WindowJob]) -> tuple[Tensor, Tensor, Tensor]:
-        """History tokens (B, N_h, 20 + L) about the window's own origin, that origin (B, 3), first headings (B)."""
+        """History tokens (B, N_h, 20 + L) about the window's own origin, that origin (B, 3), first headings (B).
+
+        jobs: those whose tokens are known behind the others.
+        """
         layout = self._model.representation
         if shape.history_len == 0:
             starts = [job.start_pose for job in jobs]
@@ -130,10 +143,10 @@ class Preparation:
             headings = [pose.heading if pose else 0.0 for pose in starts]
             none = torch.zeros(len(jobs), 0, self._model.config.token_width, device=self._device)
             return none, torch.tensor(origins, device=self._device), torch.tensor(headings, device=self._device)
-        if shape.has_tokens:
-            tokens = self._stack(job.history_tokens for job in jobs if job.history_tokens is not None)
-        else:
-            tokens = self._codec.to_hybrid(self._stack(job.history for job in jobs))
+        known = [job.history_tokens for job in jobs if job.history_tokens is not None]
+        unknown = jobs[: len(jobs) - len(known)]
+        parts = self._encode(self._stack(job.history for job in unknown)) if unknown else ()
+        tokens = torch.cat([*parts, self._stack(known)] if known else parts)  # a copy, which a replay leaves alone
         heading = layout.heading_of_root(tokens[:, 0, :ROOT_WIDTH])
         return *recentre_tokens(self._model, tokens), heading
 

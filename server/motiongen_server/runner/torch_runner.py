@@ -4,21 +4,19 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 
-import numpy as np
 import torch
 from torch import Tensor
 
 from motiongen_ardy.model.diffusion import cosine_schedule
-from motiongen_ardy.model.generation import world_tokens_of
 from motiongen_ardy.model.model import Model
 from motiongen_ardy.model.packed import PackedBatch, PackedDenoiser
 from motiongen_ardy.model.packed.codec import packed_codec
 from motiongen_ardy.model.packed.graphs import GraphRecorder
 from motiongen_server.engine.types import Float32Array, ModelFacts, RowStatus, WindowJob, WindowResult
-from motiongen_server.runner.correction import corrected
+from motiongen_server.runner.decoding import Decoding
 from motiongen_server.runner.device_errors import device_errors
 from motiongen_server.runner.facts import model_facts
-from motiongen_server.runner.frames import features_of_rows, wire_rows
+from motiongen_server.runner.frames import features_of_rows
 from motiongen_server.runner.outputs import outputs_of_rows
 from motiongen_server.runner.preparation import Preparation
 from motiongen_server.runner.row import Row
@@ -48,7 +46,8 @@ class TorchRunner:
         if owns_model:
             self._denoiser.release_originals()
         self._codec = packed_codec(model.codec)
-        self._preparation = Preparation(model, self._codec, self._denoiser)
+        self._preparation = Preparation(model, self._codec, self._denoiser, recorder)
+        self._decoding = Decoding(model, self._codec, recorder)
         self._schedule = cosine_schedule(config.num_base_steps).to(self._device)
         self._rows: dict[int, Row] = {}
         self._laid_out: tuple[tuple[int, ...], PackedBatch] | None = None
@@ -92,10 +91,12 @@ class TorchRunner:
         with device_errors():
             moved, roots, finite = self._step(rows)
         statuses = {}
-        for index, (job_id, row) in enumerate(rows.items()):
-            row.tokens, row.root = moved[index], roots[index] if row.is_led else None
+        for (job_id, row), tokens, root, is_finite in zip(
+            rows.items(), moved.unbind(), roots.unbind(), finite, strict=True
+        ):
+            row.tokens, row.root = tokens, root if row.is_led else None
             row.steps_done += 1
-            statuses[job_id] = RowStatus(job_id, row.steps_done, finite[index])
+            statuses[job_id] = RowStatus(job_id, row.steps_done, is_finite)
         return [statuses[job_id] for job_id in job_ids]
 
     def _step(self, rows: dict[int, Row]) -> tuple[Tensor, Tensor, list[bool]]:
@@ -123,34 +124,14 @@ class TorchRunner:
     @torch.inference_mode()
     def decode(self, job_ids: Sequence[int]) -> list[WindowResult]:
         """Frames, features and tokens of finished jobs, which are forgotten. Raises OutOfMemory or DeviceLost."""
-        by_history: dict[int, list[int]] = {}
-        for job_id in job_ids:
-            by_history.setdefault(len(self._rows[job_id].history), []).append(job_id)
-        results: dict[int, WindowResult] = {}
+        rows = [self._rows[job_id] for job_id in job_ids]
         with device_errors():
-            for history_tokens, ids in by_history.items():
-                rows = [self._rows[job_id] for job_id in ids]
-                frames, features, tokens = self._decode(rows, history_tokens)
-                for index, (job_id, row) in enumerate(zip(ids, rows, strict=True)):
-                    kept, count = None if tokens is None else tokens[index], row.num_frames
-                    results[job_id] = WindowResult(job_id, frames[index, :count], features[index, :count], kept)
+            decoded = self._decoding(rows)
         self.discard(job_ids)
-        return [results[job_id] for job_id in job_ids]
-
-    def _decode(self, rows: Sequence[Row], history_tokens: int) -> tuple[np.ndarray, np.ndarray, np.ndarray | None]:
-        """Wire rows, features and tokens of rows whose histories are equally long; the causal decoder reads those.
-
-        No tokens where frames are corrected: they would stand for frames that nobody was shown.
-        """
-        tokens = torch.stack([torch.cat([row.history, row.tokens]) for row in rows])
-        tokens = world_tokens_of(self._model, tokens, torch.stack([row.translation for row in rows]))
-        patch = self._facts.patch
-        lengths = torch.full((len(rows),), tokens.shape[1] * patch, device=self._device)
-        features = self._codec.from_hybrid(tokens, lengths)[:, history_tokens * patch :]
-        features = corrected(self._model, rows, features)
-        frames = wire_rows(self._model.representation, features).cpu().numpy()
-        kept = None if self._model.sampling.corrects else tokens[:, history_tokens:].cpu().numpy()
-        return frames, features.cpu().numpy(), kept
+        return [
+            WindowResult(row.job.job_id, one.frames[: row.num_frames], one.features[: row.num_frames], one.tokens)
+            for row, one in zip(rows, decoded, strict=True)
+        ]
 
     def discard(self, job_ids: Sequence[int]) -> None:
         """Forget jobs at any stage."""

@@ -17,7 +17,7 @@ from torch import Tensor
 from motiongen_ardy.checkpoint.checkpoint import load_checkpoint
 from motiongen_ardy.model.denoiser.guidance import GuidanceWeights
 from motiongen_ardy.model.packed import PackedDenoiser
-from motiongen_ardy.model.packed.graphs import SIZES, GraphedStack, filled_size
+from motiongen_ardy.model.packed.graphs import SIZES, GraphedRows, GraphedStack, filled_size
 from motiongen_ardy.model.packed.stack import Group
 from tests.ardy.model.test_packed import GOLDEN, assert_equal
 
@@ -107,6 +107,51 @@ def test_what_was_not_replayed_for_longest_goes_first() -> None:
     assert graphed.num_recorded == 4
 
 
+class RowsRecorder:
+    """Replays by doing the work again into the tensors of the first time."""
+
+    def record(self, work: Callable[[], tuple[Tensor, ...]]) -> tuple[Callable[[], None], tuple[Tensor, ...]]:
+        result = tuple(torch.full_like(part, torch.nan) for part in work())
+
+        def replay() -> None:
+            for held, part in zip(result, work(), strict=True):
+                held.copy_(part)
+
+        return replay, result
+
+
+def sums(values: Tensor, more: Tensor | None = None) -> tuple[Tensor, ...]:
+    return values.sum(dim=1), values if more is None else values + more[:, None]
+
+
+@settings(deadline=None, max_examples=30)
+@given(st.lists(st.tuples(st.integers(1, 40), st.integers(1, 5), st.booleans()), max_size=8))
+def test_what_is_replayed_of_rows_is_what_the_function_gives(calls: list[tuple[int, int, bool]]) -> None:
+    graphed = GraphedRows(sums, RowsRecorder(), most=3)
+    for count, length, has_more in calls:
+        given = [torch.randn(count, length), *([torch.randn(count)] if has_more else [])]
+        for found, expected in zip(graphed(*given), sums(*given), strict=True):
+            assert torch.equal(found, expected)
+
+
+def test_numbers_of_rows_that_fill_up_alike_share_a_graph_and_other_shapes_do_not() -> None:
+    graphed = GraphedRows(sums, RowsRecorder())
+    for count in (13, 16, 14):
+        graphed(torch.randn(count, 3))
+    assert graphed.num_recorded == 1
+    graphed(torch.randn(13, 4))
+    graphed(torch.randn(13, 3), torch.randn(13))
+    assert graphed.num_recorded == 3
+
+
+def test_groups_that_come_together_in_other_ways_are_recorded_once_each() -> None:
+    graphed = GraphedStack(mixed, Recorder())
+    for shapes in ([(3, 5), (2, 7)], [(4, 5)], [(2, 7), (3, 5)], [(2, 7)]):
+        groups = groups_of(*shapes)
+        assert torch.equal(graphed(vectors_for(groups), groups), mixed(vectors_for(groups), groups))
+    assert graphed.num_recorded == 2
+
+
 @pytest.mark.parametrize("sequences", [1, 3, 17, 100, 512, 513, 2000])
 def test_batches_are_filled_up_to_few_sizes_and_by_less_than_twice(sequences: int) -> None:
     filled = filled_size(sequences)
@@ -122,4 +167,5 @@ def test_a_denoiser_with_recorded_layers_gives_what_the_plain_one_gives() -> Non
         packed = PackedDenoiser(model.denoiser, config.num_base_steps, config.horizon, torch.float32, recorder)
         for shapes in ([(4, 0, False)], [(3, 0, False), (0, 0, False)], [(4, 3, True), (2, 0, True), (0, 1, True)]):
             assert_equal(model, packed, shapes, GuidanceWeights(2, 1.5), 1)
-    assert recorder.replays == 3 * 2 * 2  # batches, steps of each, stages
+    # groups of the batches, where passes that are not told the future are a shape of their own; steps of each; stages
+    assert recorder.replays == (1 + 2 + 4) * 2 * 2

@@ -8,6 +8,7 @@ from __future__ import annotations
 
 import math
 from dataclasses import dataclass, replace
+from functools import lru_cache
 from typing import NamedTuple
 
 import torch
@@ -59,6 +60,7 @@ def full_passes(mode: PassMode, weights: GuidanceWeights) -> tuple[Pass, ...]:
     )
 
 
+@lru_cache(maxsize=1024)
 def needed_passes(mode: PassMode, weights: GuidanceWeights, has_text: bool, has_constraints: bool) -> tuple[Pass, ...]:
     """The same weighted sum with as few passes as give it.
 

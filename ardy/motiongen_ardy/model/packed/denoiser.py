@@ -101,18 +101,9 @@ class PackedDenoiser:
         prefixes = self._prefixes(request)
         goals = self._goals(request, history_tokens)
         last = request.history[:, -1] if history_tokens else request.history.new_zeros(num_rows, token_width)
-        return [
-            RowConditions(
-                passes,
-                prefix,
-                history[row],
-                decided[row],
-                last[row],
-                goals[row],
-                None if request.projection is None else request.projection.rows(row),
-            )
-            for row, (passes, prefix) in enumerate(zip(request.passes, prefixes, strict=True))
-        ]
+        projections = [None if request.projection is None else request.projection.rows(row) for row in range(num_rows)]
+        by_row = (request.passes, prefixes, history.unbind(), decided.unbind(), last.unbind(), goals, projections)
+        return [RowConditions(*parts) for parts in zip(*by_row, strict=True)]
 
     def _history_vectors(self, tokens: Tensor) -> tuple[Tensor, Tensor]:
         count = tokens.shape[1]
@@ -126,7 +117,7 @@ class PackedDenoiser:
         """By row, (S, passes, prefix tokens, width)."""
         counts = [len(passes) for passes in request.passes]
         device = request.text.device
-        rows = torch.repeat_interleave(torch.arange(len(counts)), torch.tensor(counts)).to(device)
+        rows = torch.tensor([row for row, count in enumerate(counts) for _ in range(count)], device=device)
         told = torch.tensor([float(one.with_text) for passes in request.passes for one in passes], device=device)
         text, heading = request.text[rows] * told[:, None, None], request.heading[rows]
         prefixes = torch.stack([stage.prefix(text, heading) for stage in self.stages])

@@ -14,6 +14,7 @@ import torch
 from torch import Tensor, nn
 from torch.nn import functional
 
+from motiongen_ardy.model.packed.fused import LONGEST, fused_stack
 from motiongen_ardy.model.packed.linear import PackedLinear, filled_size
 from motiongen_ardy.model.transformer import TransformerLayer, TransformerStack
 
@@ -53,10 +54,11 @@ class Norm:
     """A layer norm, called without what a module does about its calls."""
 
     def __init__(self, layer: nn.LayerNorm) -> None:
-        self._arguments = layer.normalized_shape, layer.weight, layer.bias, layer.eps
+        self._shape = layer.normalized_shape
+        self.weight, self.bias, self.eps = layer.weight, layer.bias, layer.eps
 
     def __call__(self, vectors: Tensor) -> Tensor:
-        return torch.layer_norm(vectors, *self._arguments)
+        return torch.layer_norm(vectors, self._shape, self.weight, self.bias, self.eps)
 
 
 _ALL = slice(None)
@@ -70,7 +72,7 @@ class PackedLayer:
         self.dtype = dtype
         self.num_heads = attention.num_heads
         self.norm_first = layer.norm_first
-        self._norms = (Norm(layer.norm1), Norm(layer.norm2))
+        self.norms = (Norm(layer.norm1), Norm(layer.norm2))
         self.mix_in = PackedLinear(attention.in_proj_weight, attention.in_proj_bias, dtype)
         self.mix_out = PackedLinear.of(attention.out_proj, dtype)
         self.widen = PackedLinear.of(layer.linear1, dtype, layer.activation)
@@ -94,11 +96,11 @@ class PackedLayer:
         return taken.flatten(1)
 
     def __call__(self, vectors: Tensor, groups: Sequence[Group]) -> Tensor:
-        return self._after(vectors, self._attention(self._before(vectors), groups, [_ALL] * len(groups), len(vectors)))
+        return self._after(vectors, self._attention(self.before(vectors), groups, [_ALL] * len(groups), len(vectors)))
 
     def of_read(self, vectors: Tensor, groups: Sequence[Group], count: int) -> Tensor:
         """(count, width): for the vectors that are read alone, one group's behind another's, then zeros' results."""
-        attended = self._attention(self._before(vectors), groups, [group.read for group in groups], count)
+        attended = self._attention(self.before(vectors), groups, [group.read for group in groups], count)
         read = vectors.new_empty(count, vectors.shape[1])
         end = 0
         for group in groups:
@@ -107,12 +109,13 @@ class PackedLayer:
         read[end:].zero_()
         return self._after(read, attended)
 
-    def _before(self, vectors: Tensor) -> Tensor:
-        return self._norms[0](vectors) if self.norm_first else vectors
+    def before(self, vectors: Tensor) -> Tensor:
+        """Vectors as attention takes them."""
+        return self.norms[0](vectors) if self.norm_first else vectors
 
     def _after(self, vectors: Tensor, attended: Tensor) -> Tensor:
         """The rest of the layer for vectors (n, width), from what each has taken from its sequence."""
-        first, second = self._norms
+        first, second = self.norms
         if self.norm_first:
             vectors = self.mix_out.plus(attended, vectors)
             return self.narrow.plus(self.widen(second(vectors).to(self.dtype)), vectors)
@@ -128,6 +131,7 @@ class PackedStack:
         self._originals = [layer for layer in stack.layers if isinstance(layer, TransformerLayer)]
         self.layers = [PackedLayer(layer, dtype) for layer in self._originals]
         self._fills = any(layer.mix_in.onednn for layer in self.layers)
+        self._fused = fused_stack(self.layers)
 
     def filled(self, vectors: int) -> int:
         """How many vectors to fill so many up to, once, where otherwise each product would fill up its own."""
@@ -150,6 +154,8 @@ class PackedStack:
 
         P: the groups' one behind another, and maybe more, which are not looked at. The argument is not changed.
         """
+        if self._fused is not None and max(group.length for group in groups) <= LONGEST:
+            return self._fused(vectors, groups)
         for layer in self.layers[:-1]:
             vectors = layer(vectors, groups)
         total = sum(group.total_read for group in groups)

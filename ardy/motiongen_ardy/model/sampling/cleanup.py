@@ -10,10 +10,11 @@ import torch
 from torch import Tensor
 from torch.nn import functional
 
+from motiongen_ardy.core.constants import constant, index
 from motiongen_ardy.core.rotation import rotation_y
 from motiongen_ardy.core.two_bone import swing
 from motiongen_ardy.model.sampling.limb_ik import SOFT_REACH
-from motiongen_ardy.model.sampling.limbs import Limb, legs
+from motiongen_ardy.model.sampling.limbs import Limb, legs, limb_joints
 from motiongen_ardy.model.sampling.options import FeetOptions
 from motiongen_ardy.model.sampling.pose import Poses
 from motiongen_ardy.model.sampling.spread import smooth_step, spread
@@ -34,7 +35,7 @@ def clean_feet(poses: Poses, options: FeetOptions, pinned: Tensor, height_held: 
     """
     limbs = legs(poses.layout.skeleton)
     positions = poses.positions()
-    feet = positions[:, :, list(poses.layout.skeleton.contact_joints)]
+    feet = positions[:, :, index(tuple(poses.layout.skeleton.contact_joints), positions.device)]
     heel, toe = feet[:, :, 0::2], feet[:, :, 1::2]
     sole = toe - heel
     pace = pace_of(poses.root, poses.layout.fps)
@@ -47,7 +48,7 @@ def clean_feet(poses: Poses, options: FeetOptions, pinned: Tensor, height_held: 
     states = states.unflatten(2, (2, 2)) & standing[..., None]
     rise = _heights(feet, states.flatten(2), pinned, options).unflatten(2, (2, 2)) + lift[..., None]
 
-    up = feet.new_tensor([0.0, 1.0, 0.0])
+    up = constant((0.0, 1.0, 0.0), feet.dtype, feet.device)
     length = sole.norm(dim=-1, keepdim=True)
     aimed = turned_about_up(sole, turn) + (rise[..., 1] - rise[..., 0])[..., None] * up
     aimed = length * aimed / aimed.norm(dim=-1, keepdim=True).clamp(min=1e-8)
@@ -64,12 +65,12 @@ def clean_feet(poses: Poses, options: FeetOptions, pinned: Tensor, height_held: 
     poses.bend_limbs(limbs, turn_legs(poses, limbs, positions, turn), raised)
     feet_of = [(limb.end, *limb.beyond) for limb in limbs]
     sides = [side for side, joints in enumerate(feet_of) for _ in joints]
-    poses.turn([joint for joints in feet_of for joint in joints], turned[:, :, sides])
+    poses.turn([joint for joints in feet_of for joint in joints], turned[:, :, index(tuple(sides), turned.device)])
 
 
 def _heights(feet: Tensor, states: Tensor, pinned: Tensor, options: FeetOptions) -> Tensor:
     """How much (B, T, 4) heels and toes are to rise: onto the ground where they stand, out of it everywhere."""
-    ground = feet.new_tensor([options.heel_m, options.toe_m] * 2)
+    ground = constant((options.heel_m, options.toe_m) * 2, feet.dtype, feet.device)
     short = ground - feet[..., 1]
     pins = pinned.repeat_interleave(2, dim=2)
     rise = spread(torch.where(states & ~pins, short, 0.0)[..., None], states | pins, LANDING_FRAMES)[..., 0]
@@ -82,11 +83,12 @@ def _lowering(
     limbs: tuple[Limb, Limb], positions: Tensor, ankle: Tensor, heels: Tensor, options: FeetOptions
 ) -> Tensor:
     """How far (B, T) metres the pelvis gives way, so that legs reach ankles (B, T, 2, 3) whose heels stand."""
-    hips = positions[:, :, [limb.upper for limb in limbs]]
-    before = (positions[:, :, [limb.end for limb in limbs]] - hips).norm(dim=-1)
-    longest = torch.maximum(before, before.new_tensor([SOFT_REACH * limb.length_m for limb in limbs]))
+    upper, _, end = limb_joints(limbs, positions.device)
+    hips = positions[:, :, upper]
+    before = (positions[:, :, end] - hips).norm(dim=-1)
+    longest = torch.maximum(before, _reaches(limbs, before))
     line = hips - ankle
-    over_ground = line[..., [0, 2]].square().sum(dim=-1)
+    over_ground = line[..., 0::2].square().sum(dim=-1)
     room = (longest.square() - over_ground).clamp(min=0).sqrt()
     needed = torch.where(heels, line[..., 1] - room, 0.0).amax(dim=-1).clamp(0, options.lower_m)
     width = 2 * LOWER_FRAMES + 1
@@ -96,15 +98,20 @@ def _lowering(
     return smooth * smooth_step(frames / (2 * LOWER_FRAMES))
 
 
+def _reaches(limbs: tuple[Limb, Limb], like: Tensor) -> Tensor:
+    """How far (2) metres each leg reaches without being straightened."""
+    return constant(tuple(SOFT_REACH * limb.length_m for limb in limbs), like.dtype, like.device)
+
+
 def _heel_rise(limbs: tuple[Limb, Limb], positions: Tensor, ankle: Tensor, toe: Tensor, toes: Tensor) -> Tensor:
     """Ankles (B, T, 2, 3) that a leg which is too short reaches by lifting the heel over toes that stand.
 
     The ankle goes along the circle about the toe, in the plane of hip, ankle and toe, to where the leg is long enough.
     """
-    hips = positions[:, :, [limb.upper for limb in limbs]]
-    longest = ankle.new_tensor([SOFT_REACH * limb.length_m for limb in limbs])
-    before = (positions[:, :, [limb.end for limb in limbs]] - hips).norm(dim=-1)
-    longest = torch.maximum(longest, before)
+    upper, _, end = limb_joints(limbs, positions.device)
+    hips = positions[:, :, upper]
+    before = (positions[:, :, end] - hips).norm(dim=-1)
+    longest = torch.maximum(before, _reaches(limbs, before))
     sole, line = ankle - toe, hips - toe
     length, distance = sole.norm(dim=-1), line.norm(dim=-1).clamp(min=1e-6)
     toward = line / distance[..., None]

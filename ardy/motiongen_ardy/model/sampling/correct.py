@@ -25,13 +25,16 @@ def correct_window(
     goals: tuple[Tensor, Tensor] | None,
     options: SamplingOptions,
     patch: int = RELEASED_PATCH,
+    *,
+    reaches: bool | None = None,
 ) -> Tensor:
     """The new frames (B, G, D) of B rows with their feet in place and their joints on their goals, as options say.
 
     history: (B, H, D), of which the last two frames count, H 0 where a motion begins; new: (B, G, D); both normalised,
     in the world frame. goals: observed features (B, G, D), normalised, in the world frame, and their mask, as
-    `Targets.observe` makes them; None for none. patch: frames of a token. Where nothing is to be corrected
-    the new frames come back as they are.
+    `Targets.observe` makes them; None for none. patch: frames of a token. reaches: whether goals are of more than roots
+    on the ground; None: they are looked at, for which a GPU is waited for. Where nothing is to be corrected the new
+    frames come back as they are.
     Raises ConfigError for a skeleton whose legs have more than two bones.
     """
     if not options.corrects or not new.shape[1]:
@@ -51,7 +54,7 @@ def correct_window(
     if asked is not None:
         asked = asked.after_history(goes_on)
         height_held = asked.has_height
-        if options.reach_joints and asked.any:
+        if options.reach_joints and (asked.any if reaches is None else reaches):
             pinned = reach_joints(poses, asked, options.reach, goes_on)
     if options.clean_feet:
         clean_feet(poses, options.feet, pinned, height_held)

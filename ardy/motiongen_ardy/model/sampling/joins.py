@@ -49,6 +49,15 @@ def join_operator(num_before: int, num_new: int, seam_frames: int, patch: int) -
     return joined[num_before:].float()
 
 
+@lru_cache
+def _operator_on(
+    num_before: int, num_new: int, seam_frames: int, patch: int, dtype: torch.dtype, device: torch.device
+) -> Tensor:
+    """The operator on a device, copied there once, as `core.constants` has it."""
+    with torch.inference_mode(False):
+        return join_operator(num_before, num_new, seam_frames, patch).to(device, dtype)
+
+
 def join_roots(history: Tensor, new: Tensor, options: JoinOptions, held: Tensor, patch: int) -> Tensor:
     """New frames' root positions (B, G, 3) metres, joined.
 
@@ -69,6 +78,6 @@ def join_rotations(history: Tensor, new: Tensor, options: JoinOptions, patch: in
 def _joined(history: Tensor, new: Tensor, options: JoinOptions, patch: int) -> Tensor:
     """New frames' numbers (B, G, k), joined."""
     before = history[:, -HISTORY_FRAMES:]
-    operator = join_operator(before.shape[1], new.shape[1], options.seam_frames, patch).to(new)
+    operator = _operator_on(before.shape[1], new.shape[1], options.seam_frames, patch, new.dtype, new.device)
     # A product for each row: one of all rows adds in another order in another batch.
     return torch.bmm(operator.expand(len(new), -1, -1), torch.cat([before, new], dim=1))

@@ -7,7 +7,8 @@ from dataclasses import dataclass, fields
 import torch
 from torch import Tensor
 
-from motiongen_ardy.core.representation import Representation
+from motiongen_ardy.core.constants import constant
+from motiongen_ardy.core.representation import ON_GROUND, Representation
 from motiongen_ardy.core.rotation import matrix_from_6d
 
 MET_M = 2e-3
@@ -31,7 +32,7 @@ class JointGoals:
 
     def root_met(self, root: Tensor) -> Tensor:
         """Whether (B, T) a root (B, T, 3) is exactly at a place that is asked for; planned places are only neared."""
-        distance = (root - self.positions[:, :, 0])[..., [0, 2]].norm(dim=-1)
+        distance = (root - self.positions[:, :, 0])[..., 0::2].norm(dim=-1)
         return self.has_ground & (distance < MET_M)
 
     def after_history(self, known: bool) -> JointGoals:
@@ -59,7 +60,7 @@ def joint_goals(layout: Representation, observed: Tensor, mask: Tensor) -> Joint
     joints = layout.skeleton.num_joints
     natural, asked = layout.denormalize(observed), mask > 0
     root = natural[..., layout.root_position_block]
-    ground = root * root.new_tensor([1.0, 0.0, 1.0])
+    ground = root * constant(ON_GROUND, root.dtype, root.device)
     others = natural[..., layout.position_block].unflatten(-1, (joints - 1, 3)) + ground[..., None, :]
     on_ground = asked[..., 0] & asked[..., 2]
     has_others = asked[..., layout.position_block].unflatten(-1, (joints - 1, 3)).all(dim=-1) & on_ground[..., None]

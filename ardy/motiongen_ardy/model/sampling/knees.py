@@ -9,6 +9,7 @@ from __future__ import annotations
 
 from torch import Tensor
 
+from motiongen_ardy.core.constants import constant, index
 from motiongen_ardy.core.skeleton import Skeleton
 from motiongen_ardy.core.two_bone import swing, unit
 
@@ -21,19 +22,20 @@ def hinge_knees(skeleton: Skeleton, rotations: Tensor) -> Tensor:
     found = _shins(skeleton)
     if not found:
         return rotations
-    thighs, shins, feet = (list(joints) for joints in zip(*found, strict=True))
-    along = unit(rotations.new_tensor([skeleton.offsets[foot].tolist() for foot in feet]))[..., None]
+    thighs, shins = (index(joints, rotations.device) for joints in found[:2])
+    feet = tuple(skeleton.offset_rows[foot] for foot in found[2])
+    along = unit(constant(feet, rotations.dtype, rotations.device))[..., None]
     thigh, shin = rotations[:, :, thighs], rotations[:, :, shins]
     hinged = rotations.clone()
     hinged[:, :, shins] = swing((thigh @ along).squeeze(-1), (shin @ along).squeeze(-1)) @ thigh
     return hinged
 
 
-def _shins(skeleton: Skeleton) -> list[tuple[int, int, int]]:
-    """Thigh, shin and ankle of each leg that has one of each."""
+def _shins(skeleton: Skeleton) -> tuple[tuple[int, ...], ...]:
+    """Thighs, shins and ankles of the legs that have one of each."""
     legs = []
     for chain in (skeleton.left_foot, skeleton.right_foot):
         shin = skeleton.parents[chain[0]]
         if skeleton.parents[shin] in skeleton.hip_joints:
             legs.append((skeleton.parents[shin], shin, chain[0]))
-    return legs
+    return tuple(zip(*legs, strict=True))

@@ -6,7 +6,10 @@ from dataclasses import dataclass
 from functools import lru_cache
 
 import numpy as np
+import torch
+from torch import Tensor
 
+from motiongen_ardy.core.constants import index
 from motiongen_ardy.core.skeleton import Skeleton
 from motiongen_ardy.model.config import ConfigError
 
@@ -71,6 +74,12 @@ def arms(skeleton: Skeleton) -> tuple[Limb, Limb]:
     legs(skeleton)
     left, right = (_limb(skeleton, chain, (0.0, 0.0, -1.0)) for chain in (skeleton.left_hand, skeleton.right_hand))
     return left, right
+
+
+def limb_joints(limbs: tuple[Limb, ...], device: torch.device) -> tuple[Tensor, Tensor, Tensor]:
+    """The numbers (n) of their upper, middle and end joints, to select with on a device."""
+    upper, middle, end = (tuple(getattr(limb, name) for limb in limbs) for name in ("upper", "middle", "end"))
+    return index(upper, device), index(middle, device), index(end, device)
 
 
 def head_chain(skeleton: Skeleton) -> tuple[int, ...]:

@@ -94,8 +94,8 @@ def root_state(layout: Representation, history: Tensor | None, start: tuple[floa
     """What the root does at the end of a history (H, 5 or more, normalised), on any device; at `start` it stands."""
     if history is None or not len(history):
         return RootState(np.array(start[:2], dtype=np.float64), np.zeros(2), float(start[2]))
-    recent = history[-_STATE_FRAMES:, :ROOT_WIDTH].to(layout.root_stats.mean.device)
-    root = layout.root_stats.denormalize(recent).double().cpu().numpy()
+    recent = history[-_STATE_FRAMES:, :ROOT_WIDTH].cpu()  # a GPU would be waited for, row by row
+    root = layout.root_stats.on_host.denormalize(recent).double().numpy()
     ground, last = root[:, [0, 2]], root[-1]
     velocity = (ground[-1] - ground[0]) * (layout.fps / max(1, len(ground) - 1))
     return RootState(ground[-1], velocity, float(np.arctan2(last[4], last[3])))

@@ -7,11 +7,12 @@ from collections.abc import Sequence
 import torch
 from torch import Tensor
 
-from motiongen_ardy.core.representation import Representation, contact_labels, velocities
+from motiongen_ardy.core.constants import constant, index
+from motiongen_ardy.core.representation import ON_GROUND, Representation, contact_labels, velocities
 from motiongen_ardy.core.rotation import matrix_to_6d
 from motiongen_ardy.core.skeleton import positions_from_global
 from motiongen_ardy.model.sampling.limb_ik import bend
-from motiongen_ardy.model.sampling.limbs import Limb
+from motiongen_ardy.model.sampling.limbs import Limb, limb_joints
 
 
 class Poses:
@@ -34,7 +35,7 @@ class Poses:
 
     def only(self, frame: int) -> Poses:
         """One frame (B, 1) of them."""
-        return Poses(self.layout, *(part[:, [frame]] for part in (self.rotations, self.root, self.contacts)))
+        return Poses(self.layout, *(part[:, frame:][:, :1] for part in (self.rotations, self.root, self.contacts)))
 
     def then(self, later: Poses) -> Poses:
         """These and later ones after them."""
@@ -50,7 +51,8 @@ class Poses:
         if len(joints) == self.layout.skeleton.num_joints:
             self.rotations = delta @ self.rotations
         else:
-            self.rotations[:, :, joints] = delta @ self.rotations[:, :, joints]
+            turned = index(tuple(joints), delta.device)
+            self.rotations[:, :, turned] = delta @ self.rotations[:, :, turned]
 
     def turn_about_up(self, angle: Tensor) -> None:
         """Turn all joints by angles (B, T) in radians about +Y, as products with `rotation_y` would."""
@@ -64,9 +66,9 @@ class Poses:
         """Put the limbs' ends at targets (B, T, n, 3). positions: as `positions()`; where: (B, T, n or 1), the others
         stay exactly as they are.
         """
-        upper, middle, end = ([getattr(limb, name) for limb in limbs] for name in ("upper", "middle", "end"))
+        upper, middle, end = limb_joints(tuple(limbs), positions.device)
         rotations = (self.rotations[:, :, upper], self.rotations[:, :, middle])
-        neutral = positions.new_tensor([limb.pole for limb in limbs])
+        neutral = constant(tuple(limb.pole for limb in limbs), positions.dtype, positions.device)
         pole = (rotations[0] @ neutral[..., None]).squeeze(-1)
         joints = (positions[:, :, upper], positions[:, :, middle], positions[:, :, end])
         first, second, _, _ = bend(joints, rotations, targets, pole)
@@ -84,7 +86,7 @@ class Poses:
         layout, positions = self.layout, self.positions()
         lengths = torch.full(heading.shape[:1], heading.shape[1], device=heading.device)
         velocity = velocities(positions, lengths, layout.fps)
-        ground = self.root[..., None, :] * self.root.new_tensor([1.0, 0.0, 1.0])
+        ground = self.root[..., None, :] * constant(ON_GROUND, self.root.dtype, self.root.device)
         return torch.cat(
             [
                 self.root,

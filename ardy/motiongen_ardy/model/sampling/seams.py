@@ -11,6 +11,7 @@ from __future__ import annotations
 import torch
 from torch import Tensor
 
+from motiongen_ardy.core.constants import index
 from motiongen_ardy.core.rotation import axis_angle_to_matrix, rotation_vector
 from motiongen_ardy.core.skeleton import Skeleton, global_to_local
 from motiongen_ardy.model.sampling.options import JoinOptions
@@ -39,10 +40,11 @@ def settle_seam(skeleton: Skeleton, history: Tensor, new: Tensor, options: JoinO
     start = _beyond(going_on - setting_off if known else torch.zeros_like(going_on), options.free_start_rad)
     start = start.index_fill(1, _legs_and_root(skeleton, start.device), 0.0)
     touched = (jump != 0).any(-1) | (start != 0).any(-1)  # (B, J)
-    joints = touched.any(dim=0).nonzero().flatten().tolist()
+    joints = _joints_of(touched)
     if not joints:
         return new
-    jump, start = jump[:, joints], start[:, joints]
+    chosen = index(tuple(joints), new.device)
+    jump, start = jump[:, chosen], start[:, chosen]
     longest = min(2 * options.settle_frames, new.shape[1])  # beyond, nothing is left to settle
     frames = torch.arange(longest, device=new.device)[None, :, None]
     span = options.settle_frames * (1 + (jump.norm(dim=-1) / torch.pi).clamp(max=1))[:, None]  # (B, 1, n)
@@ -58,7 +60,7 @@ def _turned(skeleton: Skeleton, whole: Tensor, curve: Tensor, joints: list[int],
     touched: (B, J), joints that a row has turned. What hangs on them turns with them; all else stays bit for bit.
     """
     parents = skeleton.parents
-    above = whole[:, :, [parents[joint] for joint in joints]]
+    above = whole[:, :, index(tuple(parents[joint] for joint in joints), whole.device)]
     turns = axis_angle_to_matrix((above @ curve[..., None]).squeeze(-1))  # in the world, where products need no locals
     by_joint: dict[int, Tensor] = {}
     follows = touched.clone()
@@ -70,12 +72,19 @@ def _turned(skeleton: Skeleton, whole: Tensor, curve: Tensor, joints: list[int],
             by_joint[joint] = own if carried is None else carried @ own
         elif carried is not None:
             by_joint[joint] = carried
-    moved = list(by_joint)
+    moved = index(tuple(by_joint), whole.device)
     before = whole[:, :, moved]
     after = torch.stack(list(by_joint.values()), dim=2) @ before
     settled = whole.clone()
     settled[:, :, moved] = torch.where(follows[:, None, moved, None, None], after, before)
     return settled
+
+
+def _joints_of(touched: Tensor) -> list[int]:
+    """Joints that some row (B, J) has turned; on a GPU all of them but the root, since to ask would be to wait."""
+    if touched.device.type != "cuda":
+        return touched.any(dim=0).nonzero().flatten().tolist()
+    return list(range(1, touched.shape[1]))
 
 
 def _legs_and_root(skeleton: Skeleton, device: torch.device) -> Tensor:
@@ -84,7 +93,7 @@ def _legs_and_root(skeleton: Skeleton, device: torch.device) -> Tensor:
     for chain in (skeleton.left_foot, skeleton.right_foot):
         knee = skeleton.parents[chain[0]]
         joints += [skeleton.parents[knee], knee, *chain]
-    return torch.tensor(joints, device=device)
+    return index(tuple(joints), device)
 
 
 def _beyond(turns: Tensor, free: float) -> Tensor:

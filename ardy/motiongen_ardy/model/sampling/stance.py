@@ -6,6 +6,7 @@ import torch
 from torch import Tensor
 from torch.nn import functional
 
+from motiongen_ardy.core.constants import constant
 from motiongen_ardy.model.sampling.options import FeetOptions
 from motiongen_ardy.model.sampling.spread import gaps
 
@@ -30,7 +31,7 @@ def contact_states(contacts: Tensor, positions: Tensor, pace: Tensor, fps: int, 
     """
     step = (positions[:, 1:] - positions[:, :-1]).norm(dim=-1) * fps
     speed = torch.minimum(torch.cat([step, step[:, -1:]], dim=1), torch.cat([step[:, :1], step], dim=1))
-    height = positions[..., 1] - positions.new_tensor([options.heel_m, options.toe_m] * 2)
+    height = positions[..., 1] - constant((options.heel_m, options.toe_m) * 2, positions.dtype, positions.device)
     slow = (options.slow_share * pace).clamp(min=options.slow_m_s)[..., None]
     sure = (contacts > CONTACT_ENTER) | ((speed < slow) & (height < options.low_m))
     possible = (speed < options.fast_m_s) & (height < options.high_m)
@@ -41,7 +42,7 @@ def contact_states(contacts: Tensor, positions: Tensor, pace: Tensor, fps: int, 
 
 def pace_of(root: Tensor, fps: int) -> Tensor:
     """How fast (B, T) metres a second a root (B, T, 3) goes over the ground, over a quarter of a second or so."""
-    step = (root[:, 1:] - root[:, :-1])[..., [0, 2]].norm(dim=-1) * fps
+    step = (root[:, 1:] - root[:, :-1])[..., 0::2].norm(dim=-1) * fps
     step = torch.cat([step[:, :1], step], dim=1)
     padded = functional.pad(step[:, None], (PACE_FRAMES, PACE_FRAMES), mode="replicate")
     return functional.avg_pool1d(padded, 2 * PACE_FRAMES + 1, stride=1)[:, 0]

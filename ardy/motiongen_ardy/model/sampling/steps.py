@@ -5,6 +5,7 @@ from __future__ import annotations
 import torch
 from torch import Tensor
 
+from motiongen_ardy.core.constants import constant
 from motiongen_ardy.model.sampling.options import FeetOptions
 from motiongen_ardy.model.sampling.spread import held, spread, within
 from motiongen_ardy.model.sampling.stance import run_sums, segments
@@ -26,11 +27,11 @@ def breaks(standing: Tensor, slipped: Tensor, twisted: Tensor, pace: Tensor, opt
     """
     number = segments(standing)
     first = torch.cat([torch.ones_like(standing[:, :1]), number[:, 1:] != number[:, :-1]], dim=1)
-    moved = torch.cat([slipped[..., [0, 2]] / options.stride_m, twisted[..., None] / options.twist_rad], dim=-1)
+    moved = torch.cat([slipped[..., 0::2] / options.stride_m, twisted[..., None] / options.twist_rad], dim=-1)
     moved = moved - held(moved, first)
     slid = moved[..., :2].norm(dim=-1)
     far = torch.stack([slid, torch.maximum(slid, moved[..., 2].abs())], dim=-1)
-    piece = (far + far.new_tensor(LEFT_RIGHT_PHASE)[:, None]).floor()
+    piece = (far + constant(LEFT_RIGHT_PHASE, far.dtype, far.device)[:, None]).floor()
     passed = torch.cat([torch.zeros_like(piece[:, :1], dtype=torch.bool), piece[:, 1:] > piece[:, :-1]], dim=1)
     passed = torch.where((pace < ON_THE_SPOT_M_S)[..., None], passed[..., 1], passed[..., 0])
     return passed & standing & ~first
@@ -61,7 +62,9 @@ def ground_offsets(
     moved = torch.cat([slipped, twisted[..., None]], dim=-1)
     place = run_sums(weight * moved, number) / run_sums(weight, number).clamp(min=1e-6)
     known = standing | pinned | (frames == 0)
-    kept = torch.where(standing[..., None], place - moved, 0.0) * slipped.new_tensor([1.0, 0.0, 1.0, 1.0])
+    kept = torch.where(standing[..., None], place - moved, 0.0) * constant(
+        (1.0, 0.0, 1.0, 1.0), slipped.dtype, slipped.device
+    )
     kept = spread(kept, known, options.fade_frames)
     bump = spread((broken & ~pinned)[..., None].to(slipped.dtype), broken | pinned, AIR_FRAMES)[..., 0]
     return kept[..., :3], kept[..., 3], options.lift_m * bump, standing

@@ -6,7 +6,7 @@ import torch
 from torch import Tensor
 
 from motiongen_ardy.core.rotation import angle_of, axis_angle_to_matrix, rotation_y
-from motiongen_ardy.model.sampling.limbs import Limb
+from motiongen_ardy.model.sampling.limbs import Limb, limb_joints
 from motiongen_ardy.model.sampling.pose import Poses
 
 # Of a foot's twist, what the whole leg takes from the hip on; the ankle has the rest.
@@ -39,12 +39,12 @@ def turn_legs(poses: Poses, limbs: tuple[Limb, Limb], positions: Tensor, angle: 
 
     positions: (B, T, J, 3) as `Poses.positions`. Returns them with the knees where they are then.
     """
-    upper, middle, end = ([getattr(limb, name) for limb in limbs] for name in ("upper", "middle", "end"))
+    upper, middle, end = limb_joints(limbs, positions.device)
     hips = positions[:, :, upper]
     line = hips - positions[:, :, end]
     axis = line / line.norm(dim=-1, keepdim=True).clamp(min=1e-8)
     turn = axis_angle_to_matrix(LEG_SHARE * angle[..., None] * axis)
-    poses.turn((*upper, *middle), torch.cat([turn, turn], dim=2))
+    poses.turn([limb.upper for limb in limbs] + [limb.middle for limb in limbs], torch.cat([turn, turn], dim=2))
     turned = positions.clone()
     turned[:, :, middle] = hips + (turn @ (positions[:, :, middle] - hips)[..., None]).squeeze(-1)
     return turned

@@ -14,17 +14,8 @@ import numpy as np
 
 from motiongen_server.engine.ports import Clock, OutOfMemory, Runner
 from motiongen_server.engine.scheduling.costs import CostTable
-from motiongen_server.engine.types import (
-    Float32Array,
-    Guidance,
-    PlanCause,
-    Priority,
-    SessionKey,
-    StartPose,
-    Waypoint,
-    WindowJob,
-    WindowResult,
-)
+from motiongen_server.engine.scheduling.trial_jobs import trial_job
+from motiongen_server.engine.types import Float32Array, WindowJob, WindowResult
 
 # Each size once to allocate and to build what is built for a size, then as often to time it. The least time counts:
 # what others on the machine add to a call is no property of the call, and what it really costs is tracked later on.
@@ -62,7 +53,7 @@ def profile(runner: Runner, clock: Clock, max_rows: int, history_frames: int, bu
         try:
             least = _Least()
             for round_number in range(1 + _TIMES):
-                jobs = [_job(runner, next(job_ids), history) for _ in range(size)]
+                jobs = [trial_job(runner.facts, next(job_ids), history) for _ in range(size)]
                 results = _windows(runner, jobs, clock, least if round_number else _Least())
         except OutOfMemory as error:
             if not largest:
@@ -122,27 +113,3 @@ def _timed(call: Callable[[], object], clock: Clock) -> float:
     begun_at = clock.now()
     call()
     return clock.now() - begun_at
-
-
-def _job(runner: Runner, job_id: int, history: Float32Array) -> WindowJob:
-    """A window like those of a session: a prompt, a waypoint, and a history once there is one."""
-    facts = runner.facts
-    first_frame = len(history)
-    embedding = np.full(facts.embedding_dim, facts.embedding_dim**-0.5, np.float32)
-    return WindowJob(
-        job_id=job_id,
-        session=SessionKey(0, 0),
-        plan=1,
-        first_frame=first_frame,
-        history=history,
-        start_pose=None if first_frame else StartPose(),
-        embedding=embedding,
-        constraints=(Waypoint(1, first_frame + facts.horizon - 1, 0.0, 1.0),),
-        seed=-job_id,
-        num_steps=facts.min_steps,
-        guidance=Guidance(1.5, 2.5),
-        deadline=0.0,
-        priority=Priority.BATCH,
-        cause=PlanCause.CONTINUE,
-        created_at=0.0,
-    )

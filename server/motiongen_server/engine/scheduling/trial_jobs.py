@@ -1,0 +1,46 @@
+"""Windows of nobody's, by which a runner is tried before it serves."""
+
+from __future__ import annotations
+
+import numpy as np
+
+from motiongen_server.engine.types import (
+    Constraint,
+    Float32Array,
+    Guidance,
+    ModelFacts,
+    PlanCause,
+    Priority,
+    SessionKey,
+    StartPose,
+    Waypoint,
+    WindowJob,
+)
+
+_DEAREST = Guidance(1.5, 2.5)  # both weights ask for evaluations of their own
+
+
+def trial_job(facts: ModelFacts, job_id: int, history: Float32Array, *, is_steered: bool = True) -> WindowJob:
+    """A window like those of a session: with a prompt, and a history (H, D) once there is one.
+
+    is_steered: with a waypoint, and as many evaluations a step as there may be; else as the model would have it.
+    """
+    first_frame = len(history)
+    waypoint: tuple[Constraint, ...] = (Waypoint(1, first_frame + facts.horizon - 1, 0.0, 1.0),)
+    return WindowJob(
+        job_id=job_id,
+        session=SessionKey(0, 0),
+        plan=1,
+        first_frame=first_frame,
+        history=history,
+        start_pose=None if first_frame else StartPose(),
+        embedding=np.full(facts.embedding_dim, facts.embedding_dim**-0.5, np.float32),
+        constraints=waypoint if is_steered else (),
+        seed=-job_id,
+        num_steps=facts.min_steps,
+        guidance=_DEAREST if is_steered else facts.guidance,
+        deadline=0.0,
+        priority=Priority.BATCH,
+        cause=PlanCause.CONTINUE,
+        created_at=0.0,
+    )

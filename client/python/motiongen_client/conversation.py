@@ -40,6 +40,7 @@ class Conversation(Recovery):
     def __init__(self, handle: int, carrier: Carrier, catalog: Catalog, clock: Callable[[], float]) -> None:
         super().__init__(handle, carrier, catalog, clock)
         self._opened_at_s = clock()
+        self._is_ahead = False  # since the last report frames were taken sooner than the server thinks
         self._opening: asyncio.Future[Opened] = asyncio.get_running_loop().create_future()
         self._keep_s: float | None = None
         self._end: SessionEnd | None = None
@@ -113,7 +114,7 @@ class Conversation(Recovery):
     def report(self) -> session_pb2.SessionEvent:
         """Where the playhead is, and which answers have come."""
         playback, offset = self.playback, self._offset
-        self._has_reported = True
+        self._has_reported, self._is_ahead = True, False
         report = session_pb2.Playhead(
             frame=max(playback.playhead - offset, 0),
             buffered_to=max(playback.buffered_to - offset, 0),
@@ -121,6 +122,11 @@ class Conversation(Recovery):
             answered_seq=self._answered_seq,
         )
         return session_pb2.SessionEvent(session=self.handle, playhead=report)
+
+    def _transmit(self, event: session_pb2.SessionEvent) -> None:
+        if self._is_ahead and self.is_reporting:  # or what is asked would replace frames that were taken
+            self._carrier.send(self.report())
+        super()._transmit(event)
 
     def interrupt(self) -> None:
         """The line is lost. One that was closing is over."""

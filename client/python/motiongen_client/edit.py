@@ -98,6 +98,11 @@ class EditBook:
         self._unanswered: dict[int, Edit] = {}  # by event number
         self._unseen: list[tuple[int, Edit]] = []  # with the first frame that shows it
 
+    @property
+    def is_waiting(self) -> bool:
+        """Whether any was not answered."""
+        return bool(self._unanswered)
+
     def add(self, edit: Edit) -> None:
         """Take an edit that was sent."""
         self._unanswered[edit.event_seq] = edit

@@ -127,7 +127,8 @@ class Session(Conversation):
         """Each frame once, in order: the next `seconds` of motion, or without it until the session is closed.
 
         realtime: a frame comes when its time has come, and the last pose is held (nothing comes, `stats.underruns`
-        rises) while the server is late. Otherwise frames come as fast as they are generated and taken.
+        rises) while the server is late. Otherwise frames come as fast as they are generated and taken, and while an
+        edit waits for its answer only those that it can no longer change.
         One that is left early, or has come to its end, is gone on from by the next, without a gap.
         Raises SessionEnded when the server ends the session, StreamLost when the stream breaks: after the frames that
         are held, or at once where the session is paused, and no time will come for those.
@@ -214,12 +215,20 @@ class Session(Conversation):
         return reached
 
     def _step(self) -> range:
+        """Move the playhead by one frame, before its time.
+
+        An edit that waits for its answer is put where nobody can be who plays in real time; so no frame that it might
+        replace is taken meanwhile.
+        """
         playback = self.playback
         target = playback.playhead + 1 if playback.started else playback.playhead
-        if target >= playback.buffered_to:
+        awaits = self._edits.is_waiting and self._line is Line.OPEN
+        taken_to = min(playback.committed_to, playback.buffered_to) if awaits else playback.buffered_to
+        if target >= taken_to:
             return range(0)
         reached = playback.advance_to(target)
-        if target + 1 == playback.buffered_to:
+        self._is_ahead = True
+        if target + 1 == taken_to:
             self._carrier.report_soon()  # nothing left to take: more credit at once
         return reached
 

@@ -5,6 +5,7 @@ from __future__ import annotations
 import math
 from collections.abc import Callable, Container, Iterable, Sequence
 from dataclasses import dataclass, field, replace
+from itertools import compress
 from typing import NamedTuple, TypeAlias
 
 from motiongen_server.engine.config import EngineConfig
@@ -27,6 +28,9 @@ from motiongen_server.engine.types import (
     Unplaced,
 )
 from motiongen_server.engine.types.refusals import too_many_pending
+
+SEEK = "seek"
+"""The kind of an edit that puts the character elsewhere."""
 
 EditEvent: TypeAlias = SetPrompts | SetConstraints | SetVelocity
 
@@ -170,12 +174,16 @@ class EditQueue:
         self.not_before = -math.inf
 
     def settle(self, untouched_from: int) -> list[PendingEdit]:
-        """Take out the edits of frames that no window has touched yet: they will be there when one comes."""
+        """Take out the edits of frames that no window has touched yet: they will be there when one comes.
+
+        A seek is not: its plan is no continuation, and says whose it is.
+        """
         if untouched_from <= 0:
             return []
-        settled = [edit for edit in self.waiting if edit.dirty_from >= untouched_from]
+        is_settled = [edit.dirty_from >= untouched_from and edit.kind != SEEK for edit in self.waiting]
+        settled = list(compress(self.waiting, is_settled))
         if settled:
-            self.waiting = tuple(edit for edit in self.waiting if edit.dirty_from < untouched_from)
+            self.waiting = tuple(edit for edit, gone in zip(self.waiting, is_settled, strict=True) if not gone)
         return settled
 
     def landed(self, edits: Sequence[PendingEdit], first_frame: int, sent_to: int) -> list[tuple[PendingEdit, int]]:

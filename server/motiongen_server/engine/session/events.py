@@ -6,7 +6,7 @@ import math
 from collections.abc import Callable
 
 from motiongen_server.engine.session.cutting import Cut, own_frames
-from motiongen_server.engine.session.edits import EditEvent, PendingEdit, edited
+from motiongen_server.engine.session.edits import SEEK, EditEvent, PendingEdit, edited
 from motiongen_server.engine.session.placing import Anchor
 from motiongen_server.engine.session.state import SessionState, anchor_at
 from motiongen_server.engine.session.windows import RunningWindow, history_crop, history_frames
@@ -118,7 +118,7 @@ def cut(
     except EventRefused as refused:
         return [refused.outcome(state.key, event.event_seq)]
     state.cut = Cut(event.start_pose, rows, features)
-    edit = PendingEdit(event.event_seq, "seek", event.received_at, state.replaceable_from(now, state.delivery.commit_s))
+    edit = PendingEdit(event.event_seq, SEEK, event.received_at, state.replaceable_from(now, state.delivery.commit_s))
     return _queue(state, edit, report)
 
 

@@ -6,7 +6,7 @@ import pytest
 from motiongen_server.engine.config import EngineConfig
 from motiongen_server.engine.types import Code, PlanCause, Priority, SnapshotTaken, StartPose, Waypoint
 from tests.server.engine.fakes import FEATURE_DIM, FRAME, ROW_WIDTH
-from tests.server.engine.session.playing import playing, start_job
+from tests.server.engine.session.playing import playing, playing_state, start_job
 from tests.server.engine.stage import Stage, prompt
 
 THERE = StartPose(7.0, -2.0, 1.0)
@@ -64,6 +64,19 @@ def test_one_that_came_too_late_is_tried_again() -> None:
     cuts = [job for job in stage.runner.prepared if job.cause is PlanCause.CUT]
     assert len(cuts) >= 1
     assert sum(notice.cause is PlanCause.CUT for notice in viewer.notices) == 1
+
+
+def test_one_from_whoever_has_seen_all_that_there_is_is_named_by_its_plan() -> None:
+    stage, viewer, state = playing_state()
+    stage.run_until(lambda: viewer.buffered_to == state.planned_to)
+    end = state.planned_to
+    stage.engine.submit(viewer.lie(end - 1, stage.clock.now()))
+    seq = stage.seek(viewer, THERE)
+    stage.run(3.0)
+    (notice,) = (notice for notice in viewer.notices if notice.cause is PlanCause.CUT)
+    assert (notice.valid_from, notice.event_seqs) == (end, (seq,))
+    assert viewer.outcomes[seq].effective_frame == end
+    stage.check_finished()
 
 
 def test_what_is_asked_from_the_character_is_seen_from_where_it_is_after_it() -> None:

@@ -1,0 +1,77 @@
+"""Frames that are taken sooner than they would be shown: what is asked for then begins behind them, without a jump."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+
+from motiongen_client import MotionClient, Session
+from motiongen_client.edit import Edit
+from tests.client.conftest import ManualClock
+from tests.client.fake_server import LEAD, FakeServer
+from tests.client.synthetic import LOOKAHEAD
+from tests.client.waiting import received, until
+
+FPS = 100
+
+
+async def opened(client: MotionClient) -> Session:
+    """One that holds all frames that it gets without a report."""
+    session = await client.open("a person walks", keep_s=None)
+    await until(lambda: session.playback.buffered_to == LOOKAHEAD)
+    return session
+
+
+async def take(session: Session, num_frames: int) -> None:
+    async for _ in session.frames(num_frames / FPS, realtime=False):
+        pass
+
+
+async def begins_where_it_was_said(session: Session, edit: Edit) -> None:
+    """No frame that was taken was replaced, and the edit's plan is seen from its first frame on."""
+    first = (await edit).effective_frame
+    assert session.stats.late_plans == 0
+    assert first is not None
+    plans = session.motion(0, first + 1).root_translation_m[:, 0]
+    assert np.diff(plans)[-1] > 0
+
+
+@pytest.mark.parametrize("num_taken", [LEAD + 10, LOOKAHEAD])
+async def test_what_is_asked_for_begins_behind_the_frames_that_were_taken(
+    client: MotionClient, server: FakeServer, num_taken: int
+) -> None:
+    session = await opened(client)
+    await take(session, num_taken)
+    edit = session.set_velocity(1, 0)
+    await edit
+    await take(session, LOOKAHEAD)
+    await begins_where_it_was_said(session, edit)
+    told = [event.WhichOneof("event") for event in server.stream.received]
+    assert told[told.index("set_velocity") - 1] == "playhead"
+    assert server.stream.received[told.index("set_velocity") - 1].playhead.frame == num_taken - 1
+
+
+async def test_frames_that_an_unanswered_edit_may_replace_are_not_taken(client: MotionClient) -> None:
+    session = await opened(client)
+    await take(session, 20)
+    edit = session.set_prompt("a person runs")
+    await take(session, LOOKAHEAD)
+    assert edit.done()
+    await begins_where_it_was_said(session, edit)
+
+
+async def test_who_plays_in_real_time_reports_no_more_for_an_edit(
+    clock: ManualClock, client: MotionClient, server: FakeServer
+) -> None:
+    session = await opened(client)
+    assert session.poll() is not None
+    await received(server, "playhead")  # of the first frame; the clock stands, so none follows of itself
+    clock.advance(0.1)
+    assert session.playback.playhead == 0
+    frame = session.poll()
+    assert frame is not None
+    assert frame.index == 10
+    for _ in range(3):
+        await session.set_velocity(1, 0)
+    assert len(await received(server, "set_velocity", 3)) == 3
+    assert len(await received(server, "playhead")) == 1

@@ -9,7 +9,9 @@ from dataclasses import dataclass, replace
 import torch
 
 from motiongen_ardy.model.model import Model
+from motiongen_ardy.model.packed.graphs import SIZES
 from motiongen_ardy.model.precision import PRECISIONS
+from motiongen_server.engine.scheduling.warm_up import warm_up
 from motiongen_server.ops.memory import keep_freed_memory
 from motiongen_server.runner import TorchRunner
 from motiongen_server.runner.loading import recorder_for
@@ -112,6 +114,10 @@ def run(settings: Settings, full_size: bool = False) -> Report:
         clock=settings.clock,
         bf16=settings.precision == "bfloat16",
     )
+    if settings.device != "cpu" and settings.graphs:
+        say("graphs")
+        for one in {id(contest.runner): contest.runner, id(contest.bf16_runner): contest.bf16_runner}.values():
+            warm_up(one, [*(size for size in SIZES if size < settings.max_rows), settings.max_rows], HISTORY_FRAMES)
     say("full batches")
     batches = sorted({settings.max_rows, 2 * settings.max_rows})
     ceilings = [

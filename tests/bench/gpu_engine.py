@@ -37,7 +37,7 @@ PARTS: dict[str, tuple[str, ...]] = {
 def parse(arguments: Sequence[str] | None = None) -> argparse.Namespace:
     """The options. Exits with 2 where there is no such device."""
     made = parser("python -m tests.bench.gpu_engine", (__doc__ or "").splitlines()[0])
-    made.set_defaults(rows=128, precision="bfloat16", only=None)
+    made.set_defaults(rows=128, precision="bfloat16", only=None, threads=1)  # as an engine process of a GPU has
     made.add_argument("--device", default="cuda", help="(default: %(default)s)")
     made.add_argument("--tiny", action="store_true", help="a model of a few thousand weights: does the script run")
     made.add_argument("--part", nargs="+", choices=PARTS, default=list(PARTS), help="(default: all)")

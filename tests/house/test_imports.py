@@ -46,6 +46,7 @@ ROOMS = (
     # the model library: core knows only itself, model knows core, checkpoint both
     room(f"{ARDY}/core", f"motiongen_ardy.core {NUMBERS}"),
     room(f"{ARDY}/locomotion", "motiongen_ardy.locomotion numpy"),
+    room(f"{ARDY}/model/packed/kernels.py", "triton"),
     room(f"{ARDY}/model", f"motiongen_ardy.core motiongen_ardy.locomotion motiongen_ardy.model {NUMBERS}"),
     room(f"{ARDY}/checkpoint", f"motiongen_ardy.core motiongen_ardy.model motiongen_ardy.checkpoint {NUMBERS} {FILES}"),
     room(

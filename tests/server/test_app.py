@@ -15,7 +15,8 @@ from motiongen_ardy.checkpoint.model_card import BUILT_IN_MODEL
 from motiongen_compliance.talk import Talk
 from motiongen_server.addresses import join_address
 from motiongen_server.app import SERVICE_NAME
-from motiongen_server.engine_process.model_loading import build_engine, load_model
+from motiongen_server.engine.scheduling.device import Device
+from motiongen_server.engine_process.model_loading import build_engine, load_model, record_graphs
 from motiongen_server.settings import SettingError
 from tests.server.application import NOT_SERVING, SERVING, SlowLoad, application_of, config, get, running
 from tests.server.engine.fakes import FakeRunner, RealTime
@@ -146,6 +147,13 @@ def test_model_device_steps_and_precision_reach_the_runner(monkeypatch: pytest.M
     monkeypatch.setattr("motiongen_server.runner.load_runner", remember)
     load_model(config(denoise_steps=5, precision="bfloat16", cuda_graphs=True), BUILT_IN_MODEL)
     assert asked == [(BUILT_IN_MODEL, "cpu", 5, "bfloat16", True)]
+
+
+def test_graphs_are_recorded_of_the_sizes_that_may_be_served() -> None:
+    runner, device = FakeRunner(), Device()
+    record_graphs(config(max_rows=6), runner, device)
+    assert [len(batch) for batch in runner.batches[:: runner.facts.min_steps]] == [1, 1, 2, 2, 4, 4, 6, 6]
+    assert device.num_seats == 0, "nothing of it holds others up"
 
 
 @pytest.mark.parametrize(

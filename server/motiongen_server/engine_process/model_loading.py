@@ -62,6 +62,8 @@ def prepare(begin: Begin) -> tuple[BuildEngine, LoadText, FreeUnused]:
 
     def build(source: str, deliver: Deliver, observe: Observe, inbox: Inbox) -> Built:
         model = load_model(begin.config, source, begin.kind, begin.threads)
+        if begin.kind == "cuda" and begin.config.cuda_graphs:
+            record_graphs(begin.config, model.runner, device)
         config = replace(begin.config, model=source)
         engine = build_engine(config, model.runner, deliver, observe, inbox, device)
         return Built(engine, model.runner.facts, model.licence, model.abilities)
@@ -111,8 +113,6 @@ def load_model(config: ServerConfig, source: str, kind: str = "cpu", threads: in
     torch.set_num_threads(threads)
     try:
         runner = load_runner(source, kind, config.denoise_steps, config.precision, config.cuda_graphs)
-        if kind == "cuda" and config.cuda_graphs:
-            _record(runner, config)
         folder = model_folder(source)
         card = read_model_card(folder)
         abilities = as_abilities(read_capabilities(folder))
@@ -121,13 +121,19 @@ def load_model(config: ServerConfig, source: str, kind: str = "cpu", threads: in
     return RunnerOfModel(runner, card.licence, abilities)
 
 
-def _record(runner: Runner, config: ServerConfig) -> None:
-    """Record graphs of the usual windows: later their sessions would wait for it."""
+def record_graphs(config: ServerConfig, runner: Runner, device: Device) -> None:
+    """Record graphs of the usual windows: later their sessions would wait for it.
+
+    Models at work wait for single calls.
+    """
     from motiongen_ardy.model.packed.graphs import SIZES
 
     sizes = [*(size for size in SIZES if size < config.max_rows), config.max_rows]
-    begun_at = time.monotonic()
-    largest = warm_up(runner, sizes, runner.facts.whole_patches(config.history_frames))
+    begun_at, lease = time.monotonic(), device.lease()
+    try:
+        largest = warm_up(InTurns(runner, lease), sizes, runner.facts.whole_patches(config.history_frames))
+    finally:
+        lease.leave()
     log.info("recorded graphs of up to %d windows in %.1f s", largest, time.monotonic() - begun_at)
 
 

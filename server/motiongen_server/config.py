@@ -107,6 +107,7 @@ class ServerConfig:
         256, "unsent updates of all streams and clips, and what else is held for clients, MiB", 1, 1_000_000
     )
     max_clip_calls: int = setting(256, "calls for clips that are under way", 1, 100_000)
+    loop_share: float = setting(0.4, "of the gateway's event loop's time, what clients' messages may take", 0.01, 1e9)
     peer_streams: int = setting(1024, "streams of one address", 1, 100_000)
     peer_calls: int = setting(256, "calls of one address for catalogues and clips, open at once", 1, 100_000)
     peer_events_per_second: float = setting(20_000.0, "events of one address a second", 1, 1e9)

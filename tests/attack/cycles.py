@@ -33,7 +33,7 @@ PARTS = 20
 MOST_BYTES = 50
 """A cycle, of each process."""
 SETTINGS = ("--stream-events-per-second", "1000000", "--peer-events-per-second", "1000000", "--admit-load", "1000",
-            "--degrade", "false", "--profile-s", "1")  # fmt: skip
+            "--degrade", "false", "--profile-s", "1", "--loop-share", "1000000000")  # fmt: skip
 MODELS: dict[str, tuple[tuple[str, ...], tuple[str, ...]]] = {
     "none": (NULL, ()),
     "tiny": (BUILT_IN, ("--model", str(TINY_MODEL), "--text-encoder", "hashed")),

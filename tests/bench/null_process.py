@@ -25,6 +25,8 @@ SETTINGS = (
     "--peer-events-per-second", "1000000000", "--peer-calls-per-second", "1000000", "--peer-session-weight", "1000000",
     "--devices", "cpu:1", "--events-per-second", "1000000", "--stream-events-per-second", "10000000",
 )  # fmt: skip
+NO_LOOP_SHARE = ("--loop-share", "1000000000")
+"""Where a revision has that setting: it is measured how much the service can do, by whomever."""
 
 
 @dataclass(frozen=True)
@@ -53,8 +55,10 @@ def server_process(module: str, *arguments: str, revision: Revision | None = Non
 
     Its state folder is its own: what the user's holds, or what runs before have left there, would be measured too.
     """
-    command = [sys.executable, "-m", module, *arguments]
     tree, environment = (ROOT, dict(os.environ)) if revision is None else (revision.tree, revision.environment)
+    is_known = "--port" in arguments and (tree / "server/motiongen_server/rpc/loop_time.py").exists()
+    unbounded = NO_LOOP_SHARE if is_known and NO_LOOP_SHARE[0] not in arguments else ()
+    command = [sys.executable, "-m", module, *arguments, *unbounded]
     with tempfile.TemporaryDirectory(prefix="motiongen-null-") as state:
         environment["XDG_STATE_HOME"] = state
         process = subprocess.Popen(command, cwd=tree, env=environment, stdout=subprocess.PIPE, text=True)

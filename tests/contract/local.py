@@ -23,6 +23,7 @@ from motiongen_server.rpc.abilities import NOTHING_CLAIMED, Abilities
 from motiongen_server.rpc.catalog import Catalog
 from motiongen_server.rpc.handlers import add_methods
 from motiongen_server.rpc.limits import Limits, PeerLimits, ServiceLimits
+from motiongen_server.rpc.loop_time import UNLIMITED
 from motiongen_server.rpc.service import MotionService
 from motiongen_server.snapshots.store import SnapshotStore
 from motiongen_server.text.prompts import PromptEncoder
@@ -33,7 +34,9 @@ from tests.waiting import LIMIT_S
 ANY_LOAD = (1000.0, 1000.0, 1000.0, 1000.0)
 UNMETERED = 1e9
 """Events a second, for tests of what comes after the budget."""
-NO_BUDGET = ServiceLimits(peer=PeerLimits(events_per_second=UNMETERED))
+ANY_TIME = ServiceLimits(loop_share=UNLIMITED)
+"""How long the machine takes for a message is nothing that tests depend on."""
+NO_BUDGET = ServiceLimits(loop_share=UNLIMITED, peer=PeerLimits(events_per_second=UNMETERED))
 
 
 class LengthEncoder:
@@ -94,7 +97,7 @@ class LocalServer:
         self.model = LoadedModel("fake", self.engine, self.prompts, catalog)
         self.service = MotionService(
             ModelRegistry(self.model),
-            limits=self._service_limits,
+            limits=self._service_limits or ANY_TIME,
             callers=self._callers,
             snapshots=self._snapshots,
             other_servers=self._other_servers,

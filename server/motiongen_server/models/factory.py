@@ -149,6 +149,7 @@ def make_limits(config: ServerConfig) -> ServiceLimits:
         silent_timeout_s=config.silent_timeout_s,
         max_waiting_bytes=config.max_waiting_mib << 20,
         reconnect_after_s=config.reconnect_after_s,
+        loop_share=config.loop_share,
         peer=PeerLimits(
             streams=config.peer_streams,
             calls=config.peer_calls,

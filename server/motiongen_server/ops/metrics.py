@@ -3,9 +3,12 @@
 from __future__ import annotations
 
 import math
+from collections.abc import Iterable
 from typing import Protocol
 
-from prometheus_client import CollectorRegistry, Counter, Gauge, Histogram, ProcessCollector
+from prometheus_client import CollectorRegistry, Counter, Gauge, Histogram, Metric, ProcessCollector
+from prometheus_client.core import CounterMetricFamily
+from prometheus_client.registry import Collector
 
 from motiongen_server.ops.model_metrics import LATENCY_BUCKETS, ByEngine, EngineMetrics
 
@@ -53,6 +56,32 @@ class WatchedService(Protocol):
     @property
     def gateway_lag_s(self) -> float: ...
 
+    @property
+    def loop_taken_s(self) -> float: ...
+
+    @property
+    def num_held_back(self) -> int: ...
+
+
+class CountedByService(Collector):
+    """What the edge counts itself, with every message: a counter of Prometheus's takes longer. service: once known."""
+
+    def __init__(self) -> None:
+        self.service: WatchedService | None = None
+
+    def collect(self) -> Iterable[Metric]:
+        service = self.service
+        yield CounterMetricFamily(
+            "motiongen_client_loop_seconds",
+            "Time of the gateway's event loop that went into what clients sent, and into the answers.",
+            0.0 if service is None else service.loop_taken_s,
+        )
+        yield CounterMetricFamily(
+            "motiongen_streams_held_back",
+            "Times that a stream was not read on for what it had taken of the gateway's event loop.",
+            0.0 if service is None else service.num_held_back,
+        )
+
 
 class Metrics:
     """The server's metrics, in a registry of their own."""
@@ -62,6 +91,8 @@ class Metrics:
         self.registry = registry
         self._by_engine = ByEngine()
         registry.register(self._by_engine)
+        self._by_service = CountedByService()
+        registry.register(self._by_service)
         self.build = Gauge("motiongen_build_info", "What runs, always 1.", ["model", "rig"], registry=registry)
         self.prompts = Counter(
             "motiongen_prompts",
@@ -174,6 +205,7 @@ class Metrics:
 
     def watch_service(self, service: WatchedService) -> None:
         """Tell of streams and sessions whenever somebody asks."""
+        self._by_service.service = service
         self.streams.set_function(lambda: service.num_streams)
         self.parked.set_function(lambda: service.num_parked)
         self.queue_bytes.set_function(lambda: service.num_waiting_bytes)

@@ -3,6 +3,9 @@
 Nothing is refused for being too much: a stream that owes is not read on until it has paid, and gRPC's flow control
 passes the wait to the client. Tokens are events: at the default rates a stream has 5,000 a second. Where all that an
 address may send is used up, its streams have equal parts of it, so that one of them cannot starve the others.
+
+Tokens are what is known beforehand. What a message really took of the event loop is charged besides, once it is done
+(`loop_time`), and is paid before the next is read.
 """
 
 from __future__ import annotations
@@ -38,6 +41,7 @@ class StreamBudget:
         self._bucket = TokenBucket(rate, now)
         self._share = Share(peer.events, lambda: peer.num_streams, now)
         self._bytes = Share(peer.bytes, lambda: peer.num_streams, now)
+        self._loop = Share(peer.loop_part, lambda: peer.num_streams, now)
 
     def charge(self, tokens: float, now: float) -> None:
         """Use tokens, of the stream and of its peer."""
@@ -50,6 +54,15 @@ class StreamBudget:
         self.charge(MESSAGE_COST + num_bytes / BYTES_A_TOKEN, now)
         self._bytes.charge(num_bytes, now)
 
+    def charge_loop(self, seconds: float, now: float) -> None:
+        """What the stream has sent has taken so much of the event loop's time."""
+        self._loop.charge(seconds, now)
+
+    def loop_owed_s(self, now: float) -> float:
+        """Seconds until what was taken of the event loop's time is paid."""
+        return self._loop.ahead_s(now)
+
     def owed_s(self, now: float) -> float:
         """Seconds until the stream may be read on."""
-        return max(self._bucket.owed_s(now), self._share.owed_s(now), self._bytes.owed_s(now))
+        sent_s = max(self._bucket.owed_s(now), self._share.owed_s(now), self._bytes.owed_s(now))
+        return max(sent_s, self._loop.ahead_s(now))

@@ -15,6 +15,7 @@ from motiongen_server.rpc.call_context import CallContext
 from motiongen_server.rpc.call_places import CallPlaces
 from motiongen_server.rpc.issuer_keys import keys_for
 from motiongen_server.rpc.limits import PeerLimits
+from motiongen_server.rpc.loop_time import LoopTime
 from motiongen_server.rpc.peers import Peer, Peers
 
 Context: TypeAlias = "grpc.aio.ServicerContext[Any, Any]"
@@ -23,13 +24,20 @@ Context: TypeAlias = "grpc.aio.ServicerContext[Any, Any]"
 class CallAdmission:
     """Of the calls of a service. Lives on one event loop."""
 
-    def __init__(self, callers: Callers, limits: PeerLimits | None, most_calls: int, role: Role = Role.MOTION) -> None:
+    def __init__(
+        self,
+        callers: Callers,
+        limits: PeerLimits | None,
+        most_calls: int,
+        role: Role = Role.MOTION,
+        loop: LoopTime | None = None,
+    ) -> None:
         """limits: of one address, and of a tenant whose quota says nothing else. most_calls: that have one request.
 
-        role: that callers must have.
+        role: that callers must have. loop: the event loop's time, of which peers have parts; None: without a limit.
         """
         self._callers = callers
-        self._peers = Peers(limits)
+        self._peers = Peers(limits, loop)
         self._places = CallPlaces(most_calls)
         self._role = role
 

@@ -132,7 +132,8 @@ async def _encode_waiting(entry: SessionEntry) -> None:
             try:
                 if failure is not None:
                     raise failure
-                _submit(entry, event, received_at, embeddings)
+                with entry.carrier.work:
+                    _submit(entry, event, received_at, embeddings)
             except EventRefused as refusal:
                 entry.carrier.take(refusal.outcome(entry.key, event.event_seq))
             except Exception as error:

@@ -6,6 +6,7 @@ import asyncio
 import logging
 import secrets
 import time
+from contextlib import nullcontext
 
 from motiongen_server.engine.types import (
     Chunk,
@@ -182,6 +183,8 @@ class KeptSessions:
 
 class _Nobody:
     """Carries a parked session: keeps its books, and lets frames go, which the engine sends again."""
+
+    work = nullcontext()  # nobody's: what its client had asked for before it went
 
     def __init__(self, entry: SessionEntry, kept: KeptSessions) -> None:
         self._entry = entry

@@ -92,7 +92,8 @@ class ServiceLimits:
     silent_timeout_s: after which one counts as lost from which nothing comes; clients ping every 10 s. max_clip_calls:
     calls for clips that are under way. max_waiting_bytes: of unsent updates, answers that clients have not confirmed,
     and what has come and waits, of all streams together. reconnect_after_s: when clients are told to connect again as
-    the server goes away; 0: at once.
+    the server goes away; 0: at once. loop_share: of the event loop's time, what clients' messages may take; see
+    `rpc.loop_time`.
     """
 
     max_streams: int = 2048
@@ -103,4 +104,5 @@ class ServiceLimits:
     silent_timeout_s: float = 90.0
     max_waiting_bytes: int = 256 << 20
     reconnect_after_s: float = 0.0
+    loop_share: float = 0.4
     peer: PeerLimits = field(default_factory=PeerLimits)

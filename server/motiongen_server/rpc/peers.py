@@ -13,6 +13,7 @@ from motiongen_server.identity.caller import Caller
 from motiongen_server.rpc.event_errors import peer_class, peer_clips, peer_sessions, peer_steps, peer_waiting
 from motiongen_server.rpc.held_requests import HeldRequests, Holder
 from motiongen_server.rpc.limits import PeerLimits
+from motiongen_server.rpc.loop_time import LoopTime
 from motiongen_server.rpc.stream_errors import too_many_calls
 from motiongen_server.rpc.token_bucket import Share, TokenBucket
 
@@ -32,9 +33,14 @@ MOST_IDLE = 1024
 
 
 class Peer:
-    """One address, or one tenant. tenant: its name, "" for an address. name: no other peer's."""
+    """One address, or one tenant. tenant: its name, "" for an address. name: no other peer's.
 
-    def __init__(self, limits: PeerLimits, now: float, tenant: str = "", name: str = "") -> None:
+    loop: the time of the event loop that serves it; without a limit where it is left out. loop_part: its part of that.
+    """
+
+    def __init__(
+        self, limits: PeerLimits, now: float, tenant: str = "", name: str = "", loop: LoopTime | None = None
+    ) -> None:
         self.tenant = tenant
         self.name = name
         self.num_streams = 0
@@ -48,6 +54,20 @@ class Peer:
         self.bytes = TokenBucket(limits.bytes_per_second, now)
         self.prompts = TokenBucket(limits.prompts_per_second, now)
         self.calls = TokenBucket(limits.calls_per_second, now)
+        self.loop = loop or LoopTime(now=now)
+        self.loop_part = Share(self.loop.bucket, lambda: self.loop.num_peers, now)
+
+    def begin_stream(self) -> None:
+        """One of its streams begins."""
+        self.num_streams += 1
+        if self.num_streams == 1:
+            self.loop.num_peers += 1
+
+    def end_stream(self) -> None:
+        """One of them has ended."""
+        self.num_streams -= 1
+        if not self.num_streams:
+            self.loop.num_peers -= 1
 
     def adopt(self, limits: PeerLimits, now: float) -> None:
         """Take these limits from now on; what is open stays open, and what is owed is owed."""
@@ -75,7 +95,8 @@ class Peer:
     def is_idle(self, now: float) -> bool:
         """Whether nothing would be lost if it were forgotten."""
         is_open = self.num_streams or self._clip_samples or self._sessions.total()
-        return not is_open and all(each.is_full(now) for each in (self.events, self.bytes, self.prompts, self.calls))
+        buckets = (self.events, self.bytes, self.prompts, self.calls, self.loop_part)
+        return not is_open and all(each.is_full(now) for each in buckets)
 
     @property
     def num_sessions(self) -> int:
@@ -235,8 +256,10 @@ def _changed(held: _Held, asked: _Asked) -> _Held:
 class Peers:
     """All addresses and tenants that have something open, or owe something. Lives on the event loop."""
 
-    def __init__(self, limits: PeerLimits | None = None) -> None:
+    def __init__(self, limits: PeerLimits | None = None, loop: LoopTime | None = None) -> None:
+        """loop: the time of the event loop; without a limit where it is left out."""
         self._limits = limits or PeerLimits()
+        self._loop = loop or LoopTime()
         self._peers: dict[str, Peer] = {}
 
     def find(self, peer: str, now: float) -> Peer:
@@ -258,7 +281,7 @@ class Peers:
         if found is None:
             if len(self._peers) >= MOST_IDLE:
                 self._peers = {name: held for name, held in self._peers.items() if not held.is_idle(now)}
-            found = self._peers[name] = Peer(limits, now, tenant, name)
+            found = self._peers[name] = Peer(limits, now, tenant, name, self._loop)
         return found
 
 

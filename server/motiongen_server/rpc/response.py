@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Iterable
+from contextlib import AbstractContextManager, nullcontext
 
 from motiongen.v1 import session_pb2
 from motiongen_server.engine.types import PlanNotice
@@ -10,9 +11,11 @@ from motiongen_server.rpc.convert import Parts, append_frames, append_plan, appe
 from motiongen_server.rpc.convert.frames import PLAIN, FrameCoding
 from motiongen_server.rpc.send_queue import Run, Said
 
+_NOT_COUNTED = nullcontext()
 
-def response_of(waiting: Iterable[Run | Said]) -> bytes:
-    """One message of all that is given, in its order."""
+
+def response_of(waiting: Iterable[Run | Said], work: AbstractContextManager[None] = _NOT_COUNTED) -> bytes:
+    """One message of all that is given, in its order. work: around what is done for answers."""
     response: Parts = []
     for item in waiting:
         if isinstance(item, Run):
@@ -33,7 +36,8 @@ def response_of(waiting: Iterable[Run | Said]) -> bytes:
         if isinstance(output, PlanNotice):
             append_plan(response, applied_seq, output)
         else:
-            update = session_pb2.SessionUpdate(session=output.session.handle, applied_seq=applied_seq)
-            write_update(update, output)
-            append_update(response, update)
+            with work:
+                update = session_pb2.SessionUpdate(session=output.session.handle, applied_seq=applied_seq)
+                write_update(update, output)
+                append_update(response, update)
     return b"".join(response)

@@ -27,6 +27,7 @@ from motiongen_server.rpc.goodbye import say_draining
 from motiongen_server.rpc.handlers import StreamContext
 from motiongen_server.rpc.kept_sessions import KeptSessions
 from motiongen_server.rpc.limits import OTHER_CALLS, ServiceLimits
+from motiongen_server.rpc.loop_time import CLOCKS, Clocks, LoopTime
 from motiongen_server.rpc.peers import Peer
 from motiongen_server.rpc.requests import parsed_as
 from motiongen_server.rpc.session_entry import Carrier
@@ -57,16 +58,20 @@ class MotionService:
         snapshots: SnapshotStore | None = None,
         record_window: RecordWindow | None = None,
         other_servers: OtherServers | None = None,
+        clocks: Clocks = CLOCKS,
     ) -> None:
         """callers: who may call; everybody where it is left out. snapshots: where sessions are saved; None: nowhere.
 
         record_window: takes the traces of windows; None: there are none. other_servers: of the same store, named to
-        clients that are refused for want of room; None: nothing is known of any.
+        clients that are refused for want of room; None: nothing is known of any. clocks: by which it
+        is measured what messages take of the event loop.
         """
         self._models = models
         self._callers = callers or Callers()
         self._limits = limits or ServiceLimits()
-        self._admission = CallAdmission(self._callers, self._limits.peer, self._limits.max_clip_calls + OTHER_CALLS)
+        self._loop_time = LoopTime(self._limits.loop_share, time.monotonic(), clocks)
+        most_calls = self._limits.max_clip_calls + OTHER_CALLS
+        self._admission = CallAdmission(self._callers, self._limits.peer, most_calls, loop=self._loop_time)
         self._flush_s = flush_s
         self._stream_metrics = stream_metrics
         self._record_window = record_window
@@ -106,6 +111,16 @@ class MotionService:
     def gateway_lag_s(self) -> float:
         """How long what is to be read and written waits for the event loop."""
         return self._lag.lag_s
+
+    @property
+    def loop_taken_s(self) -> float:
+        """Seconds that clients' messages have taken of the event loop so far."""
+        return self._loop_time.taken_s
+
+    @property
+    def num_held_back(self) -> int:
+        """Times that a stream was not read on for what it had taken of the event loop."""
+        return self._loop_time.num_held
 
     @property
     def num_waiting_bytes(self) -> int:
@@ -184,7 +199,7 @@ class MotionService:
             stream.other_servers = self._others.named
         stream.gateway_lag = self._lag
         stream.accepts_opens = self._reader.ends_at is None
-        peer.num_streams += 1
+        peer.begin_stream()
         self._streams[stream.number] = stream
         self._all_ended.clear()
         self.watch.begin()
@@ -197,7 +212,7 @@ class MotionService:
         finally:  # its place is another's, whatever went wrong
             if stream.tracing is not None:
                 stream.tracing.end_all()
-            stream.peer.num_streams -= 1
+            stream.peer.end_stream()
             del self._streams[stream.number]
             if not self._streams:
                 self._all_ended.set()

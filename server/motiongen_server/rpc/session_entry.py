@@ -6,6 +6,7 @@ import asyncio
 import secrets
 from collections import deque
 from collections.abc import Callable, Sequence
+from contextlib import AbstractContextManager
 from dataclasses import dataclass, field, replace
 from typing import Protocol
 
@@ -37,7 +38,13 @@ _LEAVING = (CloseReason.DRAINED, CloseReason.TAKEN_OVER)
 
 
 class Carrier(Protocol):
-    """Who tells a client of its session: the stream that carries it, or nobody while there is none."""
+    """Who tells a client of its session: the stream that carries it, or nobody while there is none.
+
+    work: around what the event loop does for that client.
+    """
+
+    @property
+    def work(self) -> AbstractContextManager[None]: ...
 
     def take(self, *outputs: Output) -> None:
         """Take outputs of sessions, in order."""

@@ -10,6 +10,7 @@ from collections import deque
 from motiongen.v1 import service_pb2
 from motiongen_server.rpc.gateway_lag import GatewayLag
 from motiongen_server.rpc.limits import Limits
+from motiongen_server.rpc.loop_time import Work
 from motiongen_server.rpc.reader_patience import ReaderPatience
 from motiongen_server.rpc.response import response_of
 from motiongen_server.rpc.send_queue import SendQueue
@@ -25,10 +26,11 @@ REPLY_BYTES = 512
 class StreamOutput(ABC):
     """The half of a `Stream` that its write loop uses. ready: there is something to write, or it is the end.
 
-    urgent: there is something that must not wait for the flush interval.
+    urgent: there is something that must not wait for the flush interval. work: what the event loop does for its client.
     """
 
-    def __init__(self, limits: Limits, stream_metrics: StreamMetrics) -> None:
+    def __init__(self, limits: Limits, stream_metrics: StreamMetrics, work: Work) -> None:
+        self.work = work
         self.send_queue = SendQueue()
         self.ready = asyncio.Event()
         self.urgent = asyncio.Event()
@@ -71,7 +73,7 @@ class StreamOutput(ABC):
             return None
         if self.tracing is not None:
             self.tracing.take(waiting)
-        return response_of(waiting)
+        return response_of(waiting, self.work)
 
     def reply(self, response: service_pb2.StreamMotionResponse) -> None:
         """Send a message that belongs to no session ahead of the updates."""

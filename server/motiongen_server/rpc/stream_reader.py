@@ -60,6 +60,7 @@ class StreamReader:
             now = time.monotonic()
             stream.budget.charge_message(len(data), now)
             refusal: StreamRefused | None = None
+            stream.work.begin()
             try:
                 await self._take(stream, data, now)
             except Ended:
@@ -69,6 +70,7 @@ class StreamReader:
             except StreamRefused as error:
                 refusal = error.with_traceback(None)  # which would keep the message until it is collected
             finally:
+                stream.work.end()
                 del data  # else it would be held until the next one comes
             if refusal is not None:
                 raise refusal
@@ -105,8 +107,12 @@ class StreamReader:
     @staticmethod
     async def _turn(stream: Stream) -> None:
         """Raises Ended once the stream is: what is left of its message is let go at once."""
-        stream.peer.bound_held()
-        await stream.turn()
+        stream.work.end()  # it is charged before the turn, which waits until that is paid
+        try:
+            stream.peer.bound_held()
+            await stream.turn()
+        finally:
+            stream.work.begin()
         if stream.refusal is not None:
             raise Ended
 

@@ -23,6 +23,7 @@ from motiongen_server.rpc.event_errors import resume_out_of_range
 from motiongen_server.rpc.event_path import end_waiting, refuse_waiting, without_needless_refusals
 from motiongen_server.rpc.kept_sessions import KeptSessions
 from motiongen_server.rpc.limits import Limits
+from motiongen_server.rpc.loop_time import Work
 from motiongen_server.rpc.session_entry import SessionEntry
 from motiongen_server.rpc.stream_metrics import StreamMetrics
 from motiongen_server.rpc.stream_output import StreamOutput
@@ -36,8 +37,10 @@ class StreamSessions(StreamOutput):
     other_servers: those with room for a session of a model, as far as is known.
     """
 
-    def __init__(self, number: int, limits: Limits, stream_metrics: StreamMetrics, kept: KeptSessions) -> None:
-        super().__init__(limits, stream_metrics)
+    def __init__(
+        self, number: int, limits: Limits, stream_metrics: StreamMetrics, kept: KeptSessions, work: Work
+    ) -> None:
+        super().__init__(limits, stream_metrics, work)
         self.number = number
         self.empty_since = time.monotonic()
         self.other_servers: Callable[[str], tuple[OtherServer, ...]] = lambda _: ()
@@ -86,7 +89,8 @@ class StreamSessions(StreamOutput):
             elif isinstance(said, Resumed):
                 self._go_on(said, entry)
             else:
-                self._book(said, entry)
+                with self.work:
+                    self._book(said, entry)
         self._check_backlog()
         if answers_edits:
             self.urgent.set()

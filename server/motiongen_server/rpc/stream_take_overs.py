@@ -17,11 +17,15 @@ from motiongen_server.rpc.budget import REFUSAL_COST, StreamBudget
 from motiongen_server.rpc.durability import Durability
 from motiongen_server.rpc.event_path import MAX_WAITING_EVENTS
 from motiongen_server.rpc.kept_sessions import KeptSessions
+from motiongen_server.rpc.loop_time import Work
 from motiongen_server.rpc.peers import Peer
 from motiongen_server.rpc.stream_metrics import StreamMetrics
 from motiongen_server.rpc.stream_sessions import StreamSessions
 from motiongen_server.rpc.taking_over import adopted, claimed
 from motiongen_server.snapshots.record import SessionRecord
+
+LOOK_AGAIN_S = 1.0
+"""So long after it began to wait a stream looks whether it still owes: those that used it all up may be gone."""
 
 
 @dataclass(slots=True)
@@ -51,9 +55,10 @@ class StreamTakeOvers(StreamSessions):
         peer: Peer,
         now: float,
     ) -> None:
-        super().__init__(number, models.limits, stream_metrics, kept)
         self.peer = peer
         self.budget = StreamBudget(models.limits.stream_events_per_second, peer, now)
+        work = Work(peer.loop, lambda seconds: self.budget.charge_loop(seconds, time.monotonic()))
+        super().__init__(number, models.limits, stream_metrics, kept, work)
         self.accepts_opens = True
         self._models = models
         self._held_back: dict[int, _HeldBack] = {}
@@ -84,12 +89,17 @@ class StreamTakeOvers(StreamSessions):
         Not while it owes for what it has sent, nor while more answers wait than its client reads. Not reading on passes
         the wait to the client, by gRPC's own flow control.
         """
+        is_held = False
         while not self.ended:
-            owed_s = self.owed_s(time.monotonic())
+            owed_s = self.owed_s(now := time.monotonic())
             if not owed_s and not self._is_backlogged:
                 return
+            if not is_held and self.budget.loop_owed_s(now):
+                is_held = True
+                self.peer.loop.num_held += 1
             self._room.clear()
-            timer = asyncio.get_running_loop().call_later(owed_s, self._room.set) if owed_s else None
+            look_s = min(owed_s, LOOK_AGAIN_S)
+            timer = asyncio.get_running_loop().call_later(look_s, self._room.set) if owed_s else None
             await self._room.wait()
             if timer is not None:
                 timer.cancel()
@@ -154,7 +164,8 @@ class StreamTakeOvers(StreamSessions):
                     break
                 event, received_at, unread = held_back.events.popleft()
                 self._count(held_back, -event.ByteSize())
-                self._receive(event, received_at, unread)
+                with self.work:
+                    self._receive(event, received_at, unread)
         except Exception as error:
             self.fail(error)
         finally:

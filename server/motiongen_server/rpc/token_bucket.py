@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable
+from typing import Protocol
 
 
 class TokenBucket:
@@ -69,15 +70,33 @@ class TokenBucket:
         return max(0.0, 1 - self._tokens) / self._rate
 
 
+class Bucket(Protocol):
+    """What several may use: a `TokenBucket`, or a `Share` of one."""
+
+    @property
+    def rate(self) -> float:
+        """Tokens that come back in a second."""
+
+    def charge(self, amount: float, now: float) -> None:
+        """Use so many tokens, whether they are there or not."""
+
+    def owed_s(self, now: float) -> float:
+        """Seconds until what was charged is paid, 0 where it is."""
+
+    def left(self, now: float) -> float:
+        """What can be used at once, 0 or more."""
+
+
 class Share:
     """One user's part of a bucket that several use: who keeps to an equal part never waits for the others.
 
-    It begins with a part of what the bucket has left: who comes again and again gets no more by that.
+    It begins with a part of what the bucket has left: who comes again and again gets no more by that. What is used
+    while the bucket owes nothing is owed to nobody, so that who had much then is not behind once others come.
     """
 
     __slots__ = ("_bucket", "_num_users", "_refilled_at", "_tokens")
 
-    def __init__(self, bucket: TokenBucket, num_users: Callable[[], int], now: float) -> None:
+    def __init__(self, bucket: Bucket, num_users: Callable[[], int], now: float) -> None:
         """num_users: how many use the bucket now."""
         self._bucket = bucket
         self._num_users = num_users
@@ -85,25 +104,45 @@ class Share:
         self._refilled_at = now
 
     @property
-    def _rate(self) -> float:
+    def rate(self) -> float:
+        """Tokens that come back in a second."""
         return self._bucket.rate / max(1, self._num_users())
 
     def charge(self, amount: float, now: float) -> None:
         """Use so many tokens of the bucket, whether they are there or not."""
         self._refill(now)
-        self._tokens -= amount
         self._bucket.charge(amount, now)
+        self._tokens -= amount
+        if self._tokens < 0 and not self._bucket.owed_s(now):
+            self._tokens = 0.0
+
+    def left(self, now: float) -> float:
+        """What can be used at once, 0 or more."""
+        self._refill(now)
+        return max(0.0, self._tokens)
+
+    def is_full(self, now: float) -> bool:
+        """Whether nothing was taken of late."""
+        self._refill(now)
+        return self._tokens >= self.rate
 
     def owed_s(self, now: float) -> float:
         """Seconds until this user may go on: 0 while the bucket owes nothing, or this one has had only its part."""
         of_all_s = self._bucket.owed_s(now)
-        if not of_all_s:
+        return min(of_all_s, self.ahead_s(now)) if of_all_s else 0.0
+
+    def ahead_s(self, now: float) -> float:
+        """Seconds until this user has had no more than its part; 0 while the bucket owes nothing.
+
+        Who waits for that, and not only until the bucket is paid, does not come back at one moment with all others.
+        """
+        if not self._bucket.owed_s(now):
             return 0.0
         self._refill(now)
-        return min(of_all_s, max(0.0, -self._tokens) / self._rate)
+        return max(0.0, -self._tokens) / self.rate
 
     def _refill(self, now: float) -> None:
         if now != self._refilled_at:
-            rate = self._rate
+            rate = self.rate
             self._tokens = min(rate, self._tokens + (now - self._refilled_at) * rate)
             self._refilled_at = now

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from dataclasses import dataclass
 from functools import partial
 
 from prometheus_client import Metric, generate_latest
@@ -26,6 +27,8 @@ SET_BY_THE_APPLICATION = {
     "motiongen_session_resumes",
     "motiongen_sessions_parked",
     "motiongen_gateway_lag_seconds",
+    "motiongen_client_loop_seconds",
+    "motiongen_streams_held_back",
     "motiongen_event_loop_tasks",
     "motiongen_free_share",
     "motiongen_other_servers",
@@ -125,6 +128,28 @@ def test_what_the_streams_count_arrives() -> None:
     assert value("motiongen_admission_rejects_total", {"reason": "OVERLOADED"}) == 1
     assert value("motiongen_slow_reader_closes_total") == 1
     assert value("motiongen_frames_dropped_total") == 12
+
+
+@dataclass
+class Service:
+    """The edge, which counts for itself."""
+
+    num_streams: int = 3
+    num_parked: int = 0
+    num_waiting_bytes: int = 0
+    num_other_servers: int = 0
+    gateway_lag_s: float = 0.0
+    loop_taken_s: float = 12.5
+    num_held_back: int = 7
+
+
+def test_what_messages_took_of_the_event_loop_arrives() -> None:
+    metrics, service = Metrics(), Service()
+    value = metrics.registry.get_sample_value
+    assert value("motiongen_client_loop_seconds_total") == 0
+    metrics.watch_service(service)
+    assert value("motiongen_client_loop_seconds_total") == 12.5
+    assert value("motiongen_streams_held_back_total") == 7
 
 
 def test_where_prompts_came_from_is_counted() -> None:

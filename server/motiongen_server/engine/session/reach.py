@@ -7,9 +7,16 @@ from dataclasses import dataclass, field
 
 from motiongen_server.engine.session.conditions import Conditions
 from motiongen_server.engine.session.kinematics import Posed
-from motiongen_server.engine.session.residuals import Nearest, Residual, nearest_frame
+from motiongen_server.engine.session.residuals import Nearest, Residual, nearest_by_waypoint, nearest_frame
 from motiongen_server.engine.session.timeline import Timeline
-from motiongen_server.engine.types import Constraint, ConstraintReached, RigLayout, RootTrajectory, SessionKey
+from motiongen_server.engine.types import (
+    Constraint,
+    ConstraintReached,
+    RigLayout,
+    RootTrajectory,
+    SessionKey,
+    Waypoint,
+)
 
 
 @dataclass(slots=True)
@@ -70,19 +77,30 @@ class ReachWatch:
         self, seen: tuple[Constraint, ...], posed: Posed, begin: int
     ) -> Iterator[tuple[Constraint, ConstraintReached]]:
         """Those of whose frames one is enough. posed: as for the others."""
-        before, self.nearest = self.nearest, []
-        for constraint in seen:
-            if isinstance(constraint, RootTrajectory) or constraint.span is None:
-                continue
-            first, end = max(constraint.first_frame, begin), min(constraint.last_frame + 1, self.measured_to)
-            now = nearest_frame(constraint, first, posed.part(first - begin, end - begin))
-            held = next((each for held, each in before if held is constraint), now)
+        # By identity, as above; by a dictionary, since there may be hundreds.
+        before, self.nearest = {id(held): nearest for held, nearest in self.nearest}, []
+        for constraint, now in self._nearest(seen, posed, begin):
+            held = before.get(id(constraint), now)
             best = now if now.excess < held.excess else held
             is_over = constraint.last_frame < self.measured_to
-            if is_over or (constraint.frame < self.measured_to and best.excess <= 1.0):
+            if is_over or (_told_after(constraint) < self.measured_to and best.excess <= 1.0):
                 yield constraint, self._told(constraint, best.residual, best.frame)
             else:
                 self.nearest.append((constraint, best))
+
+    def _nearest(self, seen: tuple[Constraint, ...], posed: Posed, begin: int) -> Iterator[tuple[Constraint, Nearest]]:
+        """Which of these frames comes nearest, for each of those of whose frames one is enough, in their order."""
+        waypoints = [each for each in seen if isinstance(each, Waypoint) and each.span and each.heading is None]
+        together = zip(waypoints, nearest_by_waypoint(waypoints, begin, posed), strict=True) if waypoints else ()
+        by_waypoint = {id(waypoint): nearest for waypoint, nearest in together}
+        for constraint in seen:
+            if not _is_of_any_frame(constraint):
+                continue
+            nearest = by_waypoint.get(id(constraint))
+            if nearest is None:
+                first, end = max(constraint.first_frame, begin), min(constraint.last_frame + 1, self.measured_to)
+                nearest = nearest_frame(constraint, first, posed.part(first - begin, end - begin))
+            yield constraint, nearest
 
     def _told(self, constraint: Constraint, residual: Residual, frame: int) -> ConstraintReached:
         position, heading, rotation = residual.position_m, residual.heading_rad, residual.rotation_rad

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass, field
 
 import numpy as np
@@ -136,12 +137,33 @@ def nearest_frame(constraint: Constraint, first_frame: int, posed: Posed) -> Nea
     ):
         for each in errors:
             worst = each.reshape(len(each), -1).max(axis=1)
-            # No error is within a tolerance of none.
-            excess = np.maximum(excess, np.where(worst <= most, worst / max(most, 1e-9), 1.0 + worst - most))
+            excess = np.maximum(excess, _excess(worst, np.float64(most)))
     for lifted in every.lifted:
         excess = np.where(lifted, np.maximum(excess, 1.0) + _LIFTED_EXCESS, excess)
     best = int(excess.argmin())
     return Nearest(first_frame + best, float(excess[best]), every.at(best))
+
+
+def nearest_by_waypoint(waypoints: Sequence[Waypoint], first_frame: int, posed: Posed) -> list[Nearest]:
+    """`nearest_frame` of each of several, of whose frames one at least is among those from first_frame on.
+
+    None asks for a heading. All are measured together: one by one, two hundred take longer than a frame lasts.
+    """
+    goals = np.array([(each.x, each.z) for each in waypoints])
+    errors = np.linalg.norm(posed.root()[:, _GROUND] - goals[:, None], axis=-1)  # (N, T)
+    excess = _excess(errors, np.array([[each.tolerance.position_m] for each in waypoints]))
+    frames = np.arange(first_frame, first_frame + len(posed))
+    ends = np.array([(each.first_frame, each.last_frame) for each in waypoints])
+    excess[(frames < ends[:, :1]) | (frames > ends[:, 1:])] = np.inf
+    return [
+        Nearest(first_frame + best, float(row[best]), Residual(1, [off[best : best + 1].copy()]))
+        for best, row, off in zip(excess.argmin(axis=1).tolist(), excess, errors, strict=True)
+    ]
+
+
+def _excess(errors: Float64, most: np.float64 | Float64) -> Float64:
+    """Errors in tolerances. No error is within a tolerance of none."""
+    return np.where(errors <= most, errors / np.maximum(most, 1e-9), 1.0 + errors - most)
 
 
 def _turned(found: Float64, asked: NDArray[np.floating]) -> Float64:

@@ -2,8 +2,13 @@
 
 from __future__ import annotations
 
+import math
+
 import numpy as np
 from numpy.typing import NDArray
+
+FEW = 8
+"""Quaternions of which each is worked out for itself sooner than numpy begins with all."""
 
 
 def rotation_matrices(quaternions: NDArray[np.float64]) -> NDArray[np.float64]:
@@ -15,3 +20,20 @@ def rotation_matrices(quaternions: NDArray[np.float64]) -> NDArray[np.float64]:
         2 * (x * z - w * y), 2 * (y * z + w * x), 1 - 2 * (x * x + y * y),
     ]  # fmt: skip
     return np.stack(entries, axis=-1).reshape(*w.shape, 3, 3)
+
+
+def rotation_matrices_of_few(quaternions: NDArray[np.float64]) -> NDArray[np.float64]:
+    """(K, 4) quaternions w x y z of finite length, none 0 -> (K, 3, 3), to the bit what `rotation_matrices` makes."""
+    if len(quaternions) > FEW:
+        return rotation_matrices(quaternions)
+    return np.array([_entries(*each) for each in quaternions.tolist()]).reshape(-1, 3, 3)
+
+
+def _entries(w: float, x: float, y: float, z: float) -> tuple[float, ...]:
+    length = math.sqrt(w * w + x * x + y * y + z * z)
+    w, x, y, z = w / length, x / length, y / length, z / length
+    return (
+        1 - 2 * (y * y + z * z), 2 * (x * y - w * z), 2 * (x * z + w * y),
+        2 * (x * y + w * z), 1 - 2 * (x * x + z * z), 2 * (y * z - w * x),
+        2 * (x * z - w * y), 2 * (y * z + w * x), 1 - 2 * (x * x + y * y),
+    )  # fmt: skip

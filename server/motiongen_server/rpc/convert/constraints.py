@@ -23,7 +23,7 @@ from motiongen_server.engine.types import (
     Tolerance,
     Waypoint,
 )
-from motiongen_server.engine.types.rotations import rotation_matrices
+from motiongen_server.engine.types.rotations import rotation_matrices_of_few
 from motiongen_server.rpc.catalog import Catalog
 from motiongen_server.rpc.convert.checks import (
     check_coordinates,
@@ -137,7 +137,7 @@ def _joint_targets(
         allowed = "1 within 0.001, or 0 for a rotation that is free"
         raise refuse("NOT_A_ROTATION", f"{field}.rotations", f"quaternion lengths are {norms[:8]}", allowed)
     quaternions[~rotated, 0] = 1.0  # any rotation will do there
-    matrices = rotation_matrices(quaternions).astype(np.float32)
+    matrices = rotation_matrices_of_few(quaternions).astype(np.float32)
     return JointTargets(
         identifier, frame, joints, positions, matrices, None if rotated.all() else tuple(rotated.tolist())
     )
@@ -151,7 +151,7 @@ def _joint_rotations(
     if not np.all(np.abs(norms - 1) <= UNIT_TOLERANCE):
         given = f"quaternion lengths are {norms[:8]}"
         raise refuse("NOT_A_ROTATION", f"{field}.rotations", given, "1 within 0.001")
-    return JointRotations(identifier, frame, joints, rotation_matrices(quaternions).astype(np.float32))
+    return JointRotations(identifier, frame, joints, rotation_matrices_of_few(quaternions).astype(np.float32))
 
 
 def _joints(given: Sequence[int], field: str, catalog: Catalog) -> tuple[int, ...]:

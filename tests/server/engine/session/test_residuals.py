@@ -14,7 +14,7 @@ from motiongen_ardy.core.residuals import residuals as library_residuals
 from motiongen_ardy.core.rotation import matrix_to_quaternion, quaternion_to_matrix
 from motiongen_ardy.core.skeleton import load_skeleton
 from motiongen_server.engine.session.kinematics import Posed
-from motiongen_server.engine.session.residuals import Residual
+from motiongen_server.engine.session.residuals import Residual, nearest_by_waypoint, nearest_frame
 from motiongen_server.engine.types import (
     ChannelBlock,
     HeadingTarget,
@@ -23,6 +23,8 @@ from motiongen_server.engine.types import (
     Keyframe,
     RigLayout,
     RootTrajectory,
+    Span,
+    Tolerance,
     Waypoint,
     WindowJob,
 )
@@ -74,6 +76,25 @@ def test_residuals_are_those_of_the_library(name: str) -> None:
             if expected is not None:
                 assert getattr(ours, kind).mean == pytest.approx(expected.mean, abs=1e-4)
                 assert getattr(ours, kind).worst == pytest.approx(expected.worst, abs=1e-4)
+
+
+def test_waypoints_measured_together_are_as_near_as_each_alone() -> None:
+    numbers = np.random.default_rng(8)
+    posed = Posed(layout_of(load_skeleton("core27")), numbers.normal(size=(12, 115)).astype(np.float32))
+    first, last = 100, 111
+    waypoints = []
+    for number in range(1, 60):
+        begin = int(numbers.integers(90, last + 1))
+        span = Span(begin, int(numbers.integers(max(begin, first), 130)))
+        tolerance = Tolerance(float(numbers.choice([0.0, 0.1, 2.0])), 0.1)
+        x, z = numbers.normal(size=2).tolist()
+        waypoints.append(Waypoint(number, span.first, x, z, tolerance=tolerance, span=span))
+    for waypoint, together in zip(waypoints, nearest_by_waypoint(waypoints, first, posed), strict=True):
+        begin, end = max(waypoint.first_frame, first), min(waypoint.last_frame, last) + 1
+        alone = nearest_frame(waypoint, begin, posed.part(begin - first, end - first))
+        assert (together.frame, together.excess) == (alone.frame, alone.excess)
+        assert together.residual.position_m == alone.residual.position_m
+        assert together.residual.num_frames == alone.residual.num_frames == 1
 
 
 def measured_in_parts(skeleton: Any, constraint: Any, rows: Any) -> Residual:

@@ -139,6 +139,7 @@ void SessionState::take_resumed(const v1::SessionOpened& message, const Catalog&
   event.frame = base_ + message.start_frame();
   event.exact = true;
   events.push(std::move(event));
+  report_before_edit(outbox);  // it may have gone on meanwhile
   send_all(book.repetitions(base_), outbox, catalog, events);
 }
 

@@ -16,13 +16,17 @@ constexpr double kRetryS = 1.0;  // after a refusal that names no time
 // ---- to the server
 
 EditId SessionState::send_edit(v1::SessionEvent event, Outbox& outbox) {
-  // Where a caller moves the playhead, the server cannot know how far: it is told before it chooses what to change.
-  if (options.clock == Clock::manual) report(0, 0, outbox);
+  report_before_edit(outbox);
   event.set_session(id);
   const EditId edit = book.add(event);
   const bool can_send = phase == Phase::open || (phase == Phase::opening && !resuming_);
   if (can_send) outbox.put(shifted(std::move(event), base_));
   return edit;
+}
+
+void SessionState::report_before_edit(Outbox& outbox) {
+  // Where a caller moves the playhead, the server cannot know how far: it is told before it chooses what to change.
+  if (options.clock == Clock::manual) report(0, 0, outbox);
 }
 
 void SessionState::set_playing(bool is_playing) {
@@ -53,6 +57,31 @@ void SessionState::report(double now_s, double period_s, Outbox& outbox) {
   // those that open together are spread over the period, so that the server need not hear them all at once
   next_report_s = now_s + (can_report ? period_s : period_s * (1 + id % 10) / 10);
   can_report = true;
+}
+
+// ---- frames
+
+std::uint64_t SessionState::showable_to() const {
+  if (!timeline) return 0;
+  const std::uint64_t held_to = timeline->buffered_to();
+  const bool may_change = options.clock == Clock::manual && phase == Phase::open && book.is_waiting();
+  if (!may_change) return held_to;
+  const std::uint64_t shown_to = timeline->started() ? timeline->playhead() + 1 : 0;
+  return std::max(shown_to, std::min(timeline->committed_to(), held_to));
+}
+
+Status SessionState::advance_to(std::uint64_t frame) {
+  if (frame >= showable_to() && frame < timeline->buffered_to()) {
+    return {Code::out_of_range, "EDIT_UNANSWERED",
+            "frame: " + std::to_string(frame) + " was given; an edit that has no answer yet may change frames from " +
+                std::to_string(showable_to()) + " on"};
+  }
+  const bool began = !timeline->started();
+  const auto reached = timeline->advance_to(frame);
+  if (!reached) return reached.status();
+  // nothing left to show: more credit at once, or with the next tick where it was just asked for
+  if (began || frame + 1 == showable_to()) next_report_s = 0;
+  return {};
 }
 
 // ---- from the server

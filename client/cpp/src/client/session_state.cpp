@@ -180,10 +180,15 @@ void SessionState::give_up_opening(EventQueue& events) {
   if (!was_open_ && phase == Phase::waiting) end(std::move(*refusal), events);
 }
 
-void SessionState::note_answer(EditId edit, Outcome outcome, EventQueue& events) {
+Event SessionState::event_of(EventKind kind) const {
   Event event;
-  event.kind = EventKind::edit;
+  event.kind = kind;
   event.session = id;
+  return event;
+}
+
+void SessionState::note_answer(EditId edit, Outcome outcome, EventQueue& events) {
+  Event event = event_of(EventKind::edit);
   event.edit = edit;
   event.outcome = outcome;
   answers_.emplace_back(edit, std::move(outcome));
@@ -199,9 +204,7 @@ std::optional<Outcome> SessionState::find_answer(EditId edit) const {
 }
 
 void SessionState::note_reached(const v1::ConstraintReached& message, EventQueue& events) {
-  Event event;
-  event.kind = EventKind::reached;
-  event.session = id;
+  Event event = event_of(EventKind::reached);
   event.reached = convert::reached(message);
   event.reached.frame += base_;
   const std::optional<Reached> before = find_reached(event.reached.target);
@@ -227,18 +230,14 @@ void SessionState::forget_reached(std::uint32_t target) {
 void SessionState::set_durable(bool is_kept, EventQueue& events) {
   if (is_kept == is_durable) return;
   is_durable = is_kept;
-  Event event;
-  event.kind = EventKind::durability;
-  event.session = id;
+  Event event = event_of(EventKind::durability);
   event.is_durable = is_kept;
   events.push(std::move(event));
 }
 
 void SessionState::set_level(const ServiceLevel& level, EventQueue& events) {
   level_ = level;
-  Event event;
-  event.kind = EventKind::service_level;
-  event.session = id;
+  Event event = event_of(EventKind::service_level);
   event.level = level;
   events.push(std::move(event));
 }
@@ -282,9 +281,7 @@ void SessionState::end(Outcome outcome, EventQueue& events) {
   phase = Phase::closed;
   ended = outcome.status;
   if (told) {
-    Event event;
-    event.kind = EventKind::closed;
-    event.session = id;
+    Event event = event_of(EventKind::closed);
     event.outcome = std::move(outcome);
     events.push(std::move(event));
   }

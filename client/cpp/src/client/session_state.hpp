@@ -118,6 +118,8 @@ class SessionState {
   void take_outcome(const v1::EditOutcome& message, double now_s, EventQueue& events);
   void break_off(const Status& status, EventQueue& events, Outbox& outbox);
   void note_reached(const v1::ConstraintReached& message, EventQueue& events);
+  // One about this session; what it tells is to be filled in.
+  Event event_of(EventKind kind) const;
   void note_answer(EditId edit, Outcome outcome, EventQueue& events);
   void set_durable(bool is_kept, EventQueue& events);
   void open_anew(EventQueue& events);

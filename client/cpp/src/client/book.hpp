@@ -89,6 +89,9 @@ class SessionBook {
 
   bool is_paused() const { return paused_; }
 
+  // Whether anything that was said has no answer yet.
+  bool is_waiting() const { return !pending_.empty(); }
+
  private:
   struct Pending {
     EditId edit = 0;

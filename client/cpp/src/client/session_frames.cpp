@@ -84,11 +84,8 @@ Status Session::advance_to(std::uint64_t frame) {
       return {Code::failed_precondition, "NOT_MANUAL",
               "the library moves the playhead; open with Clock::manual to move it"};
     }
-    const bool began = !state_->timeline->started();
-    const auto reached = state_->timeline->advance_to(frame);
-    if (!reached) return reached.status();
-    // nothing left to show: more credit at once, or with the next tick where it was just asked for
-    if (began || frame + 1 == state_->timeline->buffered_to()) state_->next_report_s = 0;
+    Status shown = state_->advance_to(frame);
+    if (!shown) return shown;
   }
   core_->wake();
   return {};

@@ -133,12 +133,11 @@ void SessionState::take_resumed(const v1::SessionOpened& message, const Catalog&
   token_ = message.session_token();
   phase = Phase::open;
   ++stats.recoveries;
-  Event event;
-  event.kind = EventKind::recovered;
-  event.session = id;
+  Event event = event_of(EventKind::recovered);
   event.frame = base_ + message.start_frame();
   event.exact = true;
   events.push(std::move(event));
+  report_before_edit(outbox);  // it may have gone on meanwhile
   send_all(book.repetitions(base_), outbox, catalog, events);
 }
 
@@ -153,10 +152,9 @@ void SessionState::take_opened(const v1::SessionOpened& message, const Catalog& 
   token_ = message.session_token();
   attempt_ = 0;
   phase = Phase::open;
-  Event event;
-  event.session = id;
-  event.outcome.warnings = opened.warnings;
   const bool was_reopened = was_open_;
+  Event event = event_of(was_reopened ? EventKind::recovered : EventKind::opened);
+  event.outcome.warnings = opened.warnings;
   if (was_reopened) {
     if (!same_rows(rig, found.value())) {
       return break_off(Status(Code::failed_precondition, "RIG_CHANGED", "the server came back with another rig"),
@@ -164,12 +162,10 @@ void SessionState::take_opened(const v1::SessionOpened& message, const Catalog& 
     }
     timeline->continue_with_new_plans();
     ++stats.recoveries;
-    event.kind = EventKind::recovered;
     event.frame = base_;
   } else {
     const Status begun = begin(found.value(), message.start_frame(), catalog);
     if (!begun) return break_off(begun, events, outbox);
-    event.kind = EventKind::opened;
   }
   events.push(std::move(event));
   // another follows where that is not so; one that has just begun has told nobody anything else

@@ -16,13 +16,17 @@ constexpr double kRetryS = 1.0;  // after a refusal that names no time
 // ---- to the server
 
 EditId SessionState::send_edit(v1::SessionEvent event, Outbox& outbox) {
-  // Where a caller moves the playhead, the server cannot know how far: it is told before it chooses what to change.
-  if (options.clock == Clock::manual) report(0, 0, outbox);
+  report_before_edit(outbox);
   event.set_session(id);
   const EditId edit = book.add(event);
   const bool can_send = phase == Phase::open || (phase == Phase::opening && !resuming_);
   if (can_send) outbox.put(shifted(std::move(event), base_));
   return edit;
+}
+
+void SessionState::report_before_edit(Outbox& outbox) {
+  // Where a caller moves the playhead, the server cannot know how far: it is told before it chooses what to change.
+  if (options.clock == Clock::manual) report(0, 0, outbox);
 }
 
 void SessionState::set_playing(bool is_playing) {
@@ -53,6 +57,31 @@ void SessionState::report(double now_s, double period_s, Outbox& outbox) {
   // those that open together are spread over the period, so that the server need not hear them all at once
   next_report_s = now_s + (can_report ? period_s : period_s * (1 + id % 10) / 10);
   can_report = true;
+}
+
+// ---- frames
+
+std::uint64_t SessionState::showable_to() const {
+  if (!timeline) return 0;
+  const std::uint64_t held_to = timeline->buffered_to();
+  const bool may_change = options.clock == Clock::manual && phase == Phase::open && book.is_waiting();
+  if (!may_change) return held_to;
+  const std::uint64_t shown_to = timeline->started() ? timeline->playhead() + 1 : 0;
+  return std::max(shown_to, std::min(timeline->committed_to(), held_to));
+}
+
+Status SessionState::advance_to(std::uint64_t frame) {
+  if (frame >= showable_to() && frame < timeline->buffered_to()) {
+    return {Code::out_of_range, "EDIT_UNANSWERED",
+            "frame: " + std::to_string(frame) + " was given; an edit that has no answer yet may change frames from " +
+                std::to_string(showable_to()) + " on"};
+  }
+  const bool began = !timeline->started();
+  const auto reached = timeline->advance_to(frame);
+  if (!reached) return reached.status();
+  // nothing left to show: more credit at once, or with the next tick where it was just asked for
+  if (began || frame + 1 == showable_to()) next_report_s = 0;
+  return {};
 }
 
 // ---- from the server
@@ -151,10 +180,15 @@ void SessionState::give_up_opening(EventQueue& events) {
   if (!was_open_ && phase == Phase::waiting) end(std::move(*refusal), events);
 }
 
-void SessionState::note_answer(EditId edit, Outcome outcome, EventQueue& events) {
+Event SessionState::event_of(EventKind kind) const {
   Event event;
-  event.kind = EventKind::edit;
+  event.kind = kind;
   event.session = id;
+  return event;
+}
+
+void SessionState::note_answer(EditId edit, Outcome outcome, EventQueue& events) {
+  Event event = event_of(EventKind::edit);
   event.edit = edit;
   event.outcome = outcome;
   answers_.emplace_back(edit, std::move(outcome));
@@ -170,9 +204,7 @@ std::optional<Outcome> SessionState::find_answer(EditId edit) const {
 }
 
 void SessionState::note_reached(const v1::ConstraintReached& message, EventQueue& events) {
-  Event event;
-  event.kind = EventKind::reached;
-  event.session = id;
+  Event event = event_of(EventKind::reached);
   event.reached = convert::reached(message);
   event.reached.frame += base_;
   const std::optional<Reached> before = find_reached(event.reached.target);
@@ -198,18 +230,14 @@ void SessionState::forget_reached(std::uint32_t target) {
 void SessionState::set_durable(bool is_kept, EventQueue& events) {
   if (is_kept == is_durable) return;
   is_durable = is_kept;
-  Event event;
-  event.kind = EventKind::durability;
-  event.session = id;
+  Event event = event_of(EventKind::durability);
   event.is_durable = is_kept;
   events.push(std::move(event));
 }
 
 void SessionState::set_level(const ServiceLevel& level, EventQueue& events) {
   level_ = level;
-  Event event;
-  event.kind = EventKind::service_level;
-  event.session = id;
+  Event event = event_of(EventKind::service_level);
   event.level = level;
   events.push(std::move(event));
 }
@@ -253,9 +281,7 @@ void SessionState::end(Outcome outcome, EventQueue& events) {
   phase = Phase::closed;
   ended = outcome.status;
   if (told) {
-    Event event;
-    event.kind = EventKind::closed;
-    event.session = id;
+    Event event = event_of(EventKind::closed);
     event.outcome = std::move(outcome);
     events.push(std::move(event));
   }

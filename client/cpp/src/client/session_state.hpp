@@ -70,6 +70,15 @@ class SessionState {
   // A report where it plays; moves the playhead to the present where the clock is the library's.
   void report(double now_s, double period_s, Outbox& outbox);
 
+  // ---- frames
+
+  // The first frame that may not be shown yet. Where a caller moves the playhead it goes as fast as the caller likes,
+  // and the server puts an edit where nobody can be who plays in real time: until the edit is answered, only frames
+  // that it cannot change are shown.
+  std::uint64_t showable_to() const;
+  // Clock::manual: show a frame. Once it has opened.
+  Status advance_to(std::uint64_t frame);
+
   // ---- from the server. Where it broke a rule the session is closed, and the others go on
 
   void take_plan(const wire::Plan& plan, EventQueue& events, Outbox& outbox);
@@ -96,6 +105,7 @@ class SessionState {
   void forget_reached(std::uint32_t target);
 
  private:
+  void report_before_edit(Outbox& outbox);
   void take_opened(const v1::SessionOpened& message, const Catalog& catalog, EventQueue& events, Outbox& outbox);
   void take_resumed(const v1::SessionOpened& message, const Catalog& catalog, EventQueue& events, Outbox& outbox);
   Status begin(const Rig& of, std::uint64_t start_frame, const Catalog& catalog);
@@ -108,6 +118,8 @@ class SessionState {
   void take_outcome(const v1::EditOutcome& message, double now_s, EventQueue& events);
   void break_off(const Status& status, EventQueue& events, Outbox& outbox);
   void note_reached(const v1::ConstraintReached& message, EventQueue& events);
+  // One about this session; what it tells is to be filled in.
+  Event event_of(EventKind kind) const;
   void note_answer(EditId edit, Outcome outcome, EventQueue& events);
   void set_durable(bool is_kept, EventQueue& events);
   void open_anew(EventQueue& events);

@@ -76,11 +76,9 @@ Status Session::wait_frame(std::uint64_t frame, double timeout_s) {
   Status checked = check_wait(core_->events(), timeout_s);
   if (!checked) return checked;
   std::unique_lock<std::mutex> lock(state_->mutex);
-  const auto there = [&] {
-    return state_->phase == Phase::closed || (state_->timeline && state_->timeline->buffered_to() > frame);
-  };
+  const auto there = [&] { return state_->phase == Phase::closed || state_->showable_to() > frame; };
   if (!state_->changed.wait_for(lock, of(timeout_s), there)) return too_long("the frame", timeout_s);
-  return state_->timeline && state_->timeline->buffered_to() > frame ? Status() : state_->ended;
+  return state_->showable_to() > frame ? Status() : state_->ended;
 }
 
 }  // namespace motiongen

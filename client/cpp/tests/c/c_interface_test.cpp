@@ -13,49 +13,47 @@
 
 namespace {
 
-TEST(CInterface, SaysWhatIsWrong) {
+motiongen_client_options options_for(const char* address) {
   motiongen_client_options options{};
   options.struct_size = sizeof options;
-  options.address = "nowhere";
+  options.address = address;
+  return options;
+}
+
+// What a client is refused with whose options have no meaning.
+motiongen_error refusal_of(const motiongen_client_options& options) {
   motiongen_error error{};
   error.struct_size = sizeof error;
   motiongen_client* client = nullptr;
   EXPECT_EQ(motiongen_client_connect(&options, &client, &error), MOTIONGEN_INVALID_ARGUMENT);
   EXPECT_EQ(client, nullptr);
   EXPECT_EQ(error.code, MOTIONGEN_INVALID_ARGUMENT);
+  return error;
+}
+
+TEST(CInterface, SaysWhatIsWrong) {
+  const motiongen_error error = refusal_of(options_for("nowhere"));
   EXPECT_STREQ(error.reason, "INVALID_INPUT");
   EXPECT_NE(std::strstr(error.message, "host:port"), nullptr);
 }
 
 TEST(CInterface, RefusesATokenThatNoHeaderMayHave) {
-  motiongen_client_options options{};
-  options.struct_size = sizeof options;
-  options.address = "localhost:1";
+  motiongen_client_options options = options_for("localhost:1");
   options.token = "abc\n";
-  motiongen_error error{};
-  error.struct_size = sizeof error;
-  motiongen_client* client = nullptr;
-  EXPECT_EQ(motiongen_client_connect(&options, &client, &error), MOTIONGEN_INVALID_ARGUMENT);
+  const motiongen_error error = refusal_of(options);
   EXPECT_NE(std::strstr(error.message, "0x0a at position 3"), nullptr) << error.message;
   EXPECT_EQ(std::strstr(error.message, "abc"), nullptr) << "it is secret";
 }
 
 TEST(CInterface, ATokenCrossesNoNetworkInPlainText) {
-  motiongen_client_options options{};
-  options.struct_size = sizeof options;
-  options.address = "10.0.0.7:50051";
+  motiongen_client_options options = options_for("10.0.0.7:50051");
   options.token = "abc";
-  motiongen_error error{};
-  error.struct_size = sizeof error;
-  motiongen_client* client = nullptr;
-  EXPECT_EQ(motiongen_client_connect(&options, &client, &error), MOTIONGEN_INVALID_ARGUMENT);
+  const motiongen_error error = refusal_of(options);
   EXPECT_NE(std::strstr(error.message, "without TLS"), nullptr) << error.message;
 }
 
 TEST(CInterface, AsksForTheToken) {
-  motiongen_client_options options{};
-  options.struct_size = sizeof options;
-  options.address = "localhost:1";
+  motiongen_client_options options = options_for("localhost:1");
   options.connect_timeout_s = 0.01;
   int asked = 0;
   options.token_context = &asked;
@@ -84,9 +82,7 @@ TEST(CInterface, AsksForTheToken) {
 }
 
 TEST(CInterface, WritesNoFurtherThanTheCallersStructGoes) {
-  motiongen_client_options options{};
-  options.struct_size = sizeof options;
-  options.address = "nowhere";
+  motiongen_client_options options = options_for("nowhere");
   motiongen_error error;
   std::memset(&error, 'x', sizeof error);
   error.struct_size = offsetof(motiongen_error, reason);

@@ -8,17 +8,48 @@
 
 namespace {
 
-TEST(CStream, ATextThatIsNotUtf8IsRefusedAndTheOthersPlay) {
+motiongen_client* connected(motiongen_error* error) {
   motiongen_client_options options{};
   options.struct_size = sizeof options;
   options.address = std::getenv("MOTIONGEN_ADDRESS");
-  motiongen_error error{};
-  error.struct_size = sizeof error;
   motiongen_client* client = nullptr;
-  ASSERT_EQ(motiongen_client_connect(&options, &client, &error), MOTIONGEN_OK) << error.message;
+  EXPECT_EQ(motiongen_client_connect(&options, &client, error), MOTIONGEN_OK) << error->message;
+  return client;
+}
+
+motiongen_session_options walking() {
   motiongen_session_options character{};
   character.struct_size = sizeof character;
   character.prompt = "a person walks forward";
+  return character;
+}
+
+TEST(CStream, AFrameThatWasWaitedForIsShownWhateverWasToldJustBefore) {
+  motiongen_error error{};
+  error.struct_size = sizeof error;
+  motiongen_client* client = connected(&error);
+  ASSERT_NE(client, nullptr);
+  motiongen_session_options character = walking();
+  character.manual_clock = 1;
+  motiongen_session* walker = nullptr;
+  ASSERT_EQ(motiongen_client_open(client, &character, &walker, &error), MOTIONGEN_OK) << error.message;
+  for (uint64_t frame = 0; frame < 60; ++frame) {
+    if (frame % 10 == 5) {
+      EXPECT_EQ(motiongen_session_set_velocity(walker, 1, 0, 10, nullptr, 0, nullptr, &error), MOTIONGEN_OK);
+    }
+    ASSERT_EQ(motiongen_session_wait_frame(walker, frame, 60, &error), MOTIONGEN_OK) << frame << error.message;
+    ASSERT_EQ(motiongen_session_advance_to(walker, frame, &error), MOTIONGEN_OK) << frame << error.message;
+  }
+  motiongen_session_destroy(walker);
+  motiongen_client_destroy(client);
+}
+
+TEST(CStream, ATextThatIsNotUtf8IsRefusedAndTheOthersPlay) {
+  motiongen_error error{};
+  error.struct_size = sizeof error;
+  motiongen_client* client = connected(&error);
+  ASSERT_NE(client, nullptr);
+  const motiongen_session_options character = walking();
   motiongen_session* told = nullptr;
   motiongen_session* other = nullptr;
   for (motiongen_session** each : {&told, &other}) {

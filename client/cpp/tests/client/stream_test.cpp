@@ -56,6 +56,21 @@ TEST(Stream, ACharacterPlaysAndIsTold) {
   EXPECT_EQ(walker->set_prompt("anything").status().code(), Code::failed_precondition);
 }
 
+TEST(Stream, WhatIsToldWhileFramesAreTakenAsFastAsTheyComeReplacesNoneThatWasTaken) {
+  auto client = Client::connect(server());
+  ASSERT_TRUE(client) << client.status().message();
+  auto walker = client->open(walking());
+  for (std::uint64_t frame = 0; frame < 150; ++frame) {
+    ASSERT_TRUE(walker->wait_frame(frame, kLimitS)) << frame;
+    const Status shown = walker->advance_to(frame);
+    ASSERT_TRUE(shown) << frame << ": " << shown.message();
+    if (frame % 25 != 10) continue;
+    ASSERT_TRUE(walker->wait_frame(frame + 15, kLimitS)) << "what is told shall find frames that it may replace";
+    ASSERT_TRUE(walker->set_velocity(frame % 50 == 10 ? 1.0F : -1.0F, 0, 10));
+  }
+  EXPECT_EQ(walker->stats().late_plans, 0U);
+}
+
 TEST(Stream, ACharacterWalksOnHighGround) {
   auto client = Client::connect(server());
   ASSERT_TRUE(client) << client.status().message();

@@ -96,8 +96,11 @@ MOTIONGEN_C_API int32_t motiongen_session_joint_parent(const motiongen_session* 
 MOTIONGEN_C_API int32_t motiongen_session_sample(motiongen_session* session, float* row, uint32_t row_floats);
 MOTIONGEN_C_API motiongen_code motiongen_session_copy_frame(const motiongen_session* session, uint64_t frame,
                                                             float* row, uint32_t row_floats, motiongen_error* error);
+/* Until the frame has come and, with manual_clock, may be shown. */
 MOTIONGEN_C_API motiongen_code motiongen_session_wait_frame(motiongen_session* session, uint64_t frame,
                                                             double timeout_s, motiongen_error* error);
+/* With manual_clock: show this frame. OUT_OF_RANGE where it is behind the playhead or has not come yet, FRAME_NOT_HELD,
+ * and where an edit that has no answer yet may replace it, EDIT_UNANSWERED: try again later, or wait for the frame. */
 MOTIONGEN_C_API motiongen_code motiongen_session_advance_to(motiongen_session* session, uint64_t frame,
                                                             motiongen_error* error);
 /* World positions of all joints of a row: positions_m has 3 floats a joint. */

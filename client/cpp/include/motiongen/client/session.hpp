@@ -86,8 +86,8 @@ class MOTIONGEN_API Session {
   std::optional<Placement> placement(std::uint32_t target) const;
   // What became of a target. Kept for the last 1,024 that were told.
   [[nodiscard]] Result<Reached> wait_reached(std::uint32_t target, double timeout_s);
-  // Until the frame has come. It may be gone again by then, as those are that lie `keep_frames` behind the playhead:
-  // `copy_frame` tells.
+  // Until the frame has come and, with Clock::manual, may be shown (`advance_to`). It may be gone again by then, as
+  // those are that lie `keep_frames` behind the playhead: `copy_frame` tells.
   [[nodiscard]] Status wait_frame(std::uint64_t frame, double timeout_s);
 
   // ---- frames. out: rig().row_width floats
@@ -105,9 +105,12 @@ class MOTIONGEN_API Session {
   [[nodiscard]] Result<bool> sample_on_ground(GroundFollower& ground, Span<float> out);
   // The frame to show now. Returns its number, nothing before the first has come.
   [[nodiscard]] std::optional<std::uint64_t> frame(Span<float> out);
-  // A frame that is held. OUT_OF_RANGE tells which are.
+  // A frame that is held. OUT_OF_RANGE tells which are. One ahead of the playhead may still be replaced.
   [[nodiscard]] Status copy_frame(std::uint64_t frame, Span<float> out) const;
-  // Clock::manual: show this frame; the server goes on from there.
+  // Clock::manual: show this frame; the server goes on from there. OUT_OF_RANGE where it is behind the playhead or has
+  // not come yet, FRAME_NOT_HELD, and where an edit that has no answer yet may replace it, EDIT_UNANSWERED: try again
+  // later, or use `wait_frame` first, which waits for both. So frames may be shown sooner than in real time, and what
+  // the character is told begins behind those that were.
   [[nodiscard]] Status advance_to(std::uint64_t frame);
   // Play slower or faster than real time: 0.5 is half as fast. The server may not keep up with much above 1.
   [[nodiscard]] Status set_time_scale(double scale);

@@ -36,6 +36,10 @@ class FusedStack:
 
     def __call__(self, vectors: Tensor, groups: Sequence[Group]) -> Tensor:
         """What is read (R, width) of vectors (P, width) float32, as `PackedStack.__call__` has it."""
+        with torch.cuda.device_of(vectors):  # Triton starts kernels on the device that is current
+            return self._run(vectors, groups)
+
+    def _run(self, vectors: Tensor, groups: Sequence[Group]) -> Tensor:
         first, last = self._layers[0], self._layers[-1]
         stream = vectors[: groups[-1].end]
         normed = first.before(stream).to(first.dtype)
@@ -117,7 +121,8 @@ def _compiled(device: torch.device) -> ModuleType | None:
 
         numbers = torch.zeros(2, 16, device=device)
         arguments = (numbers, numbers, numbers[0], numbers[0], torch.empty_like(numbers), torch.empty_like(numbers))
-        kernels.add_and_norm[(2,)](*arguments, 1e-5, WIDTH=16, BLOCK=16, NORM_ADDED=True)
+        with torch.cuda.device_of(numbers):
+            kernels.add_and_norm[(2,)](*arguments, 1e-5, WIDTH=16, BLOCK=16, NORM_ADDED=True)
     except Exception as error:  # Triton, the C compiler that it calls, and the driver have each errors of their own
         log.warning(
             "layers are called with torch's kernels, which takes longer: Triton compiles none for %s (%s: %s); it "

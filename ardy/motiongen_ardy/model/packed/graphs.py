@@ -49,6 +49,10 @@ class CudaGraphRecorder:
         self._pool = torch.cuda.graph_pool_handle()
 
     def record(self, work: Callable[[], Result]) -> tuple[Callable[[], None], Result]:
+        with torch.cuda.device(self._device):
+            return self._record(work)
+
+    def _record(self, work: Callable[[], Result]) -> tuple[Callable[[], None], Result]:
         # Libraries choose their kernels and take their memory when they are first called, which must not be recorded.
         aside = torch.cuda.Stream(self._device)
         aside.wait_stream(torch.cuda.current_stream(self._device))

@@ -9,7 +9,7 @@ from dataclasses import dataclass, replace
 import torch
 
 from motiongen_ardy.model.model import Model
-from motiongen_ardy.model.packed.graphs import SIZES
+from motiongen_ardy.model.packed.graphs import sizes_up_to
 from motiongen_ardy.model.precision import PRECISIONS
 from motiongen_server.engine.scheduling.warm_up import warm_up
 from motiongen_server.ops.memory import keep_freed_memory
@@ -102,12 +102,15 @@ def run(settings: Settings, full_size: bool = False) -> Report:
         facts["layers"] = "replayed as CUDA graphs" if settings.graphs else "called one by one"
     chosen = bench_model(settings.model, settings.device)
     habits = Habits(num_steps=settings.num_steps)
-    runner = serving_runner(chosen.model, chosen.name, settings.precision, settings.graphs)
+    served = {
+        precision: serving_runner(chosen.model, chosen.name, precision, settings.graphs)
+        for precision in dict.fromkeys((settings.precision, "bfloat16"))
+    }
     contest = Contest(
         model=chosen.model,
         embeddings=chosen.embeddings,
-        runner=runner,
-        bf16_runner=serving_runner(chosen.model, chosen.name, "bfloat16", settings.graphs),
+        runner=served[settings.precision],
+        bf16_runner=served["bfloat16"],
         habits=habits,
         config=contest_config(settings.max_rows),
         effort=settings.effort,
@@ -116,13 +119,13 @@ def run(settings: Settings, full_size: bool = False) -> Report:
     )
     if settings.device != "cpu" and settings.graphs:
         say("graphs")
-        for one in {id(contest.runner): contest.runner, id(contest.bf16_runner): contest.bf16_runner}.values():
-            warm_up(one, [*(size for size in SIZES if size < settings.max_rows), settings.max_rows], HISTORY_FRAMES)
+        for one in served.values():
+            warm_up(one, sizes_up_to(settings.max_rows), HISTORY_FRAMES)
     say("full batches")
     batches = sorted({settings.max_rows, 2 * settings.max_rows})
     ceilings = [
-        ceiling(chosen, served, replace(settings, precision=precision), batch, settings.effort.offline_s)
-        for precision, served in {settings.precision: runner, "bfloat16": contest.bf16_runner}.items()
+        ceiling(chosen, one, replace(settings, precision=precision), batch, settings.effort.offline_s)
+        for precision, one in served.items()
         for batch in batches
     ]
     standings = [contest.measure(name, say) for name in settings.names]

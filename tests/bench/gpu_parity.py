@@ -2,7 +2,7 @@
 
 For the built-in model, in both precisions, with the layers called and replayed as graphs: windows of every kind of
 constraint, and rows alone and in batches of 2 to 128. Prints a table; ends with 1 where a bound is broken. Needs torch,
-numpy and this repository alone. `--device cpu` tries the script where there is no GPU.
+numpy, psutil and this repository alone. `--device cpu` tries the script where there is no GPU.
 """
 
 from __future__ import annotations
@@ -20,7 +20,7 @@ from motiongen_ardy.model.model import Model
 from motiongen_ardy.model.precision import PRECISIONS
 from motiongen_server.engine.types import WindowJob, WindowResult
 from motiongen_server.runner import TorchRunner
-from motiongen_server.runner.loading import recorder_for
+from tests.bench.engine_run import serving_runner
 from tests.bench.machine import machine_facts
 from tests.steered_jobs import MINI, all_kinds, played
 
@@ -51,11 +51,6 @@ class Row:
     def holds(self) -> bool:
         within = self.median_m <= FRAME_BOUND_M[self.precision]
         return within and max(self.company.values()) <= COMPANY_BOUND[self.precision]
-
-
-def runner_of(model: Model, precision: str, device: str, graphs: bool) -> TorchRunner:
-    recorder = recorder_for(device) if graphs else None
-    return TorchRunner(model, "mini", precision=PRECISIONS[precision], recorder=recorder)
 
 
 def windows(runner: TorchRunner, model: Model, before: Sequence[WindowResult]) -> list[WindowResult]:
@@ -100,7 +95,7 @@ def measured_on(device: str) -> list[Row]:
     rows = []
     for precision in PRECISIONS:
         for graphs in (False, True):
-            runner = runner_of(model, precision, device, graphs)
+            runner = serving_runner(model, "mini", precision, graphs)
             rows.append(Row(precision, graphs, *measure(runner, model, expected), in_company(runner, jobs)))
     return rows
 

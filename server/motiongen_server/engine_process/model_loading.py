@@ -126,9 +126,9 @@ def record_graphs(config: ServerConfig, runner: Runner, device: Device) -> None:
 
     Models at work wait for single calls.
     """
-    from motiongen_ardy.model.packed.graphs import SIZES
+    from motiongen_ardy.model.packed.graphs import sizes_up_to
 
-    sizes = [*(size for size in SIZES if size < config.max_rows), config.max_rows]
+    sizes = sizes_up_to(config.max_rows)
     begun_at, lease = time.monotonic(), device.lease()
     try:
         largest = warm_up(InTurns(runner, lease), sizes, runner.facts.whole_patches(config.history_frames))

@@ -167,6 +167,11 @@ class GraphedRows:
         return _Recorded(read_from, lambda: self._work(*read_from), self._recorder)
 
 
+def sizes_up_to(most: int) -> list[int]:
+    """Numbers of sequences, or rows, that graphs are recorded for where there are never more than so many, rising."""
+    return [*(size for size in SIZES if size < most), most]
+
+
 def filled_size(sequences: int) -> int:
     """The size that so many sequences of a group are filled up to."""
     if sequences > SIZES[-1]:

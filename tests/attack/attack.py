@@ -21,11 +21,12 @@ from grpc_health.v1 import health_pb2, health_pb2_grpc
 from tests.attack.hostile_clients import Clients
 from tests.attack.neighbours import TIER_FULL, Noticed, neighbours
 from tests.attack.newcomers import newcomers
-from tests.attack.server import BUILT_IN, NULL, SLOW_ENCODER, Attacked, attacked
+from tests.attack.server import BUILT_IN, EVERY_CORE, NULL, SLOW_ENCODER, Attacked, attacked
 from tests.attack.tokens import TOKEN_VARIABLE, Tokens, bearer
 
 WARM_S = 1.0
 HEALTH_S = 5.0
+LONG_S = 3_600.0
 MIB = 1 << 20
 
 
@@ -39,7 +40,8 @@ class Attack:
     who come and go first, so that memory is not counted that an engine takes whoever fills its batches. to_the_end: the
     clients go on while the server is asked to end. takes_places: they have sessions, as many as they get, so that
     newcomers may find no room. slow_encoder: of texts; each edit of the neighbours has a new one. token_s: the server
-    asks for tokens, and that of the hostile clients is good for so long once they have begun.
+    asks for tokens, and that of the hostile clients is good for so long once they have begun. elsewhere: they are
+    another tenant, as clients of another address are another owner; what sessions take of a model is shared by owner.
     """
 
     name: str
@@ -60,6 +62,7 @@ class Attack:
     takes_places: bool = False
     slow_encoder: bool = False
     token_s: float | None = None
+    elsewhere: bool = False
 
 
 @dataclass(frozen=True)
@@ -163,8 +166,8 @@ async def suffer(
                 await asyncio.sleep(seconds)
             await asyncio.sleep(2 * WARM_S)
         before_mib = server.memory_mib()
-        if tokens and attack.token_s is not None:
-            tokens.let_in_for(2 * WARM_S + attack.token_s)
+        if tokens:
+            tokens.let_in_for(LONG_S if attack.token_s is None else 2 * WARM_S + attack.token_s)
         with hostile(attack, server, tokens.hostile if tokens else "") as clients:
             await clients.begun()
             await asyncio.sleep(WARM_S)  # until all of it goes on
@@ -187,8 +190,8 @@ async def suffer(
 async def run(attack: Attack, seconds: float, log: Path, quiet_s: float = 0.0) -> Result:
     """A fresh server, attacked. quiet_s: as in `suffer`."""
     module = BUILT_IN if attack.built_in else SLOW_ENCODER if attack.slow_encoder else NULL
-    tokens = None if attack.token_s is None else Tokens(log.parent)
-    settings = (*attack.settings, *(tokens.settings if tokens else ()))
+    tokens = Tokens(log.parent) if attack.elsewhere or attack.token_s is not None else None
+    settings = (*(EVERY_CORE if attack.built_in else ()), *attack.settings, *(tokens.settings if tokens else ()))
     with ExitStack() as still_there, attacked(log, settings, attack.most_files, module) as server:
         suffered = await suffer(attack, server, seconds, tokens, quiet_s)
         if attack.to_the_end:

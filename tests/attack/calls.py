@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import asyncio
 import itertools
+import os
 from collections.abc import AsyncIterator, Awaitable, Callable
 from contextlib import asynccontextmanager
 from typing import Any
@@ -13,6 +14,7 @@ import grpc.aio
 from motiongen.v1 import service_pb2, session_pb2
 from motiongen_server.rpc.handlers import SERVICE_NAME
 from tests.attack.begun import begun, has_begun
+from tests.attack.tokens import TOKEN_VARIABLE, bearer
 
 Request = service_pb2.StreamMotionRequest
 Event = session_pb2.SessionEvent
@@ -21,10 +23,25 @@ OPTIONS = (("grpc.use_local_subchannel_pool", 1), ("grpc.max_receive_message_len
 STREAMS = 8
 
 
+class _Showing(grpc.aio.StreamStreamClientInterceptor):  # type: ignore[misc]  # grpcio has no types for it
+    """Shows a token with every stream of a connection."""
+
+    def __init__(self, token: str) -> None:
+        self._shown = bearer(token)
+
+    async def intercept_stream_stream(self, continuation: Any, details: Any, requests: Any) -> Any:
+        return await continuation(details._replace(metadata=(*(details.metadata or ()), *self._shown)), requests)
+
+
 @asynccontextmanager
 async def channel_to(address: str, *more: tuple[str, int]) -> AsyncIterator[grpc.aio.Channel]:
-    """A connection of its own. The first that is there has begun the attack. more: options."""
-    async with grpc.aio.insecure_channel(address, options=(*OPTIONS, *more)) as channel:
+    """A connection of its own, which shows the hostile clients' token with its streams, where they have one.
+
+    The first that is there has begun the attack. more: options.
+    """
+    token = os.environ.get(TOKEN_VARIABLE, "")
+    showing = [_Showing(token)] if token else []
+    async with grpc.aio.insecure_channel(address, options=(*OPTIONS, *more), interceptors=showing) as channel:
         telling = None if has_begun() else asyncio.create_task(_tell(channel))
         try:
             yield channel

@@ -24,7 +24,7 @@ async def expired_tokens(address: str) -> None:
     async def stream() -> None:
         async with channel_to(address) as channel:
             while True:
-                call = service_pb2_grpc.MotionServiceStub(channel).StreamMotion(metadata=metadata)
+                call = service_pb2_grpc.MotionServiceStub(channel).StreamMotion()
                 opens = [Event(session=n, event_seq=1, open=session_pb2.OpenSession()) for n in range(SESSIONS)]
                 reading = asyncio.create_task(drain(call))
                 with contextlib.suppress(grpc.aio.AioRpcError, asyncio.InvalidStateError):

@@ -23,6 +23,8 @@ ORDINARY = (
     "--port", "0", "--ops-port", "0", "--log-level", "WARNING", "--drain-wait-s", "0", "--drain-grace-s", "0.5",
     "--devices", "cpu:1",
 )  # fmt: skip
+EVERY_CORE = ("--devices", f"cpu:{len(os.sched_getaffinity(0))}")
+"""As a server has it by default, in place of the one engine that is ordinary here."""
 MIB = 1 << 20
 
 

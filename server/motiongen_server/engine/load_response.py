@@ -30,8 +30,8 @@ class LoadResponse:
     def measure(self, now: float) -> list[Output]:
         """Take stock of the load, and put the classes that it moves on another level; what is said of it."""
         windows, monitor = self._windows, self._monitor
-        for priority, share in windows.take_replans():
-            monitor.note_replan(priority, share)
+        for job, share in windows.take_replans():
+            monitor.note_replan(job.priority, job.owner, share)
         said: list[Output] = []
         moved = monitor.measure(now, windows.use, windows.prices(), self._sessions.present)
         for priority in moved:

@@ -7,16 +7,16 @@ from collections.abc import Callable, Mapping, Sequence
 from math import inf
 
 from motiongen_server.engine.ports import Clock, Runner
-from motiongen_server.engine.scheduling.admission import Prices
 from motiongen_server.engine.scheduling.device import DeviceLease
 from motiongen_server.engine.scheduling.device_use import DeviceUse
 from motiongen_server.engine.scheduling.load_monitor import LoadMonitor
 from motiongen_server.engine.scheduling.policy import SchedulingPolicy
+from motiongen_server.engine.scheduling.prices import Prices
 from motiongen_server.engine.scheduling.step_executor import StepExecutor
 from motiongen_server.engine.scheduling.step_quotas import StepQuotas
 from motiongen_server.engine.session import planning
 from motiongen_server.engine.session.state import SessionState
-from motiongen_server.engine.types import Float32Array, Output, PlanCause, Priority, WindowJob, WindowResult
+from motiongen_server.engine.types import Float32Array, Output, PlanCause, WindowJob, WindowResult
 from motiongen_server.engine.types.report import StepReport
 from motiongen_server.engine.window_timings import WindowTimings
 
@@ -46,8 +46,8 @@ class RunningWindows:
         self.quotas = StepQuotas()
         self._now = clock.now
         self._owners: dict[int, SessionState] = {}
-        self._replans: dict[int, tuple[Priority, float]] = {}  # of those under way
-        self._begun_replans: list[tuple[Priority, float]] = []
+        self._replans: dict[int, tuple[WindowJob, float]] = {}  # of those under way
+        self._begun_replans: list[tuple[WindowJob, float]] = []
         self._job_ids = itertools.count(1)
         self._executor = StepExecutor(
             runner,
@@ -108,13 +108,13 @@ class RunningWindows:
         self._owners[job.job_id] = state
         self._executor.add(job)
         if job.cause is not PlanCause.CONTINUE and not job.background:
-            self._replans[job.job_id] = replan = job.priority, job.num_steps / state.spec.denoise_steps
+            self._replans[job.job_id] = replan = job, job.num_steps / state.spec.denoise_steps
             self._begun_replans.append(replan)
 
     def _begin_elsewhere(self, job_id: int, left_s: float) -> WindowJob | None:
         return planning.begin_elsewhere(self._owners[job_id], self._now(), left_s * self._lease.stretch)
 
-    def take_replans(self) -> list[tuple[Priority, float]]:
+    def take_replans(self) -> list[tuple[WindowJob, float]]:
         """The windows begun since this was last asked that change what would be shown, each with its share of a whole
         one's steps; those that were let go of count against others."""
         taken, self._begun_replans = self._begun_replans, []
@@ -166,8 +166,8 @@ class RunningWindows:
             self.timings.forget(job_id)
         del self._owners[job_id]
         if job_id in self._replans:
-            priority, share = self._replans.pop(job_id)
-            self._begun_replans.append((priority, -share))
+            job, share = self._replans.pop(job_id)
+            self._begun_replans.append((job, -share))
         self._executor.discard(job_id)
 
 

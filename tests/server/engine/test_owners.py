@@ -3,8 +3,9 @@
 import pytest
 
 from motiongen_server.engine.config import EngineConfig
+from motiongen_server.engine.scheduling.owner_parts import OwnerParts
 from motiongen_server.engine.scheduling.owner_shares import OwnerShares
-from motiongen_server.engine.types import Code, Owner, Priority
+from motiongen_server.engine.types import Code, Owner, Priority, ServiceTier
 from tests.server.engine.stage import Stage, prompt
 from tests.server.engine.viewer import Viewer
 
@@ -95,3 +96,39 @@ def test_a_clip_waits_for_its_owners_quota_too() -> None:
     stage.run_until(lambda: clip.closed is not None, limit_s=20.0)
     assert clip.closed is not None
     assert clip.closed.code is Code.OK
+
+
+def _beside_edits(newcomer: Owner) -> tuple[list[Viewer], list[Viewer]]:
+    """Twelve sessions that are told something as often as they may be, which is all that the machine can do; eight that
+    an owner opens beside them, one every half a second; both with what they were served."""
+    stage = Stage(EngineConfig(max_sessions=1000))
+    stage.runner.step_s = lambda rows: 0.01 + 0.005 * rows
+    edited = [stage.open(n, seed=n, owner=LARGE) for n in range(1, 13)]
+    came = []
+    for marker in range(100):
+        stage.run(0.1)
+        for viewer in edited:
+            stage.set_prompts(viewer, prompt(marker))
+        if marker > 30 and marker % 5 == 0 and len(came) < 8:
+            came.append(stage.open(100 + marker, seed=marker, priority=Priority.CROWD, owner=newcomer))
+    assert stage.engine.admission.load > 0.9
+    return edited, came
+
+
+def test_what_edits_take_beyond_their_owners_part_keeps_nobody_out_and_makes_nobody_late() -> None:
+    edited, came = _beside_edits(SMALL)
+    assert [viewer.refused for viewer in came] == [None] * 8
+    assert all(viewer.rows for viewer in came)
+    assert [viewer.underruns for viewer in edited + came] == [0] * 20
+    assert {level.tier for viewer in edited + came for level in viewer.levels} <= {ServiceTier.FULL}
+
+
+def test_what_an_owners_own_edits_take_counts_when_it_asks_for_more() -> None:
+    _, came = _beside_edits(LARGE)
+    assert all(viewer.refused is not None and viewer.refused.reason == "OVERLOADED" for viewer in came)
+
+
+def test_if_all_that_edits_take_counted_others_would_be_kept_out(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(OwnerParts, "yielding", lambda self, prices, edits_hz, asks=None: 0.0)
+    _, came = _beside_edits(SMALL)
+    assert all(viewer.refused is not None and viewer.refused.reason == "OVERLOADED" for viewer in came)

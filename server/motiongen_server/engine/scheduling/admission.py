@@ -2,8 +2,8 @@
 
 A session asks for windows at the rate that was seen of its class, edits included, and at the rate at which its client
 plays them at the least. That, or the measured load where it is greater, counts. Who has just been let in takes a window
-at once besides, so that a rush is let in as fast as those who play can bear. Clips take what sessions leave, and are
-only counted.
+at once besides, so that a rush is let in as fast as those who play can bear. What edits of other owners take beyond
+these owners' parts of the machine does not count: it gives way. Clips take what sessions leave, and are only counted.
 
 Threads: `reserve` and `release` from any, the rest from the engine's.
 """
@@ -12,12 +12,24 @@ from __future__ import annotations
 
 import threading
 from collections import Counter
-from dataclasses import dataclass
+from collections.abc import Mapping
 
 from motiongen_server.engine.config import EngineConfig
+from motiongen_server.engine.scheduling.owner_parts import OwnerParts
+from motiongen_server.engine.scheduling.prices import Prices
 from motiongen_server.engine.scheduling.window_rates import WindowRates
 from motiongen_server.engine.spread import spread
-from motiongen_server.engine.types import Code, EventRefused, ModelFacts, Outcome, Priority, SessionKey, SessionSpec
+from motiongen_server.engine.types import (
+    NOBODY,
+    Code,
+    EventRefused,
+    ModelFacts,
+    Outcome,
+    Owner,
+    Priority,
+    SessionKey,
+    SessionSpec,
+)
 from motiongen_server.engine.types.refusals import draining, session_limit
 
 # First windows that have not been made count as if they had to be within so long. With them the load may be so many
@@ -25,14 +37,6 @@ from motiongen_server.engine.types.refusals import draining, session_limit
 # under a quota: once that is used up, all stand still.
 _BEGIN_S = 2.0
 _BEYOND_WITH_RUSH = 1.125
-
-
-@dataclass(frozen=True, slots=True)
-class Prices:
-    """Seconds of the machine when its steps are full: of one step of a window, and of the window besides its steps."""
-
-    step_s: float = 0.0
-    window_s: float = 0.0
 
 
 class Admission:
@@ -45,6 +49,8 @@ class Admission:
         self._least_steps, self._default_steps = facts.min_steps, facts.default_steps
         self._beyond_with_rush = 1.0 if under_quota else _BEYOND_WITH_RUSH
         self._prices = Prices()
+        self._parts = OwnerParts(facts)
+        self._edits_hz: Mapping[str, float] = {}
         self._measured = self._elsewhere = 0.0
         self._lock = threading.Lock()
         self._places: dict[SessionKey, SessionSpec] = {}
@@ -61,14 +67,20 @@ class Admission:
         self._closed_for_good = True
 
     def set_prices(
-        self, prices: Prices, measured: float, elsewhere: float = 0.0, rates: WindowRates | None = None
+        self,
+        prices: Prices,
+        measured: float,
+        elsewhere: float = 0.0,
+        rates: WindowRates | None = None,
+        edits_hz: Mapping[str, float] | None = None,
     ) -> None:
         """What the machine costs by now, and the share of it that was in use of late: here, and by other engines.
 
-        rates: what sessions of each class ask for by now.
+        rates: what sessions of each class ask for by now; edits_hz: windows a second that edits of each owner begin.
         """
         self._prices, self._measured, self._elsewhere = prices, measured, elsewhere
         self._rates = rates or self._rates
+        self._edits_hz = self._edits_hz if edits_hz is None else edits_hz
 
     @property
     def asked(self) -> float:
@@ -87,8 +99,15 @@ class Admission:
     @property
     def _rush(self) -> float:
         """The share of the machine that the first windows of those who were just let in take."""
-        prices = self._prices
-        return len(self._beginning) * (self._default_steps * prices.step_s + prices.window_s) / _BEGIN_S
+        return len(self._beginning) * self._prices.whole_s(self._default_steps) / _BEGIN_S
+
+    def yielding(self, asks: Owner | None = None) -> float:
+        """The share of the machine that edits take beyond the parts of their owners: of all but the one that asks."""
+        with self._lock:
+            return self._yielding(asks)
+
+    def _yielding(self, asks: Owner | None) -> float:
+        return self._parts.yielding(self._prices, self._edits_hz, asks)
 
     def note_begun(self, session: SessionKey) -> None:
         """A session's first window is there."""
@@ -96,8 +115,7 @@ class Admission:
             self._beginning.discard(session)
 
     def _share(self, priority: Priority, steps: int, sessions: int) -> float:
-        prices = self._prices
-        return self._rates[priority] * (steps * prices.step_s + sessions * prices.window_s)
+        return self._rates[priority] * self._prices.whole_s(steps, sessions)
 
     def reserve(self, spec: SessionSpec, event_seq: int) -> Outcome | None:
         """Hold a place for a session, if it has none yet. A refusal where there is no place for it."""
@@ -122,10 +140,10 @@ class Admission:
 
     @property
     def full(self) -> list[Priority]:
-        """The classes of which not even a session of the fewest steps would be let in."""
+        """The classes of which not even a session of the fewest steps would be let in, of an owner who has none."""
         if not self._num_sessions:
             return []
-        load, steps, most = self.load, self._least_steps, self._config.admit_load
+        load, steps, most = self.load - self.yielding(NOBODY), self._least_steps, self._config.admit_load
         return [each for each in Priority if load + self._share(each, steps, 1) > most[each - 1]]
 
     @property
@@ -156,10 +174,11 @@ class Admission:
             before = self._share(spec.priority, spec.denoise_steps, 1)
             more = self._share(changed.priority, changed.denoise_steps, 1) - before
             most = self._config.admit_load[changed.priority - 1]
-            if (more > 0 or changed.priority < spec.priority) and self.load + more > most and self._num_sessions > 1:
+            load = self.load + more - self._yielding(changed.owner)
+            if (more > 0 or changed.priority < spec.priority) and load > most and self._num_sessions > 1:
                 return self._full(
                     "OVERLOADED",
-                    f"the machine would be {self.load + more:.0%} busy; try again later, or ask for less",
+                    f"the machine would be {load:.0%} busy; try again later, or ask for less",
                     f"sessions of class {changed.priority.name} up to a load of {most:.0%}",
                     "set_options",
                 )
@@ -175,6 +194,7 @@ class Admission:
         else:
             self._steps[spec.priority] += change * spec.denoise_steps
             self._sessions[spec.priority] += change
+            self._parts.count(spec, change)
 
     def take_refused(self) -> Counter[Code]:
         """How many were refused since this was last asked, by answer."""
@@ -196,7 +216,7 @@ class Admission:
         if self._num_sessions >= config.max_sessions:
             return session_limit(config.max_sessions, self._retry_after_s())
         most = config.admit_load[spec.priority - 1]
-        share = self._share(spec.priority, spec.denoise_steps, 1)
+        share = self._share(spec.priority, spec.denoise_steps, 1) - self._yielding(spec.owner)
         load, beside = self.load + share, self._elsewhere + self.asked + self._rush + share
         is_alone = not self._num_sessions and self._elsewhere <= most
         if is_alone or (load <= most and beside <= self._beyond_with_rush * most):

@@ -4,13 +4,15 @@ from __future__ import annotations
 
 from collections.abc import Iterable, Mapping
 
-from motiongen_server.engine.scheduling.admission import Admission, Prices
+from motiongen_server.engine.scheduling.admission import Admission
 from motiongen_server.engine.scheduling.degradation import FULL, Degradation, Level, levels_of
 from motiongen_server.engine.scheduling.device import DeviceLease
 from motiongen_server.engine.scheduling.device_use import DeviceUse
+from motiongen_server.engine.scheduling.owner_parts import EditRates
+from motiongen_server.engine.scheduling.prices import Prices
 from motiongen_server.engine.scheduling.quota_share import QuotaShare
 from motiongen_server.engine.scheduling.window_rates import WindowRates
-from motiongen_server.engine.types import ModelFacts, Priority
+from motiongen_server.engine.types import ModelFacts, Owner, Priority
 
 EVERY_S = 0.25
 _MEASURED_OVER_S = 2.0
@@ -27,6 +29,7 @@ class LoadMonitor:
         self._lease = lease
         self._degradation = Degradation(levels_of(facts), now) if degrade else None
         self._rates = WindowRates(facts.fps / facts.horizon)
+        self._edits = EditRates()
         self._quota = None if lease.quota is None else QuotaShare(lease.quota)
         self._use = self._of_late = DeviceUse()
         self._at = now
@@ -50,10 +53,11 @@ class LoadMonitor:
         """Where a class is."""
         return self._degradation.level(priority) if self._degradation is not None else FULL
 
-    def note_replan(self, priority: Priority, share: float = 1.0) -> None:
+    def note_replan(self, priority: Priority, owner: Owner, share: float = 1.0) -> None:
         """A session's window was begun that changes what it would show. share: of a whole window's steps, below 0 for
         one that was let go of."""
         self._rates.note_replan(priority, share)
+        self._edits.note(owner, share)
 
     def note_windows(self, now: float, windows: int, late: float) -> None:
         """So many windows were due, and so late were they, in windows: see `Degradation.note_windows`."""
@@ -67,6 +71,7 @@ class LoadMonitor:
         elapsed_s = now - self._at
         if elapsed_s > 0:
             self._rates.update(elapsed_s, present)
+            self._edits.update(elapsed_s)
             rates = use.rates(self._use, elapsed_s)
             self._of_late = self._of_late.toward(rates, min(1.0, elapsed_s / _MEASURED_OVER_S))
             if self._quota is not None:
@@ -76,8 +81,9 @@ class LoadMonitor:
         self._lease.load = measured
         times = 1.0 if self._quota is None else self._quota.factor
         prices = Prices(times * prices.step_s, times * prices.window_s)
-        self._admission.set_prices(prices, times * measured, times * elsewhere, self._rates)
+        self._admission.set_prices(prices, times * measured, times * elsewhere, self._rates, self._edits.by_owner)
         if self._degradation is None:
             return ()
-        asked = self._admission.asked + times * elsewhere
-        return self._degradation.update(now, self.load, present, self._of_late.busy_s + elsewhere, asked)
+        yielding = self._admission.yielding()
+        asked = self._admission.asked + times * elsewhere - yielding
+        return self._degradation.update(now, self.load - yielding, present, self._of_late.busy_s + elsewhere, asked)

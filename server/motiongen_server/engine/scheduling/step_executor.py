@@ -13,12 +13,12 @@ from math import ceil, inf
 import numpy as np
 
 from motiongen_server.engine.ports import Clock, DeviceLost, OutOfMemory, Runner
-from motiongen_server.engine.scheduling.admission import Prices
 from motiongen_server.engine.scheduling.batch_retry import BatchRetry, CallTime
 from motiongen_server.engine.scheduling.costs import bucket
 from motiongen_server.engine.scheduling.device import DeviceLease
 from motiongen_server.engine.scheduling.device_use import DeviceUse
 from motiongen_server.engine.scheduling.policy import SchedulingPolicy
+from motiongen_server.engine.scheduling.prices import Prices
 from motiongen_server.engine.scheduling.scheduled_job import ScheduledJob
 from motiongen_server.engine.types import Float32Array, RowStatus, WindowJob, WindowResult
 from motiongen_server.engine.types.report import StepReport

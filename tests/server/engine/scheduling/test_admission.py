@@ -3,7 +3,8 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from motiongen_server.engine.config import EngineConfig
-from motiongen_server.engine.scheduling.admission import Admission, Prices
+from motiongen_server.engine.scheduling.admission import Admission
+from motiongen_server.engine.scheduling.prices import Prices
 from motiongen_server.engine.scheduling.window_rates import EXPECTED_HZ, WindowRates
 from motiongen_server.engine.types import Code, Priority, SessionKey
 from tests.server.engine.fakes import FACTS

@@ -10,8 +10,9 @@ import pytest
 
 from motiongen_server.engine.config import EngineConfig
 from motiongen_server.engine.engine import Engine
-from motiongen_server.engine.scheduling.admission import Admission, Prices
+from motiongen_server.engine.scheduling.admission import Admission
 from motiongen_server.engine.scheduling.device import BACKGROUND_SHARE, Device, DeviceLease, InTurns
+from motiongen_server.engine.scheduling.prices import Prices
 from motiongen_server.engine.scheduling.profile import profile
 from motiongen_server.engine.scheduling.window_rates import EXPECTED_HZ
 from motiongen_server.engine.types import Code, Open, Priority, SessionKey

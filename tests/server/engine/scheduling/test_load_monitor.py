@@ -1,10 +1,11 @@
 """The load of an engine, and what admission is told of it."""
 
 from motiongen_server.engine.config import EngineConfig
-from motiongen_server.engine.scheduling.admission import Admission, Prices
+from motiongen_server.engine.scheduling.admission import Admission
 from motiongen_server.engine.scheduling.device import Device
 from motiongen_server.engine.scheduling.device_use import DeviceUse
 from motiongen_server.engine.scheduling.load_monitor import EVERY_S, LoadMonitor
+from motiongen_server.engine.scheduling.prices import Prices
 from motiongen_server.engine.scheduling.quota_share import QuotaAccount
 from motiongen_server.engine.types import Code, Priority, SessionKey
 from tests.server.engine.fakes import FACTS

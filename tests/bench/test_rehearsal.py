@@ -62,7 +62,7 @@ def test_a_stick_is_followed_as_often_as_it_speaks() -> None:
 )
 def test_under_a_quota_too_who_is_let_in_is_served_in_full(machine: Machine, could: int) -> None:
     """could: what `python -m tests.bench.admission` finds. So many are served only by engines that have a machine to
-    themselves, with edits late by more than a second; beside a gateway nine tenths are let in (docs/performance.md).
+    themselves, with edits late by more than a second; beside a gateway nine tenths are let in (docs/performance/admission.md).
     """
     count, degraded, found = let_in(machine, load_scenario("crowd"), 2 * could, 10)
     assert 0.7 * could <= count <= 0.9 * could

@@ -5,7 +5,7 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 CPU_CAPACITY = 206
-"""Characters of the crowd that two cores serve in full, float32 (docs/performance.md, All six)."""
+"""Characters of the crowd that two cores serve in full, float32 (docs/performance/scenarios.md)."""
 ENGINE_CAPACITY = 5_000
 """Characters that an engine process can follow with a model that takes no time: 0.2 ms a character and second."""
 

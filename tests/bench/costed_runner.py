@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass
+from math import inf
 
 from motiongen_server.engine.ports import Runner
 from motiongen_server.engine.scheduling.quota_share import QuotaAccount
@@ -15,6 +16,7 @@ from tests.bench.null_runner import NullRunner
 class Costs:
     """Seconds of calls by rows: (of any call, of each row). goals_s: besides, of each row that has constraints.
 
+    slower: so many times longer; slows: from so many seconds on, so many times longer still.
     These are of the built-in model in float32 on one thread of an AMD Zen 5, measured once (`docs/log.md`).
     """
 
@@ -23,6 +25,7 @@ class Costs:
     decode: tuple[float, float] = (0.0065, 0.0019)
     goals_s: float = 0.001
     slower: float = 1.0
+    slows: tuple[float, float] = (inf, 1.0)
 
     def seconds(self, of: tuple[float, float], rows: int) -> float:
         return self.slower * (of[0] + of[1] * rows)
@@ -73,11 +76,13 @@ class CostedRunner(NullRunner):
     def __init__(self, clock: VirtualClock, costs: Costs, quota: VirtualQuota | None = None) -> None:
         super().__init__()
         self._clock, self._costs, self._quota = clock, costs, quota
+        self._slows_at = clock.now() + costs.slows[0]
         self.steps = self.steps_thrown_away = 0
         self._jobs: dict[int, WindowJob] = {}
 
     def _take(self, seconds: float) -> None:
         now = self._clock.time_s
+        seconds *= self._costs.slows[1] if now >= self._slows_at else 1.0
         self._clock.time_s = now + seconds if self._quota is None else self._quota.ends_at(now, seconds)
 
     def prepare(self, jobs: Sequence[WindowJob]) -> None:

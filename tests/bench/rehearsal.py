@@ -9,6 +9,7 @@ from __future__ import annotations
 
 import argparse
 import logging
+import math
 import sys
 from dataclasses import dataclass
 
@@ -111,12 +112,16 @@ def main() -> int:
     parser.add_argument("--seed", type=int, default=1)
     parser.add_argument("--engines", type=int, default=2)
     parser.add_argument("--slower", type=float, default=1.25, help="calls take so many times longer than alone")
+    parser.add_argument(
+        "--slows", type=float, nargs=2, default=(math.inf, 1.0), metavar=("SECONDS", "TIMES"),
+        help="from so many seconds on calls take so many times longer still, whoever was let in before",
+    )  # fmt: skip
     options = parser.parse_args()
     logging.disable(logging.CRITICAL)
     for index, name in enumerate(options.scenario):
         scenario = load_scenario(name)
         characters = options.characters[index] if options.characters else scenario.characters
-        costs = Costs(slower=options.slower)
+        costs = Costs(slower=options.slower, slows=tuple(options.slows))
         config = EngineConfig(max_sessions=4096)
         found = rehearse(
             scenario, characters, options.seconds, options.seed, costs=costs, engines=options.engines, config=config

@@ -223,7 +223,7 @@ class Engine:
         if spec.is_clip:  # it gets all it asked for, late if need be, and says nothing until it ends
             return
         self.sessions.watch_silence(state, now + self._config.idle_timeout_s)
-        self._send_queue += state.set_tier(self._load_monitor.level(spec.priority))
+        self._send_queue += state.set_tier(self._load_monitor.level(spec.priority).of_newcomers)
 
     def _refuse(self, event: Event, refusal: EventRefused) -> Code:
         """Answer an event that does not reach a session."""

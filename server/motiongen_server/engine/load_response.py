@@ -43,10 +43,10 @@ class LoadResponse:
                 level.tier.name,
                 level.steps or "all",
             )
-            for state in self._sessions:
-                if state.spec.priority is priority and not state.spec.is_clip:
-                    said += state.set_tier(level)
-                    self._sessions.touch(state)
+            of_class = [each for each in self._sessions if each.spec.priority is priority and not each.spec.is_clip]
+            for state, given in zip(of_class, level.of_class(len(of_class)), strict=True):
+                said += state.set_tier(given)
+                self._sessions.touch(state)
         return said
 
     def to_shed(self) -> list[SessionState]:

@@ -72,5 +72,5 @@ class SessionEvents:
         self._sessions.join_class(state)
         return [
             Outcome(event.session, event.event_seq, Code.OK),
-            *state.set_tier(self._load_monitor.level(changed.priority)),
+            *state.set_tier(self._load_monitor.level(changed.priority).of_newcomers),
         ]

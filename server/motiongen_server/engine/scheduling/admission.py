@@ -85,7 +85,12 @@ class Admission:
     @property
     def asked(self) -> float:
         """The share of the machine that the sessions ask for, with as many edits as their classes have had of late."""
-        return sum(self._share(each, self._steps[each], self._sessions[each]) for each in Priority)
+        return sum(self.asked_by_class.values())
+
+    @property
+    def asked_by_class(self) -> dict[Priority, float]:
+        """The same, of each class."""
+        return {each: self._share(each, self._steps[each], self._sessions[each]) for each in Priority}
 
     @property
     def _num_sessions(self) -> int:

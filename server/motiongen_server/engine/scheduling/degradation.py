@@ -1,18 +1,20 @@
 """Degradation: what sessions give up when the machine cannot keep up, least urgent class first, one level at a time.
 
 Pure: time comes in as an argument. A class goes down while too many of its windows are late or the load is too high,
-and up again only after it has been well for some time, so that it does not go up and down. When nobody is left, those
-who come next are served in full.
+and up again only after it has been well for some time, so that it does not go up and down. Where it is known what all
+who are there take, as much is given up at once as has to be, and no more. When nobody is left, those who come next are
+served in full.
 """
 
 from __future__ import annotations
 
 import math
 from collections import deque
-from collections.abc import Iterable, Mapping
+from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import dataclass
 
-from motiongen_server.engine.types import ModelFacts, Priority, ServiceTier
+from motiongen_server.engine.scheduling.levels import Level
+from motiongen_server.engine.types import Priority
 
 # How many levels the classes below are ahead of a class: heroes give up their first level last.
 _HEAD_START = {Priority.BATCH: 0, Priority.CROWD: 0, Priority.NEAR: 2, Priority.HERO: 4}
@@ -21,38 +23,19 @@ EXPENDABLE = (Priority.BATCH, Priority.CROWD)
 
 
 @dataclass(frozen=True, slots=True)
-class Level:
-    """How windows are made from the next one on.
+class Demand:
+    """What all who are there would take of the machine. in_full: by class; kept: of that, what each level takes.
 
-    steps: most denoising steps of a window, None for as many as the session asked for. drop_guidance: one evaluation a
-    step. full_stride: a window that runs is finished, not begun again for an edit. replan_cap_scale: on how many
-    replans a second are made for edits. hold: no windows are made, the character stands.
+    elsewhere: what others take of it, whatever is given up here.
     """
 
-    tier: ServiceTier
-    steps: int | None = None
-    drop_guidance: bool = False
-    full_stride: bool = False
-    replan_cap_scale: float = 1.0
-    hold: bool = False
+    in_full: Mapping[Priority, float]
+    kept: Sequence[float]
+    elsewhere: float = 0.0
 
-
-FULL = Level(ServiceTier.FULL)
-
-
-def levels_of(facts: ModelFacts) -> tuple[Level, ...]:
-    """The levels for a model, most first: fewer steps twice, then no guidance, then hold."""
-    steps = [max(facts.min_steps, math.ceil(share * facts.default_steps)) for share in (0.6, 0.4)]
-    levels = [FULL, Level(ServiceTier.FULL, full_stride=True, replan_cap_scale=0.5)]
-    levels += [
-        Level(ServiceTier.FEWER_STEPS, count, full_stride=True, replan_cap_scale=0.5)
-        for count in dict.fromkeys(steps)
-        if count < facts.default_steps
-    ]
-    if facts.guidance_passes > 1:
-        levels.append(Level(ServiceTier.NO_GUIDANCE, steps[-1], True, True, 0.5))
-    levels.append(Level(ServiceTier.HOLD, steps[-1], facts.guidance_passes > 1, True, 0.25, hold=True))
-    return tuple(levels)
+    def at(self, depth: Callable[[Priority], int]) -> float:
+        """The share of the machine that is taken where each class is so many levels down."""
+        return self.elsewhere + sum(share * self.kept[depth(priority)] for priority, share in self.in_full.items())
 
 
 @dataclass(frozen=True, slots=True)
@@ -61,10 +44,11 @@ class DegradationLimits:
 
     Down where the windows of miss_window_s were late by more than miss_share of the time that their frames play, or
     the load is above high_load, and that for pressed_s, since many sessions that open at once ask for more than they
-    do later; not again within settle_s, since what a level saves shows only then. Up after well_s without either and
-    with the load below low_load, and after half as long if the level before held; where it did not, twice as long, up
-    to patience times. Where all that is there would be below fits_load in full, up after back_s, whatever was learned
-    of a load that has gone; unless that was tried, and did not hold.
+    do later; not again within settle_s, since what a level saves shows only then. As far down at once as what is there
+    takes to be below enough_load. Up after well_s without either and with the load below low_load, and after half as
+    long if the level before held; where it did not, twice as long, up to patience times. Where all that is there would
+    be below fits_load in full, up after back_s, whatever was learned of a load that has gone; unless that was tried,
+    and did not hold.
     least_busy: a machine that computes for less of the time is not what windows are late for, and nobody gets less.
     min_windows: fewer than so many windows say nothing about the share that is late.
     """
@@ -74,6 +58,7 @@ class DegradationLimits:
     high_load: float = 0.95
     low_load: float = 0.8
     fits_load: float = 0.7
+    enough_load: float = 0.9
     least_busy: float = 0.5
     pressed_s: float = 1.0
     settle_s: float = 2.0
@@ -90,6 +75,7 @@ class Degradation:
         self._levels = levels
         self._limits = limits or DegradationLimits()
         # Every move there is, in the order in which they are made: so that a class goes down one level.
+        first_hold = next((depth for depth, level in enumerate(levels) if level.hold), len(levels))
         self._moves = sorted(
             (
                 (priority, depth)
@@ -97,7 +83,7 @@ class Degradation:
                 for depth in range(1, len(levels))
                 if priority in EXPENDABLE or not levels[depth].hold
             ),
-            key=lambda move: (move[1] + _HEAD_START[move[0]], -move[0]),
+            key=lambda move: (min(move[1], first_hold) + _HEAD_START[move[0]], -move[0], move[1]),
         )
         self._made = 0
         self._spared: set[int] = set()  # of the moves that are made, those that hold a class of which nobody is there
@@ -138,17 +124,22 @@ class Degradation:
         return self._late / self._windows if self._windows >= self._limits.min_windows else 0.0
 
     def update(
-        self, now: float, load: float, present: Mapping[Priority, int], busy: float = 1.0, asked: float = math.inf
+        self,
+        now: float,
+        load: float,
+        present: Mapping[Priority, int],
+        busy: float = 1.0,
+        demand: Demand | None = None,
     ) -> Iterable[Priority]:
-        """Go down or up a level if it is time; returns the class that moved, if one did.
+        """Go down, or up a level, if it is time; returns the classes that moved.
 
         load: share of the machine that is in use. present: sessions of each class; those without any are passed over.
-        busy: share of the time in which anything was computed, however well its steps were filled. asked: share of the
-        machine that all who are there would take in full, infinity where that is not known.
+        busy: share of the time in which anything was computed, however well its steps were filled. demand: of all who
+        are there, None where that is not known.
 
         A class of which nobody is there holds no pose: whoever comes next is made frames, if at a lower level.
         """
-        moved = self._move(now, load, present, busy, asked)
+        moved = self._move(now, load, present, busy, demand)
         self._spared |= {
             index
             for index, (priority, depth) in enumerate(self._moves[: self._made])
@@ -157,7 +148,7 @@ class Degradation:
         return moved
 
     def _move(
-        self, now: float, load: float, present: Mapping[Priority, int], busy: float, asked: float
+        self, now: float, load: float, present: Mapping[Priority, int], busy: float, demand: Demand | None
     ) -> Iterable[Priority]:
         limits = self._limits
         while self._noted and self._noted[0][0] < now - limits.miss_window_s:
@@ -179,13 +170,13 @@ class Degradation:
             self._learn_patience(now)
             self._settled_at = now
             self._forget_windows()  # what was late before says nothing about the level that comes
-            return self._down(present)
-        fits = asked < limits.fits_load and self._trusts_asked
+            return self._down(present, demand)
+        fits = demand is not None and demand.at(lambda _: 0) < limits.fits_load and self._trusts_asked
         if self._made and now - max(self._well_since, self._settled_at) >= (limits.back_s if fits else self._wait_s):
             self._settled_at = self._went_up_at = now
             self._went_up_by_asked = fits
             self._wait_s = max(limits.well_s, self._wait_s / 2)  # if this one holds, the next comes sooner
-            return self._up(present)
+            return self._up(present, fits)
         return ()
 
     def _forget(self, now: float) -> None:
@@ -208,22 +199,29 @@ class Degradation:
         elif now - self._went_up_at > limits.patience * limits.well_s:
             self._wait_s, self._trusts_asked = limits.well_s, True
 
-    def _down(self, present: Mapping[Priority, int]) -> Iterable[Priority]:
+    def _down(self, present: Mapping[Priority, int], demand: Demand | None) -> Iterable[Priority]:
+        moved: dict[Priority, None] = {}
         for index in (*sorted(self._spared), *range(self._made, len(self._moves))):
             priority = self._moves[index][0]
             if present.get(priority, 0):
                 self._made = max(self._made, index + 1)
                 self._spared.discard(index)
-                return (priority,)
-        self.shed = any(present.get(priority, 0) for priority in EXPENDABLE)
-        return ()
+                moved[priority] = None
+                if demand is None or demand.at(self.depth) <= self._limits.enough_load:
+                    break
+        self.shed = not moved and any(present.get(priority, 0) for priority in EXPENDABLE)
+        return tuple(moved)
 
-    def _up(self, present: Mapping[Priority, int]) -> Iterable[Priority]:
+    def _up(self, present: Mapping[Priority, int], fits: bool) -> Iterable[Priority]:
+        """fits: all that is there would; then nobody of a class stands any longer, not only fewer."""
+        moved: Priority | None = None
         while self._made:
+            priority, depth = self._moves[self._made - 1]
+            if moved is not None and not (fits and priority is moved and self._levels[depth].hold):
+                break
             self._made -= 1
-            priority = self._moves[self._made][0]
             if self._made in self._spared:
                 self._spared.discard(self._made)
             elif present.get(priority, 0):
-                return (priority,)
-        return ()
+                moved = priority
+        return () if moved is None else (moved,)

@@ -5,9 +5,10 @@ from __future__ import annotations
 from collections.abc import Iterable, Mapping
 
 from motiongen_server.engine.scheduling.admission import Admission
-from motiongen_server.engine.scheduling.degradation import FULL, Degradation, Level, levels_of
+from motiongen_server.engine.scheduling.degradation import Degradation, Demand
 from motiongen_server.engine.scheduling.device import DeviceLease
 from motiongen_server.engine.scheduling.device_use import DeviceUse
+from motiongen_server.engine.scheduling.levels import FULL, Level, levels_of
 from motiongen_server.engine.scheduling.owner_parts import EditRates
 from motiongen_server.engine.scheduling.prices import Prices
 from motiongen_server.engine.scheduling.quota_share import QuotaShare
@@ -27,7 +28,9 @@ class LoadMonitor:
     def __init__(self, facts: ModelFacts, admission: Admission, now: float, degrade: bool, lease: DeviceLease) -> None:
         self._admission = admission
         self._lease = lease
-        self._degradation = Degradation(levels_of(facts), now) if degrade else None
+        self._facts = facts
+        self._levels = levels_of(facts)
+        self._degradation = Degradation(self._levels, now) if degrade else None
         self._rates = WindowRates(facts.fps / facts.horizon)
         self._edits = EditRates()
         self._quota = None if lease.quota is None else QuotaShare(lease.quota)
@@ -85,5 +88,6 @@ class LoadMonitor:
         if self._degradation is None:
             return ()
         yielding = self._admission.yielding()
-        asked = self._admission.asked + times * elsewhere - yielding
-        return self._degradation.update(now, self.load - yielding, present, self._of_late.busy_s + elsewhere, asked)
+        kept = [level.kept(self._facts, prices) for level in self._levels]
+        demand = Demand(self._admission.asked_by_class, kept, times * elsewhere - yielding)
+        return self._degradation.update(now, self.load - yielding, present, self._of_late.busy_s + elsewhere, demand)

@@ -6,7 +6,7 @@ import math
 from dataclasses import dataclass
 
 from motiongen_server.engine.config import EngineConfig
-from motiongen_server.engine.scheduling.degradation import FULL, Level
+from motiongen_server.engine.scheduling.levels import FULL, Level
 from motiongen_server.engine.session.conditions import Conditions
 from motiongen_server.engine.session.cutting import Cut
 from motiongen_server.engine.session.delivery import Delivery

@@ -7,7 +7,7 @@ from typing import NamedTuple
 
 from motiongen_ardy.locomotion.velocity import STATE_FRAMES, RootState, root_state
 from motiongen_server.engine.config import EngineConfig
-from motiongen_server.engine.scheduling.degradation import Level
+from motiongen_server.engine.scheduling.levels import Level
 from motiongen_server.engine.session.aiming import Aiming
 from motiongen_server.engine.session.conditions import Conditions
 from motiongen_server.engine.session.cutting import Cut

@@ -1,10 +1,10 @@
 import itertools
-import math
 from collections.abc import Mapping
 
 import pytest
 
-from motiongen_server.engine.scheduling.degradation import FULL, Degradation, DegradationLimits, levels_of
+from motiongen_server.engine.scheduling.degradation import Degradation, DegradationLimits, Demand
+from motiongen_server.engine.scheduling.levels import FULL, levels_of
 from motiongen_server.engine.types import Priority, ServiceTier
 from tests.server.engine.fakes import FACTS
 
@@ -25,14 +25,14 @@ class Day:
         self.shed = 0
 
     def pass_time(
-        self, seconds: float, load: float = 0.3, late: float = 0.0, asked: float = math.inf
+        self, seconds: float, load: float = 0.3, late: float = 0.0, demand: Demand | None = None
     ) -> list[Priority]:
         """Returns the classes that moved meanwhile, in order."""
         moved: list[Priority] = []
         for _ in range(round(seconds / EVERY_S)):
             self.now += EVERY_S
             self.degradation.note_windows(self.now, 100, round(100 * late))
-            moved += self.degradation.update(self.now, load, self.present, asked=asked)
+            moved += self.degradation.update(self.now, load, self.present, demand=demand)
             self.shed += self.degradation.shed
         return moved
 
@@ -77,7 +77,8 @@ def test_heroes_give_up_last_and_are_never_held() -> None:
     assert moved.index(NEAR) < moved.index(HERO)
     assert moved.index(CROWD) < moved.index(NEAR)
     assert [day.degradation.level(priority).hold for priority in Priority] == [False, False, True, True]
-    assert [day.degradation.level(priority).tier for priority in (HERO, NEAR)] == [RUNGS[-2].tier] * 2
+    least = [level.tier for level in RUNGS if not level.hold][-1]
+    assert [day.degradation.level(priority).tier for priority in (HERO, NEAR)] == [least] * 2
 
 
 def test_classes_without_sessions_are_passed_over() -> None:
@@ -132,7 +133,7 @@ def test_old_misses_are_forgotten() -> None:
 
 def test_sessions_are_shed_only_where_the_last_rung_did_not_help_and_only_expendable_ones() -> None:
     day = Day({HERO: 2, CROWD: 5})
-    day.pass_time(20.0, late=0.5)
+    day.pass_time(40.0, late=0.5)
     assert day.shed > 0
     heroes = Day({HERO: 2, NEAR: 5})
     heroes.pass_time(60.0, late=0.5)
@@ -146,7 +147,11 @@ def test_rungs_give_less_and_less() -> None:
     assert [level.tier for level in RUNGS] == sorted(level.tier for level in RUNGS)
     assert RUNGS[0] is FULL
     assert RUNGS[-1].tier is ServiceTier.HOLD
-    assert [level.hold for level in RUNGS] == [False] * (len(RUNGS) - 1) + [True]
+    holds = [level.hold for level in RUNGS]
+    assert holds == sorted(holds)
+    shares = [level.held_share for level in RUNGS]
+    assert shares == sorted(shares)
+    assert (shares[holds.index(True) - 1], shares[-1]) == (0.0, 1.0)
 
 
 def test_windows_that_are_a_moment_late_cost_nobody_anything() -> None:
@@ -186,6 +191,32 @@ def test_who_comes_while_others_get_less_is_made_frames_all_the_same() -> None:
     assert day.levels() == [0, 0, 0, 0]
 
 
+SAVING = [1.0, 1.0, 0.8, 0.6, 0.5, 0.4, 0.3, 0.2, 0.0][: len(RUNGS)]
+"""Of what a class takes in full, what it takes on each level."""
+
+
+def test_as_much_is_given_up_at_once_as_has_to_be_and_no_more() -> None:
+    assert len(SAVING) == len(RUNGS)
+    for asked, deep in ((1.1, 2), (1.4, 3), (1.7, 4), (2.1, 5), (4.0, 7)):
+        day = Day({CROWD: 10})
+        day.pass_time(2.0, load=0.99, demand=Demand({CROWD: asked}, SAVING))
+        assert day.levels()[CROWD - 1] == deep
+        assert asked * SAVING[deep] <= 0.9 < asked * SAVING[deep - 1]
+        assert day.pass_time(1.75, load=0.99, demand=Demand({CROWD: asked}, SAVING)) == [], "it has to show first"
+
+
+def test_what_others_take_of_the_machine_counts_too() -> None:
+    day = Day({CROWD: 10})
+    day.pass_time(2.0, load=0.99, demand=Demand({CROWD: 0.6}, SAVING, elsewhere=0.5))
+    assert 0.5 + 0.6 * SAVING[day.levels()[CROWD - 1]] <= 0.9
+
+
+def test_where_what_is_there_should_fit_already_one_level_is_tried() -> None:
+    day = Day({CROWD: 10})
+    assert day.pass_time(2.0, late=0.05, demand=Demand({CROWD: 0.5}, SAVING)) == [CROWD]
+    assert day.levels()[CROWD - 1] == 1
+
+
 def _out_of_patience(day: Day) -> None:
     """Under a load that only lower levels bear: none that it went up to has held, and it waits for long."""
     for _ in range(12):
@@ -200,7 +231,7 @@ def test_a_load_that_has_gone_is_forgotten_where_all_that_is_there_fits() -> Non
         _out_of_patience(each)
     assert day.levels()[CROWD - 1] == len(RUNGS) - 1
     waits.pass_time(30.0, load=0.2)
-    day.pass_time(30.0, load=0.2, asked=0.5)
+    day.pass_time(30.0, load=0.2, demand=Demand({CROWD: 0.5}, SAVING))
     assert waits.levels()[CROWD - 1] > 0
     assert day.levels() == [0, 0, 0, 0]
 
@@ -210,6 +241,6 @@ def test_what_is_asked_is_not_believed_again_once_it_has_not_held() -> None:
     _out_of_patience(day)
     ups = 0
     for _ in range(20):
-        ups += len(day.pass_time(5.25, load=0.2, asked=0.5))
-        day.pass_time(4.0, load=1.2, asked=0.5)
+        ups += len(day.pass_time(5.25, load=0.2, demand=Demand({CROWD: 0.5}, SAVING)))
+        day.pass_time(4.0, load=1.2, demand=Demand({CROWD: 0.5}, SAVING))
     assert ups <= 4

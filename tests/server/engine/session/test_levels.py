@@ -5,7 +5,7 @@ import math
 import numpy as np
 import pytest
 
-from motiongen_server.engine.scheduling.degradation import FULL, Level
+from motiongen_server.engine.scheduling.levels import FULL, Level
 from motiongen_server.engine.session import planning
 from motiongen_server.engine.session.state import SessionState
 from motiongen_server.engine.types import Code, Guidance, PlanCause, ServiceLevel, ServiceTier, Waypoint

@@ -3,7 +3,7 @@
 import pytest
 
 from motiongen_server.engine.config import EngineConfig
-from motiongen_server.engine.scheduling.degradation import Level
+from motiongen_server.engine.scheduling.levels import Level
 from motiongen_server.engine.session.edits import EditQueue, PendingEdit
 from motiongen_server.engine.types import Code, Priority, ServiceTier
 from tests.server.engine.session.playing import num_edit_plans, playing_state

@@ -6,7 +6,7 @@ import random
 import numpy as np
 
 from motiongen_server.engine.config import EngineConfig
-from motiongen_server.engine.scheduling.degradation import FULL, Level
+from motiongen_server.engine.scheduling.levels import FULL, Level
 from motiongen_server.engine.session import emission, events, planning
 from motiongen_server.engine.session.opening import Opening, open_session
 from motiongen_server.engine.types import (

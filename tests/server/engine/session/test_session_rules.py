@@ -8,7 +8,7 @@ from hypothesis import settings
 from hypothesis.stateful import RuleBasedStateMachine, initialize, invariant, precondition, rule
 
 from motiongen_server.engine.config import EngineConfig
-from motiongen_server.engine.scheduling.degradation import FULL, Level
+from motiongen_server.engine.scheduling.levels import FULL, Level
 from motiongen_server.engine.session import planning
 from motiongen_server.engine.types import (
     Code,

@@ -1,0 +1,74 @@
+"""Levels: how windows are made, from everything that was asked for down to none at all."""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass
+
+from motiongen_server.engine.scheduling.prices import Prices
+from motiongen_server.engine.types import ModelFacts, ServiceTier
+
+# Of the sessions of a class, the shares that are made to stand one after another.
+_HELD_SHARES = (0.15, 0.3, 0.5, 0.75, 1.0)
+
+
+@dataclass(frozen=True, slots=True)
+class Level:
+    """How windows are made from the next one on.
+
+    steps: most denoising steps of a window, None for as many as the session asked for. drop_guidance: one evaluation a
+    step. full_stride: a window that runs is finished, not begun again for an edit. replan_cap_scale: on how many
+    replans a second are made for edits. hold: no windows are made, the character stands. others: what those sessions of
+    a class get that need not stand, None where all stand; held_share: of the class, those that do.
+    """
+
+    tier: ServiceTier
+    steps: int | None = None
+    drop_guidance: bool = False
+    full_stride: bool = False
+    replan_cap_scale: float = 1.0
+    hold: bool = False
+    held_share: float = 0.0
+    others: Level | None = None
+
+    @property
+    def of_newcomers(self) -> Level:
+        """What a session gets that comes while its class is on this level: nobody stands for it alone."""
+        return self.others or self
+
+    def of_class(self, sessions: int) -> list[Level]:
+        """What each of so many sessions of a class gets, the oldest first: the newest stand."""
+        held = math.ceil(self.held_share * sessions)
+        return [self.of_newcomers] * (sessions - held) + [self] * held if self.hold else [self] * sessions
+
+    def kept(self, facts: ModelFacts, prices: Prices) -> float:
+        """Of what a class takes of the machine in full, what it takes on this level, 0 to 1. Replans count alike."""
+        steps = facts.default_steps if self.steps is None else min(self.steps, facts.default_steps)
+        in_full = prices.whole_s(facts.default_steps)
+        if not in_full:
+            return 1.0 - self.held_share
+        passes = 1.0 / facts.guidance_passes if self.drop_guidance else 1.0
+        return (1.0 - self.held_share) * (passes * steps * prices.step_s + prices.window_s) / in_full
+
+
+FULL = Level(ServiceTier.FULL)
+
+
+def levels_of(facts: ModelFacts) -> tuple[Level, ...]:
+    """The levels for a model, most first: fewer steps twice, then no guidance, then ever more sessions stand."""
+    steps = [max(facts.min_steps, math.ceil(share * facts.default_steps)) for share in (0.6, 0.4)]
+    levels = [FULL, Level(ServiceTier.FULL, full_stride=True, replan_cap_scale=0.5)]
+    levels += [
+        Level(ServiceTier.FEWER_STEPS, count, full_stride=True, replan_cap_scale=0.5)
+        for count in dict.fromkeys(steps)
+        if count < facts.default_steps
+    ]
+    guided = facts.guidance_passes > 1
+    if guided:
+        levels.append(Level(ServiceTier.NO_GUIDANCE, steps[-1], True, True, 0.5))
+    least = levels[-1]
+    levels += [
+        Level(ServiceTier.HOLD, steps[-1], guided, True, 0.25, True, share, least if share < 1.0 else None)
+        for share in _HELD_SHARES
+    ]
+    return tuple(levels)

@@ -36,8 +36,8 @@ LEGS: tuple[Leg, ...] = (
     lambda session, sign: session.set_prompt("a person waves"),
     lambda session, sign: session.go_to(-sign * WORLD_M, 0.0),  # the other end
     lambda session, sign: session.set_constraints(()),
-    lambda session, sign: session.set_velocity(0.0, -sign * 2.0, seconds=LEG_S),  # along the edge
-    lambda session, sign: session.go_to(sign * WORLD_M, sign * WORLD_M),  # a corner
+    lambda session, sign: session.set_velocity(0.0, sign * 2.0, seconds=LEG_S),  # along the edge
+    lambda session, sign: session.go_to(sign * WORLD_M, sign * WORLD_M),  # on to a corner, from the edge straight on
     lambda session, sign: session.set_constraints(()),
 )
 

@@ -1,4 +1,4 @@
-"""Degradation: what sessions give up when the machine cannot keep up, least urgent class first, one level at a time.
+"""Degradation: what sessions give up when the machine cannot keep up, least urgent class first, level by level.
 
 Pure: time comes in as an argument. A class goes down while too many of its windows are late or the load is too high,
 and up again only after it has been well for some time, so that it does not go up and down. Where it is known what all

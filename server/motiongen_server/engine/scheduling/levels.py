@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 from motiongen_server.engine.scheduling.prices import Prices
 from motiongen_server.engine.types import ModelFacts, ServiceTier
@@ -63,12 +63,21 @@ def levels_of(facts: ModelFacts) -> tuple[Level, ...]:
         for count in dict.fromkeys(steps)
         if count < facts.default_steps
     ]
-    guided = facts.guidance_passes > 1
-    if guided:
-        levels.append(Level(ServiceTier.NO_GUIDANCE, steps[-1], True, True, 0.5))
+    if facts.guidance_passes > 1:
+        levels.append(
+            Level(ServiceTier.NO_GUIDANCE, steps[-1], drop_guidance=True, full_stride=True, replan_cap_scale=0.5)
+        )
     least = levels[-1]
     levels += [
-        Level(ServiceTier.HOLD, steps[-1], guided, True, 0.25, True, share, least if share < 1.0 else None)
+        replace(
+            least,
+            tier=ServiceTier.HOLD,
+            steps=steps[-1],
+            replan_cap_scale=0.25,
+            hold=True,
+            held_share=share,
+            others=least if share < 1.0 else None,
+        )
         for share in _HELD_SHARES
     ]
     return tuple(levels)

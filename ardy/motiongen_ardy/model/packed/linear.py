@@ -34,8 +34,8 @@ def filled_size(vectors: int) -> int:
     """The number that so many vectors are filled up to, where each number has a kernel of its own.
 
     oneDNN compiles a kernel for each number of vectors and each matrix, which takes longer than a small product, and
-    few are kept (`docs/performance/memory.md`). Batches come in hundreds of sizes, so kernels would be made at nearly every
-    step. Filled up, at most a quarter is computed for nothing, a tenth on average.
+    few are kept (`docs/performance/memory.md`). Batches come in hundreds of sizes, so kernels would be made at nearly
+    every step. Filled up, at most a quarter is computed for nothing, a tenth on average.
     """
     if vectors <= _FEW:
         return 1 << max(vectors - 1, 0).bit_length()

@@ -64,6 +64,16 @@ class Attack:
     token_s: float | None = None
     elsewhere: bool = False
 
+    @property
+    def module(self) -> tuple[str, ...]:
+        """What its server is started as."""
+        return BUILT_IN if self.built_in else SLOW_ENCODER if self.slow_encoder else NULL
+
+    @property
+    def server_settings(self) -> tuple[str, ...]:
+        """In place of what is ordinary."""
+        return (*(EVERY_CORE if self.built_in else ()), *self.settings)
+
 
 @dataclass(frozen=True)
 class Suffered:
@@ -189,10 +199,9 @@ async def suffer(
 
 async def run(attack: Attack, seconds: float, log: Path, quiet_s: float = 0.0) -> Result:
     """A fresh server, attacked. quiet_s: as in `suffer`."""
-    module = BUILT_IN if attack.built_in else SLOW_ENCODER if attack.slow_encoder else NULL
     tokens = Tokens(log.parent) if attack.elsewhere or attack.token_s is not None else None
-    settings = (*(EVERY_CORE if attack.built_in else ()), *attack.settings, *(tokens.settings if tokens else ()))
-    with ExitStack() as still_there, attacked(log, settings, attack.most_files, module) as server:
+    settings = (*attack.server_settings, *(tokens.settings if tokens else ()))
+    with ExitStack() as still_there, attacked(log, settings, attack.most_files, attack.module) as server:
         suffered = await suffer(attack, server, seconds, tokens, quiet_s)
         if attack.to_the_end:
             await still_there.enter_context(hostile(attack, server)).begun()

@@ -23,24 +23,39 @@ OPTIONS = (("grpc.use_local_subchannel_pool", 1), ("grpc.max_receive_message_len
 STREAMS = 8
 
 
-class _Showing(grpc.aio.StreamStreamClientInterceptor):  # type: ignore[misc]  # grpcio has no types for it
+def _showing(details: Any, token: str) -> Any:
+    """What is known of a call, with a token to show."""
+    return details._replace(metadata=(*(details.metadata or ()), *bearer(token)))
+
+
+class _ShowingOnStreams(grpc.aio.StreamStreamClientInterceptor):  # type: ignore[misc]  # grpcio has no types for it
     """Shows a token with every stream of a connection."""
 
     def __init__(self, token: str) -> None:
-        self._shown = bearer(token)
+        self._token = token
 
     async def intercept_stream_stream(self, continuation: Any, details: Any, requests: Any) -> Any:
-        return await continuation(details._replace(metadata=(*(details.metadata or ()), *self._shown)), requests)
+        return await continuation(_showing(details, self._token), requests)
+
+
+class _ShowingOnClips(grpc.aio.UnaryStreamClientInterceptor):  # type: ignore[misc]  # grpcio has no types for it
+    """The same for calls that are answered by a stream."""
+
+    def __init__(self, token: str) -> None:
+        self._token = token
+
+    async def intercept_unary_stream(self, continuation: Any, details: Any, request: Any) -> Any:
+        return await continuation(_showing(details, self._token), request)
 
 
 @asynccontextmanager
 async def channel_to(address: str, *more: tuple[str, int]) -> AsyncIterator[grpc.aio.Channel]:
-    """A connection of its own, which shows the hostile clients' token with its streams, where they have one.
+    """A connection of its own, which shows the hostile clients' token with streams and clips, where they have one.
 
     The first that is there has begun the attack. more: options.
     """
     token = os.environ.get(TOKEN_VARIABLE, "")
-    showing = [_Showing(token)] if token else []
+    showing = [_ShowingOnStreams(token), _ShowingOnClips(token)] if token else []
     async with grpc.aio.insecure_channel(address, options=(*OPTIONS, *more), interceptors=showing) as channel:
         telling = None if has_begun() else asyncio.create_task(_tell(channel))
         try:

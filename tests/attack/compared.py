@@ -22,7 +22,7 @@ from tests.attack.__main__ import ATTACKS
 from tests.attack.attack import WARM_S, Attack, hostile, machine
 from tests.attack.neighbours import Noticed, neighbours
 from tests.attack.newcomers import newcomers
-from tests.attack.server import BUILT_IN, EVERY_CORE, NULL, attacked
+from tests.attack.server import attacked
 
 SLOW_READERS = ("byte_a_second", "unread_streams", "unread_clips")
 STREAMS = 9
@@ -65,8 +65,7 @@ def p99(values: list[float]) -> float:
 async def compare(attack: Attack, turns: int, seconds: float, log: Path) -> tuple[Moments, Moments]:
     """Quiet moments and attacked ones, in turn, on one server."""
     quiet, troubled = Moments(), Moments()
-    settings = (*(EVERY_CORE if attack.built_in else ()), *attack.settings)
-    with attacked(log, settings, attack.most_files, BUILT_IN if attack.built_in else NULL) as server:
+    with attacked(log, attack.server_settings, attack.most_files, attack.module) as server:
         async with neighbours(server.address, STREAMS) as good, newcomers(server.address) as coming:
             for _ in range(turns):
                 await asyncio.sleep(2 * WARM_S)

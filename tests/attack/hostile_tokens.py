@@ -5,13 +5,11 @@ from __future__ import annotations
 import asyncio
 import contextlib
 import itertools
-import os
 
 import grpc.aio
 
 from motiongen.v1 import motion_pb2, service_pb2, service_pb2_grpc, session_pb2
 from tests.attack.calls import STREAMS, Event, Request, channel_to, drain, many
-from tests.attack.tokens import TOKEN_VARIABLE, bearer
 
 SESSIONS = 8
 TEXTS = ("a person walks forward", "a person waves")
@@ -19,7 +17,6 @@ TEXTS = ("a person walks forward", "a person waves")
 
 async def expired_tokens(address: str) -> None:
     """Streams with sessions that are edited all the time, and clips, begun anew at once whenever they are ended."""
-    metadata = bearer(os.environ.get(TOKEN_VARIABLE, ""))
 
     async def stream() -> None:
         async with channel_to(address) as channel:
@@ -43,6 +40,6 @@ async def expired_tokens(address: str) -> None:
             stub = service_pb2_grpc.MotionServiceStub(channel)
             while True:
                 with contextlib.suppress(grpc.aio.AioRpcError):
-                    await drain(stub.GenerateClip(service_pb2.GenerateClipRequest(frame_count=40), metadata=metadata))
+                    await drain(stub.GenerateClip(service_pb2.GenerateClipRequest(frame_count=40)))
 
     await asyncio.gather(many(STREAMS, stream), many(STREAMS, clip))

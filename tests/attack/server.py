@@ -12,6 +12,7 @@ from pathlib import Path
 
 import psutil
 
+from motiongen_server.devices import MOST_BY_DEFAULT, usable_cores
 from tests.bench.processes import below, engines_of
 from tests.conftest import ROOT
 from tests.server_process import over, ready
@@ -23,7 +24,7 @@ ORDINARY = (
     "--port", "0", "--ops-port", "0", "--log-level", "WARNING", "--drain-wait-s", "0", "--drain-grace-s", "0.5",
     "--devices", "cpu:1",
 )  # fmt: skip
-EVERY_CORE = ("--devices", f"cpu:{len(os.sched_getaffinity(0))}")
+EVERY_CORE = ("--devices", f"cpu:{min(usable_cores(), MOST_BY_DEFAULT)}")
 """As a server has it by default, in place of the one engine that is ordinary here."""
 MIB = 1 << 20
 

@@ -43,7 +43,7 @@ class LoadResponse:
                 level.tier.name,
                 level.steps or "all",
             )
-            of_class = [each for each in self._sessions if each.spec.priority is priority and not each.spec.is_clip]
+            of_class = self._of_class(priority)
             for state, given in zip(of_class, level.of_class(len(of_class)), strict=True):
                 said += state.set_tier(given)
                 self._sessions.touch(state)
@@ -54,10 +54,12 @@ class LoadResponse:
         if not self._monitor.shed:
             return []
         lowest = max(priority for priority in EXPENDABLE if self._sessions.present[priority])
-        of_class = [
-            state for state in reversed(self._sessions) if state.spec.priority is lowest and not state.spec.is_clip
-        ]
-        return of_class[: math.ceil(_SHED_SHARE * len(of_class))]
+        of_class = self._of_class(lowest)
+        return of_class[::-1][: math.ceil(_SHED_SHARE * len(of_class))]
+
+    def _of_class(self, priority: Priority) -> list[SessionState]:
+        """The sessions of a class, the oldest first."""
+        return [state for state in self._sessions if state.spec.priority is priority and not state.spec.is_clip]
 
     def describe(self, report: StepReport) -> None:
         """Note how loaded the machine is and what is given to whom."""

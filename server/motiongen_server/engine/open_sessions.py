@@ -32,9 +32,6 @@ class OpenSessions:
         """In the order in which they were opened."""
         return iter(self._by_key.values())
 
-    def __reversed__(self) -> Iterator[SessionState]:
-        return reversed(self._by_key.values())
-
     def __getitem__(self, key: SessionKey) -> SessionState:
         return self._by_key[key]
 

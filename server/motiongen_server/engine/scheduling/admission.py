@@ -221,8 +221,8 @@ class Admission:
         if self._num_sessions >= config.max_sessions:
             return session_limit(config.max_sessions, self._retry_after_s())
         most = config.admit_load[spec.priority - 1]
-        share = self._share(spec.priority, spec.denoise_steps, 1) - self._yielding(spec.owner)
-        load, beside = self.load + share, self._elsewhere + self.asked + self._rush + share
+        more = self._share(spec.priority, spec.denoise_steps, 1) - self._yielding(spec.owner)
+        load, beside = self.load + more, self._elsewhere + self.asked + self._rush + more
         is_alone = not self._num_sessions and self._elsewhere <= most
         if is_alone or (load <= most and beside <= self._beyond_with_rush * most):
             return None

@@ -8,8 +8,8 @@ from motiongen_server.engine.scheduling.admission import Admission
 from motiongen_server.engine.scheduling.degradation import Degradation, Demand
 from motiongen_server.engine.scheduling.device import DeviceLease
 from motiongen_server.engine.scheduling.device_use import DeviceUse
+from motiongen_server.engine.scheduling.edit_rates import EditRates
 from motiongen_server.engine.scheduling.levels import FULL, Level, levels_of
-from motiongen_server.engine.scheduling.owner_parts import EditRates
 from motiongen_server.engine.scheduling.prices import Prices
 from motiongen_server.engine.scheduling.quota_share import QuotaShare
 from motiongen_server.engine.scheduling.window_rates import WindowRates

@@ -191,7 +191,7 @@ def test_who_comes_while_others_get_less_is_made_frames_all_the_same() -> None:
     assert day.levels() == [0, 0, 0, 0]
 
 
-SAVING = [1.0, 1.0, 0.8, 0.6, 0.5, 0.4, 0.3, 0.2, 0.0][: len(RUNGS)]
+SAVING = [1.0, 1.0, 0.8, 0.6, 0.5, 0.4, 0.3, 0.2, 0.0]
 """Of what a class takes in full, what it takes on each level."""
 
 

@@ -2,9 +2,11 @@
 
 from __future__ import annotations
 
+import itertools
 import time
 from collections.abc import Sequence
 
+from motiongen_server.engine.spread import spread
 from motiongen_server.engine.types import Event, ModelFacts, Open, Outcome, Priority
 from motiongen_server.engine.types.refusals import draining, session_limit
 from motiongen_server.engine_process.ledger import RETRY_AFTER_S, no_room
@@ -32,6 +34,7 @@ class EngineGroup:
         self._admit_load = admit_load
         self._max_sessions = max_sessions
         self._is_draining = False
+        self._refusals = itertools.count()
 
     @property
     def facts(self) -> ModelFacts:
@@ -81,7 +84,7 @@ class EngineGroup:
         shares = [
             max(0.0, 1.0 - process.load / self._admit_load)
             for process, link in self._members
-            if link.is_up and Priority.NEAR not in link.full
+            if link.is_up and link.most_steps.get(Priority.NEAR, 1)
         ]
         return max(0.0, min(sum(shares) / len(self._members), 1.0 - self._num_played / self._max_sessions))
 
@@ -103,35 +106,37 @@ class EngineGroup:
 
     def refusal_of(self, event: Open) -> Outcome | None:
         """What an Open would be refused with as things stand; no place is held."""
-        refusal = self._refusal(event)
-        if refusal is not None or event.spec.is_clip:
-            return refusal
-        priority = event.spec.priority
-        if all(priority in link.full for _, link in self._members if link.is_up):
-            return no_room(priority).outcome(event.session, event.event_seq)
-        return None
-
-    def _refusal(self, event: Open) -> Outcome | None:
         if self._is_draining:
             return draining().outcome(event.session, event.event_seq)
-        if not event.spec.is_clip:
-            num_sessions = self._num_played
-            if num_sessions >= self._max_sessions:
-                return session_limit(self._max_sessions, RETRY_AFTER_S).outcome(event.session, event.event_seq)
-        return None if any(link.is_up for _, link in self._members) else refused_without_engine(event)
+        links = [link for _, link in self._members if link.is_up]
+        if not links:
+            return refused_without_engine(event)
+        if event.spec.is_clip:
+            return None
+        refusal = None
+        if self._num_played >= self._max_sessions:
+            refusal = session_limit(self._max_sessions, self._retry_after_s())
+        elif all(link.refuses(event.spec) for link in links):
+            # Without asking them: on a busy machine their answer takes long, and asking keeps them from their work.
+            most_steps = max(link.most_steps.get(event.spec.priority, 0) for link in links)
+            refusal = no_room(event.spec, most_steps, self._retry_after_s())
+        return None if refusal is None else refusal.outcome(event.session, event.event_seq)
+
+    def _retry_after_s(self) -> float:
+        """Those who are sent away together should not come back together."""
+        return round(RETRY_AFTER_S * (1.0 + spread(next(self._refusals))), 2)
 
     def _open(self, event: Open) -> Outcome | None:
-        refusal = self._refusal(event)
+        refusal = self.refusal_of(event)
         if refusal is not None:
             return refusal
         free = [member for member in self._members if member[1].is_up]
         if not free:  # one was lost since
             return refused_without_engine(event)
-        is_clip, priority = event.spec.is_clip, event.spec.priority
 
         def taken(member: tuple[EngineProcess, ModelLink]) -> tuple[bool, int, int, int]:
             # What an engine has told of is what it would refuse by; clips are let in wherever there is a place.
-            return not is_clip and priority in member[1].full, *_taken(*member, is_clip)
+            return member[1].refuses(event.spec), *_taken(*member, event.spec.is_clip)
 
         _, link = min(free, key=taken)
         return link.submit(event)

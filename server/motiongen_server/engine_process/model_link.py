@@ -4,13 +4,14 @@ from __future__ import annotations
 
 import threading
 import time
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from concurrent.futures import Future
 
 from motiongen_server.engine.config import EngineConfig
 from motiongen_server.engine.mailbox import Mailbox, pending_refusal
 from motiongen_server.engine.ports import Deliver, Observe
 from motiongen_server.engine.types import (
+    Close,
     Closed,
     CloseReason,
     Event,
@@ -22,6 +23,7 @@ from motiongen_server.engine.types import (
     Resume,
     ServiceTier,
     SessionKey,
+    SessionSpec,
     StepsOf,
 )
 from motiongen_server.engine.types.report import StepReport
@@ -47,7 +49,7 @@ class ModelLink:
         self.silent_s = 0.0  # since the engine last said something
         self.observe: Observe | None = None
         self.on_quota_steps: Callable[[StepsOf], None] = lambda taken: None  # which owners with a quota had there
-        self.full: frozenset[Priority] = frozenset()  # classes that its engine lets nobody in of, as last told
+        self.most_steps: Mapping[Priority, int] = {}  # as in `StepReport`, as last told
         self._deliver = deliver
         self._ring = ring
         self._lock = threading.Lock()
@@ -55,6 +57,7 @@ class ModelLink:
         self._mailbox = Mailbox(MAX_PENDING)
         self._has_events = False
         self._is_up = False
+        self._closed_since = False  # that was told
         self._facts = b""
         self._load = self._asked = 0.0
         self._opens_since = 0  # the load was told
@@ -95,6 +98,11 @@ class ModelLink:
         settled = self.num_sessions - self._opens_since
         return 1 + self._opens_since / settled if settled > 0 else 1.0
 
+    def refuses(self, spec: SessionSpec) -> bool:
+        """Whether its engine would not let a session in, as it last told; not if a place was given up since."""
+        asked = spec.denoise_steps
+        return asked > self.most_steps.get(spec.priority, asked) and not (self._closed_since or spec.is_clip)
+
     def holds(self, session: SessionKey) -> bool:
         """Whether events of the session belong here."""
         return session in self._ledger
@@ -110,6 +118,7 @@ class ModelLink:
                 self._has_events = True
             self._ledger.note(event)
             self._opens_since += isinstance(event, Open)
+            self._closed_since |= isinstance(event, Close)
         self._ring()
         return None
 
@@ -141,8 +150,8 @@ class ModelLink:
         self.silent_s = 0.0
         self.heartbeat_at = pulse.heartbeat_at
         for report in pulse.reports:
-            if report.full is not None:
-                self.full = frozenset(report.full)
+            if report.most_steps is not None:
+                self.most_steps, self._closed_since = report.most_steps, False
             if report.load is not None:
                 self._load, self._opens_since = report.load, 0
             if report.asked is not None:
@@ -180,7 +189,7 @@ class ModelLink:
             self._mailbox = Mailbox(MAX_PENDING)
             self._has_events = False
             self._load, self._asked, self._opens_since = 0.0, 0.0, 0
-            self.full = frozenset()
+            self.most_steps = {}
             outputs = self._ledger.end_all(reason, message)
         if outputs:
             self._deliver(outputs)

@@ -6,12 +6,14 @@ from collections import Counter
 from dataclasses import replace
 from typing import Any, cast
 
-from motiongen_server.engine.types import Open, Priority, SessionKey
+from motiongen_server.engine.types import Close, CloseReason, Open, Priority, SessionKey
 from motiongen_server.engine.types.report import StepReport
 from motiongen_server.engine_process.group import EngineGroup
 from motiongen_server.engine_process.messages import Pulse
 from motiongen_server.engine_process.model_link import ModelLink
 from tests.server.engine.stage import spec
+
+FULL = {Priority.HERO: 4, Priority.NEAR: 0, Priority.CROWD: 0, Priority.BATCH: 0}
 
 
 class Process:
@@ -66,9 +68,9 @@ def test_an_engine_that_told_nothing_yet_is_given_as_many() -> None:
 def test_one_that_is_full_for_a_class_is_given_none_of_it_while_another_is_not() -> None:
     links = [ModelLink(1, "model", lambda outputs: None, lambda: None) for _ in range(2)]
     group = EngineGroup(cast(Any, [(Process(link), link) for link in links]), 1 << 16, 0.9)
-    for link, asked, full in zip(links, (0.5, 0.8), ([Priority.NEAR, Priority.CROWD], []), strict=True):
+    for link, asked, most_steps in zip(links, (0.5, 0.8), (FULL, {}), strict=True):
         link._is_up = True
-        link.take_pulse(Pulse(1, 0.0, (StepReport(asked=asked, full=full),)))
+        link.take_pulse(Pulse(1, 0.0, (StepReport(asked=asked, most_steps=most_steps),)))
 
     def opened(handle: int, priority: Priority, is_clip: bool = False) -> int:
         """The number of the engine that is given it."""
@@ -80,3 +82,38 @@ def test_one_that_is_full_for_a_class_is_given_none_of_it_while_another_is_not()
     assert opened(1, Priority.NEAR) == 1, "the other one asks for less, and has told that it lets none in"
     assert opened(2, Priority.HERO) == 0
     assert opened(3, Priority.NEAR, is_clip=True) == 0, "clips take what is left"
+
+
+def full_of_near() -> tuple[EngineGroup, list[ModelLink]]:
+    """Two engines that have told that they let no NEAR in; one of them has a session."""
+    links = [ModelLink(1, "model", lambda outputs: None, lambda: None) for _ in range(2)]
+    group = EngineGroup(cast(Any, [(Process(link), link) for link in links]), 1 << 16, 0.9)
+    for link in links:
+        link._is_up = True
+    assert group.submit(Open(spec(SessionKey(1, 1), priority=Priority.NEAR), 1, 0.0)) is None
+    for link in links:
+        link.take_pulse(Pulse(1, 0.0, (StepReport(most_steps=FULL),)))
+    return group, links
+
+
+def test_where_all_are_full_for_a_class_it_is_refused_without_asking_them() -> None:
+    group, links = full_of_near()
+    refusals = [group.submit(Open(spec(SessionKey(2, handle), priority=Priority.NEAR), 1, 0.0)) for handle in (1, 2)]
+    assert [each and each.reason for each in refusals] == ["OVERLOADED"] * 2
+    assert len({each.retry_after_s for each in refusals if each is not None}) == 2, "they should not come back together"
+    assert sum(link.num_sessions for link in links) == 1
+    assert group.submit(Open(spec(SessionKey(2, 3), priority=Priority.HERO), 1, 0.0)) is None
+    clip = replace(spec(SessionKey(2, 4), priority=Priority.NEAR), clip_frames=40)
+    assert group.submit(Open(clip, 1, 0.0)) is None, "clips take what is left"
+
+
+def test_a_place_that_was_given_up_since_can_be_taken_at_once() -> None:
+    group, links = full_of_near()
+    asks = Open(spec(SessionKey(2, 1), priority=Priority.NEAR), 1, 0.0)
+    group.submit(Close(SessionKey(1, 1), 2, 0.0, CloseReason.CLIENT))
+    assert group.submit(asks) is None, "what they told was of before"
+    for link in links:
+        link.take_pulse(Pulse(1, 0.0, (StepReport(most_steps=FULL),)))
+    refusal = group.submit(replace(asks, spec=spec(SessionKey(2, 2), priority=Priority.NEAR)))
+    assert refusal is not None
+    assert refusal.reason == "OVERLOADED"

@@ -13,6 +13,7 @@ from __future__ import annotations
 import threading
 from collections import Counter
 from collections.abc import Mapping
+from math import inf
 
 from motiongen_server.engine.config import EngineConfig
 from motiongen_server.engine.scheduling.owner_parts import OwnerParts
@@ -46,7 +47,7 @@ class Admission:
         """under_quota: of processor time, all of which others use too."""
         self._config = config
         self._rates = WindowRates(facts.fps / facts.horizon)
-        self._least_steps, self._default_steps = facts.min_steps, facts.default_steps
+        self._least_steps, self._default_steps, self._most = facts.min_steps, facts.default_steps, facts.max_steps
         self._beyond_with_rush = 1.0 if under_quota else _BEYOND_WITH_RUSH
         self._prices = Prices()
         self._parts = OwnerParts(facts)
@@ -143,13 +144,21 @@ class Admission:
             refusal = self._refusal(spec)
         return None if refusal is None else refusal.outcome(spec.session, event_seq)
 
-    @property
-    def full(self) -> list[Priority]:
-        """The classes of which not even a session of the fewest steps would be let in, of an owner who has none."""
-        if not self._num_sessions:
-            return []
-        load, steps, most = self.load - self.yielding(NOBODY), self._least_steps, self._config.admit_load
-        return [each for each in Priority if load + self._share(each, steps, 1) > most[each - 1]]
+    def most_steps(self) -> dict[Priority, int]:
+        """With how many steps one more session of each class would be let in, of an owner who has none.
+
+        0 where not even with the fewest. What newcomers take at once is left out, for that soon passes.
+        """
+        load = self.load - self.yielding(NOBODY) if self._num_sessions else -inf  # who is alone is let in
+        return {each: self._most_steps(each, self._config.admit_load[each - 1] - load) for each in Priority}
+
+    def _most_steps(self, priority: Priority, room: float) -> int:
+        """Of a session that takes up to such a share of the machine."""
+        of_window, of_step = self._share(priority, 0, 1), self._share(priority, 1, 0)
+        steps = (room - of_window) / of_step if of_step else inf
+        if room < of_window or steps < self._least_steps:
+            return 0
+        return int(min(steps, self._most))
 
     @property
     def num_beginning(self) -> int:

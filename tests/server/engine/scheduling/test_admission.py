@@ -177,6 +177,20 @@ def test_a_draining_server_takes_nobody() -> None:
     assert (refusal.code, refusal.reason, refusal.field) == (Code.UNAVAILABLE, "DRAINING", "open")
 
 
+@given(st.integers(0, 60), st.sampled_from(Priority), st.floats(0.0, 1.1), st.integers(1, 10))
+def test_the_most_steps_that_are_told_are_those_that_are_let_in(
+    sessions: int, priority: Priority, measured: float, num_steps: int
+) -> None:
+    admission = _admission(measured=measured)
+    for number in range(sessions):
+        admission.reserve(spec(SessionKey(1, number), num_steps=4), 1)
+        admission.note_begun(SessionKey(1, number))
+    asks = spec(SessionKey(2, 1), priority=priority, num_steps=num_steps)
+    is_let_in = admission.refusal_of(asks, 1) is None
+    # Whoever is told of as refused is; one of fewer steps than the model can do is not asked for.
+    assert is_let_in == (num_steps <= admission.most_steps()[priority]) or num_steps < FACTS.min_steps
+
+
 def test_a_key_used_again_keeps_the_place_of_the_later_session() -> None:
     admission = _admission()
     old, new = spec(SessionKey(1, 1)), spec(SessionKey(1, 1), num_steps=10)

@@ -5,7 +5,6 @@ from __future__ import annotations
 import numpy as np
 
 from motiongen_server.engine.session.further_blocks import with_outputs
-from motiongen_server.engine.session.pieces import Pieces
 from motiongen_server.engine.session.timeline import Timeline, TokenRun
 from motiongen_server.engine.types import Chunk, CloseReason, SessionKey
 from tests.server.engine.fakes import FACTS, ROW_WIDTH, FakeRunner
@@ -15,17 +14,12 @@ KEY = SessionKey(1, 1)
 NAMES = ("joint_velocities_mps", "joint_positions_m")
 
 
-def squares(first: int, count: int) -> np.ndarray:
-    """Rows whose root is at frame squared."""
+def timeline(first: int, count: int, cut_at: int = 0) -> Timeline:
+    """The root is at frame squared."""
     rows = np.zeros((count, ROW_WIDTH), np.float32)
     rows[:, 0] = np.arange(first, first + count) ** 2
-    return rows
-
-
-def timeline(first: int, count: int, cut_at: int = 0) -> Timeline:
     run = TokenRun(first, np.empty((0, 2), np.float32), 4)
-    rows, features = Pieces.of(squares(first, count)), Pieces.of(np.zeros((count, 3), np.float32))
-    return Timeline(first, rows, features, run, cut_at=cut_at)
+    return Timeline(first, rows, np.zeros((count, 3), np.float32), run, cut_at=cut_at)
 
 
 def extended(held: Timeline, first: int, end: int) -> np.ndarray:
@@ -49,7 +43,7 @@ def test_the_first_frame_of_all_and_the_first_after_a_cut_have_no_speed() -> Non
 def test_each_of_several_cuts_has_no_speed_across_it() -> None:
     held = timeline(0, 4)
     for frame in (4, 6):
-        held = held.spliced(frame, squares(10 * frame, 4), np.zeros((4, 3), np.float32), anew=True)
+        held = held.spliced(frame, timeline(10 * frame, 4).rows, np.zeros((4, 3), np.float32), anew=True)
     np.testing.assert_allclose(extended(held, 3, 9)[:, ROW_WIDTH], np.array([5, 0, 81, 0, 121, 123]) * FACTS.fps)
 
 
@@ -61,7 +55,7 @@ def test_a_pose_that_is_held_does_not_count_as_a_cut() -> None:
     held = timeline(0, 4).held(4)
     assert held.motion_from == 4
     assert extended(held, 4, 6)[0, ROW_WIDTH] == 0
-    on = held.spliced(8, squares(8, 4), np.zeros((4, 3), np.float32))
+    on = held.spliced(8, timeline(8, 4).rows, np.zeros((4, 3), np.float32))
     assert extended(on, 8, 9)[0, ROW_WIDTH] == (64 - 9) * FACTS.fps
 
 

@@ -6,7 +6,6 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from motiongen_server.engine.session.pieces import Pieces
 from motiongen_server.engine.session.timeline import Timeline, TokenRun
 from motiongen_server.engine.types import Code, EventRefused, Float32Array, ModelFacts, StartPose
 
@@ -27,7 +26,7 @@ class Cut:
             features = np.empty((0, facts.feature_dim), np.float32)
         run = TokenRun(frame, np.empty((0, facts.token_width), np.float32), facts.patch)
         first = frame - len(rows)
-        return Timeline(first, Pieces.of(rows), Pieces.of(features), run, motion_from=first)
+        return Timeline(first, rows, features, run, motion_from=first)
 
 
 def own_frames(

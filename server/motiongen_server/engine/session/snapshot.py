@@ -11,7 +11,6 @@ from motiongen_server.engine.session.drift import Correction
 from motiongen_server.engine.session.edits import PendingEdit
 from motiongen_server.engine.session.kinematics import Posed
 from motiongen_server.engine.session.opening import Opening, open_session
-from motiongen_server.engine.session.pieces import Pieces
 from motiongen_server.engine.session.plan_log import PlanLog
 from motiongen_server.engine.session.residuals import Residual, nearest_frame
 from motiongen_server.engine.session.state import SessionState
@@ -123,8 +122,7 @@ def going_on(event: Open, asked: GoingOn, opening: Opening, features: Float32Arr
     state = open_session(event.spec, event.received_at, opening)
     no_tokens = TokenRun(end, np.empty((0, facts.token_width), np.float32), facts.patch)
     begin = held.motion_from
-    rows, known = Pieces.of(held.rows), Pieces.of(features)
-    state.timeline = Timeline(held.first_frame, rows, known, no_tokens, begin, begin, held_to=max(begin, 0))
+    state.timeline = Timeline(held.first_frame, held.rows, features, no_tokens, begin, begin, held_to=max(begin, 0))
     velocity = held.velocity
     if velocity is not None:
         steered = Velocity(velocity.x, velocity.z, velocity.heading, velocity.hold_frames, velocity.steers_from)

@@ -6,7 +6,6 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from motiongen_server.engine.session.pieces import Pieces
 from motiongen_server.engine.types import Float32Array, ModelFacts
 
 
@@ -52,15 +51,15 @@ class TokenRun:
 class Timeline:
     """Consecutive frames from `first` on; a new value for every change, so that views of an old one stay true.
 
-    rows: row_width numbers each, for the wire. features: D numbers each, normalized, for histories. motion_from: the
+    rows: (T, row_width) float32, for the wire. features: (T, D) float32, normalized, for histories. motion_from: the
     first frame that a history may reach back to. cut_at: the first that goes on from none before it. older: the motion
     before earlier cuts, each (begin, end). held_to: the end of the last held pose, up to which features are not those
     of the rows.
     """
 
     first: int
-    rows: Pieces
-    features: Pieces
+    rows: Float32Array
+    features: Float32Array
     run: TokenRun
     motion_from: int = 0
     cut_at: int = 0
@@ -71,15 +70,15 @@ class Timeline:
     def empty(cls, row_width: int, feature_dim: int, token_width: int = 0, patch: int = 1) -> Timeline:
         return cls(
             0,
-            Pieces.of(np.empty((0, row_width), np.float32)),
-            Pieces.of(np.empty((0, feature_dim), np.float32)),
+            np.empty((0, row_width), np.float32),
+            np.empty((0, feature_dim), np.float32),
             TokenRun(0, np.empty((0, token_width), np.float32), patch),
         )
 
     @property
     def end(self) -> int:
         """The first frame that is not held."""
-        return self.first + self.rows.count
+        return self.first + len(self.rows)
 
     @property
     def cuts(self) -> tuple[int, ...]:
@@ -106,8 +105,8 @@ class Timeline:
         keep = frame - self.first
         return Timeline(
             self.first,
-            self.rows.below(keep).plus(rows),
-            self.features.below(keep).plus(features),
+            np.concatenate((self.rows[:keep], rows)),
+            np.concatenate((self.features[:keep], features)),
             self.run.spliced(frame, tokens, len(rows)),
             frame if anew else self.motion_from,
             frame if anew else self.cut_at,
@@ -121,11 +120,10 @@ class Timeline:
         A still pose in a history would be motion that the model has to explain, and features of it would be wrong: they
         hold velocities.
         """
-        last, first = self.rows.between(self.rows.count - 1, self.rows.count), self.features.between(0, 1)
         return Timeline(
             self.first,
-            self.rows.plus(np.repeat(last, num_frames, axis=0)),
-            self.features.after(np.repeat(first, num_frames, axis=0)),
+            np.concatenate((self.rows, np.repeat(self.rows[-1:], num_frames, axis=0))),
+            np.concatenate((np.repeat(self.features[:1], num_frames, axis=0), self.features)),
             TokenRun(self.run.first + num_frames, self.run.tokens, self.run.patch),
             self.motion_from + num_frames,
             self.cut_at,
@@ -133,12 +131,12 @@ class Timeline:
         )
 
     def trimmed(self, frame: int) -> Timeline:
-        """Drop the frames below `frame`."""
+        """Drop the frames below `frame`; their memory is let go at the next splice, which makes new arrays anyway."""
         drop = max(0, frame - self.first)
         return Timeline(
             self.first + drop,
-            self.rows.since(drop),
-            self.features.since(drop),
+            self.rows[drop:],
+            self.features[drop:],
             self.run.trimmed(frame),
             self.motion_from,
             self.cut_at,
@@ -147,13 +145,12 @@ class Timeline:
         )
 
     def rows_between(self, begin: int, end: int) -> Float32Array:
-        """Rows (end - begin, row_width)."""
-        return self.rows.between(begin - self.first, end - self.first)
+        return self.rows[begin - self.first : end - self.first]
 
     def features_before(self, frame: int, num_frames: int) -> Float32Array:
         """The features of the num_frames frames that end just before `frame`."""
         stop = frame - self.first
-        return self.features.between(stop - num_frames, stop)
+        return self.features[stop - num_frames : stop]
 
     def made_before(self, frame: int, most: int) -> Float32Array:
         """Up to so many rows just before a frame: none from before a cut, a held pose, or the session."""
@@ -171,4 +168,4 @@ def first_timeline(facts: ModelFacts, prior_rows: Float32Array | None, prior_fea
         return Timeline.empty(facts.row_width, facts.feature_dim, facts.token_width, facts.patch)
     run = TokenRun(0, np.empty((0, facts.token_width), np.float32), facts.patch)
     first = -len(prior_rows)
-    return Timeline(first, Pieces.of(prior_rows), Pieces.of(prior_features), run, motion_from=first, cut_at=first)
+    return Timeline(first, prior_rows, prior_features, run, motion_from=first, cut_at=first)

@@ -161,4 +161,4 @@ def test_many_in_a_row_take_the_place_of_one_another(paused: bool) -> None:
     assert frame is not None
     assert frame - viewer.shown <= 12, "as soon after what is shown as the first"
     assert stage.runner.prepared[-1].start_pose == StartPose(49.0, 0.0, 0.0)
-    assert stage.engine.sessions[viewer.key].timeline.rows.count <= 150
+    assert len(stage.engine.sessions[viewer.key].timeline.rows) <= 150

@@ -109,5 +109,4 @@ def test_poses_that_were_held_while_there_was_too_much_to_do_are_not_gone_back_t
     held = timeline.held(8)
     assert held.held_to == held.end == timeline.end + 8
     assert held.stretches == ((held.motion_from if held.motion_from > held.first else held.first, held.end),)
-    frames = timeline.rows_between(0, 4), timeline.features_before(4, 4)
-    assert held.spliced(held.end, *frames).held_to == held.end
+    assert held.spliced(held.end, timeline.rows[:4], timeline.features[:4]).held_to == held.end

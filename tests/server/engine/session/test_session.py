@@ -81,7 +81,7 @@ def test_old_frames_and_passed_conditions_are_let_go() -> None:
         stage.set_constraints(viewer, waypoint(frame, constraint_id=n))
         stage.set_prompts(viewer, prompt(n, prompt_id=n + 2, start=frame, end=frame + 5))
         stage.run(1.0)
-        assert state.timeline.rows.count <= 160
+        assert len(state.timeline.rows) <= 160
         assert len(state.conditions.constraints) < 10
         assert len(state.conditions.prompts) < 10
         assert len(state.edits.unseen) < 10

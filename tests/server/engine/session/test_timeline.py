@@ -5,7 +5,6 @@ from hypothesis import strategies as st
 from motiongen_server.engine.session.timeline import Timeline, TokenRun, first_timeline
 from motiongen_server.engine.types import WindowJob
 from tests.server.engine.fakes import FACTS
-from tests.server.engine.session.test_pieces import memory_of
 from tests.server.engine.stage import Stage
 
 
@@ -24,9 +23,8 @@ def test_a_timeline_is_the_list_of_frames_it_stands_for(edits: list[tuple[int, i
         whole = whole[:frame] + [float(marker)] * count
         timeline = timeline.trimmed(min(trim, timeline.end))
         assert timeline.end == len(whole)
-        assert timeline.rows_between(timeline.first, timeline.end)[:, 0].tolist() == whole[timeline.first :]
-        held = len(whole) - timeline.first
-        assert timeline.features_before(timeline.end, held)[:, 0].tolist() == whole[timeline.first :]
+        assert timeline.rows[:, 0].tolist() == whole[timeline.first :]
+        assert timeline.features[:, 0].tolist() == whole[timeline.first :]
 
 
 def test_history_is_what_comes_just_before() -> None:
@@ -43,10 +41,11 @@ def test_a_view_stays_true_when_the_timeline_goes_on() -> None:
     assert view[:, 0].tolist() == list(range(10, 20))
 
 
-def test_what_was_trimmed_is_let_go() -> None:
+def test_what_was_trimmed_is_let_go_at_the_next_splice() -> None:
     timeline = Timeline.empty(3, 3).spliced(0, _frames(0, 1000), _frames(0, 1000)).trimmed(990)
-    assert timeline.rows.count == 10
-    assert memory_of(timeline.rows) == memory_of(timeline.features) == 10 * 12
+    assert len(timeline.rows) == 10
+    timeline = timeline.spliced(1000, _frames(1000, 1040), _frames(1000, 1040))
+    assert (len(timeline.rows), timeline.rows.base) == (50, None)
 
 
 # ---- tokens ----------------------------------------------------------------------------------------------------------
@@ -93,7 +92,7 @@ def test_a_held_pose_repeats_the_last_row_and_histories_do_not_see_it() -> None:
     timeline = Timeline.empty(3, 3, 1, 4).spliced(0, frames, frames, frames[::4, :1])
     held = timeline.held(6)
     assert (held.end, held.motion_from) == (46, 6)
-    assert held.rows_between(0, 46)[:, 0].tolist() == [*range(40), *[39] * 6]
+    assert held.rows[:, 0].tolist() == [*range(40), *[39] * 6]
     assert held.features_before(46, 16)[:, 0].tolist() == list(range(24, 40))
     tokens = held.tokens_before(46, 16)
     assert tokens is not None

@@ -25,6 +25,7 @@ from motiongen_server.engine.types import (
     Closed,
     Code,
     Event,
+    EventRefused,
     Float32Array,
     Open,
     Outcome,
@@ -32,6 +33,7 @@ from motiongen_server.engine.types import (
     PlanCause,
     PlanNotice,
     Playhead,
+    Priority,
     SessionKey,
 )
 from motiongen_server.models.factory import make_catalog, make_limits
@@ -59,6 +61,9 @@ class NullEngine:
 
     def submit(self, event: Event) -> Outcome | None:
         self._mailbox.put(event)
+        return None
+
+    def refusal_of(self, priority: Priority, denoise_steps: int) -> EventRefused | None:
         return None
 
     def start(self) -> None:

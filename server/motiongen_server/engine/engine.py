@@ -35,6 +35,7 @@ from motiongen_server.engine.types import (
     Outcome,
     Output,
     Playhead,
+    Priority,
     Resume,
     StepsOf,
 )
@@ -117,9 +118,9 @@ class Engine:
         """Hand in an event. The answer comes through `deliver`; only one that is refused here is returned, at once."""
         return self._intake.submit(event)
 
-    def refusal_of(self, event: Open) -> Outcome | None:
-        """What an Open would be refused with as things stand; no place is held."""
-        return self._intake.refusal_of(event)
+    def refusal_of(self, priority: Priority, denoise_steps: int, *, is_clip: bool = False) -> EventRefused | None:
+        """Why a session would not be let in as things stand; no place is held."""
+        return self.admission.refusal_of(priority, denoise_steps, is_clip=is_clip)
 
     def note_steps_elsewhere(self, taken: StepsOf) -> None:
         """Other engines have done so many steps for owners that have a quota."""
@@ -150,8 +151,7 @@ class Engine:
         self.sessions.touch_due(now)
         self._close_silent(now)
         self._attend_touched()
-        finished = self.windows.step(report)
-        if finished:
+        if finished := self.windows.step(report):
             self._take_in(finished)
         self._attend_touched()
         now = self._clock.now()

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from typing import Protocol
 
-from motiongen_server.engine.types import Event, Open, Outcome
+from motiongen_server.engine.types import Event, EventRefused, Outcome, Priority
 
 
 class EventSink(Protocol):
@@ -17,8 +17,11 @@ class EventSink(Protocol):
         """
         ...
 
-    def refusal_of(self, event: Open) -> Outcome | None:
-        """What an Open would be refused with as things stand, before its prompts are encoded; no place is held."""
+    def refusal_of(self, priority: Priority, denoise_steps: int, *, is_clip: bool = False) -> EventRefused | None:
+        """Why a session, or the sample of a clip, would not be let in as things stand; no place is held.
+
+        Returns at once and costs little: asked before the rest of an Open is read and its prompts are encoded.
+        """
         ...
 
 

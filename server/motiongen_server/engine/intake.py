@@ -32,7 +32,3 @@ class Intake:
         if isinstance(event, Open):
             self._admission.release(event.session, event.spec)
         return pending_refusal(event, self._most_pending)
-
-    def refusal_of(self, event: Open) -> Outcome | None:
-        """What an Open would be refused with as things stand; no place is held."""
-        return self._admission.refusal_of(event.spec, event.event_seq)

@@ -7,9 +7,9 @@ import time
 from collections.abc import Sequence
 
 from motiongen_server.engine.spread import spread
-from motiongen_server.engine.types import Event, ModelFacts, Open, Outcome, Priority
+from motiongen_server.engine.types import Event, EventRefused, ModelFacts, Open, Outcome, Priority
 from motiongen_server.engine.types.refusals import draining, session_limit
-from motiongen_server.engine_process.ledger import RETRY_AFTER_S, no_room
+from motiongen_server.engine_process.ledger import RETRY_AFTER_S, engine_restarting, no_room
 from motiongen_server.engine_process.model_link import ModelLink, refused_without_engine
 from motiongen_server.engine_process.process import EngineProcess
 from motiongen_server.rpc.abilities import Abilities
@@ -104,39 +104,42 @@ class EngineGroup:
             return refused_without_engine(event)
         return link.submit(event)
 
-    def refusal_of(self, event: Open) -> Outcome | None:
-        """What an Open would be refused with as things stand; no place is held."""
-        if self._is_draining:
-            return draining().outcome(event.session, event.event_seq)
+    def refusal_of(self, priority: Priority, denoise_steps: int, *, is_clip: bool = False) -> EventRefused | None:
+        """Why a session would not be let in, by what engines have last told; no place is held.
+
+        They are not asked: on a busy machine their answer takes long, and asking keeps them from their work.
+        """
         links = [link for _, link in self._members if link.is_up]
+        if self._is_draining:
+            return draining()
         if not links:
-            return refused_without_engine(event)
-        if event.spec.is_clip:
+            return engine_restarting()
+        if is_clip:
             return None
-        refusal = None
         if self._num_played >= self._max_sessions:
-            refusal = session_limit(self._max_sessions, self._retry_after_s())
-        elif all(link.refuses(event.spec) for link in links):
-            # Without asking them: on a busy machine their answer takes long, and asking keeps them from their work.
-            most_steps = max(link.most_steps.get(event.spec.priority, 0) for link in links)
-            refusal = no_room(event.spec, most_steps, self._retry_after_s())
-        return None if refusal is None else refusal.outcome(event.session, event.event_seq)
+            return session_limit(self._max_sessions, self._retry_after_s())
+        if not all(link.refuses(priority, denoise_steps) for link in links):
+            return None
+        most_steps = max(link.most_steps.get(priority, 0) for link in links)
+        return no_room(priority, denoise_steps, most_steps, self._retry_after_s())
 
     def _retry_after_s(self) -> float:
         """Those who are sent away together should not come back together."""
         return round(RETRY_AFTER_S * (1.0 + spread(next(self._refusals))), 2)
 
     def _open(self, event: Open) -> Outcome | None:
-        refusal = self.refusal_of(event)
+        spec = event.spec
+        refusal = self.refusal_of(spec.priority, spec.denoise_steps, is_clip=spec.is_clip)
         if refusal is not None:
-            return refusal
+            return refusal.outcome(event.session, event.event_seq)
         free = [member for member in self._members if member[1].is_up]
         if not free:  # one was lost since
             return refused_without_engine(event)
 
         def taken(member: tuple[EngineProcess, ModelLink]) -> tuple[bool, int, int, int]:
             # What an engine has told of is what it would refuse by; clips are let in wherever there is a place.
-            return member[1].refuses(event.spec), *_taken(*member, event.spec.is_clip)
+            is_full = not spec.is_clip and member[1].refuses(spec.priority, spec.denoise_steps)
+            return is_full, *_taken(*member, spec.is_clip)
 
         _, link = min(free, key=taken)
         return link.submit(event)

@@ -19,8 +19,8 @@ from motiongen_server.engine.types import (
     Outcome,
     Output,
     Playhead,
+    Priority,
     SessionKey,
-    SessionSpec,
 )
 from motiongen_server.engine.types.refusals import session_closed
 
@@ -226,9 +226,9 @@ def engine_restarting() -> EventRefused:
     return EventRefused(Code.UNAVAILABLE, "ENGINE_RESTARTING", given, retry_after_s=RETRY_AFTER_S)
 
 
-def no_room(spec: SessionSpec, most_steps: int, retry_after_s: float) -> EventRefused:
-    """The answer to an Open that no engine lets in, as they last told. most_steps: of a session of its class."""
-    asked = f"class {spec.priority.name} with {spec.denoise_steps} denoising steps"
+def no_room(priority: Priority, steps: int, most_steps: int, retry_after_s: float) -> EventRefused:
+    """The answer to an Open that no engine lets in, as they last told. most_steps: with which one would."""
+    asked = f"class {priority.name} with {steps} denoising steps"
     given = f"the machine has no room for another session of {asked}; try again later"
     fewer = f"up to {most_steps} steps, " if most_steps else ""
     allowed = f"{fewer}a more urgent class, or another server"

@@ -23,7 +23,6 @@ from motiongen_server.engine.types import (
     Resume,
     ServiceTier,
     SessionKey,
-    SessionSpec,
     StepsOf,
 )
 from motiongen_server.engine.types.report import StepReport
@@ -98,10 +97,9 @@ class ModelLink:
         settled = self.num_sessions - self._opens_since
         return 1 + self._opens_since / settled if settled > 0 else 1.0
 
-    def refuses(self, spec: SessionSpec) -> bool:
+    def refuses(self, priority: Priority, steps: int) -> bool:
         """Whether its engine would not let a session in, as it last told; not if a place was given up since."""
-        asked = spec.denoise_steps
-        return asked > self.most_steps.get(spec.priority, asked) and not (self._closed_since or spec.is_clip)
+        return steps > self.most_steps.get(priority, steps) and not self._closed_since
 
     def holds(self, session: SessionKey) -> bool:
         """Whether events of the session belong here."""

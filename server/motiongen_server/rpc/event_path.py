@@ -46,10 +46,7 @@ def pass_on(entry: SessionEntry, event: session_pb2.SessionEvent, now: float) ->
         raise too_many_pending("events", MAX_WAITING_EVENTS)
     entry.place.peer.check_waiting(event.ByteSize())
     # All that can be wrong with it is found before anything is encoded for it, or waits.
-    checked = engine_event(event, entry.key, now, UNENCODED, entry.model.catalog)
-    if isinstance(checked, Open) and (refusal := entry.model.engine.refusal_of(checked)) is not None:
-        entry.carrier.take_now(refusal)
-        return
+    engine_event(event, entry.key, now, UNENCODED, entry.model.catalog)
     kept = session_pb2.SessionEvent()
     kept.CopyFrom(event)  # else the whole message would be kept with it
     entry.wait_for_prompts(kept, now, texts)

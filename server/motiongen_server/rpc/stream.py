@@ -167,9 +167,12 @@ class Stream(StreamTakeOvers):
         if not self.accepts_opens:
             raise draining()
         model = self._models.find(event.open.model_id)
-        bucket = TokenBucket(limits.events_per_second, now)
         asked = int(event.open.priority)
-        place = self.peer.place(Priority(asked) if asked in tuple(Priority) else Priority.NEAR, now)
+        priority = Priority(asked) if asked in tuple(Priority) else Priority.NEAR
+        if self._turn_away(event, model, priority):
+            self.budget.charge(REFUSAL_COST, now)
+            return None
+        bucket, place = TokenBucket(limits.events_per_second, now), self.peer.place(priority, now)
         entry = SessionEntry(key, model, event.open.request_id, bucket, self, handle, place)
         entry.token = token_of(new_secret()) if self._kept.can_resume else ""
         self._entries[handle] = self._by_key[key] = entry

@@ -6,6 +6,7 @@ import time
 from collections.abc import Callable, Sequence
 from dataclasses import replace
 
+from motiongen.v1 import session_pb2
 from motiongen_server.engine.types import (
     Chunk,
     Closed,
@@ -14,10 +15,12 @@ from motiongen_server.engine.types import (
     Outcome,
     Output,
     PlanNotice,
+    Priority,
     Resumed,
     SessionKey,
     SnapshotTaken,
 )
+from motiongen_server.models.registry import LoadedModel
 from motiongen_server.replicas.hint import FOR_WANT_OF_ROOM, OtherServer, RefusedOpen
 from motiongen_server.rpc.event_errors import resume_out_of_range
 from motiongen_server.rpc.event_path import end_waiting, refuse_waiting, without_needless_refusals
@@ -118,7 +121,7 @@ class StreamSessions(StreamOutput):
             elif isinstance(said, Outcome) and said.event_seq == 1:  # the engine does not go on with a snapshot
                 self._stream_metrics.count_resume("refused")
                 self._end(entry)
-                self._say(replace(self._hinted(said, entry), session=SessionKey(self.number, entry.handle)), None)
+                self._say(replace(self._hinted(said, entry.model), session=SessionKey(self.number, entry.handle)), None)
             return
         if isinstance(noted, Opened):
             self._kept.add(entry)
@@ -129,14 +132,28 @@ class StreamSessions(StreamOutput):
                 self._stream_metrics.reject(noted.reason)
             refuse_waiting(entry)
             self._end(entry)
-            noted = self._hinted(noted, entry)
+            noted = self._hinted(noted, entry.model)
         self._put(noted, entry)
 
-    def _hinted(self, refusal: Outcome, entry: SessionEntry) -> Outcome:
+    def _turn_away(self, event: session_pb2.SessionEvent, model: LoadedModel, priority: Priority) -> bool:
+        """Refuse an open that would not be let in, before anything else of it is read. Returns whether it was.
+
+        Where many ask again and again, nobody who plays is to notice.
+        """
+        asked, facts = event.open, model.catalog.facts
+        steps = asked.denoise_steps if asked.HasField("denoise_steps") else facts.default_steps
+        refusal = model.engine.refusal_of(priority, steps) if facts.min_steps <= steps <= facts.max_steps else None
+        if refusal is None:
+            return False
+        self._stream_metrics.reject(refusal.reason)
+        self._say(self._hinted(refusal.outcome(SessionKey(self.number, event.session), event.event_seq), model), None)
+        return True
+
+    def _hinted(self, refusal: Outcome, model: LoadedModel) -> Outcome:
         """The refusal of an open, with the servers that have room where this one has none."""
         if refusal.reason not in FOR_WANT_OF_ROOM:
             return refusal
-        return RefusedOpen.of(refusal, self.other_servers(entry.model.model_id))
+        return RefusedOpen.of(refusal, self.other_servers(model.model_id))
 
     def _end(self, entry: SessionEntry) -> None:
         self._kept.forget(entry)

@@ -18,16 +18,19 @@ from motiongen_server.engine.types import (
     CloseReason,
     Code,
     Event,
+    EventRefused,
     Guidance,
     ModelFacts,
     Open,
     Opened,
     Outcome,
     Playhead,
+    Priority,
     RigLayout,
     SetPlayState,
     SetPrompts,
 )
+from motiongen_server.engine_process.ledger import no_room
 from motiongen_server.models.registry import LoadedModel, ModelRegistry
 from motiongen_server.rpc import event_path
 from motiongen_server.rpc.catalog import Catalog
@@ -83,15 +86,14 @@ class Engine:
     """Notes what it is given."""
 
     events: list[Event] = field(default_factory=list)
-    is_full: bool = False
+    most_steps: int = 1000
 
     def submit(self, event: Event) -> Outcome | None:
         self.events.append(event)
         return None
 
-    def refusal_of(self, event: Open) -> Outcome | None:
-        full = Outcome(event.session, 1, Code.RESOURCE_EXHAUSTED, reason="SESSION_LIMIT", message="full")
-        return full if self.is_full else None
+    def refusal_of(self, priority: Priority, denoise_steps: int) -> EventRefused | None:
+        return no_room(priority, denoise_steps, self.most_steps, 2.0) if denoise_steps > self.most_steps else None
 
     def kinds(self) -> list[type]:
         return [type(event) for event in self.events]

@@ -79,11 +79,34 @@ async def test_the_encoder_is_told_who_asks_and_of_which_peer(line: Line) -> Non
 
 
 async def test_who_is_not_let_in_has_nothing_encoded(line: Line) -> None:
-    line.engine.is_full = True
+    line.engine.most_steps = 0
     line.send(1, open=session_pb2.OpenSession(prompts=WALK.upsert))
-    assert line.refusals() == [(1, "SESSION_LIMIT")]
+    assert line.refusals() == [(1, "OVERLOADED")]
     assert line.prompts.asked == []
     assert line.stream.num_sessions == 0
+
+
+async def test_where_there_is_no_room_an_open_is_refused_before_it_is_read(line: Line) -> None:
+    line.engine.most_steps = 3
+    line.stream.other_servers = lambda _: (OtherServer("b:50051", ""),)
+    unreadable = session_pb2.OpenSession(prompts=WALK.upsert, denoise_steps=4, lookahead_frames=7)
+    charged = line.stream.budget.charged
+    line.send(1, open=unreadable)
+    assert line.refusals() == [(1, "OVERLOADED")]
+    told = line.updates()[-1].outcome
+    assert "up to 3 steps" in told.allowed
+    assert told.retry_after.seconds == 2
+    assert [each.address for each in told.other_servers] == ["b:50051"]
+    assert (line.engine.events, line.prompts.asked, line.stream.num_sessions) == ([], [], 0)
+    assert line.stream.budget.charged > charged
+    line.send(1, open=session_pb2.OpenSession(denoise_steps=3))
+    assert line.engine.kinds() == [Open], "its handle is free"
+
+
+async def test_who_asks_for_steps_that_there_are_not_is_told_so_where_there_is_no_room_too(line: Line) -> None:
+    line.engine.most_steps = 0
+    line.send(1, open=session_pb2.OpenSession(denoise_steps=11))
+    assert line.refusals() == [(1, "DENOISE_STEPS_OUT_OF_RANGE")]
 
 
 async def test_no_more_waits_for_the_encoder_than_may(line: Line) -> None:

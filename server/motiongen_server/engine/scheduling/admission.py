@@ -128,7 +128,7 @@ class Admission:
         with self._lock:
             if spec.session in self._places:
                 return None
-            refusal = self._refusal(spec)
+            refusal = self._refusal(spec.priority, spec.denoise_steps, spec.owner, spec.is_clip)
             if refusal is None:
                 self._places[spec.session] = spec
                 self._count(spec, 1)
@@ -138,11 +138,10 @@ class Admission:
                 self._refused[refusal.code] += 1
             return None if refusal is None else refusal.outcome(spec.session, event_seq)
 
-    def refusal_of(self, spec: SessionSpec, event_seq: int) -> Outcome | None:
-        """What `reserve` would say, without holding a place."""
+    def refusal_of(self, priority: Priority, steps: int, *, is_clip: bool = False) -> EventRefused | None:
+        """What `reserve` would say to an owner who has none, without holding a place."""
         with self._lock:
-            refusal = self._refusal(spec)
-        return None if refusal is None else refusal.outcome(spec.session, event_seq)
+            return self._refusal(priority, steps, NOBODY, is_clip)
 
     def most_steps(self) -> dict[Priority, int]:
         """With how many steps one more session of each class would be let in, of an owner who has none.
@@ -218,19 +217,19 @@ class Admission:
             refused, self._refused = self._refused, Counter()
             return refused
 
-    def _refusal(self, spec: SessionSpec) -> EventRefused | None:
+    def _refusal(self, priority: Priority, steps: int, owner: Owner, is_clip: bool) -> EventRefused | None:
         config = self._config
         if self._closed_for_good:
             return draining()
-        if spec.is_clip:
+        if is_clip:
             if self._clips < config.max_clips:
                 return None
             limit = f"at most {config.max_clips} samples of clips at once"
             return self._full("CLIP_LIMIT", "other clips are being made; try again later", limit)
         if self._num_sessions >= config.max_sessions:
             return session_limit(config.max_sessions, self._retry_after_s())
-        most = config.admit_load[spec.priority - 1]
-        more = self._share(spec.priority, spec.denoise_steps, 1) - self._yielding(spec.owner)
+        most = config.admit_load[priority - 1]
+        more = self._share(priority, steps, 1) - self._yielding(owner)
         load, beside = self.load + more, self._elsewhere + self.asked + self._rush + more
         is_alone = not self._num_sessions and self._elsewhere <= most
         if is_alone or (load <= most and beside <= self._beyond_with_rush * most):
@@ -239,7 +238,7 @@ class Admission:
         return self._full(
             "OVERLOADED",
             f"the machine would be {load:.0%} busy with this session; try again later, or ask for fewer steps",
-            f"sessions of class {spec.priority.name} up to a load of {most:.0%}",
+            f"sessions of class {priority.name} up to a load of {most:.0%}",
         )
 
     def _full(self, reason: str, message: str, allowed: str, field: str = "open") -> EventRefused:

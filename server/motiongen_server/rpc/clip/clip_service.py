@@ -144,9 +144,9 @@ class ClipService:
         texts = prompt_texts(opening_event(request), model.catalog)
         specs = clip_specs(request, number, UNENCODED, received_at, model.catalog, peer.owner)
         if texts:
-            refusal = model.engine.refusal_of(Open(specs[0], 1, received_at))
+            refusal = model.engine.refusal_of(specs[0].priority, specs[0].denoise_steps, is_clip=True)
             if refusal is not None:
-                raise refused(refusal)
+                raise refusal
             asker = Asker(peer.name, number)
             embeddings = {text: await encoded(model.prompts, text, asker, peer.prompts) for text in texts}
             specs = clip_specs(request, number, embeddings, received_at, model.catalog, peer.owner)

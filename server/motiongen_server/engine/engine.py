@@ -297,4 +297,4 @@ class Engine:
         for state in self._load_response.to_shed():
             self._close(state, CloseReason.OVERLOAD, Code.RESOURCE_EXHAUSTED, message)
         self._load_response.describe(self._report)
-        self._report.most_steps, self._report.asked = self.admission.most_steps(), self.admission.asked
+        self._report.places, self._report.asked = self.admission.places(), self.admission.asked

@@ -84,7 +84,7 @@ class EngineGroup:
         shares = [
             max(0.0, 1.0 - process.load / self._admit_load)
             for process, link in self._members
-            if link.is_up and link.most_steps.get(Priority.NEAR, 1)
+            if link.is_up and link.places.get(Priority.NEAR, 1.0)
         ]
         return max(0.0, min(sum(shares) / len(self._members), 1.0 - self._num_played / self._max_sessions))
 
@@ -120,8 +120,7 @@ class EngineGroup:
             return session_limit(self._max_sessions, self._retry_after_s())
         if not all(link.refuses(priority, denoise_steps) for link in links):
             return None
-        most_steps = max(link.most_steps.get(priority, 0) for link in links)
-        return no_room(priority, denoise_steps, most_steps, self._retry_after_s())
+        return no_room(priority, denoise_steps, self._retry_after_s())
 
     def _retry_after_s(self) -> float:
         """Those who are sent away together should not come back together."""

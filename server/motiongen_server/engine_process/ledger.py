@@ -226,10 +226,9 @@ def engine_restarting() -> EventRefused:
     return EventRefused(Code.UNAVAILABLE, "ENGINE_RESTARTING", given, retry_after_s=RETRY_AFTER_S)
 
 
-def no_room(priority: Priority, steps: int, most_steps: int, retry_after_s: float) -> EventRefused:
-    """The answer to an Open that no engine lets in, as they last told. most_steps: with which one would."""
+def no_room(priority: Priority, steps: int, retry_after_s: float) -> EventRefused:
+    """The answer to an Open that no engine lets in, as they last told."""
     asked = f"class {priority.name} with {steps} denoising steps"
-    given = f"the machine has no room for another session of {asked}; try again later"
-    fewer = f"up to {most_steps} steps, " if most_steps else ""
-    allowed = f"{fewer}a more urgent class, or another server"
+    given = f"the machine has no room for another session of {asked}; try again later, or ask for fewer steps"
+    allowed = "a session for which there is room, one of a more urgent class, or another server"
     return EventRefused(Code.RESOURCE_EXHAUSTED, "OVERLOADED", given, "open", allowed, retry_after_s)

@@ -6,6 +6,7 @@ import threading
 import time
 from collections.abc import Callable, Mapping, Sequence
 from concurrent.futures import Future
+from math import inf
 
 from motiongen_server.engine.config import EngineConfig
 from motiongen_server.engine.mailbox import Mailbox, pending_refusal
@@ -48,7 +49,7 @@ class ModelLink:
         self.silent_s = 0.0  # since the engine last said something
         self.observe: Observe | None = None
         self.on_quota_steps: Callable[[StepsOf], None] = lambda taken: None  # which owners with a quota had there
-        self.most_steps: Mapping[Priority, int] = {}  # as in `StepReport`, as last told
+        self.places: Mapping[Priority, float] = {}  # as in `StepReport`, as last told
         self._deliver = deliver
         self._ring = ring
         self._lock = threading.Lock()
@@ -56,7 +57,7 @@ class ModelLink:
         self._mailbox = Mailbox(MAX_PENDING)
         self._has_events = False
         self._is_up = False
-        self._closed_since = False  # that was told
+        self._places_since = 0  # given up, less those taken, since places were told
         self._facts = b""
         self._load = self._asked = 0.0
         self._opens_since = 0  # the load was told
@@ -98,8 +99,12 @@ class ModelLink:
         return 1 + self._opens_since / settled if settled > 0 else 1.0
 
     def refuses(self, priority: Priority, steps: int) -> bool:
-        """Whether its engine would not let a session in, as it last told; not if a place was given up since."""
-        return steps > self.most_steps.get(priority, steps) and not self._closed_since
+        """Whether its engine would not let a session in, by what it last told and what has come and gone since.
+
+        Where it might, it is asked: a session of fewer steps than by default counts as less, one of more as no more.
+        """
+        size = min(1.0, steps / self.ready.result().facts.default_steps)
+        return size > self.places.get(priority, inf) + self._places_since
 
     def holds(self, session: SessionKey) -> bool:
         """Whether events of the session belong here."""
@@ -116,7 +121,7 @@ class ModelLink:
                 self._has_events = True
             self._ledger.note(event)
             self._opens_since += isinstance(event, Open)
-            self._closed_since |= isinstance(event, Close)
+            self._places_since += isinstance(event, Close) - (isinstance(event, Open) and not event.spec.is_clip)
         self._ring()
         return None
 
@@ -148,8 +153,8 @@ class ModelLink:
         self.silent_s = 0.0
         self.heartbeat_at = pulse.heartbeat_at
         for report in pulse.reports:
-            if report.most_steps is not None:
-                self.most_steps, self._closed_since = report.most_steps, False
+            if report.places is not None:
+                self.places, self._places_since = report.places, 0
             if report.load is not None:
                 self._load, self._opens_since = report.load, 0
             if report.asked is not None:
@@ -187,7 +192,7 @@ class ModelLink:
             self._mailbox = Mailbox(MAX_PENDING)
             self._has_events = False
             self._load, self._asked, self._opens_since = 0.0, 0.0, 0
-            self.most_steps = {}
+            self.places = {}
             outputs = self._ledger.end_all(reason, message)
         if outputs:
             self._deliver(outputs)

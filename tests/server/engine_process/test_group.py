@@ -4,16 +4,19 @@ from __future__ import annotations
 
 from collections import Counter
 from dataclasses import replace
+from math import inf
 from typing import Any, cast
 
 from motiongen_server.engine.types import Close, CloseReason, Open, Priority, SessionKey
 from motiongen_server.engine.types.report import StepReport
 from motiongen_server.engine_process.group import EngineGroup
-from motiongen_server.engine_process.messages import Pulse
+from motiongen_server.engine_process.messages import Pulse, Ready
 from motiongen_server.engine_process.model_link import ModelLink
+from motiongen_server.rpc.abilities import NOTHING_CLAIMED
+from tests.server.engine.fakes import FACTS
 from tests.server.engine.stage import spec
 
-FULL = {Priority.HERO: 4, Priority.NEAR: 0, Priority.CROWD: 0, Priority.BATCH: 0}
+FULL = {Priority.HERO: 2.0, Priority.NEAR: 0.0, Priority.CROWD: 0.0, Priority.BATCH: 0.0}
 
 
 class Process:
@@ -35,12 +38,17 @@ class Process:
         return self._link.num_sessions
 
 
+def engines(count: int) -> tuple[EngineGroup, list[ModelLink]]:
+    """A group, and its links to engine processes that are up."""
+    links = [ModelLink(1, "model", lambda outputs: None, lambda: None) for _ in range(count)]
+    for link in links:
+        assert link.take_ready(Ready(1, FACTS, "CC0-1.0", NOTHING_CLAIMED))
+    return EngineGroup(cast(Any, [(Process(link), link) for link in links]), 1 << 16, 0.9), links
+
+
 def given(tells: list[tuple[float, float]], opens: int = 1000, tell_every: int = 40) -> Counter[int]:
     """How many sessions each engine is given. tells: what every engine measures and asks for, in hundred sessions."""
-    links = [ModelLink(1, "model", lambda outputs: None, lambda: None) for _ in tells]
-    for link in links:
-        link._is_up = True
-    group = EngineGroup(cast(Any, [(Process(link), link) for link in links]), 1 << 16, 0.9)
+    group, links = engines(len(tells))
     for number in range(opens):
         if number % tell_every == 0:
             for link, (load, asked) in zip(links, tells, strict=True):
@@ -66,11 +74,9 @@ def test_an_engine_that_told_nothing_yet_is_given_as_many() -> None:
 
 
 def test_one_that_is_full_for_a_class_is_given_none_of_it_while_another_is_not() -> None:
-    links = [ModelLink(1, "model", lambda outputs: None, lambda: None) for _ in range(2)]
-    group = EngineGroup(cast(Any, [(Process(link), link) for link in links]), 1 << 16, 0.9)
-    for link, asked, most_steps in zip(links, (0.5, 0.8), (FULL, {}), strict=True):
-        link._is_up = True
-        link.take_pulse(Pulse(1, 0.0, (StepReport(asked=asked, most_steps=most_steps),)))
+    group, links = engines(2)
+    for link, asked, places in zip(links, (0.5, 0.8), (FULL, {}), strict=True):
+        link.take_pulse(Pulse(1, 0.0, (StepReport(asked=asked, places=places),)))
 
     def opened(handle: int, priority: Priority, is_clip: bool = False) -> int:
         """The number of the engine that is given it."""
@@ -86,13 +92,10 @@ def test_one_that_is_full_for_a_class_is_given_none_of_it_while_another_is_not()
 
 def full_of_near() -> tuple[EngineGroup, list[ModelLink]]:
     """Two engines that have told that they let no NEAR in; one of them has a session."""
-    links = [ModelLink(1, "model", lambda outputs: None, lambda: None) for _ in range(2)]
-    group = EngineGroup(cast(Any, [(Process(link), link) for link in links]), 1 << 16, 0.9)
-    for link in links:
-        link._is_up = True
+    group, links = engines(2)
     assert group.submit(Open(spec(SessionKey(1, 1), priority=Priority.NEAR), 1, 0.0)) is None
     for link in links:
-        link.take_pulse(Pulse(1, 0.0, (StepReport(most_steps=FULL),)))
+        link.take_pulse(Pulse(1, 0.0, (StepReport(places=FULL),)))
     return group, links
 
 
@@ -113,7 +116,25 @@ def test_a_place_that_was_given_up_since_can_be_taken_at_once() -> None:
     group.submit(Close(SessionKey(1, 1), 2, 0.0, CloseReason.CLIENT))
     assert group.submit(asks) is None, "what they told was of before"
     for link in links:
-        link.take_pulse(Pulse(1, 0.0, (StepReport(most_steps=FULL),)))
+        link.take_pulse(Pulse(1, 0.0, (StepReport(places=FULL),)))
     refusal = group.submit(replace(asks, spec=spec(SessionKey(2, 2), priority=Priority.NEAR)))
     assert refusal is not None
     assert refusal.reason == "OVERLOADED"
+
+
+def test_no_more_are_asked_for_at_once_than_there_were_places_for() -> None:
+    group, links = engines(2)
+    for link in links:
+        link.take_pulse(Pulse(1, 0.0, (StepReport(places={Priority.NEAR: 2.5, Priority.CROWD: inf}),)))
+    asked = [Open(spec(SessionKey(1, number), num_steps=FACTS.default_steps), 1, 0.0) for number in range(40)]
+    assert sum(group.submit(each) is None for each in asked) == 4, "two of each; the halves are of no use"
+    small = [Open(spec(SessionKey(2, number), num_steps=FACTS.default_steps // 2), 1, 0.0) for number in range(40)]
+    assert sum(group.submit(each) is None for each in small) == 2
+    crowd = spec(SessionKey(3, 1), priority=Priority.CROWD, num_steps=FACTS.default_steps)
+    assert group.submit(Open(crowd, 1, 0.0)) is None
+
+
+def test_who_asks_for_more_steps_than_usual_is_asked_about_where_there_is_a_place() -> None:
+    group, links = engines(1)
+    links[0].take_pulse(Pulse(1, 0.0, (StepReport(places={Priority.NEAR: 1.0}),)))
+    assert group.submit(Open(spec(SessionKey(1, 1), num_steps=FACTS.max_steps), 1, 0.0)) is None

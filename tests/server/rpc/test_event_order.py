@@ -93,7 +93,7 @@ class Engine:
         return None
 
     def refusal_of(self, priority: Priority, denoise_steps: int) -> EventRefused | None:
-        return no_room(priority, denoise_steps, self.most_steps, 2.0) if denoise_steps > self.most_steps else None
+        return no_room(priority, denoise_steps, 2.0) if denoise_steps > self.most_steps else None
 
     def kinds(self) -> list[type]:
         return [type(event) for event in self.events]

@@ -94,7 +94,7 @@ async def test_where_there_is_no_room_an_open_is_refused_before_it_is_read(line:
     line.send(1, open=unreadable)
     assert line.refusals() == [(1, "OVERLOADED")]
     told = line.updates()[-1].outcome
-    assert "up to 3 steps" in told.allowed
+    assert "with 4 denoising steps" in told.message
     assert told.retry_after.seconds == 2
     assert [each.address for each in told.other_servers] == ["b:50051"]
     assert (line.engine.events, line.prompts.asked, line.stream.num_sessions) == ([], [], 0)

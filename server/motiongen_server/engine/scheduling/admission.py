@@ -47,7 +47,7 @@ class Admission:
         """under_quota: of processor time, all of which others use too."""
         self._config = config
         self._rates = WindowRates(facts.fps / facts.horizon)
-        self._least_steps, self._default_steps, self._most = facts.min_steps, facts.default_steps, facts.max_steps
+        self._least_steps, self._default_steps = facts.min_steps, facts.default_steps
         self._beyond_with_rush = 1.0 if under_quota else _BEYOND_WITH_RUSH
         self._prices = Prices()
         self._parts = OwnerParts(facts)
@@ -143,21 +143,20 @@ class Admission:
         with self._lock:
             return self._refusal(priority, steps, NOBODY, is_clip)
 
-    def most_steps(self) -> dict[Priority, int]:
-        """With how many steps one more session of each class would be let in, of an owner who has none.
+    def places(self) -> dict[Priority, float]:
+        """How many more sessions of each class would be let in, with the default steps, of owners who have none.
 
-        0 where not even with the fewest. What newcomers take at once is left out, for that soon passes.
+        0 where not even one with the fewest. What newcomers take at once is left out, for that soon passes.
         """
         load = self.load - self.yielding(NOBODY) if self._num_sessions else -inf  # who is alone is let in
-        return {each: self._most_steps(each, self._config.admit_load[each - 1] - load) for each in Priority}
+        return {each: self._places_in(each, self._config.admit_load[each - 1] - load) for each in Priority}
 
-    def _most_steps(self, priority: Priority, room: float) -> int:
-        """Of a session that takes up to such a share of the machine."""
-        of_window, of_step = self._share(priority, 0, 1), self._share(priority, 1, 0)
-        steps = (room - of_window) / of_step if of_step else inf
-        if room < of_window or steps < self._least_steps:
-            return 0
-        return int(min(steps, self._most))
+    def _places_in(self, priority: Priority, room: float) -> float:
+        """The same in such a share of the machine."""
+        least, default = (self._share(priority, steps, 1) for steps in (self._least_steps, self._default_steps))
+        if room < least:
+            return 0.0
+        return room / default if default else inf
 
     @property
     def num_beginning(self) -> int:

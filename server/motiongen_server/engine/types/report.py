@@ -29,8 +29,8 @@ class StepReport:
     character. frames_held: frames that repeat a pose for want of a window. quota_steps: begun of late, by owners that
     have a quota.
     Where they were taken: sessions, how many there are; load, the share of the machine in use; asked, the share that
-    sessions are expected to ask for; tiers, what each class gets; most_steps, with how many denoising steps one
-    more session of each class would be let in, 0 where not even with the fewest.
+    sessions are expected to ask for; tiers, what each class gets; places, how many more sessions of each class
+    would be let in with the default steps, 0 where not even one with the fewest.
     """
 
     rows: int = 0
@@ -62,4 +62,4 @@ class StepReport:
     load: float | None = None
     asked: float | None = None
     tiers: Mapping[Priority, ServiceTier] | None = None
-    most_steps: Mapping[Priority, int] | None = None
+    places: Mapping[Priority, float] | None = None

@@ -1,3 +1,5 @@
+from math import inf
+
 import pytest
 from hypothesis import given
 from hypothesis import strategies as st
@@ -177,17 +179,18 @@ def test_a_draining_server_takes_nobody() -> None:
     assert (refusal.code, refusal.reason, refusal.field) == (Code.UNAVAILABLE, "DRAINING", "open")
 
 
-@given(st.integers(0, 60), st.sampled_from(Priority), st.floats(0.0, 1.1), st.integers(1, 10))
-def test_the_most_steps_that_are_told_are_those_that_are_let_in(
-    sessions: int, priority: Priority, measured: float, num_steps: int
-) -> None:
+@given(st.integers(0, 60), st.sampled_from(Priority), st.floats(0.0, 1.1))
+def test_as_many_places_are_told_of_as_are_let_in(sessions: int, priority: Priority, measured: float) -> None:
     admission = _admission(measured=measured)
     for number in range(sessions):
         admission.reserve(spec(SessionKey(1, number), num_steps=4), 1)
         admission.note_begun(SessionKey(1, number))
-    is_let_in = admission.refusal_of(priority, num_steps) is None
-    # Whoever is told of as refused is; one of fewer steps than the model can do is not asked for.
-    assert is_let_in == (num_steps <= admission.most_steps()[priority]) or num_steps < FACTS.min_steps
+    places = admission.places()[priority]
+    assert (places >= 1.0) == (admission.refusal_of(priority, FACTS.default_steps) is None)
+    assert (places > 0.0) == (admission.refusal_of(priority, FACTS.min_steps) is None)
+    if measured < admission.asked:
+        let_in = _fill(admission, priority, FACTS.default_steps, first=1000)
+        assert let_in == int(places) or places == inf
 
 
 def test_a_key_used_again_keeps_the_place_of_the_later_session() -> None:

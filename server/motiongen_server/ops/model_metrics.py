@@ -28,7 +28,9 @@ class EngineMetrics:
         registry = CollectorRegistry()
         self.registry = registry
         self.sessions = Gauge("motiongen_sessions", "Open sessions.", ["class", "state"], registry=registry)
-        self.opens = Counter("motiongen_session_opens", "Sessions that an engine was asked for, by answer.", ["code"], registry=registry)
+        self.opens = Counter(
+            "motiongen_session_opens", "Sessions that engines were asked for.", ["code"], registry=registry
+        )
         self.closes = Counter("motiongen_session_closes", "Sessions ended, by reason.", ["reason"], registry=registry)
         self.windows = Counter("motiongen_windows", "Windows accepted.", ["class", "cause"], registry=registry)
         self.discarded = Counter("motiongen_windows_discarded", "Windows that came too late.", registry=registry)

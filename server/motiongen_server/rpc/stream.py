@@ -169,8 +169,8 @@ class Stream(StreamTakeOvers):
         model = self._models.find(event.open.model_id)
         asked = int(event.open.priority)
         priority = Priority(asked) if asked in tuple(Priority) else Priority.NEAR
-        if self._turn_away(event, model, priority):
-            self.budget.charge(REFUSAL_COST, now)
+        if (refusal := self._turn_away(event, model, priority)) is not None:
+            self.budget.charge(0 if refusal.code in _FREE else REFUSAL_COST, now)
             return None
         bucket, place = TokenBucket(limits.events_per_second, now), self.peer.place(priority, now)
         entry = SessionEntry(key, model, event.open.request_id, bucket, self, handle, place)

@@ -11,6 +11,7 @@ from motiongen_server.engine.types import (
     Chunk,
     Closed,
     Code,
+    EventRefused,
     Opened,
     Outcome,
     Output,
@@ -135,8 +136,10 @@ class StreamSessions(StreamOutput):
             noted = self._hinted(noted, entry.model)
         self._put(noted, entry)
 
-    def _turn_away(self, event: session_pb2.SessionEvent, model: LoadedModel, priority: Priority) -> bool:
-        """Refuse an open that would not be let in, before anything else of it is read. Returns whether it was.
+    def _turn_away(
+        self, event: session_pb2.SessionEvent, model: LoadedModel, priority: Priority
+    ) -> EventRefused | None:
+        """Refuse an open that would not be let in, before anything else of it is read. Returns why, if it was.
 
         Where many ask again and again, nobody who plays is to notice.
         """
@@ -144,10 +147,11 @@ class StreamSessions(StreamOutput):
         steps = asked.denoise_steps if asked.HasField("denoise_steps") else facts.default_steps
         refusal = model.engine.refusal_of(priority, steps) if facts.min_steps <= steps <= facts.max_steps else None
         if refusal is None:
-            return False
-        self._stream_metrics.reject(refusal.reason)
+            return None
+        if refusal.code is Code.RESOURCE_EXHAUSTED:
+            self._stream_metrics.reject(refusal.reason)
         self._say(self._hinted(refusal.outcome(SessionKey(self.number, event.session), event.event_seq), model), None)
-        return True
+        return refusal
 
     def _hinted(self, refusal: Outcome, model: LoadedModel) -> Outcome:
         """The refusal of an open, with the servers that have room where this one has none."""

@@ -15,7 +15,7 @@ async def write(stream: Stream, context: StreamContext) -> None:
     """Write what waits until the stream ends and all is written.
 
     What comes after a quiet time is written at once; what comes within the flush interval of the last message is
-    gathered into the next.
+    gathered into the next. Raises CancelledError where the client has gone.
     """
     loop, next_at = asyncio.get_running_loop(), 0.0
     while True:
@@ -33,9 +33,9 @@ async def write(stream: Stream, context: StreamContext) -> None:
             try:
                 await context.write(response)
                 stream.note_written()
-            except CLIENT_GONE:
+            except CLIENT_GONE as error:
                 stream.lose()
-                return
+                raise asyncio.CancelledError from error  # else gRPC would tell a client its end that has gone
             if stream.is_cut:
                 return
         if stream.ended and not stream.num_sessions and not len(stream.send_queue):

@@ -7,12 +7,14 @@ import contextlib
 from collections.abc import AsyncIterator
 from contextlib import asynccontextmanager
 
+import grpc.aio
 import numpy as np
 import pytest
 
 from motiongen.v1 import service_pb2, session_pb2
-from motiongen_server.engine.types import Chunk, PlanCause, PlanNotice, SessionKey
+from motiongen_server.engine.types import Chunk, Close, PlanCause, PlanNotice, SessionKey
 from motiongen_server.rpc import stream_writer
+from motiongen_server.rpc.service import MotionService
 from motiongen_server.rpc.stream_errors import stream_empty
 from tests.server.rpc.test_event_order import Line
 
@@ -75,6 +77,26 @@ async def test_a_plan_that_answers_an_edit_goes_at_once_with_its_frames_and_what
         assert "chunk" in said[said.index("plan") :]
         line.stream.take(PlanNotice(key, 3, 8, PlanCause.CONTINUE, ()), chunk(key, 3))
         assert await context.is_silent()
+
+
+class GoneContext(Context):
+    """A client that goes while the first message is written, which gRPC has not seen yet."""
+
+    async def read(self) -> bytes:
+        await asyncio.Event().wait()
+        raise AssertionError("it says nothing")
+
+    async def write(self, message: bytes) -> None:
+        raise grpc.aio.InternalError("a write of the call has failed")
+
+
+async def test_a_call_whose_client_has_gone_is_cancelled_and_its_sessions_with_it() -> None:
+    line = Line()
+    line.open()
+    service = MotionService(line.models)
+    with pytest.raises(asyncio.CancelledError):
+        await service._serve(line.stream, GoneContext())  # type: ignore[arg-type]
+    assert line.engine.kinds()[-1] is Close
 
 
 class SlowContext(Context):

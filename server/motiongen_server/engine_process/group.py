@@ -6,7 +6,7 @@ import itertools
 import time
 from collections.abc import Sequence
 
-from motiongen_server.engine.spread import spread
+from motiongen_server.engine.spread import spread_delay_s
 from motiongen_server.engine.types import Event, EventRefused, ModelFacts, Open, Outcome, Priority
 from motiongen_server.engine.types.refusals import draining, session_limit
 from motiongen_server.engine_process.ledger import RETRY_AFTER_S, engine_restarting, no_room
@@ -123,8 +123,7 @@ class EngineGroup:
         return no_room(priority, denoise_steps, self._retry_after_s())
 
     def _retry_after_s(self) -> float:
-        """Those who are sent away together should not come back together."""
-        return round(RETRY_AFTER_S * (1.0 + spread(next(self._refusals))), 2)
+        return spread_delay_s(RETRY_AFTER_S, next(self._refusals))
 
     def _open(self, event: Open) -> Outcome | None:
         spec = event.spec

@@ -23,6 +23,7 @@ from motiongen_server.engine.types import (
 )
 from motiongen_server.models.registry import LoadedModel
 from motiongen_server.replicas.hint import FOR_WANT_OF_ROOM, OtherServer, RefusedOpen
+from motiongen_server.rpc.convert import asked_steps
 from motiongen_server.rpc.event_errors import resume_out_of_range
 from motiongen_server.rpc.event_path import end_waiting, refuse_waiting, without_needless_refusals
 from motiongen_server.rpc.kept_sessions import KeptSessions
@@ -143,8 +144,8 @@ class StreamSessions(StreamOutput):
 
         Where many ask again and again, nobody who plays is to notice.
         """
-        asked, facts = event.open, model.catalog.facts
-        steps = asked.denoise_steps if asked.HasField("denoise_steps") else facts.default_steps
+        facts = model.catalog.facts
+        steps = asked_steps(event.open, facts)
         refusal = model.engine.refusal_of(priority, steps) if facts.min_steps <= steps <= facts.max_steps else None
         if refusal is None:
             return None

@@ -19,7 +19,7 @@ from motiongen_server.engine.config import EngineConfig
 from motiongen_server.engine.scheduling.owner_parts import OwnerParts
 from motiongen_server.engine.scheduling.prices import Prices
 from motiongen_server.engine.scheduling.window_rates import WindowRates
-from motiongen_server.engine.spread import spread
+from motiongen_server.engine.spread import spread_delay_s
 from motiongen_server.engine.types import (
     NOBODY,
     Code,
@@ -244,6 +244,5 @@ class Admission:
         return EventRefused(Code.RESOURCE_EXHAUSTED, reason, message, field, allowed, self._retry_after_s())
 
     def _retry_after_s(self) -> float:
-        """Those who are sent away together should not come back together: hints are spread over as much again."""
         self._refusals += 1
-        return round(self._config.retry_after_s * (1.0 + spread(self._refusals)), 2)
+        return spread_delay_s(self._config.retry_after_s, self._refusals)

@@ -1,7 +1,7 @@
 """Protocol messages <-> engine values: pure, and the only room that checks what a client sent."""
 
 from motiongen_server.rpc.convert.events import engine_event, playhead_of, round_trip_s
-from motiongen_server.rpc.convert.options import coding_of
+from motiongen_server.rpc.convert.options import asked_steps, coding_of
 from motiongen_server.rpc.convert.outputs import residual_of, write_update
 from motiongen_server.rpc.convert.placing import num_paths
 from motiongen_server.rpc.convert.prompts import UNENCODED, prompt_texts
@@ -15,6 +15,7 @@ __all__ = [
     "append_frames",
     "append_plan",
     "append_update",
+    "asked_steps",
     "check_resume",
     "coding_of",
     "engine_event",

@@ -36,6 +36,7 @@ from motiongen_server.rpc.convert.constraints import constraints_of
 from motiongen_server.rpc.convert.forms import check_forms
 from motiongen_server.rpc.convert.history import history_frames_of, prior_rows_of
 from motiongen_server.rpc.convert.options import (
+    asked_steps,
     coding_of,
     guidance_of,
     lookahead_of,
@@ -156,14 +157,13 @@ def _session_spec(
     if message.rig_id not in ("", facts.rig.rig_id):
         raise refuse("UNKNOWN_RIG", "open.rig_id", f"no rig {message.rig_id[:80]!r}", facts.rig.rig_id, Code.NOT_FOUND)
     coding = coding_of(message, catalog)
-    steps = message.denoise_steps if message.HasField("denoise_steps") else facts.default_steps
     return SessionSpec(
         session=key,
         seed=message.seed if message.HasField("seed") else secrets.randbits(64),
         model_id=facts.model_id,
         priority=priority_of(message.priority, "open"),
         lookahead=lookahead_of(message.lookahead_frames, "open", catalog),
-        denoise_steps=steps_of(steps, "open", catalog),
+        denoise_steps=steps_of(asked_steps(message, facts), "open", catalog),
         guidance=guidance_of(message.guidance, catalog.guidance, "open"),
         start_pose=_start_pose(message.start_pose, "open"),
         prompts=prompts_of(message.prompts, "open.prompts", embeddings, catalog),

@@ -75,6 +75,11 @@ def lookahead_of(frames: int, field: str, catalog: Catalog) -> int:
     return lookahead
 
 
+def asked_steps(message: session_pb2.OpenSession, facts: ModelFacts) -> int:
+    """Denoising steps that a session asks for, unchecked; what is absent is the model's own."""
+    return message.denoise_steps if message.HasField("denoise_steps") else facts.default_steps
+
+
 def steps_of(steps: int, field: str, catalog: Catalog) -> int:
     facts = catalog.facts
     check_range(steps, facts.min_steps, facts.max_steps, "DENOISE_STEPS_OUT_OF_RANGE", f"{field}.denoise_steps")

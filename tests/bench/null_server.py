@@ -26,7 +26,7 @@ from motiongen_server.ops.memory import keep_freed_memory, settled_objects
 from motiongen_server.ops.metrics import Metrics
 from motiongen_server.run import leave, stop_on_signals
 from motiongen_server.text.encoder.client import RemoteEncoder
-from motiongen_server.text.prompts import TextEncoder
+from motiongen_server.text.ports import TextEncoder
 from tests.bench.null_runner import NullEncoder
 
 

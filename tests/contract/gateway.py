@@ -13,7 +13,7 @@ from motiongen_server.engine.types import ModelFacts
 from motiongen_server.engine_process.pool import EnginePool, start_engine_processes
 from motiongen_server.ops.metrics import Metrics
 from motiongen_server.run import stop_on_signals
-from motiongen_server.text.prompts import TextEncoder
+from motiongen_server.text.ports import TextEncoder
 from tests.contract.local import LengthEncoder
 from tests.server.engine_process.audience import command
 

@@ -65,7 +65,7 @@ ROOMS = (
     room(
         f"{SERVER}/engine_process",
         "msgpack numpy zmq ~.engine ~.engine_process ~.ops ~.config ~.devices ~.settings"
-        " ~.rpc.abilities ~.text.prompts ~.models.loader",
+        " ~.rpc.abilities ~.text.ports ~.models.loader",
         never="asyncio",
     ),
     room(
@@ -91,7 +91,8 @@ ROOMS = (
     room(f"{SERVER}/replicas", "~.replicas ~.snapshots ~.engine.types", never="asyncio"),
     room(f"{SERVER}/text/presets.py", "~.engine.types"),
     room(f"{SERVER}/text/event_errors.py", "~.engine.types ~.errors"),
-    room(f"{SERVER}/text/prompts.py", "numpy ~.errors ~.text.event_errors ~.text.turns"),
+    room(f"{SERVER}/text/ports.py", "numpy", never="asyncio"),
+    room(f"{SERVER}/text/prompts.py", "~.errors ~.text.event_errors ~.text.ports ~.text.turns"),
     room(
         f"{SERVER}/text/encoder",
         f"{GRPC} google motiongen motiongen_ardy.text numpy prometheus_client torch"

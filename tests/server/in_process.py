@@ -14,7 +14,7 @@ from motiongen_server.engine.types import Event, EventRefused, ModelFacts, Outco
 from motiongen_server.engine_process.model_loading import build_engine
 from motiongen_server.ops.metrics import Metrics
 from motiongen_server.rpc.abilities import NOTHING_CLAIMED, Abilities
-from motiongen_server.text.prompts import TextEncoder
+from motiongen_server.text.ports import TextEncoder
 from tests.server.engine.engine_thread import EngineThread
 
 ENGINE = "0"

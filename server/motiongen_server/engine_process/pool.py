@@ -25,7 +25,7 @@ from motiongen_server.engine_process.text import EngineTextEncoder
 from motiongen_server.models.loader import load_encoder
 from motiongen_server.ops.metrics import Metrics
 from motiongen_server.settings import SettingError
-from motiongen_server.text.prompts import TextEncoder
+from motiongen_server.text.ports import TextEncoder
 
 ENGINE_COMMAND = (sys.executable, "-m", "motiongen_server.engine_process")
 """Starts an engine process, given the folder of its gateway's sockets."""

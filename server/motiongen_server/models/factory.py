@@ -16,7 +16,8 @@ from motiongen_server.ops.metrics import Metrics
 from motiongen_server.rpc.abilities import Abilities
 from motiongen_server.rpc.catalog import Catalog
 from motiongen_server.rpc.limits import Limits, PeerLimits, ServiceLimits
-from motiongen_server.text.prompts import PromptEncoder, TextEncoder
+from motiongen_server.text.ports import TextEncoder
+from motiongen_server.text.prompts import PromptEncoder
 
 
 class ModelEngine(EnginePort, Protocol):

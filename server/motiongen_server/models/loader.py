@@ -13,8 +13,8 @@ from motiongen_server.engine.types import ModelFacts
 from motiongen_server.models.repertoire import Repertoire, encoded
 from motiongen_server.rpc.abilities import Abilities
 from motiongen_server.settings import SettingError
+from motiongen_server.text.ports import Store, TextEncoder
 from motiongen_server.text.presets import Preset
-from motiongen_server.text.prompts import Store, TextEncoder
 
 if TYPE_CHECKING:
     from motiongen_server.text.encoder.client import RemoteEncoder

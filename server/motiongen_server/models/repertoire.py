@@ -14,7 +14,7 @@ from motiongen_server.text.presets import Preset
 
 if TYPE_CHECKING:
     from motiongen_ardy.capabilities import Capabilities
-    from motiongen_server.text.prompts import TextEncoder
+    from motiongen_server.text.ports import TextEncoder
 
 _log = logging.getLogger(__name__)
 

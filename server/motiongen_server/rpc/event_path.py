@@ -36,14 +36,14 @@ def pass_on(entry: SessionEntry, event: session_pb2.SessionEvent, now: float) ->
 
     now: when it was read. Raises EventRefused.
     """
+    if len(entry.waiting) >= MAX_WAITING_EVENTS and event.WhichOneof("event") != "close":
+        raise too_many_pending("events", MAX_WAITING_EVENTS)
     texts = prompt_texts(event, entry.model.catalog)
     if not entry.waiting and entry.encoding is None:
         known = _known_embeddings(entry.model, texts)
         if known is not None:
             _submit(entry, event, now, known)
             return
-    if len(entry.waiting) >= MAX_WAITING_EVENTS and event.WhichOneof("event") != "close":
-        raise too_many_pending("events", MAX_WAITING_EVENTS)
     entry.place.peer.check_waiting(event.ByteSize())
     # All that can be wrong with it is found before anything is encoded for it, or waits.
     engine_event(event, entry.key, now, UNENCODED, entry.model.catalog)
@@ -119,8 +119,8 @@ async def _encode_waiting(entry: SessionEntry) -> None:
             embeddings: Embeddings = {}
             failure: Exception | None = None
             try:
-                for text in () if entry.closing else texts:
-                    embeddings[text] = await encoded(entry.model.prompts, text, asker, entry.place.prompts)
+                if not entry.closing:
+                    embeddings = await encoded(entry.model.prompts, texts, asker, entry.place.prompts)
             except Exception as error:
                 failure = error
             if not entry.waiting or entry.waiting[0][0] is not event:

@@ -22,6 +22,10 @@ from motiongen_server.rpc.token_bucket import TokenBucket
 
 UNLIMITED = 1e9
 """A share that nothing comes near."""
+REFUSED_TIMES = 8.0
+"""What the loop does for an event that is refused counts so often. Nobody needs it, and what gRPC does to carry it and
+its answer, on threads that want the cores of the engines, takes several times as long.
+"""
 MOST_TIMES = 8.0
 """The processor time of a stretch of work, that is charged for it; a loop that gets a fifth of a core takes five."""
 
@@ -56,16 +60,18 @@ class LoopTime:
 class Work:
     """What the event loop does for one stream: `with work:` around all of it that does not await.
 
-    Blocks may lie in each other: the outermost counts. `end` and `begin` leave out a wait within one.
+    Blocks may lie in each other: the outermost counts. `end` and `begin` leave out a wait within one. num_events,
+    num_refused: of the present block, counted by who takes them.
     """
 
-    __slots__ = ("_began_s", "_charge", "_computed_s", "_depth", "_loop_time")
+    __slots__ = ("_began_s", "_charge", "_computed_s", "_depth", "_loop_time", "num_events", "num_refused")
 
     def __init__(self, loop_time: LoopTime, charge: Callable[[float], None]) -> None:
         """charge: takes what a block took, seconds."""
         self._loop_time = loop_time
         self._charge = charge
         self._depth = 0
+        self.num_events = self.num_refused = 0
         self._began_s = self._computed_s = 0.0
 
     def begin(self) -> None:
@@ -82,6 +88,9 @@ class Work:
             elapsed_s, processor_s = self._loop_time.clocks
             taken_s = min(elapsed_s() - self._began_s, MOST_TIMES * (processor_s() - self._computed_s))
             self._loop_time.taken_s += taken_s
+            if self.num_refused:
+                taken_s *= 1 + (REFUSED_TIMES - 1) * self.num_refused / self.num_events
+            self.num_events = self.num_refused = 0
             self._charge(taken_s)
 
     def __enter__(self) -> None:

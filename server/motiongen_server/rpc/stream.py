@@ -3,9 +3,9 @@
 from __future__ import annotations
 
 import time
-from collections.abc import Callable, Sequence
+from collections.abc import Callable
 
-from motiongen.v1 import motion_pb2, session_pb2
+from motiongen.v1 import session_pb2
 from motiongen_server.engine.types import (
     Close,
     Closed,
@@ -22,7 +22,7 @@ from motiongen_server.errors import EventRefused, StreamRefused
 from motiongen_server.identity.caller import ANYBODY
 from motiongen_server.models.registry import LoadedModel, ModelRegistry
 from motiongen_server.rpc.budget import CONSTRAINT_COST, PATH_COST, REFUSAL_COST
-from motiongen_server.rpc.convert import check_resume, num_paths, playhead_of
+from motiongen_server.rpc.convert import check_resume, constraints_of, num_paths, playhead_of
 from motiongen_server.rpc.durability import new_secret, token_of
 from motiongen_server.rpc.event_errors import (
     gateway_overloaded,
@@ -93,6 +93,7 @@ class Stream(StreamTakeOvers):
     def _receive(self, event: session_pb2.SessionEvent, now: float, unread: EventRefused | None) -> None:
         kind, handle = event.WhichOneof("event"), event.session
         entry = self._entries.get(handle)
+        self.work.num_events += 1
         try:
             if unread is not None and (kind == "open" or entry is None):
                 raise unread
@@ -106,6 +107,7 @@ class Stream(StreamTakeOvers):
             if kind == "open" and refusal.code is Code.RESOURCE_EXHAUSTED:
                 self._stream_metrics.reject(refusal.reason)
             self.budget.charge(REFUSAL_COST, now)
+            self.work.num_refused += refusal.code not in _FREE
             self._say(refusal.outcome(key, event.event_seq), entry)
             return
         if entry is None or entry.is_leaving:  # who leaves says it again where the session goes on
@@ -118,10 +120,11 @@ class Stream(StreamTakeOvers):
             if kind == "open" and self.gateway_lag is not None and self.gateway_lag.is_too_long:
                 raise gateway_overloaded(self.gateway_lag.lag_s)
             if kind in ("open", "edit_constraints"):
-                told = _constraints_of(event)
+                told = constraints_of(event)
                 self.budget.charge(CONSTRAINT_COST * len(told) + PATH_COST * num_paths(told), now)
             pass_on(entry, event, now)
         except EventRefused as refusal:
+            self.work.num_refused += refusal.code not in _FREE
             self.take(refusal.outcome(entry.key, event.event_seq))
         except Exception as error:
             tell_internal_error(entry, event.event_seq, error)
@@ -292,8 +295,3 @@ class Stream(StreamTakeOvers):
     def _forget_unsent(self) -> None:
         self.send_queue.clear()
         self.responses.clear()
-
-
-def _constraints_of(event: session_pb2.SessionEvent) -> Sequence[motion_pb2.Constraint]:
-    """Those that it sets."""
-    return event.open.constraints if event.WhichOneof("event") == "open" else event.edit_constraints.upsert

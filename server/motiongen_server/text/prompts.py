@@ -4,59 +4,29 @@ from __future__ import annotations
 
 import asyncio
 import logging
+import math
 import time
 from collections import OrderedDict
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from concurrent.futures import ThreadPoolExecutor
-from typing import Protocol, runtime_checkable
-
-import numpy as np
-from numpy.typing import NDArray
 
 from motiongen_server.errors import EventRefused
 from motiongen_server.text.event_errors import encoder_away, encoder_busy, encoder_slow
+from motiongen_server.text.ports import Answer, Closeable, Embedding, Store, TextEncoder, answers_to
 from motiongen_server.text.turns import Asker, Place, PlaceLost, Turns
 
 _log = logging.getLogger(__name__)
 
-Embedding = NDArray[np.float32]
-
 ENCODING_THREADS = 4
 """For encoders elsewhere, which can take several at once; one in this process takes its turns itself."""
+MOST_TOGETHER = 16
+"""Texts of one who asks, in one call of the encoder: a call has a cost of its own."""
+TOGETHER_S = 0.005
+"""What a call of several may take, by how long the last one took, so that others do not wait longer for their turn."""
 NOBODY = Asker()
 """Who asks on nobody's behalf."""
 QUIET_S = 10.0
 """A failing encoder is mentioned in the log so often."""
-
-
-class TextEncoder(Protocol):
-    """What the workers run; `motiongen_ardy.text` has implementations.
-
-    encode raises ConnectionError where the encoder cannot answer now, with a message that may be told to clients, and
-    may give that an attribute `retry_after_s`.
-    """
-
-    @property
-    def identity(self) -> str: ...
-
-    def encode(self, texts: Sequence[str]) -> Embedding: ...
-
-
-@runtime_checkable
-class Closeable(Protocol):
-    """An encoder that has calls under way which can be ended."""
-
-    def close(self) -> None: ...
-
-
-class Store(Protocol):
-    """Where embeddings outlive the process; it never fails, it only forgets."""
-
-    def get(self, text: str) -> Embedding | None: ...
-
-    def put(self, text: str, vector: Embedding) -> None: ...
-
-    def close(self) -> None: ...
 
 
 class PromptEncoder:
@@ -76,12 +46,13 @@ class PromptEncoder:
         timeout_s: float = 10.0,
         max_waiting: int = 256,
         count: Callable[[str], None] | None = None,
+        clock: Callable[[], float] = time.monotonic,
     ) -> None:
-        """observe: told the seconds that each encoding took. timeout_s: longest that one who asks waits.
+        """observe: told the seconds that each text took. timeout_s: longest that one who asks waits for a text.
 
         max_waiting: texts that may be at the encoder or wait for it; one more is refused, or the newest of the peer
         that has most. count: told where each text that was not in memory came from ("store", "encoder"), or the reason
-        for which it did not come.
+        for which it did not come. clock: seconds since any moment.
         """
         self._count = count or (lambda what: None)
         self._encoder = encoder
@@ -91,12 +62,15 @@ class PromptEncoder:
         self._timeout_s = timeout_s
         self._max_waiting = max_waiting
         self._cache: OrderedDict[str, Embedding] = OrderedDict()
-        self._running: dict[str, tuple[asyncio.Task[Embedding], Place]] = {}
+        self._clock = clock
+        self._running: dict[str, tuple[asyncio.Future[Embedding], Place]] = {}
+        self._calls: set[asyncio.Task[None]] = set()  # of the encoder; the event loop itself keeps none of its tasks
+        self._together = 1  # texts in the next call
         self._turns = Turns(ENCODING_THREADS, max_waiting)
         self._workers = ThreadPoolExecutor(ENCODING_THREADS, thread_name_prefix="prompts")
         # Its own, so that what is on the disk does not wait behind what has to be encoded.
         self._manager = ThreadPoolExecutor(1, thread_name_prefix="prompt-store")
-        self._quiet_until = 0.0
+        self._quiet_until = -math.inf
 
     @property
     def identity(self) -> str:
@@ -128,55 +102,120 @@ class PromptEncoder:
         one. Raises EventRefused when the encoder is slow (the text is still encoded, for the next who asks), busy or
         away.
         """
-        embedding = self.cached(text)
-        if embedding is not None:
-            return embedding
-        if text in self._running:
-            task, place = self._running[text]
-            self._turns.join(place, asker)
-        else:
-            place = Place(asker)
-            task = asyncio.get_running_loop().create_task(self._encode(text, place))
-            task.add_done_callback(_retrieve)
-            self._running[text] = task, place
+        return (await self.encode_all((text,), asker))[text]
+
+    async def encode_all(self, texts: Sequence[str], asker: Asker = NOBODY) -> dict[str, Embedding]:
+        """The embedding (E,) of each text, as `encode` gives it, one after the other.
+
+        Of a quick encoder several come of one call, which has one place.
+        """
+        found: dict[str, Embedding] = {}
+        begun: dict[str, asyncio.Future[Embedding]] = {}
+        for number, text in enumerate(texts):
+            if text in found:
+                continue
+            if text not in begun and (embedding := self.cached(text)) is not None:
+                found[text] = embedding
+                continue
+            if text not in begun:
+                begun |= self._join(text, asker) if text in self._running else self._begin(texts[number:], asker)
+            found[text] = await self._answer(begun[text])
+        return found
+
+    def _join(self, text: str, asker: Asker) -> Mapping[str, asyncio.Future[Embedding]]:
+        answer, place = self._running[text]
+        self._turns.join(place, asker)
+        return {text: answer}
+
+    def _begin(self, texts: Sequence[str], asker: Asker) -> Mapping[str, asyncio.Future[Embedding]]:
+        """Have the first of them encoded, as many as one call takes."""
+        new = [text for text in dict.fromkeys(texts) if text not in self._cache and text not in self._running]
+        loop, place = asyncio.get_running_loop(), Place(asker)
+        answers = {text: loop.create_future() for text in new[: self._together]}
+        for text, answer in answers.items():
+            answer.add_done_callback(_retrieve)
+            self._running[text] = answer, place
+        call = loop.create_task(self._encode(answers, place))
+        self._calls.add(call)
+        call.add_done_callback(self._calls.discard)
+        return answers
+
+    async def _answer(self, answer: asyncio.Future[Embedding]) -> Embedding:
         try:
             # Shielded: a session that closes while it waits must not take the result from the others.
-            return await asyncio.wait_for(asyncio.shield(task), self._timeout_s)
+            return await asyncio.wait_for(asyncio.shield(answer), self._timeout_s)
         except TimeoutError:
             self._complain("the text encoder has not answered within %g s", self._timeout_s)
             raise self._refused(encoder_slow(self._timeout_s)) from None
 
-    async def _encode(self, text: str, place: Place) -> Embedding:
-        loop = asyncio.get_running_loop()
+    async def _encode(self, answers: Mapping[str, asyncio.Future[Embedding]], place: Place) -> None:
+        """Answer each, whatever happens."""
+        loop, texts = asyncio.get_running_loop(), tuple(answers)
         try:
-            kept = None if self._store is None else await loop.run_in_executor(self._manager, self._store.get, text)
-            embedding = await self._ask(text, place) if kept is None else kept
+            if self._store is not None:
+                kept = await loop.run_in_executor(self._manager, _kept_in, self._store, texts)
+                self._tell(kept, answers, "store")
+                texts = tuple(text for text in texts if text not in kept)
+            if texts:
+                self._tell(await self._ask(texts, place), answers, "encoder")
+        except Exception as error:
+            self._tell({text: error for text in texts if not answers[text].done()}, answers, "")
         finally:
-            del self._running[text]
-        self._count("encoder" if kept is None else "store")
-        self.remember(text, embedding)
-        if kept is None and self._store is not None:
-            self._manager.submit(self._store.put, text, embedding)
-        return embedding
+            for text, answer in answers.items():
+                if answer.cancel():  # the event loop ends before the encoder answers
+                    del self._running[text]
 
-    async def _ask(self, text: str, place: Place) -> Embedding:
-        started = time.monotonic()
-        loop = asyncio.get_running_loop()
+    async def _ask(self, texts: Sequence[str], place: Place) -> Mapping[str, Answer]:
+        """What the encoder says to each. Raises EventRefused where there is no place."""
+        started = self._clock()
         try:
             await self._turns.take(place)
         except PlaceLost:
             raise self._refused(encoder_busy(self._max_waiting)) from None
         try:
-            vectors = await loop.run_in_executor(self._workers, self._encoder.encode, [text])
-        except ConnectionError as error:
-            self._complain("a prompt could not be encoded: %s", error)
-            raise self._refused(encoder_away(error)) from error
+            loop = asyncio.get_running_loop()
+            said, call_s = await loop.run_in_executor(self._workers, self._call, texts)
         finally:
             self._turns.give_back()
+        self._together = min(max(1, int(TOGETHER_S * len(texts) / max(call_s, 1e-9))), MOST_TOGETHER)
         if self._observe is not None:
-            self._observe(time.monotonic() - started)
-        embedding: Embedding = vectors[0]
-        return embedding
+            for vector in said.values():
+                if not isinstance(vector, Exception):
+                    self._observe(self._clock() - started)
+        return said
+
+    def _call(self, texts: Sequence[str]) -> tuple[Mapping[str, Answer], float]:
+        """On a worker's thread. Returns the seconds that it took, too."""
+        started = self._clock()
+        said = answers_to(texts, self._encoder)
+        return said, self._clock() - started
+
+    def _tell(
+        self,
+        said: Mapping[str, Answer],
+        answers: Mapping[str, asyncio.Future[Embedding]],
+        source: str,
+    ) -> None:
+        """Whoever waits for these texts, and remember them. source: where they came from, as it is counted."""
+        for text, vector in said.items():
+            del self._running[text]
+            if isinstance(vector, Exception):
+                answers[text].set_exception(self._refusal_for(vector))
+                continue
+            self._count(source)
+            self.remember(text, vector)
+            answers[text].set_result(vector)
+            if self._store is not None and source == "encoder":
+                self._manager.submit(self._store.put, text, vector)
+
+    def _refusal_for(self, error: Exception) -> Exception:
+        """What those who asked are told; what is no encoder's own word is a fault, as it is."""
+        if not isinstance(error, ConnectionError):
+            return error
+        self._complain("a prompt could not be encoded: %s", error)
+        refusal = self._refused(encoder_away(error))
+        refusal.__cause__ = error
+        return refusal
 
     def _refused(self, refusal: EventRefused) -> EventRefused:
         self._count(refusal.reason)
@@ -184,7 +223,7 @@ class PromptEncoder:
 
     def _complain(self, message: str, *values: object) -> None:
         """Log it, unless something like it was logged just now: an encoder that is down fails every prompt."""
-        now = time.monotonic()
+        now = self._clock()
         if now >= self._quiet_until:
             self._quiet_until = now + QUIET_S
             _log.warning(message, *values)
@@ -199,7 +238,13 @@ class PromptEncoder:
             self._store.close()
 
 
-def _retrieve(task: asyncio.Task[Embedding]) -> None:
+def _kept_in(store: Store, texts: Sequence[str]) -> dict[str, Embedding]:
+    """Those of the texts that it knows."""
+    kept = {text: store.get(text) for text in texts}
+    return {text: embedding for text, embedding in kept.items() if embedding is not None}
+
+
+def _retrieve(answer: asyncio.Future[Embedding]) -> None:
     """Look at how it ended: all who asked may have given up, and asyncio complains of failures nobody saw."""
-    if not task.cancelled():
-        task.exception()
+    if not answer.cancelled():
+        answer.exception()

@@ -36,6 +36,14 @@ def test_each_row_is_of_its_text_alone_and_blank_ones_are_zeros(encoder: TextEnc
             assert not vectors[row].any()
 
 
+def test_a_static_vector_does_not_depend_on_the_texts_beside_it() -> None:
+    texts = ["a person walks", " ", "x" * 300, "a person waves, then jumps and turns round", "12", "?!"]
+    together = STATIC.encode(texts)
+    for text, vector in zip(texts, together, strict=True):
+        np.testing.assert_array_equal(STATIC.encode([text])[0], vector)
+    assert not together[1].any()
+
+
 def test_static_vectors_have_unit_scale_and_tell_prompts_apart() -> None:
     walk, wave = STATIC.encode(["a person walks", "a person waves"])
     assert np.sqrt(np.square(walk).mean()) == pytest.approx(1, abs=1e-5)

@@ -14,7 +14,7 @@ from motiongen_server.models.factory import Engines, ModelFactory
 from motiongen_server.ops.metrics import Metrics
 from motiongen_server.rpc.abilities import NOTHING_CLAIMED
 from motiongen_server.settings import SettingError
-from motiongen_server.text.prompts import TextEncoder
+from motiongen_server.text.ports import TextEncoder
 from tests.contract.local import LengthEncoder
 from tests.server.engine.fakes import FACTS
 

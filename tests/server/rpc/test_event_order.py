@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import asyncio
 import time
+from collections.abc import Sequence
 from dataclasses import dataclass, field
 
 import numpy as np
@@ -74,11 +75,11 @@ class Prompts:
     def cached(self, text: str) -> NDArray[np.float32] | None:
         return np.ones(3, np.float32) if self.go.is_set() else None
 
-    async def encode(self, text: str, asker: Asker) -> NDArray[np.float32]:
-        self.asked.append(text)
+    async def encode_all(self, texts: Sequence[str], asker: Asker) -> dict[str, NDArray[np.float32]]:
+        self.asked += texts
         self.askers.append(asker)
         await self.go.wait()
-        return np.ones(3, np.float32)
+        return {text: np.ones(3, np.float32) for text in texts}
 
 
 @dataclass

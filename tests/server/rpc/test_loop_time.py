@@ -16,7 +16,7 @@ from motiongen_server.rpc import stream_take_overs
 from motiongen_server.rpc.budget import StreamBudget
 from motiongen_server.rpc.handlers import StreamContext
 from motiongen_server.rpc.limits import PeerLimits
-from motiongen_server.rpc.loop_time import MOST_TIMES, Clocks, LoopTime, Work
+from motiongen_server.rpc.loop_time import MOST_TIMES, REFUSED_TIMES, Clocks, LoopTime, Work
 from motiongen_server.rpc.peers import Peer, Peers
 from motiongen_server.rpc.response import response_of
 from motiongen_server.rpc.stream import Stream
@@ -89,6 +89,20 @@ def test_work_that_fails_is_charged_and_a_machine_that_stands_still_is_not() -> 
         clock.now_s += 60.0  # the machine stands still
         computing.now_s += 0.01
     assert charged == [pytest.approx(0.05), pytest.approx(MOST_TIMES * 0.01)]
+
+
+def test_what_is_done_for_events_that_are_refused_counts_more_often() -> None:
+    clock, charged = Clock(), list[float]()
+    loop = LoopTime(0.4, 0.0, Clocks(clock, clock))
+    work = Work(loop, charged.append)
+    for num_refused in (0, 1, 4, 0):
+        with work:
+            clock.now_s += 0.01
+            work.num_events += 4
+            work.num_refused += num_refused
+    each = [0.01, 0.01 * (3 + REFUSED_TIMES) / 4, 0.01 * REFUSED_TIMES, 0.01]
+    assert charged == pytest.approx(each)
+    assert loop.taken_s == pytest.approx(0.04), "which is what it was"
 
 
 def test_streams_that_take_more_than_their_part_wait_for_it_and_others_do_not() -> None:

@@ -7,6 +7,7 @@ import contextlib
 import gc
 import itertools
 import time
+from collections.abc import Sequence
 
 import numpy as np
 import pytest
@@ -115,10 +116,23 @@ async def test_no_more_waits_for_the_encoder_than_may(line: Line) -> None:
         line.stream.receive(
             session_pb2.SessionEvent(session=HANDLE, event_seq=event_seq, edit_prompts=WALK), time.monotonic()
         )
-    line.send(MAX_WAITING_EVENTS + 4, close=session_pb2.CloseSession())
-    assert [reason for _, reason in line.refusals()] == ["TOO_MANY_PENDING_EVENTS"] * 2
+    too_many = session_pb2.EditPrompts(upsert=[motion_pb2.PromptSpan()] * 17)
+    line.send(MAX_WAITING_EVENTS + 4, edit_prompts=too_many)  # which is not looked at any more
+    line.send(MAX_WAITING_EVENTS + 5, close=session_pb2.CloseSession())
+    assert [reason for _, reason in line.refusals()] == ["TOO_MANY_PENDING_EVENTS"] * 3
     await line.encoded()
     assert line.engine.kinds()[-1] is Close
+
+
+async def test_events_that_are_refused_are_counted_among_those_that_the_loop_works_for(line: Line) -> None:
+    line.open()
+    work = line.stream.work
+    with work:
+        line.send(2, edit_prompts=session_pb2.EditPrompts(upsert=[motion_pb2.PromptSpan()] * 17))
+        line.send(3, set_play_state=PAUSE)
+        line.stream.receive(session_pb2.SessionEvent(session=HANDLE + 1, event_seq=2, set_play_state=PAUSE), 0.0)
+        assert (work.num_events, work.num_refused) == (3, 2)
+    assert [reason for _, reason in line.refusals()] == ["TOO_MANY_PROMPTS", "SESSION_NOT_OPEN"]
 
 
 async def test_no_more_bytes_of_a_peer_wait_for_the_encoder_than_may() -> None:
@@ -192,10 +206,10 @@ async def test_too_many_prompts_are_refused_before_any_is_encoded(line: Line) ->
 async def test_a_prompt_that_fails_to_encode_is_answered_and_the_session_goes_on(line: Line) -> None:
     line.open()
 
-    async def broken(text: str, asker: Asker) -> None:
-        raise RuntimeError(f"cannot encode {text}")
+    async def broken(texts: Sequence[str], asker: Asker) -> None:
+        raise RuntimeError(f"cannot encode {texts}")
 
-    line.prompts.encode = broken  # type: ignore[assignment, method-assign]
+    line.prompts.encode_all = broken  # type: ignore[assignment, method-assign]
     line.send(2, edit_prompts=WALK)
     line.stream.ready.clear()
     await line.stream.ready.wait()
@@ -229,13 +243,13 @@ async def test_an_encoding_that_ends_in_the_moment_of_its_session_finds_nothing_
     failures: list[dict[str, object]] = []
     asyncio.get_running_loop().set_exception_handler(lambda _, context: failures.append(context))
 
-    async def stubborn(text: str, asker: Asker) -> np.ndarray:
+    async def stubborn(texts: Sequence[str], asker: Asker) -> dict[str, np.ndarray]:
         """As `asyncio.wait_for` of Python 3.11, which gives a result that is there although it was cancelled."""
         with contextlib.suppress(asyncio.CancelledError):
             await line.prompts.go.wait()
-        return np.ones(3, np.float32)
+        return {text: np.ones(3, np.float32) for text in texts}
 
-    line.prompts.encode = stubborn  # type: ignore[assignment, method-assign]
+    line.prompts.encode_all = stubborn  # type: ignore[assignment, method-assign]
     line.open()
     line.send(2, edit_prompts=WALK)
     for _ in range(5):

@@ -236,7 +236,7 @@ async def test_calls_are_looked_at_without_any_stream() -> None:
         async def encode(*_: object) -> None:
             await gate.wait()
 
-        server.prompts.encode = encode  # type: ignore[method-assign, assignment]
+        server.prompts.encode_all = encode  # type: ignore[method-assign, assignment]
         async with grpc.aio.insecure_channel(server.address) as channel:
             call = MotionServiceStub(channel).GenerateClip(asked)
             await until_true(lambda: server.service.num_waiting_bytes == 2 * asked.ByteSize())

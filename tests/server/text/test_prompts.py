@@ -88,6 +88,17 @@ async def test_who_asks_while_it_is_encoded_shares_the_result(encoder: GatedEnco
     assert encoder.asked == ["jump"]
 
 
+async def test_a_text_that_another_asks_for_already_is_waited_for(encoder: GatedEncoder) -> None:
+    prompts = PromptEncoder(encoder, 10)
+    first = asyncio.create_task(prompts.encode("bb"))
+    await asyncio.sleep(0)  # it has asked now
+    both = asyncio.create_task(prompts.encode_all(["a", "bb"]))
+    encoder.go.set()
+    assert (await both)["bb"] is await first
+    assert sorted(encoder.asked) == ["a", "bb"]
+    prompts.close()
+
+
 async def test_a_waiter_that_gives_up_leaves_the_others(encoder: GatedEncoder, prompts: PromptEncoder) -> None:
     leaver, stayer = (asyncio.create_task(prompts.encode("turn")) for _ in range(2))
     await asyncio.sleep(0)  # both have asked now

@@ -148,7 +148,7 @@ class ClipService:
             if refusal is not None:
                 raise refusal
             asker = Asker(peer.name, number)
-            embeddings = {text: await encoded(model.prompts, text, asker, peer.prompts) for text in texts}
+            embeddings = await encoded(model.prompts, texts, asker, peer.prompts)
             specs = clip_specs(request, number, embeddings, received_at, model.catalog, peer.owner)
         opening = Open(specs[0], 1, received_at)
         coding = coding_of(request.open, model.catalog)

@@ -3,10 +3,10 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Iterable
+from collections.abc import Iterable, Sequence
 from dataclasses import replace
 
-from motiongen.v1 import motion_pb2
+from motiongen.v1 import motion_pb2, session_pb2
 from motiongen_server.engine.types import Asked, Constraint, RootPath, RootTrajectory, Unplaced
 from motiongen_server.rpc.convert.checks import frame_number, points, refuse
 from motiongen_server.rpc.limits import MAX_SPEED_MPS
@@ -56,6 +56,11 @@ def _weight(message: motion_pb2.Constraint, field: str) -> float:
             "WEIGHT_OUT_OF_RANGE", f"{field}.weight", f"the weight is {weight:g}", f"above 0 to {MAX_WEIGHT:g}"
         )
     return float(weight)
+
+
+def constraints_of(event: session_pb2.SessionEvent) -> Sequence[motion_pb2.Constraint]:
+    """Those that an event sets."""
+    return event.open.constraints if event.WhichOneof("event") == "open" else event.edit_constraints.upsert
 
 
 def num_paths(constraints: Iterable[motion_pb2.Constraint]) -> int:

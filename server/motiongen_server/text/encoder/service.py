@@ -20,7 +20,8 @@ from motiongen_server.rpc.limits import PeerLimits
 from motiongen_server.rpc.peers import Peer
 from motiongen_server.rpc.requests import Requests, parsed_as
 from motiongen_server.text.event_errors import too_many_texts
-from motiongen_server.text.prompts import Embedding, PromptEncoder
+from motiongen_server.text.ports import Embedding
+from motiongen_server.text.prompts import PromptEncoder
 from motiongen_server.text.turns import Asker
 
 _log = logging.getLogger(__name__)

@@ -101,8 +101,8 @@ async def test_samples_come_whole_each_with_its_seed(server: LocalServer) -> Non
 
 
 async def test_each_call_asks_the_encoder_for_its_caller(server: LocalServer, monkeypatch: pytest.MonkeyPatch) -> None:
-    askers, encode = [], server.prompts.encode
-    monkeypatch.setattr(server.prompts, "encode", lambda text, asker: askers.append(asker) or encode(text, asker))
+    askers, encode = [], server.prompts.encode_all
+    monkeypatch.setattr(server.prompts, "encode_all", lambda texts, asker: askers.append(asker) or encode(texts, asker))
     for text in ("walk", "run"):
         await generate(server, clip(prompts=[motion_pb2.PromptSpan(prompt_id=1, text=text)]))
     assert {asker.peer for asker in askers} == {"ipv4:127.0.0.1"}

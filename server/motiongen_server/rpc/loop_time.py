@@ -22,7 +22,7 @@ from motiongen_server.rpc.token_bucket import TokenBucket
 
 UNLIMITED = 1e9
 """A share that nothing comes near."""
-REFUSED_TIMES = 8.0
+REFUSED_TIMES = 4.0
 """What the loop does for an event that is refused counts so often. Nobody needs it, and what gRPC does to carry it and
 its answer, on threads that want the cores of the engines, takes several times as long.
 """

@@ -171,7 +171,7 @@ class PromptEncoder:
         try:
             await self._turns.take(place)
         except PlaceLost:
-            raise self._refused(encoder_busy(self._max_waiting)) from None
+            raise encoder_busy(self._max_waiting) from None
         try:
             loop = asyncio.get_running_loop()
             said, call_s = await loop.run_in_executor(self._workers, self._call, texts)
@@ -210,6 +210,8 @@ class PromptEncoder:
 
     def _refusal_for(self, error: Exception) -> Exception:
         """What those who asked are told; what is no encoder's own word is a fault, as it is."""
+        if isinstance(error, EventRefused):
+            return self._refused(error)
         if not isinstance(error, ConnectionError):
             return error
         self._complain("a prompt could not be encoded: %s", error)

@@ -10,7 +10,7 @@ from typing import cast
 import numpy as np
 import pytest
 
-from motiongen.v1 import service_pb2, session_pb2
+from motiongen.v1 import motion_pb2, service_pb2, session_pb2
 from motiongen_server.engine.types import Chunk, Code, Outcome, SessionKey
 from motiongen_server.rpc import stream_take_overs
 from motiongen_server.rpc.budget import StreamBudget
@@ -209,6 +209,20 @@ class Slow:
         for _ in range(rounds):
             await asyncio.sleep(0)
         return self.context.num_read
+
+
+async def test_events_that_are_refused_are_counted_among_those_that_the_loop_works_for() -> None:
+    line = Line()
+    line.open()
+    work = line.stream.work
+    with work:
+        line.send(2, edit_prompts=session_pb2.EditPrompts(upsert=[motion_pb2.PromptSpan()] * 17))
+        line.send(3, close=session_pb2.CloseSession())
+        line.stream.receive(
+            session_pb2.SessionEvent(session=HANDLE + 1, event_seq=2, close=session_pb2.CloseSession()), 0.0
+        )
+        assert (work.num_events, work.num_refused) == (3, 2)
+    assert [reason for _, reason in line.refusals()] == ["TOO_MANY_PROMPTS", "SESSION_NOT_OPEN"]
 
 
 async def test_a_stream_is_not_read_on_before_what_its_messages_took_is_paid(monkeypatch: pytest.MonkeyPatch) -> None:

@@ -124,17 +124,6 @@ async def test_no_more_waits_for_the_encoder_than_may(line: Line) -> None:
     assert line.engine.kinds()[-1] is Close
 
 
-async def test_events_that_are_refused_are_counted_among_those_that_the_loop_works_for(line: Line) -> None:
-    line.open()
-    work = line.stream.work
-    with work:
-        line.send(2, edit_prompts=session_pb2.EditPrompts(upsert=[motion_pb2.PromptSpan()] * 17))
-        line.send(3, set_play_state=PAUSE)
-        line.stream.receive(session_pb2.SessionEvent(session=HANDLE + 1, event_seq=2, set_play_state=PAUSE), 0.0)
-        assert (work.num_events, work.num_refused) == (3, 2)
-    assert [reason for _, reason in line.refusals()] == ["TOO_MANY_PROMPTS", "SESSION_NOT_OPEN"]
-
-
 async def test_no_more_bytes_of_a_peer_wait_for_the_encoder_than_may() -> None:
     line = Line()
     line.stream.peer.limits = PeerLimits(waiting_bytes=20_000)

@@ -62,8 +62,8 @@ async def measure_edits(encoder: TextEncoder) -> None:
     """Print what new prompts of one edit cost this process, each asked for alone and all together, in microseconds."""
     prompts = PromptEncoder(encoder, AN_EDIT)
     for what, together in (("each alone", 1), ("together", AN_EDIT)):
-        started, numbers = time.process_time(), range(0, ROUNDS, together)
-        for first in numbers:
+        started = time.process_time()
+        for first in range(0, ROUNDS, together):
             texts = [f"a person walks {first + number} steps, {what}" for number in range(together)]
             await prompts.encode_all(texts)
         each_us = 1e6 * (time.process_time() - started) / ROUNDS

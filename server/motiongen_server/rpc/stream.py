@@ -22,7 +22,7 @@ from motiongen_server.errors import EventRefused, StreamRefused
 from motiongen_server.identity.caller import ANYBODY
 from motiongen_server.models.registry import LoadedModel, ModelRegistry
 from motiongen_server.rpc.budget import CONSTRAINT_COST, PATH_COST, REFUSAL_COST
-from motiongen_server.rpc.convert import check_resume, constraints_of, num_paths, playhead_of
+from motiongen_server.rpc.convert import check_resume, constraints_in, num_paths, playhead_of
 from motiongen_server.rpc.durability import new_secret, token_of
 from motiongen_server.rpc.event_errors import (
     gateway_overloaded,
@@ -120,7 +120,7 @@ class Stream(StreamTakeOvers):
             if kind == "open" and self.gateway_lag is not None and self.gateway_lag.is_too_long:
                 raise gateway_overloaded(self.gateway_lag.lag_s)
             if kind in ("open", "edit_constraints"):
-                told = constraints_of(event)
+                told = constraints_in(event)
                 self.budget.charge(CONSTRAINT_COST * len(told) + PATH_COST * num_paths(told), now)
             pass_on(entry, event, now)
         except EventRefused as refusal:

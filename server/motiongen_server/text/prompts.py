@@ -114,10 +114,10 @@ class PromptEncoder:
         for number, text in enumerate(texts):
             if text in found:
                 continue
-            if text not in begun and (embedding := self.cached(text)) is not None:
-                found[text] = embedding
-                continue
             if text not in begun:
+                if (embedding := self.cached(text)) is not None:
+                    found[text] = embedding
+                    continue
                 begun |= self._join(text, asker) if text in self._running else self._begin(texts[number:], asker)
             found[text] = await self._answer(begun[text])
         return found
@@ -179,9 +179,10 @@ class PromptEncoder:
             self._turns.give_back()
         self._together = min(max(1, int(TOGETHER_S * len(texts) / max(call_s, 1e-9))), MOST_TOGETHER)
         if self._observe is not None:
+            took_s = self._clock() - started
             for vector in said.values():
                 if not isinstance(vector, Exception):
-                    self._observe(self._clock() - started)
+                    self._observe(took_s)
         return said
 
     def _call(self, texts: Sequence[str]) -> tuple[Mapping[str, Answer], float]:

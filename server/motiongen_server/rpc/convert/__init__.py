@@ -3,7 +3,7 @@
 from motiongen_server.rpc.convert.events import engine_event, playhead_of, round_trip_s
 from motiongen_server.rpc.convert.options import asked_steps, coding_of
 from motiongen_server.rpc.convert.outputs import residual_of, write_update
-from motiongen_server.rpc.convert.placing import constraints_of, num_paths
+from motiongen_server.rpc.convert.placing import constraints_in, num_paths
 from motiongen_server.rpc.convert.prompts import UNENCODED, prompt_texts
 from motiongen_server.rpc.convert.resuming import check_resume
 from motiongen_server.rpc.convert.warned import warnings_of
@@ -18,7 +18,7 @@ __all__ = [
     "asked_steps",
     "check_resume",
     "coding_of",
-    "constraints_of",
+    "constraints_in",
     "engine_event",
     "num_paths",
     "playhead_of",

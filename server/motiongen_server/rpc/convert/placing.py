@@ -58,7 +58,7 @@ def _weight(message: motion_pb2.Constraint, field: str) -> float:
     return float(weight)
 
 
-def constraints_of(event: session_pb2.SessionEvent) -> Sequence[motion_pb2.Constraint]:
+def constraints_in(event: session_pb2.SessionEvent) -> Sequence[motion_pb2.Constraint]:
     """Those that an event sets."""
     return event.open.constraints if event.WhichOneof("event") == "open" else event.edit_constraints.upsert
 

@@ -157,6 +157,25 @@ def positions_from_global(skeleton: Skeleton, global_rotations: Tensor, root_pos
     return places.view(*leading, 3, joints).transpose(-1, -2) + root_positions.unsqueeze(-2)
 
 
+def hip_lines(skeleton: Skeleton, global_rotations: Tensor) -> Tensor:
+    """Vectors (..., 3) in metres from the left hip to the right one, from global rotations (..., J, 3, 3)."""
+    right, left = skeleton.hip_joints
+    places = _place_matrix(skeleton, global_rotations.dtype, global_rotations.device)
+    line = (places[:, right] - places[:, left]).view(-1, 3)
+    bones = index(_bones_to(skeleton, right, left), line.device)
+    return (global_rotations.index_select(-3, bones) * line[bones, None]).sum(dim=(-3, -1))
+
+
+@lru_cache(maxsize=64)
+def _bones_to(skeleton: Skeleton, *joints: int) -> tuple[int, ...]:
+    """The joints whose rotations tell where the given ones are, from the root: those that they hang on."""
+    found: set[int] = set()
+    for joint in joints:
+        while (joint := skeleton.parents[joint]) >= 0:
+            found.add(joint)
+    return tuple(sorted(found))
+
+
 @lru_cache(maxsize=64)
 def _place_matrix(skeleton: Skeleton, dtype: torch.dtype, device: torch.device) -> Tensor:
     """(3J, J): what the columns of each joint's rotation, times these, add to the place of each joint, root at zero."""

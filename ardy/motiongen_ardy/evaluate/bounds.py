@@ -18,6 +18,7 @@ _SERVED = {
     "foot": Bound(most=0.04),
     "head": Bound(most=8.0),
     "speed": Bound(least=0.9, most=1.1),
+    "hips": Bound(most=5.0),
     "feet steady": Bound(most=0.10),
     "feet start": Bound(most=0.20),
     "glided": Bound(most=0.05),

@@ -12,12 +12,15 @@ from motiongen_ardy.checkpoint.checkpoint import load_checkpoint, save_checkpoin
 from motiongen_ardy.checkpoint.config import SKELETON_CLASSES
 from motiongen_ardy.core.motion import Motion
 from motiongen_ardy.core.representation import LOCAL_ROOT_WIDTH
+from motiongen_ardy.core.rotation import axis_angle_to_matrix
 from motiongen_ardy.core.skeleton import (
     Skeleton,
     UnknownJoint,
     UnknownSkeleton,
     forward_kinematics,
+    hip_lines,
     load_skeleton,
+    positions_from_global,
     skeleton_names,
 )
 from motiongen_ardy.core.stats import Stats
@@ -88,6 +91,14 @@ def test_no_rotation_is_the_neutral_pose(skeleton: Skeleton) -> None:
     rest = torch.eye(3, dtype=torch.float64).expand(skeleton.num_joints, 3, 3)
     _, positions = forward_kinematics(skeleton, rest, root)
     assert torch.allclose(positions, torch.from_numpy(skeleton.neutral_joints) + root)
+
+
+def test_the_line_of_the_hips_is_between_their_places(skeleton: Skeleton) -> None:
+    generator = torch.Generator().manual_seed(3)
+    turns = axis_angle_to_matrix(3.0 * torch.rand(2, 5, skeleton.num_joints, 3, generator=generator))
+    places = positions_from_global(skeleton, turns, torch.rand(2, 5, 3, generator=generator))
+    right, left = skeleton.hip_joints
+    torch.testing.assert_close(hip_lines(skeleton, turns), places[..., right, :] - places[..., left, :])
 
 
 def test_features_give_the_motion_back(skeleton: Skeleton) -> None:

@@ -131,7 +131,7 @@ def _headings(context: Context) -> None:
         every += done
         context.add_goal("heading", f"{off} degrees off the way", "degrees", done, measure, bound="heading")
         title = f"heading {off} off the way: {measure(done[0]):.0f} degrees off"
-        context.show("heading", [Exhibit(title, done[0], path=_asked(done[0]).numpy())])
+        context.show("heading", [Exhibit(title, done[0], path=_asked(done[0]))])
     context.add_goal("heading", "while moving, all: root", "m", every, off_path)
 
 

@@ -1,4 +1,4 @@
-"""Velocity: speeds from standing and walking, a U-turn of the stick, prompts that stand, wave or walk."""
+"""Velocity: speeds from standing and walking, U-turns of the stick, prompts that stand, wave or walk."""
 
 from __future__ import annotations
 
@@ -9,11 +9,12 @@ import torch
 from torch import Tensor
 
 from motiongen_ardy.evaluate.context import Context, Exhibit
-from motiongen_ardy.evaluate.measures.root import ground_velocity, smoothed, turned
-from motiongen_ardy.evaluate.take import Result, Steer, Take
+from motiongen_ardy.evaluate.measures.root import ground_velocity, smoothed, turn_rate, turned
+from motiongen_ardy.evaluate.take import Result, Steer, Take, result_frames
 
 FAMILY = "velocity"
 SPEEDS_M_S = (0.5, 1.0, 1.5, 2.0, 3.0)
+U_TURNS_M_S = (1.2, 2.0, 3.0)
 LEAD_S = 2.4
 STAND, WALK, WAVE = "a person stands still", "a person walks forward", "a person waves with the right hand"
 
@@ -47,7 +48,8 @@ def add(context: Context) -> None:
         context.add_goal(FAMILY, title, "", done, reached, bound="speed", from_standing=standing, first=lead)
         context.add_goal(FAMILY, f"{row}: to 90 %", "s", done, _time_to(speed, lead, context.fps), first=lead)
         context.show(FAMILY, [Exhibit(f"{row}: reached {reached(done[0]):.2f} of it", done[0])])
-    _u_turn(context)
+    for speed in U_TURNS_M_S:
+        _u_turn(context, speed)
 
 
 def _sessions(context: Context) -> range:
@@ -87,16 +89,18 @@ def _time_to(speed: float, lead: int, fps: int) -> Callable[[Result], float]:
     return measure
 
 
-def _u_turn(context: Context) -> None:
-    """The stick thrown from ahead to back at 1.2 m/s."""
+def _u_turn(context: Context, speed: float) -> None:
+    """The stick thrown from ahead to back."""
     lead, turn = context.frames(LEAD_S), context.frames(LEAD_S + 3)
     end = turn + context.frames(4)
     takes = [
-        Take("U-turn", seed, end, ((0, WALK),), steers=(Steer(lead, 0.0, 1.2), Steer(turn, 0.0, -1.2)))
+        Take("U-turn", seed, end, ((0, WALK),), steers=(Steer(lead, 0.0, speed), Steer(turn, 0.0, -speed)))
         for seed in _sessions(context)
     ]
     results = context.run(takes)
-    context.add_goal(FAMILY, "U-turn at 1.2 m/s: to 90 %", "s", results, _time_to(1.2, turn, context.fps), first=turn)
+
+    def hips_rad_s(result: Result) -> float:
+        return float(turn_rate(result.facing(context.skeleton)[turn:], context.fps, width=1).abs().max())
 
     def backwards(result: Result) -> float:
         velocity = smoothed(ground_velocity(result.root, context.fps), 9)[turn:]
@@ -104,6 +108,10 @@ def _u_turn(context: Context) -> None:
         angle = turned(torch.atan2(velocity[:, 0], velocity[:, 1]), facing).abs()
         return float(((velocity.norm(dim=-1) > 0.3) & (angle > math.radians(100))).sum())
 
-    row = "U-turn at 1.2 m/s: walked backwards"
-    context.add_goal(FAMILY, row, "frames", results, backwards, first=turn)
-    context.show(FAMILY, [Exhibit(f"U-turn: {backwards(results[0]):.0f} frames backwards", results[0])])
+    row = f"U-turn at {speed:g} m/s"
+    context.add_goal(FAMILY, f"{row}: to 90 %", "s", results, _time_to(speed, turn, context.fps), first=turn)
+    context.add_goal(FAMILY, f"{row}: walked backwards", "frames", results, backwards, first=turn)
+    context.add_goal(FAMILY, f"{row}: hips turn at most", "rad/s", results, hips_rad_s, bound="hips", first=turn)
+    worst = max(results, key=hips_rad_s)
+    title = f"{row}: {backwards(worst):.0f} frames backwards, hips at up to {hips_rad_s(worst):.1f} rad/s"
+    context.show(FAMILY, [Exhibit(title, result_frames(worst, turn - context.fps))])

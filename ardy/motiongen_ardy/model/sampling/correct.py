@@ -9,6 +9,7 @@ from motiongen_ardy.core.representation import Representation
 from motiongen_ardy.model.config import RELEASED_PATCH
 from motiongen_ardy.model.sampling.cleanup import clean_feet
 from motiongen_ardy.model.sampling.facing import face_root
+from motiongen_ardy.model.sampling.flips import undo_flips
 from motiongen_ardy.model.sampling.joins import HISTORY_FRAMES, join_roots, join_rotations
 from motiongen_ardy.model.sampling.joint_goals import JointGoals, joint_goals
 from motiongen_ardy.model.sampling.knees import hinge_knees
@@ -42,11 +43,13 @@ def correct_window(
     history, frames = layout.denormalize(history[:, -HISTORY_FRAMES:]), layout.denormalize(new)
     asked = None if goals is None else joint_goals(layout, *goals)
     before, poses = Poses.of(layout, history), Poses.of(layout, frames)
+    goes_on = bool(history.shape[1])
+    heading = torch.cat([history[:, -1:] if goes_on else frames[:, :1], frames], dim=1)[..., layout.heading_block]
+    if options.face_root:
+        undo_flips(before.only(-1) if goes_on else poses.only(0), poses, heading)
     if options.join_tokens:
         _join(before, poses, asked, options.joins, patch)
-    goes_on = bool(history.shape[1])
     poses = (before.only(-1) if goes_on else poses.only(0)).then(poses)
-    heading = torch.cat([history[:, -1:] if goes_on else frames[:, :1], frames], dim=1)[..., layout.heading_block]
     pinned = torch.zeros(*heading.shape[:2], 2, dtype=torch.bool, device=new.device)
     height_held = pinned[..., 0]
     if options.face_root:

@@ -2,7 +2,7 @@
 
 A root says its heading, a body shows one in the line of its hips, and in people's motion the two are the same. A body
 stage that did not follow its root leaves them apart: then the whole body is turned about its root, as smoothly as they
-part.
+part. (Where they part at once, `flips` has been at work before.)
 """
 
 from __future__ import annotations
@@ -11,9 +11,10 @@ import torch
 from torch import Tensor
 from torch.nn import functional
 
-from motiongen_ardy.core.representation import heading_angle
 from motiongen_ardy.core.rotation import angle_of
+from motiongen_ardy.core.skeleton import hip_lines
 from motiongen_ardy.model.sampling.pose import Poses
+from motiongen_ardy.model.sampling.twist import wrapped_steps
 
 # Less than this is the error of a decoder and the sway of hips, and stays.
 SWAY_RAD = 0.05
@@ -22,12 +23,9 @@ _WEIGHTS = (1.0, 6.0, 15.0, 20.0, 15.0, 6.0, 1.0)
 
 def face_root(poses: Poses, heading: Tensor) -> None:
     """Turn poses (B, T), frame 0 of which is of the history and does not change. heading: (B, T, 2) cosine and sine."""
-    shown = heading_angle(poses.layout.skeleton, poses.positions())
-    off = angle_of(heading[..., 1], heading[..., 0]) - shown
-    off = angle_of(off.sin(), off.cos())
+    off = off_heading(hip_lines(poses.layout.skeleton, poses.rotations), heading)
     # A body that is turned right round goes on turning the way it began.
-    steps = off[:, 1:] - off[:, :-1]
-    off = torch.cat([off[:, :1], off[:, :1] + angle_of(steps.sin(), steps.cos()).cumsum(dim=1)], dim=1)
+    off = torch.cat([off[:, :1], off[:, :1] + wrapped_steps(off).cumsum(dim=1)], dim=1)
     off = off.sign() * (off.abs() - SWAY_RAD).clamp(min=0)
     reach = len(_WEIGHTS) // 2
     padded = functional.pad(off[:, None], (reach, reach), mode="replicate")[:, 0]
@@ -39,3 +37,12 @@ def face_root(poses: Poses, heading: Tensor) -> None:
     rise = (torch.arange(turn.shape[1], device=turn.device) / (2.0 * reach)).clamp(max=1)
     turn = turn * rise * rise * (3 - 2 * rise)
     poses.turn_about_up(turn)
+
+
+def off_heading(lines: Tensor, heading: Tensor) -> Tensor:
+    """How far (B, T) radians, -pi to pi, bodies would have to turn to face where their roots look.
+
+    lines: (B, T, 3) of their hips, as `hip_lines` has them; heading: (B, T, 2) cosine and sine.
+    """
+    off = angle_of(heading[..., 1], heading[..., 0]) - angle_of(lines[..., 2], -lines[..., 0])
+    return angle_of(off.sin(), off.cos())

@@ -55,10 +55,8 @@ class Poses:
             self.rotations[:, :, turned] = delta @ self.rotations[:, :, turned]
 
     def turn_about_up(self, angle: Tensor) -> None:
-        """Turn all joints by angles (B, T) in radians about +Y, as products with `rotation_y` would."""
-        cosine, sine = torch.cos(angle)[..., None, None], torch.sin(angle)[..., None, None]
-        x, y, z = self.rotations.unbind(-2)
-        self.rotations = torch.stack([cosine * x + sine * z, y, cosine * z - sine * x], dim=-2)
+        """Turn all joints by angles (B, T) in radians about +Y."""
+        self.rotations = rotated_about_up(self.rotations, angle)
 
     def bend_limbs(
         self, limbs: Sequence[Limb], positions: Tensor, targets: Tensor, where: Tensor | None = None
@@ -98,3 +96,10 @@ class Poses:
             ],
             dim=-1,
         )
+
+
+def rotated_about_up(rotations: Tensor, angle: Tensor) -> Tensor:
+    """Rotations (B, T, J, 3, 3) turned by angles (B, T) in radians about +Y, as products with `rotation_y` would."""
+    cosine, sine = torch.cos(angle)[..., None, None], torch.sin(angle)[..., None, None]
+    x, y, z = rotations.unbind(-2)
+    return torch.stack([cosine * x + sine * z, y, cosine * z - sine * x], dim=-2)

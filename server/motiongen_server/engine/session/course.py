@@ -4,6 +4,9 @@ from __future__ import annotations
 
 from bisect import bisect_left, insort
 from collections.abc import Iterable
+from dataclasses import replace
+
+import numpy as np
 
 from motiongen_ardy.locomotion.velocity import RootState
 from motiongen_server.engine.types import Constraint, JointTargets, Keyframe, RootTrajectory, Waypoint
@@ -85,3 +88,28 @@ def place_given(item: Constraint) -> tuple[float, float] | None:
             x, _, z = item.positions[item.joints.index(0)].tolist()
             return x, z
     return None
+
+
+def behind_places(
+    lead: RootTrajectory | None, constraints: Iterable[Constraint], window: range
+) -> RootTrajectory | None:
+    """What is left of a lead where the root is asked to be at places in a window: it goes on from the last of them.
+
+    To these the character goes by itself. window: the frames that it sees. None where no lead was given, or is left.
+    """
+    if lead is None:
+        return None
+    last, place = lead.first_frame - 1, None
+    for item in constraints:
+        if isinstance(item, RootTrajectory):
+            frame = min(item.last_frame, window.stop - 1)
+            given = item.xz[frame - item.first_frame] if item.first_frame <= frame else None
+        else:
+            frame, given = item.frame, place_given(item)
+        if given is not None and last < frame < window.stop:
+            last, place = frame, given
+    begin = last + 1 - lead.first_frame
+    if place is None or begin >= len(lead.xz):
+        return lead if place is None else None
+    moved = lead.xz[begin:] + (np.asarray(place, np.float32) - lead.xz[begin - 1])
+    return replace(lead, first_frame=last + 1, xz=moved, heading=None if lead.heading is None else lead.heading[begin:])

@@ -10,6 +10,7 @@ from motiongen_server.engine.config import EngineConfig
 from motiongen_server.engine.scheduling.levels import Level
 from motiongen_server.engine.session.aiming import Aiming
 from motiongen_server.engine.session.conditions import Conditions
+from motiongen_server.engine.session.course import behind_places
 from motiongen_server.engine.session.cutting import Cut
 from motiongen_server.engine.session.drift import Correction, DriftGuard
 from motiongen_server.engine.session.edits import PendingEdit
@@ -133,9 +134,9 @@ class WindowSite:
         if not held:
             return () if path is None else (path,)
         aiming = Aiming(self.facts.rig, self.facts.fps, self.timeline, range(first_frame, end), self.root_before)
-        seen = in_force(aiming.aimed(held), range(first_frame, end), self.facts.fps)
+        seen = in_force(aiming.aimed(held), aiming.window, self.facts.fps)
         lead = aiming.lead(held, first_frame + self.facts.horizon)
-        leads = path if lead is None else lead
+        leads = behind_places(path if lead is None else lead, seen, aiming.window)
         return (*(() if leads is None else (leads,)), *aiming.free_roots(seen, leads), *seen)
 
     def _velocity_path(self, first_frame: int) -> RootTrajectory | None:

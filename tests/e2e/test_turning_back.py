@@ -1,0 +1,81 @@
+"""Who walks or runs and is sent back turns round as people do: bodies of the built-in model do not flip on the way."""
+
+from __future__ import annotations
+
+import asyncio
+import itertools
+import math
+from collections.abc import AsyncIterator
+
+import numpy as np
+import pytest
+
+from motiongen_client import MotionClient, Session, SessionOptions, StartPose
+from motiongen_tools.server_process import ServerProcess
+
+SETTINGS = (
+    "--devices", "cpu:1", "--profile-s", "0.3", "--admit-load", "1000", "--degrade", "false",
+    "--playback-rate", "1000",
+)  # fmt: skip
+FPS = 20
+AHEAD_S, MOST_S = 3.0, 20.0
+BACK_M, NEAR_M = 6.0, 0.3
+"""From where it is sent back. When it turns depends on how soon the server gets to the edit."""
+GAITS = ((1.3, "a person walks forward"), (2.0, "a person jogs"), (3.0, "a person runs forward"))
+SEEDS = range(3)
+HIPS_RAD_S = 10.0
+"""Roots are turned at 3.2 rad/s at most, and hips sway by as much again; a flip is 12 and more."""
+FASTER = 1.5
+"""Than the fastest limb before, while it went straight on."""
+
+
+async def poses(session: Session, seconds: float) -> AsyncIterator[np.ndarray]:
+    async for frame in session.frames(seconds, realtime=False):
+        yield frame.joint_positions_m().astype(np.float64)
+
+
+async def sent_back(client: MotionClient, speed_m_s: float, prompt: str, seed: int, by_place: bool) -> np.ndarray:
+    """(T, J, 3) of a character that goes along +X for a while, a little longer with each seed, and then back.
+
+    by_place: to a place, to which the velocity that still holds gives way; else by another velocity.
+    """
+    options = SessionOptions(seed=seed, start=StartPose(0.0, 0.0, math.pi / 2), lookahead_frames=40)
+    async with await client.open("a person stands", options=options) as session:
+        await session.set_prompt(prompt)
+        await session.set_velocity(speed_m_s, 0.0, seconds=MOST_S)
+        made = [pose async for pose in poses(session, AHEAD_S + 0.35 * seed)]
+        there_m = made[-1][0, 0] - BACK_M
+        if by_place:
+            await session.go_to(there_m, 0.0)
+        else:
+            await session.set_velocity(-speed_m_s, 0.0, seconds=MOST_S)
+        async for pose in poses(session, MOST_S):
+            made.append(pose)
+            if pose[0, 0] < there_m + NEAR_M:
+                return np.array(made)
+    raise AssertionError(f"{prompt}, seed {seed}: it never went back")
+
+
+def hips_rad_s(joints_m: np.ndarray, hips: tuple[int, int]) -> np.ndarray:
+    """How fast the line of the hips turns over the ground, frame by frame."""
+    line = joints_m[:, hips[0]] - joints_m[:, hips[1]]
+    return np.abs(np.diff(np.unwrap(np.arctan2(line[:, 0], line[:, 2])))) * FPS
+
+
+def fastest_m_s(joints_m: np.ndarray) -> float:
+    return float(np.linalg.norm(np.diff(joints_m, axis=0), axis=-1).max() * FPS)
+
+
+@pytest.mark.parametrize("by_place", [False, True], ids=["stick", "place"])
+async def test_nobody_flips_who_is_sent_back(by_place: bool) -> None:
+    with ServerProcess(SETTINGS) as server:
+        async with MotionClient(server.address) as client:
+            names = list(client.catalog.rig(client.catalog.models[0].rig_id).joint_names)
+            hips = names.index("RightUpLeg"), names.index("LeftUpLeg")
+            cases = list(itertools.product(GAITS, SEEDS))
+            walks = await asyncio.gather(*(sent_back(client, *gait, seed, by_place) for gait, seed in cases))
+    for (gait, seed), joints_m in zip(cases, walks, strict=True):
+        ahead = round(FPS * (AHEAD_S + 0.35 * seed))
+        turning = hips_rad_s(joints_m[ahead - 1 :], hips)
+        assert turning.max() < HIPS_RAD_S, f"{gait}, seed {seed}: frame {ahead + int(turning.argmax())}"
+        assert fastest_m_s(joints_m[ahead - 1 :]) < FASTER * fastest_m_s(joints_m[FPS:ahead]), f"{gait}, seed {seed}"

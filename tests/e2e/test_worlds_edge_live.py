@@ -27,8 +27,8 @@ FASTER = 1.5
 Leg = Callable[[Session, float], Edit]
 """What a session is told. sign: of the end of the world that it is at, or that it faces from the middle, 1 or -1."""
 
-# Nobody is turned right about out of a run: bodies of the built-in model may then flip within a frame or two, in the
-# middle as at the edge, and how far depends on the frame at which the plan begins.
+# Nobody is turned right about out of a run, where limbs go as the frame will have it at which the plan begins: that is
+# `test_turning_back`'s.
 LEGS: tuple[Leg, ...] = (
     lambda session, sign: session.set_prompt("a person walks forward"),
     lambda session, sign: session.set_velocity(sign * 3.0, 0.0, seconds=LEG_S),  # outward

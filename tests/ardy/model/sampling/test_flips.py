@@ -10,6 +10,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from motiongen_ardy.core.rotation import axis_angle_to_matrix
+from motiongen_ardy.model.sampling import flips as module
 from motiongen_ardy.model.sampling.flips import BRIDGED_FRAMES, FAR_RAD, FLIP_RAD, undo_flips
 from motiongen_ardy.model.sampling.pose import Poses
 from tests.ardy.model.sampling.test_facing import shown, standing
@@ -115,3 +116,10 @@ def test_a_row_gets_the_same_in_any_company() -> None:
     for row, (poses, heading) in enumerate(rows):
         assert torch.equal(found.rotations[row : row + 1], without_flips(poses, heading).rotations)
     assert torch.equal(found.rotations[1], rows[1][0].rotations[0]), "who does not flip is left alone, bit for bit"
+
+
+def test_led_all_at_once_as_on_a_gpu_they_get_the_same(monkeypatch: pytest.MonkeyPatch) -> None:
+    poses, heading = flipping({3: 2.5, 12: -1.5, 18: 1.0})
+    apart = without_flips(poses, heading).rotations
+    monkeypatch.setattr(module, "_rows_of", lambda far: None)
+    assert torch.equal(without_flips(poses, heading).rotations, apart)

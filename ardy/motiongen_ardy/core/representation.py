@@ -28,8 +28,12 @@ ON_GROUND = (1.0, 0.0, 1.0)  # what remains of a position when its height is tak
 def heading_angle(skeleton: Skeleton, positions: Tensor) -> Tensor:
     """Facing (...) in radians about +Y, 0 toward +Z, from joint positions (..., J, 3): the hips' line turned by 90."""
     right, left = skeleton.hip_joints
-    across = positions[..., right, :] - positions[..., left, :]
-    return angle_of(across[..., 2], -across[..., 0])
+    return facing_of(positions[..., right, :] - positions[..., left, :])
+
+
+def facing_of(hip_lines: Tensor) -> Tensor:
+    """Facing (...) in radians as `heading_angle` has it, from vectors (..., 3) from the left hip to the right one."""
+    return angle_of(hip_lines[..., 2], -hip_lines[..., 0])
 
 
 def repeat_last_valid(values: Tensor, lengths: Tensor) -> Tensor:

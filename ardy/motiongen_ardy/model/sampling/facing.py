@@ -11,6 +11,7 @@ import torch
 from torch import Tensor
 from torch.nn import functional
 
+from motiongen_ardy.core.representation import facing_of
 from motiongen_ardy.core.rotation import angle_of
 from motiongen_ardy.core.skeleton import hip_lines
 from motiongen_ardy.model.sampling.pose import Poses
@@ -44,5 +45,5 @@ def off_heading(lines: Tensor, heading: Tensor) -> Tensor:
 
     lines: (B, T, 3) of their hips, as `hip_lines` has them; heading: (B, T, 2) cosine and sine.
     """
-    off = angle_of(heading[..., 1], heading[..., 0]) - angle_of(lines[..., 2], -lines[..., 0])
+    off = angle_of(heading[..., 1], heading[..., 0]) - facing_of(lines)
     return angle_of(off.sin(), off.cos())

@@ -32,7 +32,8 @@ def undo_flips(before: Poses, poses: Poses, heading: Tensor) -> None:
     are joined, which would lead limbs round with a flip. Who lies on a side faces nowhere. Rows without a flip stay bit
     for bit.
     """
-    lines = hip_lines(poses.layout.skeleton, torch.cat([before.rotations, poses.rotations], dim=1))
+    skeleton = poses.layout.skeleton
+    lines = torch.cat([hip_lines(skeleton, part.rotations) for part in (before, poses)], dim=1)
     level = lines[..., 1].abs() < STEEP * lines.norm(dim=-1)
     steps = wrapped_steps(off_heading(lines, heading)) * (level[:, 1:] & level[:, :-1])
     poses.turn_about_up((steps * (steps.abs() > FLIP_RAD)).cumsum(dim=1))
@@ -61,6 +62,7 @@ def _bridged(before: Tensor, rotations: Tensor, heading: Tensor, far: Tensor) ->
     seen = matrix_to_6d(rotated_about_up(every, -angle))  # from the root, which turns on meanwhile
     first, last = (_at(seen, frame.clamp(max=num_frames - 1)) for frame in (left, right))
     led = rotated_about_up(matrix_from_6d(torch.lerp(first, last, weight)), angle)
+    # Where both axes that tell a turn oppose each other, none lies between: such a joint keeps its own way.
     apart = (first * last).sum(dim=-1) < 0.0
     return torch.where((~sound & (right < num_frames) & ~apart)[..., None, None], led, every)[:, 1:]
 

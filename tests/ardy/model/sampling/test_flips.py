@@ -123,3 +123,13 @@ def test_led_all_at_once_as_on_a_gpu_they_get_the_same(monkeypatch: pytest.Monke
     apart = without_flips(poses, heading).rotations
     monkeypatch.setattr(module, "_rows_of", lambda far: None)
     assert torch.equal(without_flips(poses, heading).rotations, apart)
+
+
+def test_a_joint_whose_axes_oppose_each_other_before_and_behind_a_flip_keeps_its_own_way() -> None:
+    poses, heading = flipping({8: FAR_RAD + 1.0})
+    arm = poses.layout.skeleton.index("RightArm")
+    over = axis_angle_to_matrix(torch.tensor([0.0, 0.0, 3.0]))
+    poses.rotations[:, 8:, arm] = poses.rotations[:, 8:, 0] @ over
+    own = poses.rotations[:, :, 0].mT @ poses.rotations[:, :, arm]
+    found = without_flips(poses, heading).rotations
+    torch.testing.assert_close(found[:, :, 0].mT @ found[:, :, arm], own, atol=1e-5, rtol=0)

@@ -19,6 +19,7 @@ _SERVED = {
     "head": Bound(most=8.0),
     "speed": Bound(least=0.9, most=1.1),
     "hips": Bound(most=5.0),
+    "torn": Bound(most=0.02),
     "feet steady": Bound(most=0.10),
     "feet start": Bound(most=0.20),
     "glided": Bound(most=0.05),

@@ -40,4 +40,16 @@ def test_all_parts_that_need_no_judge_end_with_figures(tmp_path: Path, monkeypat
     assert ended.value.code == 1, "it has learned nothing, so it misses its bounds, and that is told"
     figures = json.loads((tmp_path / "figures.json").read_text())["figures"]
     judged = {figure["family"] for figure in figures}
-    assert judged == {"waypoint", "path", "heading", "pose", "velocity", "feet", "seam", "text", "tokenizer", "session"}
+    assert judged == {
+        "waypoint",
+        "path",
+        "heading",
+        "pose",
+        "velocity",
+        "feet",
+        "short",
+        "seam",
+        "text",
+        "tokenizer",
+        "session",
+    }

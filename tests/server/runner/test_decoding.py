@@ -12,7 +12,7 @@ from torch import Tensor
 from torch.utils._python_dispatch import TorchDispatchMode
 
 from motiongen_ardy.checkpoint.checkpoint import load_checkpoint
-from motiongen_ardy.model.sampling import flips, seams
+from motiongen_ardy.model.sampling import flips, landings, seams
 from motiongen_server.runner import TorchRunner
 from motiongen_server.runner.decoding import asked_of
 from tests.steered_jobs import MINI, all_kinds, played
@@ -77,6 +77,7 @@ def test_replayed_windows_are_those_that_are_decoded(folder: Path, monkeypatch: 
         with monkeypatch.context() as patch:
             patch.setattr(seams, "_joints_of", as_on_a_gpu)
             patch.setattr(flips, "_rows_of", lambda far: None)
+            patch.setattr(landings, "_all_in_time", lambda missing: False)
             found = played(replayed, jobs)
         for mine, other in zip(found, expected, strict=True):
             assert np.array_equal(mine.frames, other.frames)

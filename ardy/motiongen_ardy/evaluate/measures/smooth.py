@@ -36,3 +36,9 @@ def seam_jumps(positions: Tensor, seams: Sequence[int], fps: int) -> Tensor:
         return torch.zeros(0, 3)
     # The step into the seam is row seam - 2; the change of velocity just after it is a row later.
     return torch.stack([rows[seam - 2 : seam].amax(dim=0) for seam in inside])
+
+
+def hardest_beside_root(positions: Tensor, fps: int) -> float:
+    """The most, m/s2, that any joint of positions (T, J, 3) is accelerated as seen from over or under its root."""
+    ground = positions[:, :1] * positions.new_tensor([1.0, 0.0, 1.0])
+    return float(accelerations(positions - ground, fps).max())

@@ -5,7 +5,18 @@ from __future__ import annotations
 from collections.abc import Callable
 
 from motiongen_ardy.evaluate.context import Context
-from motiongen_ardy.evaluate.rows import feet, matching, paths, poses, seams, sessions, turning, velocity, waypoints
+from motiongen_ardy.evaluate.rows import (
+    feet,
+    matching,
+    paths,
+    poses,
+    seams,
+    sessions,
+    short_ways,
+    turning,
+    velocity,
+    waypoints,
+)
 
 FAMILIES: dict[str, Callable[[Context], None]] = {
     "waypoint": waypoints.add,
@@ -13,6 +24,7 @@ FAMILIES: dict[str, Callable[[Context], None]] = {
     "pose": poses.add,
     "velocity": velocity.add,
     "feet": feet.add,
+    "short": short_ways.add,
     "seam": seams.add,
     "text": turning.add,
     "matching": matching.add,

@@ -44,7 +44,9 @@ def clean_feet(poses: Poses, options: FeetOptions, pinned: Tensor, height_held: 
     twisted = twist(standing, sole)
     # Where the feet would be if they had not turned: what they slip beside turning.
     straight = torch.stack([heel, heel + turned_about_up(sole, -twisted)], dim=3).flatten(2, 3)
-    offsets, turn, lift, standing = ground_offsets(standing, slip(states, straight), twisted, pace, pinned, options)
+    offsets, turn, lift, standing = ground_offsets(
+        standing, slip(states, straight), twisted, pace, pinned, fps=poses.layout.fps, options=options
+    )
     states = states.unflatten(2, (2, 2)) & standing[..., None]
     rise = _heights(feet, states.flatten(2), pinned, options).unflatten(2, (2, 2)) + lift[..., None]
 

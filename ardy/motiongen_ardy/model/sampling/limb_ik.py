@@ -25,13 +25,18 @@ def soft_reach(distance: Tensor, length: Tensor | float) -> Tensor:
 
 
 def bend(
-    joints: tuple[Tensor, Tensor, Tensor], rotations: tuple[Tensor, Tensor], target: Tensor, pole: Tensor
+    joints: tuple[Tensor, Tensor, Tensor],
+    rotations: tuple[Tensor, Tensor],
+    target: Tensor,
+    pole: Tensor,
+    hinged: Tensor | None = None,
 ) -> tuple[Tensor, Tensor, Tensor, Tensor]:
     """Bend a limb so that its end comes to `target`, in the plane in which it is bent already.
 
     joints, rotations and what is returned: as for `bent_to`. target: (..., 3); pole: (..., 3), the world direction in
-    which the middle joint goes where the limb is straight. A target out of reach is approached along the straight line
-    as near as `soft_reach` allows. The end's own rotation is the caller's.
+    which the middle joint goes where the limb is straight; hinged: (...) 1 for a limb that bends to no other side, and
+    is mirrored about the line to its end where it does, 0 for one that may. A target out of reach is approached along
+    the straight line as near as `soft_reach` allows. The end's own rotation is the caller's.
     """
     upper, middle, end = joints
     length_1, length_2 = (middle - upper).norm(dim=-1), (end - middle).norm(dim=-1)
@@ -42,5 +47,10 @@ def bend(
     distance = torch.maximum(soft_reach(wanted, length_1 + length_2), straight)
     distance = torch.maximum(distance, LEAST_BEND * (length_1 - length_2).abs() + 1e-4)
     direction = unit(torch.where(wanted[..., None] > 1e-6, aim, line))
-    outward = unit(across(middle - upper, line) + POLE_WEIGHT_M * across(pole, line))
+    off, toward = across(middle - upper, line), across(pole, line)
+    weight: Tensor | float = POLE_WEIGHT_M
+    if hinged is not None:
+        behind = -(off * toward).sum(dim=-1).clamp(max=0) / toward.square().sum(dim=-1).clamp(min=1e-8)
+        weight = (POLE_WEIGHT_M + 2 * hinged * behind)[..., None]
+    outward = unit(off + weight * toward)
     return bent_to(joints, rotations, direction, distance, outward)

@@ -19,7 +19,7 @@ class Limb:
     """One leg or arm. upper, middle, end: hip, knee, ankle or shoulder, elbow, wrist; all below `end` moves with it.
 
     upper_m, lower_m: bone lengths in metres. pole: where the middle joint bends to in the neutral pose, for a limb
-    that is straight.
+    that is straight; hinged: it bends to no other side.
     """
 
     upper: int
@@ -30,6 +30,7 @@ class Limb:
     upper_m: float
     lower_m: float
     pole: tuple[float, float, float]
+    hinged: bool
 
     @property
     def length_m(self) -> float:
@@ -45,12 +46,12 @@ def descendants(skeleton: Skeleton, joint: int) -> tuple[int, ...]:
     return tuple(sorted(found - {joint}))
 
 
-def _limb(skeleton: Skeleton, chain: tuple[int, ...], pole: tuple[float, float, float]) -> Limb:
+def _limb(skeleton: Skeleton, chain: tuple[int, ...], pole: tuple[float, float, float], *, hinged: bool) -> Limb:
     end, tip = chain[:2]
     middle = skeleton.parents[end]
     upper = skeleton.parents[middle]
     lengths = [float(np.linalg.norm(skeleton.offsets[joint])) for joint in (middle, end)]
-    return Limb(upper, middle, end, tip, descendants(skeleton, end), *lengths, pole)
+    return Limb(upper, middle, end, tip, descendants(skeleton, end), *lengths, pole, hinged)
 
 
 @lru_cache
@@ -59,7 +60,9 @@ def legs(skeleton: Skeleton) -> tuple[Limb, Limb]:
 
     A robot's leg has a chain of joints with an axis each, which a two-bone solution would turn about other axes.
     """
-    found = tuple(_limb(skeleton, chain, (0.0, 0.0, 1.0)) for chain in (skeleton.left_foot, skeleton.right_foot))
+    found = tuple(
+        _limb(skeleton, chain, (0.0, 0.0, 1.0), hinged=True) for chain in (skeleton.left_foot, skeleton.right_foot)
+    )
     if {limb.upper for limb in found} != set(skeleton.hip_joints):
         raise ConfigError(
             f"skeleton {skeleton.name} has no legs of two bones between hip and ankle, which foot clean-up and joint"
@@ -72,7 +75,8 @@ def legs(skeleton: Skeleton) -> tuple[Limb, Limb]:
 def arms(skeleton: Skeleton) -> tuple[Limb, Limb]:
     """The left and the right arm, from shoulder to wrist. Raises ConfigError as `legs` does."""
     legs(skeleton)
-    left, right = (_limb(skeleton, chain, (0.0, 0.0, -1.0)) for chain in (skeleton.left_hand, skeleton.right_hand))
+    chains = (skeleton.left_hand, skeleton.right_hand)
+    left, right = (_limb(skeleton, chain, (0.0, 0.0, -1.0), hinged=False) for chain in chains)
     return left, right
 
 

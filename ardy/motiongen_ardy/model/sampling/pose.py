@@ -69,7 +69,8 @@ class Poses:
         neutral = constant(tuple(limb.pole for limb in limbs), positions.dtype, positions.device)
         pole = (rotations[0] @ neutral[..., None]).squeeze(-1)
         joints = (positions[:, :, upper], positions[:, :, middle], positions[:, :, end])
-        first, second, _, _ = bend(joints, rotations, targets, pole)
+        hinged = constant(tuple(float(limb.hinged) for limb in limbs), positions.dtype, positions.device)
+        first, second, _, _ = bend(joints, rotations, targets, pole, hinged)
         if where is not None:
             first, second = (
                 torch.where(where[..., None, None], new, old)

@@ -6,6 +6,7 @@ import torch
 from torch import Tensor
 
 from motiongen_ardy.core.constants import constant
+from motiongen_ardy.model.sampling.landings import late_landings
 from motiongen_ardy.model.sampling.options import FeetOptions
 from motiongen_ardy.model.sampling.spread import held, spread, within
 from motiongen_ardy.model.sampling.stance import run_sums, segments
@@ -38,7 +39,7 @@ def breaks(standing: Tensor, slipped: Tensor, twisted: Tensor, pace: Tensor, opt
 
 
 def ground_offsets(
-    standing: Tensor, slipped: Tensor, twisted: Tensor, pace: Tensor, pinned: Tensor, options: FeetOptions
+    standing: Tensor, slipped: Tensor, twisted: Tensor, pace: Tensor, pinned: Tensor, *, fps: int, options: FeetOptions
 ) -> tuple[Tensor, Tensor, Tensor, Tensor]:
     """Offsets (B, T, 2, 3) of the feet over the ground, how far each turns and is lifted (B, T, 2), when they stand.
 
@@ -65,6 +66,11 @@ def ground_offsets(
     kept = torch.where(standing[..., None], place - moved, 0.0) * constant(
         (1.0, 0.0, 1.0, 1.0), slipped.dtype, slipped.device
     )
-    kept = spread(kept, known, options.fade_frames)
     bump = spread((broken & ~pinned)[..., None].to(slipped.dtype), broken | pinned, AIR_FRAMES)[..., 0]
+    late = late_landings(kept, known, number, pinned, fps)
+    if late is not None:
+        is_late, lifted = late
+        standing, known = standing & ~is_late, known & ~is_late
+        bump = torch.maximum(bump, lifted)
+    kept = spread(kept, known, options.fade_frames)
     return kept[..., :3], kept[..., 3], options.lift_m * bump, standing

@@ -21,9 +21,11 @@ FORWARD = torch.tensor([0.0, 0.0, 1.0])
 LENGTH = float(KNEE.norm() + (ANKLE - KNEE).norm())
 
 
-def solve(target: Tensor, knee: Tensor = KNEE, ankle: Tensor = ANKLE) -> tuple[Tensor, Tensor, Tensor, Tensor]:
+def solve(
+    target: Tensor, knee: Tensor = KNEE, ankle: Tensor = ANKLE, hinged: Tensor | None = None
+) -> tuple[Tensor, Tensor, Tensor, Tensor]:
     identity = torch.eye(3)
-    return bend((HIP, knee, ankle), (identity, identity), target, FORWARD)
+    return bend((HIP, knee, ankle), (identity, identity), target, FORWARD, hinged)
 
 
 def test_the_end_comes_to_a_target_within_reach_and_bones_keep_their_length() -> None:
@@ -68,6 +70,19 @@ def test_a_straight_leg_bends_forward() -> None:
     )
     assert knee[2] > 0.1
     torch.testing.assert_close(ankle, torch.tensor([0.0, -0.7, 0.0]), atol=1e-5, rtol=0)
+
+
+def test_a_knee_that_is_overstretched_bends_forward_and_one_that_is_not_stays() -> None:
+    target, hinge = torch.tensor([0.0, -0.75, 0.0]), torch.tensor(1.0)
+    places = []
+    for ahead in (-0.04, -0.01, -0.001, 0.001, 0.01, 0.04):
+        *_, knee, ankle = solve(target, torch.tensor([0.0, -0.4, ahead]), hinged=hinge)
+        torch.testing.assert_close(ankle, target, atol=1e-5, rtol=0)
+        assert knee[2] > 0.1
+        places.append(knee)
+    assert float((torch.stack(places)[1:5] - places[0]).norm(dim=-1).max()) < 0.02, "it does not jump where it turns"
+    torch.testing.assert_close(solve(ANKLE, KNEE, hinged=hinge)[2], KNEE, atol=1e-5, rtol=0)
+    assert solve(target, torch.tensor([0.0, -0.4, -0.04]))[2][2] < -0.1, "an elbow bends as it is bent"
 
 
 def test_a_target_at_the_hip_folds_the_leg_but_not_flat() -> None:

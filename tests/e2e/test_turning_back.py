@@ -23,8 +23,8 @@ BACK_M, NEAR_M = 6.0, 0.3
 """From where it is sent back. When it turns depends on how soon the server gets to the edit."""
 GAITS = ((1.3, "a person walks forward"), (2.0, "a person jogs"), (3.0, "a person runs forward"))
 SEEDS = range(3)
-HIPS_RAD_S = 10.0
-"""Roots are turned at 3.2 rad/s at most, and hips sway by as much again; a flip is 12 and more."""
+HIPS_RAD_S = 7.0
+"""Roots are turned at 3.2 rad/s at most, sway by 1 and hips by another; a flip is 12 and more."""
 FASTER = 1.5
 """Than the fastest limb before, while it went straight on."""
 

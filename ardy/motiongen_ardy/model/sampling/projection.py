@@ -16,6 +16,8 @@ from motiongen_ardy.model.sampling.options import SamplingOptions
 from motiongen_ardy.model.sampling.slowing import FREE_M_S, slowed
 
 _NEVER_M = 1e9
+SWAY_RAD_S = 1.0
+"""How fast a root that may miss a heading comes to miss it by more, or by less."""
 
 
 @dataclass(frozen=True)
@@ -80,7 +82,7 @@ class RootProjection:
         kept = torch.minimum((length - self.slack[..., :1]).clamp(min=0), self.most[..., None])
         ground = carried + self.ground @ (missing * (kept / length.clamp(min=1e-9)))
         height = _product(self.height, (self.asked[..., 2] - natural[..., 1]) * where[..., 1])[..., None]
-        turn = _product(self.heading, self._missing_heading(natural[..., 3:], where[..., 2]))
+        turn = _product(self.heading, self._missing_heading(natural[..., 3:], where[..., 2], layout.fps))
         cosine, sine = natural[..., 3], natural[..., 4]
         turned = torch.stack(
             [cosine * (turn.cos() - 1) - sine * turn.sin(), cosine * turn.sin() + sine * (turn.cos() - 1)], dim=-1
@@ -88,8 +90,12 @@ class RootProjection:
         moved = torch.cat([ground[..., :1], height, ground[..., 1:], turned], dim=-1)
         return root + moved / scale
 
-    def _missing_heading(self, cosine_sine: Tensor, where: Tensor) -> Tensor:
-        """The turn (B, T) in radians that is missing at the goals, less what may be missing."""
+    def _missing_heading(self, cosine_sine: Tensor, where: Tensor, fps: int) -> Tensor:
+        """The turn (B, T) in radians that is missing at the goals, less what may be missing.
+
+        That comes and goes slowly: a root that is predicted to look the other way lags by all that it may, and would
+        jump ahead by as much where it is predicted to turn round at once.
+        """
         angle = angle_of(cosine_sine[..., 1], cosine_sine[..., 0])
         steps = wrap(angle[:, 1:] - angle[:, :-1])
         angle = torch.cat([angle[:, :1], angle[:, :1] + steps.cumsum(dim=1)], dim=1)
@@ -97,12 +103,26 @@ class RootProjection:
         # From one goal to the next the way that is missing must not go once round: whole turns are those of the first.
         first = off.gather(1, where.argmax(dim=1, keepdim=True))
         off = (off - (first - wrap(first))) * where
-        return off.sign() * (off.abs() - self.slack[..., 1]).clamp(min=0)
+        missing = off.sign() * (off.abs() - self.slack[..., 1]).clamp(min=0)
+        sway = _unhurried(off - missing, where != 0, SWAY_RAD_S / fps)
+        return (off - torch.maximum(torch.minimum(sway, self.slack[..., 1]), -self.slack[..., 1])) * where
 
 
 def _product(matrices: Tensor, vectors: Tensor) -> Tensor:
     """(B, T, T) with (B, T) -> (B, T), a sum for each row: a matrix product adds otherwise where B is 1."""
     return (matrices * vectors[:, None]).sum(dim=-1)
+
+
+def _unhurried(values: Tensor, known: Tensor, most: Tensor | float) -> Tensor:
+    """Values (B, T) that change by no more than `most` from frame to frame, of those at known frames (B, T).
+
+    Values that do so already stay as they are. The mean of the highest such curve under them and the lowest above.
+    """
+    frames = torch.arange(values.shape[1], device=values.device)
+    apart = most * (frames[:, None] - frames).abs()
+    below = (values.masked_fill(~known, torch.inf)[:, None] + apart).amin(dim=-1)
+    above = (values.masked_fill(~known, -torch.inf)[:, None] - apart).amax(dim=-1)
+    return torch.where(known, (below + above) / 2, 0.0)
 
 
 def wrap(angle: Tensor) -> Tensor:

@@ -143,6 +143,34 @@ def test_the_root_comes_onto_a_goal_without_a_jerk_where_each_frame_is_planned(l
     assert float(torch.atan2(root[10:, 4], root[10:, 3]).diff().abs().max()) < 0.03
 
 
+def turned_about(layout: Representation, turns: Tensor) -> Tensor:
+    """Headings (T) of roots that are predicted to turn so (T) and planned to turn by 3 rad/s, one frame in one."""
+    targets = Targets(layout.skeleton)
+    frames = list(range(HISTORY, HISTORY + HORIZON))
+    ways = torch.tensor([[0.0, 0.0]] * HORIZON)
+    targets.add_waypoints(frames, ways, 3.0 / layout.fps * torch.arange(1, HORIZON + 1))
+    targets.planned, targets.faced = set(frames), set(frames)
+    root = layout.root_stats.denormalize(walk(layout))
+    root[..., 3], root[..., 4] = turns.cos(), turns.sin()
+    projection = made(layout, targets)
+    assert projection is not None
+    moved = layout.root_stats.denormalize(projection.apply(layout, layout.root_stats.normalize(root)))[0]
+    return torch.from_numpy(np.unwrap(torch.atan2(moved[:, 4], moved[:, 3]).numpy()))
+
+
+def test_a_root_that_is_predicted_to_flip_turns_as_it_is_planned_to(layout: Representation) -> None:
+    late = torch.where(torch.arange(HORIZON) < 16, 0.0, 3.0 / layout.fps * torch.arange(1, HORIZON + 1) + 0.15)
+    headings = turned_about(layout, late)
+    planned = 3.0 / layout.fps * torch.arange(1, HORIZON + 1)
+    assert float((headings - planned).abs().max()) < 0.21
+    assert float(headings.diff().max()) * layout.fps < 3.0 + 1.0 + 1e-3, "at once it would be 10 rad/s"
+
+
+def test_a_root_that_sways_slowly_is_left_alone(layout: Representation) -> None:
+    sways = 3.0 / layout.fps * torch.arange(1, HORIZON + 1) + 0.1 * torch.sin(torch.arange(HORIZON) * 0.4)
+    torch.testing.assert_close(turned_about(layout, sways).float(), sways, atol=1e-4, rtol=0)
+
+
 def test_curves_of_many_goals_are_not_all_kept() -> None:
     for first in range(10):
         for second in range(first + 1, 30):

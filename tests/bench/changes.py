@@ -105,12 +105,22 @@ async def played(client: MotionClient, orders: tuple[Order, Order], seed: int) -
     return np.array(made)
 
 
+def hardest_m_s2(joints_m: np.ndarray) -> np.ndarray:
+    """The most that any joint of each frame but first and last is accelerated, as seen from over or under its root."""
+    beside = joints_m - joints_m[:, :1] * np.array([1.0, 0.0, 1.0])
+    hardest: np.ndarray = np.linalg.norm(np.diff(beside, 2, axis=0), axis=-1).max(axis=1) * FPS**2
+    return hardest
+
+
+def hips_rad_s(joints_m: np.ndarray, hips: tuple[int, int]) -> np.ndarray:
+    """How fast the line of the hips turns over the ground, frame by frame."""
+    line = joints_m[:, hips[0]] - joints_m[:, hips[1]]
+    return np.abs(np.diff(np.unwrap(np.arctan2(line[:, 0], line[:, 2])))) * FPS
+
+
 def measured(joints_m: np.ndarray, hips: tuple[int, int], seed: int) -> Figures:
     """The figures of positions (T, J, 3) from the second second on."""
-    beside = joints_m - joints_m[:, :1] * np.array([1.0, 0.0, 1.0])
-    hardest = np.linalg.norm(np.diff(beside, 2, axis=0), axis=-1).max(axis=1)[FPS:] * FPS**2
-    line = joints_m[:, hips[0]] - joints_m[:, hips[1]]
-    turns = np.abs(np.diff(np.unwrap(np.arctan2(line[:, 0], line[:, 2]))))[FPS:] * FPS
+    hardest, turns = hardest_m_s2(joints_m)[FPS:], hips_rad_s(joints_m, hips)[FPS:]
     at, turned_at = int(hardest.argmax()), int(turns.argmax())
     return Figures(seed, float(hardest[at]), at + FPS + 1, float(turns[turned_at]), turned_at + FPS + 1)
 

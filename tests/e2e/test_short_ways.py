@@ -11,12 +11,8 @@ import pytest
 
 from motiongen_client import MotionClient, SessionOptions, StartPose
 from motiongen_tools.server_process import ServerProcess
+from tests.bench.changes import SETTINGS, hardest_m_s2
 
-SETTINGS = (
-    "--devices", "cpu:1", "--profile-s", "0.3", "--admit-load", "1000", "--degrade", "false",
-    "--playback-rate", "1000",
-)  # fmt: skip
-FPS = 20
 STANDS_S, WAY_S = 1.5, 4.0
 PLACES_M = ((0.5, 0.3), (-0.4, 0.0))
 """Along +X, where it faces, and +Z."""
@@ -35,12 +31,6 @@ async def sent(client: MotionClient, place_m: tuple[float, float], seed: int) ->
         await session.go_to(float(root[0]) + place_m[0], float(root[2]) + place_m[1])
         made = stood + [frame async for frame in session.frames(WAY_S, realtime=False)]
         return np.array([frame.joint_positions_m() for frame in made], np.float64)
-
-
-def hardest_m_s2(joints_m: np.ndarray) -> np.ndarray:
-    """The most that any joint of each frame but first and last is accelerated, as seen from over or under its root."""
-    beside = joints_m - joints_m[:, :1] * np.array([1.0, 0.0, 1.0])
-    return np.linalg.norm(np.diff(beside, 2, axis=0), axis=-1).max(axis=1) * FPS**2
 
 
 @pytest.mark.timeout(180)

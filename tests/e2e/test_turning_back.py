@@ -12,12 +12,8 @@ import pytest
 
 from motiongen_client import MotionClient, Session, SessionOptions, StartPose
 from motiongen_tools.server_process import ServerProcess
+from tests.bench.changes import FPS, SETTINGS, hips_rad_s
 
-SETTINGS = (
-    "--devices", "cpu:1", "--profile-s", "0.3", "--admit-load", "1000", "--degrade", "false",
-    "--playback-rate", "1000",
-)  # fmt: skip
-FPS = 20
 AHEAD_S, MOST_S = 3.0, 20.0
 BACK_M, NEAR_M = 6.0, 0.3
 """From where it is sent back. When it turns depends on how soon the server gets to the edit."""
@@ -54,12 +50,6 @@ async def sent_back(client: MotionClient, speed_m_s: float, prompt: str, seed: i
             if pose[0, 0] < there_m + NEAR_M:
                 return np.array(made)
     raise AssertionError(f"{prompt}, seed {seed}: it never went back")
-
-
-def hips_rad_s(joints_m: np.ndarray, hips: tuple[int, int]) -> np.ndarray:
-    """How fast the line of the hips turns over the ground, frame by frame."""
-    line = joints_m[:, hips[0]] - joints_m[:, hips[1]]
-    return np.abs(np.diff(np.unwrap(np.arctan2(line[:, 0], line[:, 2])))) * FPS
 
 
 def fastest_m_s(joints_m: np.ndarray) -> float:

@@ -30,9 +30,9 @@ def late_landings(
     """
     num_frames = known.shape[1]
     frames = torch.arange(num_frames, device=known.device)
-    left, after = gaps(known)
+    _, after = gaps(known)
     right = torch.cat([after[:, 1:], torch.full_like(after[:, :1], num_frames)], dim=1)
-    is_last = known & (right < num_frames) & (left >= 0)  # of its stance, another one following
+    is_last = known & (right < num_frames)  # of its stance, another one following
     right = right.clamp(max=num_frames - 1)
     is_last &= number != number.gather(1, right)
     off = offsets.gather(1, right[..., None].expand_as(offsets)) - offsets

@@ -105,7 +105,7 @@ class RootProjection:
         off = (off - (first - wrap(first))) * where
         missing = off.sign() * (off.abs() - self.slack[..., 1]).clamp(min=0)
         sway = _unhurried(off - missing, where != 0, SWAY_RAD_S / fps)
-        return (off - torch.maximum(torch.minimum(sway, self.slack[..., 1]), -self.slack[..., 1])) * where
+        return off - torch.maximum(torch.minimum(sway, self.slack[..., 1]), -self.slack[..., 1])
 
 
 def _product(matrices: Tensor, vectors: Tensor) -> Tensor:
@@ -113,7 +113,7 @@ def _product(matrices: Tensor, vectors: Tensor) -> Tensor:
     return (matrices * vectors[:, None]).sum(dim=-1)
 
 
-def _unhurried(values: Tensor, known: Tensor, most: Tensor | float) -> Tensor:
+def _unhurried(values: Tensor, known: Tensor, most: float) -> Tensor:
     """Values (B, T) that change by no more than `most` from frame to frame, of those at known frames (B, T).
 
     Values that do so already stay as they are. The mean of the highest such curve under them and the lowest above.

@@ -11,7 +11,8 @@ and what they count in the StepReport. The rules:
 - All edits that wait when a window starts are answered by that window. One that arrives while a window runs cuts the
   window (a prompt that starts inside it), joins it (it has not begun), restarts it (it answers no edit, and less than
   half of its steps are done), or follows it.
-- Each class has a most replans a second; edits in between wait and share one. They are answered however long it takes.
+- Each class has a most replans a second, and one more after a quiet time; edits in between wait and share one. They are
+  answered however long it takes.
 - A window is taken only up to the next change of prompt, so the window after it starts there with the new prompt.
 - No frame is sent at or beyond the playhead + lookahead, of which the playhead runs at real time and little more.
 - A constraint is answered when its last frame is committed: met or missed, and by how much.

@@ -118,12 +118,15 @@ class EditQueue:
     """The edits of one session that no window has been started for, and when the next one may be started for them.
 
     not_before: no window is started for an edit before this time, so that they share one; minus infinity: at once.
+    turn_at: when the next replan would have its turn if all were a period apart, which is ahead of the clock by as much
+    as they came closer together.
     unseen: edits whose plan has landed, and the frame they took effect at, until that frame is sent.
     """
 
     most: int
     waiting: tuple[PendingEdit, ...] = ()
     not_before: float = -math.inf
+    turn_at: float = -math.inf
     unseen: list[tuple[PendingEdit, int]] = field(default_factory=list)
 
     @property
@@ -159,19 +162,24 @@ class EditQueue:
         """No window that can wait, a replan's or a clip's, is started before this time."""
         self.not_before = max(self.not_before, at)
 
-    def space_replans(self, now: float, period_s: float) -> None:
-        """A window starts for the edits that wait: the next one may not before its time.
+    def space_replans(self, now: float, period_s: float, rest_s: float) -> None:
+        """A window starts for the edits that wait, or rights a body: the next one may not before its time.
 
-        Counted from when this one might have started, one period ago at the most: who comes as often as is allowed
-        would else fall behind a little with every wait, and never catch up.
+        That is rest_s later, and of many one in period_s. Of edits a turn that a quiet time has left over is kept, so
+        that who says two things one after the other is answered twice. Counted from when this one might have started,
+        one period ago at the most: who comes as often as is allowed would else fall behind a little with every wait,
+        and never catch up.
         """
         asked_at = min((edit.received_at for edit in self.waiting), default=now)
-        self.not_before = max(self.not_before, asked_at, now - period_s) + period_s
+        rested_at = max(self.not_before, asked_at, now - rest_s) + rest_s
+        turn_at = max(self.turn_at, asked_at, now - period_s)
+        self.turn_at = turn_at + period_s
+        self.not_before = max(rested_at, turn_at if self.waiting else self.turn_at)
 
     def put_back(self, edits: tuple[PendingEdit, ...]) -> None:
         """The window that was to answer these will not: the next one may start at once."""
         self.waiting = (*edits, *self.waiting)
-        self.not_before = -math.inf
+        self.not_before = self.turn_at = -math.inf
 
     def settle(self, untouched_from: int) -> list[PendingEdit]:
         """Take out the edits of frames that no window has touched yet: they will be there when one comes.

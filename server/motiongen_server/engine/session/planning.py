@@ -85,7 +85,7 @@ def next_window(state: SessionState, now: float, predicted_s: float, job_id: int
     due = Due(job_id, num_steps_due(state, now), now, deadline(state, now), runs_out_at(state, now))
     if state.replan_wanted and not state.spec.is_clip:
         replans_hz = state.config.replans_hz[state.spec.priority - 1] * state.level.replan_cap_scale
-        state.edits.space_replans(now, max(1.0 / replans_hz, _REST_SHARE * predicted_s))
+        state.edits.space_replans(now, 1.0 / replans_hz, _REST_SHARE * predicted_s)
     state.predicted_s = predicted_s
     return _begin(state, first_frame, cause, due)
 

@@ -26,16 +26,26 @@ def test_a_storm_of_edits_makes_no_more_replans_than_the_class_may_have(priority
     stage.check_finished()
 
 
-def test_the_first_edit_after_a_quiet_time_does_not_wait() -> None:
+def test_the_first_two_edits_after_a_quiet_time_do_not_wait() -> None:
     stage, viewer, _ = playing_state(priority=Priority.CROWD)
-    first = stage.set_prompts(viewer, prompt(2))
-    stage.run(0.1)
-    assert first in viewer.outcomes
-    second = stage.set_prompts(viewer, prompt(3))
-    stage.run(0.3)
-    assert second not in viewer.outcomes
+    for text in (2, 3):
+        seq = stage.set_prompts(viewer, prompt(text))
+        stage.run(0.1)
+        assert seq in viewer.outcomes
+    third = stage.set_prompts(viewer, prompt(4))
     stage.run(0.2)
-    assert second in viewer.outcomes
+    assert third not in viewer.outcomes
+    stage.run(0.2)
+    assert third in viewer.outcomes
+
+
+def test_a_turn_is_kept_once_however_long_it_was_quiet() -> None:
+    stage, viewer, _ = playing_state(priority=Priority.CROWD)
+    stage.run(10.0)
+    for n in range(20):
+        stage.set_prompts(viewer, prompt(n))
+        stage.run(0.05)
+    assert num_edit_plans(viewer) == 3, "two at once, one when a period has gone by"
 
 
 def test_a_lower_rung_lets_fewer_replans_through() -> None:
@@ -98,12 +108,28 @@ def test_windows_for_a_client_far_away_are_made_earlier() -> None:
     assert underruns[0.8] == 0
 
 
-def test_replans_are_a_period_apart_counted_from_when_the_edit_was_asked_for() -> None:
-    queue = EditQueue(10)
-    queue.add(PendingEdit(1, "prompts", 9.8, 0))
-    queue.space_replans(10.0, 0.5)
+@pytest.fixture
+def queue() -> EditQueue:
+    """With an edit that was asked for at 9.8 s."""
+    asked = EditQueue(10)
+    asked.add(PendingEdit(1, "prompts", 9.8, 0))
+    return asked
+
+
+def test_replans_rest_counted_from_when_the_edit_was_asked_for(queue: EditQueue) -> None:
+    queue.space_replans(10.0, 0.1, 0.5)
     assert queue.not_before == pytest.approx(10.3)
     queue.add(PendingEdit(2, "prompts", 3.0, 0))
     queue.not_before = 0.0
-    queue.space_replans(10.0, 0.5)
-    assert queue.not_before == pytest.approx(10.0), "one period's credit at most"
+    queue.space_replans(10.0, 0.1, 0.5)
+    assert queue.not_before == pytest.approx(10.0), "one rest's credit at most"
+
+
+def test_replans_are_a_period_apart_after_the_second(queue: EditQueue) -> None:
+    starts = []
+    now_s = 10.0
+    for _ in range(5):
+        queue.space_replans(now_s, 0.5, 0.1)
+        now_s = max(now_s, queue.not_before)
+        starts.append(now_s)
+    assert starts == pytest.approx([10.0, 10.3, 10.8, 11.3, 11.8])

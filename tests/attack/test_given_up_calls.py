@@ -1,0 +1,64 @@
+"""Calls that clients give up: what gRPC's batches leave of each, which it does not give back, in the gateway."""
+
+from __future__ import annotations
+
+import asyncio
+import contextlib
+from collections.abc import Awaitable, Callable
+from pathlib import Path
+
+import grpc.aio
+import pytest
+
+from tests.attack.calls import HELLO, bare_stream, channel_to
+from tests.attack.cycles import Readings
+from tests.attack.in_use import told
+from tests.attack.server import attacked
+
+CALLS, PARTS = 4000, 20
+AT_ONCE = 16
+SETTLED_S = 0.5
+MOST_BYTES = 48
+"""A call. One batch of gRPC that is not ended has 96 at least, a status with a message some 500."""
+UNBOUNDED = ("--stream-events-per-second", "1000000", "--peer-calls-per-second", "1000000")
+BOUNDED = ("--stream-events-per-second", "1000000", "--peer-calls-per-second", "1")
+
+
+async def give_up_unseen(channel: grpc.aio.Channel) -> None:
+    """Gone before the server has looked at the call, which it refuses."""
+    call = bare_stream(channel)
+    with contextlib.suppress(grpc.aio.AioRpcError):
+        await call.write(HELLO)
+    call.cancel()
+
+
+async def give_up_open(channel: grpc.aio.Channel) -> None:
+    """Gone while the server waits for the next message."""
+    call = bare_stream(channel)
+    await call.write(HELLO)
+    await call.read()
+    call.cancel()
+
+
+@pytest.mark.parametrize(("settings", "give_up"), [(BOUNDED, give_up_unseen), (UNBOUNDED, give_up_open)])
+async def test_calls_that_are_given_up_leave_nothing_in_use(
+    tmp_path: Path, settings: tuple[str, ...], give_up: Callable[[grpc.aio.Channel], Awaitable[None]]
+) -> None:
+    async def several(count: int) -> None:
+        for _ in range(count):
+            await give_up(channel)
+
+    readings = Readings([], [])
+    with (
+        told() as in_use,
+        attacked(tmp_path / "log", settings, environment=in_use.environment) as server,
+    ):
+        async with channel_to(server.address) as channel:
+            for part in range(1, PARTS + 1):
+                await asyncio.gather(*(several(CALLS // PARTS // AT_ONCE) for _ in range(AT_ONCE)))
+                await asyncio.sleep(SETTLED_S)
+                readings.cycles.append(part * (CALLS // PARTS // AT_ONCE) * AT_ONCE)
+                readings.values.append([in_use.bytes_of(server.process.pid)])
+    print(readings.slopes())
+    assert max(readings.slopes()) < MOST_BYTES
+    assert server.exit_code == 0

@@ -94,7 +94,13 @@ ATTACKS = (
         after="welcome_crowds",
         takes_places=True,
     ),
-    Attack("all of these by chance, five at a time, seeds 1 and 2", "drawn", 2, takes_places=True),
+    Attack(
+        "all of these by chance, five at a time, seeds 1 and 2",
+        "drawn",
+        2,
+        grown_mib=400.0,  # ten at once, each of which may have 200 by itself; what stays is `test_given_up_calls`'
+        takes_places=True,
+    ),
     Attack("idle connections on the port of operations", "idle_connections", 1, at_ops=True),
     Attack(
         "metrics that are asked for and not read, also at the end", "unread_metrics", 1, at_ops=True, to_the_end=True

@@ -37,3 +37,13 @@ async def test_a_call_whose_client_has_gone_is_cancelled_and_no_fault_of_the_ser
 async def test_what_grpc_ends_a_call_by_is_left_to_it() -> None:
     with pytest.raises(grpc.aio.AbortError):
         await refuse(Context(grpc.aio.AbortError()), REFUSAL)  # type: ignore[arg-type]
+
+
+async def test_nobody_is_told_where_the_client_is_seen_to_have_gone() -> None:
+    context = Context(grpc.aio.AbortError())
+    refusing = asyncio.ensure_future(refuse(context, REFUSAL))  # type: ignore[arg-type]
+    await asyncio.sleep(0)  # it has begun
+    refusing.cancel()  # as gRPC does some rounds of the event loop later
+    with pytest.raises(asyncio.CancelledError):
+        await refusing
+    assert context.told == []

@@ -16,8 +16,8 @@ from motiongen_server.rpc.requests import Context, Requests, look_at
 from motiongen_server.rpc.stream_errors import CLIENT_GONE
 
 SEEN_GONE_S = 0.005
-"""It takes gRPC to tell that a client has gone before its call was looked at, by cancelling what serves it. A status
-that nobody takes is memory that gRPC's batches never give back (grpc/grpc#43360)."""
+"""It takes gRPC to tell that a client has gone before its call was looked at, by cancelling what serves it. Of a status
+that nobody takes gRPC never gives back the memory (grpc/grpc#43360, ADR 87)."""
 
 
 class CallContext:

@@ -45,10 +45,11 @@ class DegradationLimits:
     Down where the windows of miss_window_s were late by more than miss_share of the time that their frames play, or
     the load is above high_load, and that for pressed_s, since many sessions that open at once ask for more than they
     do later; not again within settle_s, since what a level saves shows only then. As far down at once as what is there
-    takes to be below enough_load. Up after well_s without either and with the load below low_load, and after half as
-    long if the level before held; where it did not, twice as long, up to patience times. Where all that is there would
-    be below fits_load in full, up after back_s, whatever was learned of a load that has gone; unless that was tried,
-    and did not hold.
+    takes to be below enough_load. Windows that were late at one moment count for all of miss_window_s: where the load
+    is not high, and all that is there takes less than enough_load in full, lateness has to last for lasting_s.
+    Up after well_s without either and with the load below low_load, and after half as long if the level before held;
+    where it did not, twice as long, up to patience times. Where all that is there would be below fits_load in full, up
+    after back_s, whatever was learned of a load that has gone; unless that was tried, and did not hold.
     least_busy: a machine that computes for less of the time is not what windows are late for, and nobody gets less.
     min_windows: fewer than so many windows say nothing about the share that is late.
     """
@@ -61,6 +62,7 @@ class DegradationLimits:
     enough_load: float = 0.9
     least_busy: float = 0.5
     pressed_s: float = 1.0
+    lasting_s: float = 2.5
     settle_s: float = 2.0
     well_s: float = 10.0
     back_s: float = 5.0
@@ -166,7 +168,7 @@ class Degradation:
         if not any(present.values()):
             self._forget(now)
             return ()
-        if pressed and settled and now - self._unpressed_at >= limits.pressed_s:
+        if pressed and settled and now - self._unpressed_at >= self._patience_s(load, demand):
             self._learn_patience(now)
             self._settled_at = now
             self._forget_windows()  # what was late before says nothing about the level that comes
@@ -178,6 +180,12 @@ class Degradation:
             self._wait_s = max(limits.well_s, self._wait_s / 2)  # if this one holds, the next comes sooner
             return self._up(present, fits)
         return ()
+
+    def _patience_s(self, load: float, demand: Demand | None) -> float:
+        """For how long it may go on before anybody gets less."""
+        limits = self._limits
+        fits = load <= limits.high_load and demand is not None and demand.at(lambda _: 0) < limits.enough_load
+        return limits.lasting_s if fits else limits.pressed_s
 
     def _forget(self, now: float) -> None:
         """Nobody is there: what was too much for the machine has gone."""

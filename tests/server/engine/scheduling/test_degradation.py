@@ -213,8 +213,24 @@ def test_what_others_take_of_the_machine_counts_too() -> None:
 
 def test_where_what_is_there_should_fit_already_one_level_is_tried() -> None:
     day = Day({CROWD: 10})
-    assert day.pass_time(2.0, late=0.05, demand=Demand({CROWD: 0.5}, SAVING)) == [CROWD]
+    assert day.pass_time(2.25, late=0.05, demand=Demand({CROWD: 0.5}, SAVING)) == []
+    assert day.pass_time(0.5, late=0.05, demand=Demand({CROWD: 0.5}, SAVING)) == [CROWD]
     assert day.levels()[CROWD - 1] == 1
+
+
+@pytest.mark.parametrize(
+    ("demand", "moved"),
+    [(Demand({CROWD: 0.8}, SAVING), []), (Demand({CROWD: 1.0}, SAVING), [CROWD]), (None, [CROWD])],
+    ids=["what is there fits", "it does not", "nobody knows"],
+)
+def test_a_moment_of_lateness_costs_nobody_anything_where_what_is_there_fits(
+    demand: Demand | None, moved: list[Priority]
+) -> None:
+    """As under a quota of processor time, where everything stands still now and then."""
+    day = Day({CROWD: 10})
+    day.pass_time(5.0, demand=demand)
+    assert day.pass_time(EVERY_S, late=0.5, demand=demand) == []
+    assert day.pass_time(4.0, demand=demand) == moved
 
 
 def _out_of_patience(day: Day) -> None:

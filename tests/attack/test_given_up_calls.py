@@ -11,13 +11,13 @@ import grpc.aio
 import pytest
 
 from tests.attack.calls import HELLO, bare_stream, channel_to
-from tests.attack.cycles import Readings
+from tests.attack.cycles import AT_ONCE, PARTS, Readings
 from tests.attack.in_use import told
 from tests.attack.server import attacked
 from tests.waiting import try_again
 
-CALLS, PARTS = 4000, 20
-AT_ONCE = 16
+CALLS_EACH = 12
+"""Of so many at once, in each part."""
 LOOKS = 10
 """At what is in use, of which the least counts: the last calls of a part may be ending still."""
 MOST_BYTES = 48
@@ -46,8 +46,8 @@ async def give_up_open(channel: grpc.aio.Channel) -> None:
 async def test_calls_that_are_given_up_leave_nothing_in_use(
     tmp_path: Path, settings: tuple[str, ...], give_up: Callable[[grpc.aio.Channel], Awaitable[None]]
 ) -> None:
-    async def several(count: int) -> None:
-        for _ in range(count):
+    async def several() -> None:
+        for _ in range(CALLS_EACH):
             await give_up(channel)
 
     readings = Readings([], [])
@@ -57,12 +57,12 @@ async def test_calls_that_are_given_up_leave_nothing_in_use(
     ):
         async with channel_to(server.address) as channel:
             for part in range(1, PARTS + 1):
-                await asyncio.gather(*(several(CALLS // PARTS // AT_ONCE) for _ in range(AT_ONCE)))
+                await asyncio.gather(*(several() for _ in range(AT_ONCE)))
                 looks = []
                 for _ in range(LOOKS):
                     await try_again()
                     looks.append(in_use.bytes_of(server.process.pid))
-                readings.cycles.append(part * (CALLS // PARTS // AT_ONCE) * AT_ONCE)
+                readings.cycles.append(part * CALLS_EACH * AT_ONCE)
                 readings.values.append([min(looks)])
     print(readings.slopes())
     assert max(readings.slopes()) < MOST_BYTES

@@ -37,6 +37,10 @@ class Demand:
         """The share of the machine that is taken where each class is so many levels down."""
         return self.elsewhere + sum(share * self.kept[depth(priority)] for priority, share in self.in_full.items())
 
+    def fits(self, share: float) -> bool:
+        """Whether less than that share of the machine would be taken if nobody gave up anything."""
+        return self.at(lambda _: 0) < share
+
 
 @dataclass(frozen=True, slots=True)
 class DegradationLimits:
@@ -168,12 +172,12 @@ class Degradation:
         if not any(present.values()):
             self._forget(now)
             return ()
-        if pressed and settled and now - self._unpressed_at >= self._patience_s(load, demand):
+        if pressed and settled and now - self._unpressed_at >= self._pressed_s(load, demand):
             self._learn_patience(now)
             self._settled_at = now
             self._forget_windows()  # what was late before says nothing about the level that comes
             return self._down(present, demand)
-        fits = demand is not None and demand.at(lambda _: 0) < limits.fits_load and self._trusts_asked
+        fits = demand is not None and demand.fits(limits.fits_load) and self._trusts_asked
         if self._made and now - max(self._well_since, self._settled_at) >= (limits.back_s if fits else self._wait_s):
             self._settled_at = self._went_up_at = now
             self._went_up_by_asked = fits
@@ -181,11 +185,11 @@ class Degradation:
             return self._up(present, fits)
         return ()
 
-    def _patience_s(self, load: float, demand: Demand | None) -> float:
-        """For how long it may go on before anybody gets less."""
+    def _pressed_s(self, load: float, demand: Demand | None) -> float:
+        """For how long windows may be late, or the load too high, before anybody gets less."""
         limits = self._limits
-        fits = load <= limits.high_load and demand is not None and demand.at(lambda _: 0) < limits.enough_load
-        return limits.lasting_s if fits else limits.pressed_s
+        is_enough = load <= limits.high_load and demand is not None and demand.fits(limits.enough_load)
+        return limits.lasting_s if is_enough else limits.pressed_s
 
     def _forget(self, now: float) -> None:
         """Nobody is there: what was too much for the machine has gone."""

@@ -143,12 +143,27 @@ def admit_load_for(devices: Sequence[EngineDevice]) -> float:
     Engines that share cores stand still for each other, longer than their margin where they are nearly full. Under a
     quota all processes do, the gateway too; engines count what it uses where that is told (`quota_use`).
     """
-    threads, quota = sum(device.threads for device in devices if device.kind == "cpu"), quota_cores()
+    at_work = (device for device, spare in zip(devices, spare_engines(devices), strict=True) if not spare)
+    threads, quota = sum(device.threads for device in at_work if device.kind == "cpu"), quota_cores()
     if threads >= quota and quota_use() is None:
         return ADMIT_LOAD_THROTTLED if threads > quota else ADMIT_LOAD_SHARED
     if threads > usable_cores():
         return ADMIT_LOAD_SHARED
     return ADMIT_LOAD_QUOTA if threads >= quota else ADMIT_LOAD
+
+
+def spare_engines(devices: Sequence[EngineDevice]) -> tuple[bool, ...]:
+    """Which engines, in their order, only stand in for others: for their threads no core of the processor is left.
+
+    Engines that share a core stand still for each other, and make smaller steps than one of them would. Of two on a
+    quota of one core, one serves half as many characters again (docs/performance/admission.md).
+    """
+    cores, spare = usable_cores(), []
+    for device in devices:
+        is_cpu = device.kind == "cpu"
+        spare.append(is_cpu and cores <= 0)
+        cores -= device.threads if is_cpu else 0
+    return tuple(spare)
 
 
 def usable_cores() -> int:

@@ -17,6 +17,7 @@ from motiongen_server.devices import (
     check_devices,
     count_cuda_devices,
     devices_of,
+    spare_engines,
     usable_cores,
 )
 from motiongen_server.settings import SettingError
@@ -115,8 +116,33 @@ def test_engines_that_share_cores_are_filled_less(monkeypatch: pytest.MonkeyPatc
     monkeypatch.setattr("motiongen_server.devices.quota_cores", lambda: math.inf)
     for given in ("cpu:2", "cpu:1x2", "cpu:1,cuda:0", "cuda:0,cuda:1,cuda:2"):
         assert admit_load_for(devices_of(given, lambda: 3)) == ADMIT_LOAD
-    for given in ("cpu:3", "cpu:2x2", "cpu:2,cpu:1x1"):
+    for given in ("cpu:1x4", "cpu:1,cpu:1x2"):
         assert admit_load_for(devices_of(given, lambda: 0)) == ADMIT_LOAD_SHARED
+    for given in ("cpu:3", "cpu:2x2", "cpu:2,cpu:1x1"):
+        assert admit_load_for(devices_of(given, lambda: 0)) == ADMIT_LOAD, "some of these are spare"
+
+
+@pytest.mark.parametrize(
+    ("given", "quota", "spare"),
+    [
+        ("cpu:2", math.inf, (False, False)),
+        ("cpu:3", math.inf, (False, False, True)),
+        ("cpu:2x2", math.inf, (False, True)),
+        ("cpu:1x2,cpu:1", math.inf, (False, True)),
+        ("cpu:1x4,cpu:1", math.inf, (False, True)),
+        ("cuda:0,cuda:1,cpu:3", math.inf, (False, False, False, False, True)),
+        ("cuda:0,cuda:1,cuda:2", 1.0, (False, False, False)),
+        ("cpu:2", 1.5, (False, False)),
+        ("cpu:2", 1.0, (False, True)),
+        ("cpu:3", 0.7, (False, True, True)),
+    ],
+)
+def test_engines_for_which_no_core_is_left_are_spare(
+    monkeypatch: pytest.MonkeyPatch, given: str, quota: float, spare: tuple[bool, ...]
+) -> None:
+    monkeypatch.setattr("os.sched_getaffinity", lambda pid: {0, 1})
+    monkeypatch.setattr("motiongen_server.devices.quota_cores", lambda: quota)
+    assert spare_engines(devices_of(given, lambda: 3)) == spare
 
 
 def test_who_does_not_know_what_is_used_of_a_quota_fills_it_less(monkeypatch: pytest.MonkeyPatch) -> None:
@@ -136,7 +162,7 @@ def test_what_is_used_of_a_quota_is_counted_and_needs_less_of_a_margin(monkeypat
     for quota, engines, load in (
         (1.5, 1, ADMIT_LOAD), (2.0, 2, ADMIT_LOAD_QUOTA), (1.0, 1, ADMIT_LOAD_QUOTA), (1.5, 2, ADMIT_LOAD_QUOTA),
         (0.7, 1, ADMIT_LOAD_QUOTA),
-        (1.0, 2, ADMIT_LOAD_SHARED), (0.7, 2, ADMIT_LOAD_SHARED),
+        (1.0, 2, ADMIT_LOAD_QUOTA), (0.7, 2, ADMIT_LOAD_QUOTA),
     ):  # fmt: skip
         monkeypatch.setattr("motiongen_server.devices.quota_cores", lambda quota=quota: quota)
         assert admit_load_for(devices_of(f"cpu:{engines}", lambda: 0)) == load

@@ -1,4 +1,7 @@
-"""EngineGroup: one model on all engine processes, as one engine. Sessions go to the one with the most room."""
+"""EngineGroup: one model on all engine processes, as one engine. Sessions go to the one with the most room.
+
+Of these that have cores of their own, that is; the others stand in for those that are lost.
+"""
 
 from __future__ import annotations
 
@@ -14,6 +17,7 @@ from motiongen_server.engine_process.model_link import ModelLink, refused_withou
 from motiongen_server.engine_process.process import EngineProcess
 from motiongen_server.rpc.abilities import Abilities
 
+Member = tuple[EngineProcess, ModelLink]
 STALE_S = 5.0
 ASKED_STEPS = 20
 """What is asked of engines that differs by less than one of so many steps is held to be equal: then the number of
@@ -25,12 +29,17 @@ class EngineGroup:
     """The `EnginePort` of a model. A session stays with the engine process that it was opened on."""
 
     def __init__(
-        self, members: Sequence[tuple[EngineProcess, ModelLink]], max_sessions: int, admit_load: float = 1.0
+        self,
+        members: Sequence[Member],
+        max_sessions: int,
+        admit_load: float = 1.0,
+        num_at_work: int | None = None,
     ) -> None:
         """max_sessions: open on all engine processes together, clips left out. admit_load: of each, up to which they
-        let sessions in.
+        let sessions in. num_at_work: as many of those that are up, the first ones, are given sessions; None: all.
         """
         self._members = tuple(members)
+        self._num_at_work = num_at_work or len(self._members)
         self._admit_load = admit_load
         self._max_sessions = max_sessions
         self._is_draining = False
@@ -74,7 +83,7 @@ class EngineGroup:
     @property
     def load(self) -> float:
         """The share in use of all devices together, as their engines see it."""
-        return sum(process.load for process, _ in self._members) / len(self._members)
+        return sum(process.load for process, _ in self._members) / self._num_at_work
 
     @property
     def free_share(self) -> float:
@@ -83,10 +92,15 @@ class EngineGroup:
             return 0.0
         shares = [
             max(0.0, 1.0 - process.load / self._admit_load)
-            for process, link in self._members
-            if link.is_up and link.places.get(Priority.NEAR, 1.0)
+            for process, link in self._at_work
+            if link.places.get(Priority.NEAR, 1.0)
         ]
-        return max(0.0, min(sum(shares) / len(self._members), 1.0 - self._num_played / self._max_sessions))
+        return max(0.0, min(sum(shares) / self._num_at_work, 1.0 - self._num_played / self._max_sessions))
+
+    @property
+    def _at_work(self) -> Sequence[Member]:
+        """Those that sessions are given to by now."""
+        return [member for member in self._members if member[1].is_up][: self._num_at_work]
 
     @property
     def _num_played(self) -> int:
@@ -109,7 +123,7 @@ class EngineGroup:
 
         They are not asked: on a busy machine their answer takes long, and asking keeps them from their work.
         """
-        links = [link for _, link in self._members if link.is_up]
+        links = [link for _, link in self._at_work]
         if self._is_draining:
             return draining()
         if not links:
@@ -130,11 +144,11 @@ class EngineGroup:
         refusal = self.refusal_of(spec.priority, spec.denoise_steps, is_clip=spec.is_clip)
         if refusal is not None:
             return refusal.outcome(event.session, event.event_seq)
-        free = [member for member in self._members if member[1].is_up]
+        free = self._at_work
         if not free:  # one was lost since
             return refused_without_engine(event)
 
-        def taken(member: tuple[EngineProcess, ModelLink]) -> tuple[bool, int, int, int]:
+        def taken(member: Member) -> tuple[bool, int, int, int]:
             # What an engine has told of is what it would refuse by; clips are let in wherever there is a place.
             is_full = not spec.is_clip and member[1].refuses(spec.priority, spec.denoise_steps)
             return is_full, *_taken(*member, spec.is_clip)

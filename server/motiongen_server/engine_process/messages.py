@@ -30,7 +30,8 @@ class Greeting:
 class Begin:
     """The first message on each of the two ways in.
 
-    kind: of the device, cpu or cuda; threads: on the processor. engines: processes there are on devices of this kind.
+    kind: of the device, cpu or cuda; threads: on the processor. engines: processes on devices of this kind, but for
+    spare ones.
     """
 
     config: ServerConfig

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import itertools
+import logging
 import sys
 import time
 from collections import Counter
@@ -10,9 +11,10 @@ from collections.abc import Callable, Sequence
 from concurrent.futures import wait
 from dataclasses import replace
 from functools import partial
+from operator import itemgetter
 
 from motiongen_server.config import ServerConfig
-from motiongen_server.devices import EngineDevice, admit_load_for, devices_of
+from motiongen_server.devices import EngineDevice, admit_load_for, devices_of, spare_engines, usable_cores
 from motiongen_server.engine.ports import Deliver, Observe
 from motiongen_server.engine.types import ModelFacts, StepsOf
 from motiongen_server.engine_process.child import FreshChild, StartChild
@@ -30,6 +32,7 @@ from motiongen_server.text.ports import TextEncoder
 ENGINE_COMMAND = (sys.executable, "-m", "motiongen_server.engine_process")
 """Starts an engine process, given the folder of its gateway's sockets."""
 END_S = 5.0
+_log = logging.getLogger(__name__)
 
 ObserverOf = Callable[[str, str], Observe]
 """Takes the reports of a model, by its id, on an engine, by its name."""
@@ -56,9 +59,10 @@ class EnginePool:
         self._observer_of = observer_of
         self._slots = itertools.count(1)
         self._text: EngineTextEncoder | None = None
+        self._spare = spare_engines(devices)
+        at_work = Counter(each.kind for each, spare in zip(devices, self._spare, strict=True) if not spare)
         # One is the smaller where it is alone: what others are forked from stays in memory. CUDA is best left alone.
-        engines = Counter(device.kind for device in devices)
-        shares = command is None and engines["cpu"] > 1
+        shares = command is None and sum(device.kind == "cpu" for device in devices) > 1
         self._fork_server = ForkServerLink() if shares else None
         fresh: StartChild = partial(FreshChild, command or ENGINE_COMMAND)
 
@@ -69,7 +73,7 @@ class EnginePool:
             EngineProcess(
                 str(number),
                 device,
-                Begin(config, device.kind, device.threads, engines[device.kind]),
+                Begin(config, device.kind, device.threads, at_work[device.kind]),
                 deliver,
                 start_for(device),
                 hung_s=hung_s,
@@ -77,6 +81,9 @@ class EnginePool:
             )
             for number, device in enumerate(devices)
         )
+        if any(self._spare):
+            _log.warning("%s; spare ones are given sessions only while others are lost, since these have threads for "
+                         "all %d cores; each holds the model: ask for fewer to save memory", self, usable_cores())  # fmt: skip
         for process in self.processes:
             process.start()
 
@@ -89,8 +96,10 @@ class EnginePool:
         links = [process.load_model(slot, source) for process in self.processes]
         done, _ = wait([link.ready for link in links])
         errors = [error for error in (future.exception() for future in done) if error is not None]
-        members = tuple(zip(self.processes, links, strict=True))
-        group = EngineGroup(members, self._config.max_sessions, self._admit_load)
+        ordered = sorted(zip(self._spare, self.processes, links, strict=True), key=itemgetter(0))
+        members = tuple((process, link) for _, process, link in ordered)
+        num_at_work = len(members) - sum(self._spare)
+        group = EngineGroup(members, self._config.max_sessions, self._admit_load, num_at_work)
         if errors:
             group.stop()
             raise next((error for error in errors if isinstance(error, SettingError)), errors[0])
@@ -135,7 +144,9 @@ class EnginePool:
         return all(ends)
 
     def __str__(self) -> str:
-        return "engines on " + ", ".join(f"{process.name}: {process.device}" for process in self.processes)
+        spare = [" (spare)" if spare else "" for spare in self._spare]
+        engines = zip(self.processes, spare, strict=True)
+        return "engines on " + ", ".join(f"{process.name}: {process.device}{note}" for process, note in engines)
 
 
 def start_engine_processes(

@@ -38,12 +38,12 @@ class Process:
         return self._link.num_sessions
 
 
-def engines(count: int) -> tuple[EngineGroup, list[ModelLink]]:
-    """A group, and its links to engine processes that are up."""
+def engines(count: int, at_work: int | None = None) -> tuple[EngineGroup, list[ModelLink]]:
+    """A group, and its links to engine processes that are up. at_work: of these; None: all."""
     links = [ModelLink(1, "model", lambda outputs: None, lambda: None) for _ in range(count)]
     for link in links:
         assert link.take_ready(Ready(1, FACTS, "CC0-1.0", NOTHING_CLAIMED))
-    return EngineGroup(cast(Any, [(Process(link), link) for link in links]), 1 << 16, 0.9), links
+    return EngineGroup(cast(Any, [(Process(link), link) for link in links]), 1 << 16, 0.9, at_work), links
 
 
 def given(tells: list[tuple[float, float]], opens: int = 1000, tell_every: int = 40) -> Counter[int]:
@@ -138,3 +138,22 @@ def test_who_asks_for_more_steps_than_usual_is_asked_about_where_there_is_a_plac
     group, links = engines(1)
     links[0].take_pulse(Pulse(1, 0.0, (StepReport(places={Priority.NEAR: 1.0}),)))
     assert group.submit(Open(spec(SessionKey(1, 1), num_steps=FACTS.max_steps), 1, 0.0)) is None
+
+
+def test_a_spare_engine_is_given_sessions_only_while_another_is_lost() -> None:
+    group, links = engines(2, at_work=1)
+    for number in range(3):
+        assert group.submit(Open(spec(SessionKey(1, number)), 1, 0.0)) is None
+    assert [link.num_sessions for link in links] == [3, 0]
+    links[0].take_pulse(Pulse(1, 0.0, (StepReport(places=FULL),)))
+    refused = group.submit(Open(spec(SessionKey(1, 3), priority=Priority.NEAR), 1, 0.0))
+    assert refused is not None
+    assert refused.reason == "OVERLOADED", "the spare one's core is the first one's"
+    assert group.free_share == 0.0
+    links[0].lose(CloseReason.ENGINE_FAULT, "it died")
+    assert group.submit(Open(spec(SessionKey(1, 4), priority=Priority.NEAR), 1, 0.0)) is None
+    assert [link.num_sessions for link in links] == [0, 1]
+    assert group.free_share > 0.99
+    assert links[0].take_ready(Ready(1, FACTS, "CC0-1.0", NOTHING_CLAIMED))
+    assert group.submit(Open(spec(SessionKey(1, 5)), 1, 0.0)) is None
+    assert [link.num_sessions for link in links] == [1, 1], "sessions stay where they are"

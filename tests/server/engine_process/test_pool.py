@@ -1,4 +1,4 @@
-"""What engine processes are told by the pool that starts them."""
+"""What engine processes are told by the pool that starts them, and which of them are given sessions."""
 
 from __future__ import annotations
 
@@ -6,15 +6,29 @@ import math
 
 import pytest
 
+from motiongen_server.engine.types import SessionKey
 from motiongen_server.settings import SettingError
-from tests.server.engine_process.audience import pool_of
+from tests.server.engine_process.audience import opening, pool_of, remote
 
 
-@pytest.mark.parametrize(("engines", "given", "load"), [(2, None, "0.87"), (3, None, "0.75"), (3, 0.5, "0.5")])
-def test_engines_know_up_to_where_they_are_filled(
-    engines: int, given: float | None, load: str, monkeypatch: pytest.MonkeyPatch
-) -> None:
+@pytest.fixture(autouse=True)
+def two_cores(monkeypatch: pytest.MonkeyPatch) -> None:
+    """However many there are here."""
     monkeypatch.setattr("os.sched_getaffinity", lambda pid: {0, 1})
     monkeypatch.setattr("motiongen_server.devices.quota_cores", lambda: math.inf)
+
+
+@pytest.mark.parametrize(("engines", "given", "load"), [(2, None, "0.87"), (3, None, "0.87"), (3, 0.5, "0.5")])
+def test_engines_know_up_to_where_they_are_filled(engines: int, given: float | None, load: str) -> None:
     with pool_of("tell_load", engines, admit_load=given) as (pool, _), pytest.raises(SettingError, match=load):
         pool.load("one")
+
+
+def test_an_engine_for_which_no_core_is_left_gets_no_session(caplog: pytest.LogCaptureFixture) -> None:
+    with remote(engines=3) as there:
+        with there.stopped():  # they tell no load meanwhile, of which a busy machine makes more for one of them
+            for number in range(4):
+                assert there.engine.submit(opening(SessionKey(1, number))) is None
+        assert [process.num_sessions for process in there.pool.processes] == [2, 2, 0]
+    assert "2: cpu x 1 (spare)" in caplog.text
+    assert "1: cpu x 1," in caplog.text

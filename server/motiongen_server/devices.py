@@ -22,11 +22,12 @@ MOST_THREADS = 256
 FORMS = "cuda:0,cuda:1 (these), cuda:all, cpu:2 (two engines of a thread each), cpu:2x4 (two of four threads)"
 ADMIT_LOAD = 0.87
 ADMIT_LOAD_QUOTA = 0.92
+ADMIT_LOAD_SCANT = 0.86
 ADMIT_LOAD_SHARED = 0.75
 ADMIT_LOAD_THROTTLED = 0.65
-"""Where nothing counts what the gateway uses; under a quota, of which all that is used counts; with more threads than
-there are cores; and under a quota of which nobody knows what is used. With more, sessions were told of less
-(docs/performance/engine.md).
+"""Where nothing counts what the gateway uses; under a quota, of which all that is used counts, and under one of less
+than a core for each thread, so that engines stand still; with more threads than there are cores; and under a quota of
+which nobody knows what is used. With more, sessions were told of less (docs/performance/admission.md).
 """
 KERNELS_KEPT = {"ONEDNN_PRIMITIVE_CACHE_CAPACITY": "192", "LRU_CACHE_CAPACITY": "64"}
 """Compiled products that oneDNN keeps in an engine process, each of 0.6 MiB, and descriptions of such that torch keeps
@@ -149,7 +150,9 @@ def admit_load_for(devices: Sequence[EngineDevice]) -> float:
         return ADMIT_LOAD_THROTTLED if threads > quota else ADMIT_LOAD_SHARED
     if threads > usable_cores():
         return ADMIT_LOAD_SHARED
-    return ADMIT_LOAD_QUOTA if threads >= quota else ADMIT_LOAD
+    if threads > quota:
+        return ADMIT_LOAD_SCANT
+    return ADMIT_LOAD_QUOTA if threads == quota else ADMIT_LOAD
 
 
 def spare_engines(devices: Sequence[EngineDevice]) -> tuple[bool, ...]:

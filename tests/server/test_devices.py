@@ -9,6 +9,7 @@ import pytest
 from motiongen_server.devices import (
     ADMIT_LOAD,
     ADMIT_LOAD_QUOTA,
+    ADMIT_LOAD_SCANT,
     ADMIT_LOAD_SHARED,
     ADMIT_LOAD_THROTTLED,
     KERNELS_KEPT,
@@ -160,9 +161,9 @@ def test_what_is_used_of_a_quota_is_counted_and_needs_less_of_a_margin(monkeypat
     monkeypatch.setattr("os.sched_getaffinity", lambda pid: {0, 1})
     monkeypatch.setattr("motiongen_server.devices.quota_use", lambda: lambda: 0.0)
     for quota, engines, load in (
-        (1.5, 1, ADMIT_LOAD), (2.0, 2, ADMIT_LOAD_QUOTA), (1.0, 1, ADMIT_LOAD_QUOTA), (1.5, 2, ADMIT_LOAD_QUOTA),
-        (0.7, 1, ADMIT_LOAD_QUOTA),
-        (1.0, 2, ADMIT_LOAD_QUOTA), (0.7, 2, ADMIT_LOAD_QUOTA),
+        (1.5, 1, ADMIT_LOAD), (2.0, 2, ADMIT_LOAD_QUOTA), (1.0, 1, ADMIT_LOAD_QUOTA), (1.5, 2, ADMIT_LOAD_SCANT),
+        (0.7, 1, ADMIT_LOAD_SCANT),
+        (1.0, 2, ADMIT_LOAD_QUOTA), (0.7, 2, ADMIT_LOAD_SCANT),
     ):  # fmt: skip
         monkeypatch.setattr("motiongen_server.devices.quota_cores", lambda quota=quota: quota)
         assert admit_load_for(devices_of(f"cpu:{engines}", lambda: 0)) == load

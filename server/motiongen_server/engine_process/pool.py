@@ -82,8 +82,12 @@ class EnginePool:
             for number, device in enumerate(devices)
         )
         if any(self._spare):
-            _log.warning("%s; spare ones are given sessions only while others are lost, since these have threads for "
-                         "all %d cores; each holds the model: ask for fewer to save memory", self, usable_cores())  # fmt: skip
+            _log.warning(
+                "%s; spare ones are given sessions only while others are lost, since these have threads for all %d "
+                "cores; each holds the model: ask for fewer to save memory",
+                self,
+                usable_cores(),
+            )
         for process in self.processes:
             process.start()
 

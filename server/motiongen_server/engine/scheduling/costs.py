@@ -15,10 +15,11 @@ _LEARNING_RATE = 0.125
 # How fast what one size costs beside the others follows what is measured.
 _SHAPE_RATE = 1 / 128
 # The pace is of about so many calls, or of so long, where that is fewer; never of fewer than the least. By processor
-# time it is of more: nobody takes that away, and where sessions open, calls are dear for some seconds only.
+# time it is of more: nobody takes that away, and where sessions open, calls are dear for some seconds only. Not of many
+# more: calls become dearer, or cheaper, by what else is at work, while it is decided who is let in.
 _PACE_CALLS, _LEAST_PACE_CALLS = 32, 8
 _PACE_S = 2.0
-_LONGER = 8
+_LONGER = 3
 # One hiccup must not pass for the new normal: a measurement counts as at most so many times what was expected. What it
 # took beyond that counts with the calls that follow, up to as long as a quota of processor time lets a process stand.
 _MOST_SURPRISE = 4.0

@@ -101,14 +101,17 @@ def test_who_stands_still_is_late_but_spends_no_more() -> None:
     assert table.step.spent_each_s(4) == pytest.approx(0.011 / 4, rel=0.05)
 
 
-def test_what_is_dear_for_a_moment_is_dear_on_the_clock_and_hardly_a_price() -> None:
+def test_what_is_dear_for_a_moment_is_dear_on_the_clock_and_a_price_once_it_stays() -> None:
     table = CostTable.assumed(0.5)
     table.follow_processor()
     table.decode.observe(4, 0.01, 0.01)
-    for _ in range(40):
+    for _ in range(20):
         table.decode.observe(4, 0.02, 0.02)
-    assert table.decode.seconds(4) > 0.017
-    assert table.decode.spent_each_s(4) < 0.013 / 4
+    assert table.decode.seconds(4) > 0.014
+    assert table.decode.spent_each_s(4) < 0.0125 / 4
+    for _ in range(180):
+        table.decode.observe(4, 0.02, 0.02)
+    assert table.decode.spent_each_s(4) > 0.018 / 4
 
 
 def test_where_nobody_counts_the_processor_all_that_a_call_took_is_spent() -> None:

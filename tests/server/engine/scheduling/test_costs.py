@@ -108,7 +108,7 @@ def test_what_is_dear_for_a_moment_is_dear_on_the_clock_and_a_price_once_it_stay
     for _ in range(20):
         table.decode.observe(4, 0.02, 0.02)
     assert table.decode.seconds(4) > 0.014
-    assert table.decode.spent_each_s(4) < 0.0125 / 4
+    assert table.decode.spent_each_s(4) < 0.0135 / 4
     for _ in range(180):
         table.decode.observe(4, 0.02, 0.02)
     assert table.decode.spent_each_s(4) > 0.018 / 4

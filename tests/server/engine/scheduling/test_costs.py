@@ -107,9 +107,12 @@ def test_what_is_dear_for_a_moment_is_dear_on_the_clock_and_a_price_once_it_stay
     table.decode.observe(4, 0.01, 0.01)
     for _ in range(20):
         table.decode.observe(4, 0.02, 0.02)
-    assert table.decode.seconds(4) > 0.014
-    assert table.decode.spent_each_s(4) < 0.0135 / 4
-    for _ in range(180):
+    assert table.decode.seconds(4) > 0.015
+    assert table.decode.spent_each_s(4) < 0.013 / 4
+    for _ in range(20):
+        table.decode.observe(4, 0.02, 0.02)
+    assert table.decode.seconds(4) > 0.017
+    for _ in range(160):
         table.decode.observe(4, 0.02, 0.02)
     assert table.decode.spent_each_s(4) > 0.018 / 4
 

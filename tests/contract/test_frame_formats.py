@@ -12,11 +12,12 @@ from motiongen.v1 import motion_pb2, service_pb2, session_pb2
 from motiongen_client import FrameFormat, Motion, ProtocolViolation, Rig
 from motiongen_client.convert import FrameReader
 from motiongen_client.kinematics import quaternion_to_matrix
-from motiongen_server.engine.types import ChannelBlock, EventRefused, Guidance, SessionKey
+from motiongen_server.engine.types import ChannelBlock, Chunk, EventRefused, Guidance, SessionKey
 from motiongen_server.rpc.catalog import Catalog
 from motiongen_server.rpc.convert import append_frames, engine_event
 from motiongen_server.rpc.convert.frames import F16, F32, QUANTISED, FrameCoding
 from motiongen_server.rpc.limits import Limits
+from motiongen_server.rpc.send_queue import Run
 from tests.server.engine.fakes import FACTS
 
 J = 27
@@ -43,16 +44,9 @@ def sent(
     rows: np.ndarray, scalar_type: int, parts: int = 1, blocks: tuple[ChannelBlock, ...] = ()
 ) -> motion_pb2.FrameChunk:
     response: list[bytes | memoryview] = []
-    append_frames(
-        response,
-        1,
-        applied_seq=2,
-        plan=3,
-        first_frame=8,
-        parts=np.array_split(rows, parts),
-        committed_to=4,
-        coding=FrameCoding(scalar_type, J, blocks),
-    )
+    run = Run(Chunk(SessionKey(1, 1), 3, 8, rows, 4), 2, FrameCoding(scalar_type, J, blocks))
+    run.parts = np.array_split(rows, parts)
+    append_frames(response, run)
     message = service_pb2.StreamMotionResponse.FromString(b"".join(response))
     return message.updates[0].chunk
 

@@ -85,7 +85,7 @@ class Stream(StreamTakeOvers):
 
         unread: why its content was not read.
         """
-        if event.session in self._held_back:
+        if self._held_back and event.session in self._held_back:
             self._hold_back(event, now, unread)
         else:
             self._receive(event, now, unread)
@@ -135,9 +135,10 @@ class Stream(StreamTakeOvers):
             return  # it crossed the session's end
         if event.event_seq:
             raise invalid_event_seq(event.event_seq)
-        self._take_token(entry, now)
+        if not entry.bucket.take(now):
+            raise self._too_fast(entry)
         report = event.playhead
-        if entry.answers:
+        if entry.answers.num_bytes:
             entry.confirm(report.answered_seq)
         if entry.reached:
             entry.note_shown(report.frame)
@@ -214,7 +215,10 @@ class Stream(StreamTakeOvers):
 
     def _take_token(self, entry: SessionEntry, now: float) -> None:
         if not entry.bucket.take(now):
-            raise too_fast(self._limits.events_per_second, entry.bucket.wait_s)
+            raise self._too_fast(entry)
+
+    def _too_fast(self, entry: SessionEntry) -> EventRefused:
+        return too_fast(self._limits.events_per_second, entry.bucket.wait_s)
 
     def _book(self, said: Output, entry: SessionEntry) -> None:
         """A refusal is charged whoever has found what is wrong; not the server's own faults, nor ends of sessions."""

@@ -8,10 +8,11 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from motiongen.v1 import motion_pb2, service_pb2, session_pb2
-from motiongen_server.engine.types import PlanCause, PlanNotice, SessionKey
+from motiongen_server.engine.types import Chunk, PlanCause, PlanNotice, SessionKey
 from motiongen_server.rpc.convert import Parts, append_frames, append_plan, append_update
 from motiongen_server.rpc.convert.frames import PLAIN
 from motiongen_server.rpc.convert.wire import VARINT
+from motiongen_server.rpc.send_queue import Run
 
 uint32 = st.integers(0, 2**32 - 1)
 uint64 = st.one_of(st.integers(0, 300), st.integers(0, 2**64 - 1))
@@ -28,16 +29,9 @@ def test_frames_are_read_as_the_message_that_was_meant(
     rows = np.arange(sum(counts) * 115, dtype=np.float32).reshape(-1, 115)
     parts = np.split(rows, np.cumsum(counts)[:-1])
     response: Parts = []
-    append_frames(
-        response,
-        session,
-        applied_seq=applied_seq,
-        plan=plan,
-        first_frame=first_frame,
-        parts=parts,
-        committed_to=committed_to,
-        coding=PLAIN,
-    )
+    run = Run(Chunk(SessionKey(1, session), plan, first_frame, rows, committed_to), applied_seq, PLAIN)
+    run.parts = parts
+    append_frames(response, run)
     chunk = motion_pb2.FrameChunk(
         plan=plan,
         first_frame=first_frame,
@@ -66,16 +60,7 @@ def test_updates_of_both_kinds_follow_each_other() -> None:
     notice = session_pb2.SessionUpdate(session=1, plan=session_pb2.PlanNotice(plan=3, valid_from=8, event_seqs=[2]))
     response: Parts = []
     append_update(response, notice)
-    append_frames(
-        response,
-        1,
-        applied_seq=2,
-        plan=3,
-        first_frame=8,
-        parts=[np.ones((2, 3), np.float32)],
-        committed_to=4,
-        coding=PLAIN,
-    )
+    append_frames(response, Run(Chunk(SessionKey(1, 1), 3, 8, np.ones((2, 3), np.float32), 4), 2, PLAIN))
     append_update(response, session_pb2.SessionUpdate())
     told = read(response).updates
     assert [update.WhichOneof("update") for update in told] == ["plan", "chunk", None]
@@ -85,7 +70,7 @@ def test_updates_of_both_kinds_follow_each_other() -> None:
 def test_rows_that_do_not_lie_together_are_sent_in_their_order() -> None:
     rows = np.arange(12, dtype=np.float32).reshape(2, 6)[:, ::-1]
     response: Parts = []
-    append_frames(response, 1, applied_seq=0, plan=1, first_frame=0, parts=[rows], committed_to=0, coding=PLAIN)
+    append_frames(response, Run(Chunk(SessionKey(1, 1), 1, 0, rows, 0), 0, PLAIN))
     (update,) = read(response).updates
     np.testing.assert_array_equal(np.frombuffer(update.chunk.data, "<f4").reshape(2, 6), rows)
 
@@ -100,6 +85,8 @@ def test_rows_that_do_not_lie_together_are_sent_in_their_order() -> None:
         (300, "ac02"),
         (16383, "ff7f"),
         (16384, "808001"),
+        (65535, "ffff03"),
+        (65536, "808004"),
         (2**28 - 1, "ffffff7f"),
         (2**28, "8080808001"),
         (2**64 - 1, "ffffffffffffffffff01"),

@@ -49,6 +49,7 @@ from motiongen_server.rpc.convert.resuming import check_no_resume
 from motiongen_server.rpc.convert.unserved import check_served
 from motiongen_server.rpc.limits import MAX_FRAME, MAX_REQUEST_ID_CHARACTERS, MAX_SPEED_MPS
 
+_new_tuple = tuple.__new__
 MAX_ROUND_TRIP_S = 1.0
 SPEED_TOLERANCE = 1e-5
 """Of the greatest speed: two float32 numbers of exactly that speed may come to a little more."""
@@ -111,7 +112,8 @@ def playhead_of(report: session_pb2.Playhead, key: SessionKey, received_at: floa
     if frame > MAX_FRAME or buffered_to > MAX_FRAME:
         frame_number(frame, "playhead.frame")
         frame_number(buffered_to, "playhead.buffered_to")
-    return Playhead(key, 0, received_at, frame, buffered_to, report.underruns, rtt_s)
+    fields = (key, 0, received_at, frame, buffered_to, report.underruns, rtt_s)
+    return _new_tuple(Playhead, fields)  # in half the time of Playhead's own
 
 
 def round_trip_s(ping: service_pb2.Ping) -> float | None:

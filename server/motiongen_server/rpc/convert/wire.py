@@ -8,7 +8,7 @@ through its message.
 from __future__ import annotations
 
 from collections.abc import Sequence
-from typing import Any, TypeAlias
+from typing import Any, Protocol, TypeAlias
 
 import numpy as np
 
@@ -22,17 +22,26 @@ Parts: TypeAlias = list[Any]
 _VARINT, _LENGTH_DELIMITED = 0, 2
 
 
-class _Varints(dict[int, bytes]):
-    """Whole numbers of 0 or more, seven bits a byte, the lowest first (protobuf encoding, "Base 128 Varints").
+class FramesToSend(Protocol):
+    """What an update with a FrameChunk says.
 
-    Those of up to two bytes are at hand: looking one up is a third of a call, and a chunk has nine.
+    handle: of the session. parts: (T, row_width) each, consecutive frames one after another, num_frames together.
     """
 
-    def __init__(self) -> None:
-        super().__init__((number, _varint(number)) for number in range(1 << 14))
+    handle: int
+    applied_seq: int
+    plan: int
+    first_frame: int
+    num_frames: int
+    committed_to: int
+    parts: list[Float32Array]
+    coding: FrameCoding
 
-    def __missing__(self, number: int) -> bytes:
-        return _varint(number)  # not kept: there is no end of them
+
+class _Varints(Protocol):
+    """Whole numbers of 0 or more, seven bits a byte, the lowest first (protobuf encoding, "Base 128 Varints")."""
+
+    def __getitem__(self, number: int, /) -> bytes: ...
 
 
 def _varint(number: int) -> bytes:
@@ -44,7 +53,18 @@ def _varint(number: int) -> bytes:
     return bytes(encoded)
 
 
-VARINT = _Varints()
+_AT_HAND = [_varint(number) for number in range(1 << 16)]
+"""A chunk has nine, and to look one up here is a tenth of a call."""
+
+
+class _AllVarints:
+    """Those beyond, too, made anew: there is no end of them."""
+
+    def __getitem__(self, number: int) -> bytes:
+        return _AT_HAND[number] if number < len(_AT_HAND) else _varint(number)
+
+
+VARINT: _Varints = _AllVarints()
 
 
 def _tag(message: Any, field: str, wire_type: int) -> bytes:
@@ -80,43 +100,47 @@ def append_update(response: Parts, update: session_pb2.SessionUpdate) -> None:
     response += (_UPDATES, VARINT[len(encoded)], encoded)
 
 
-def append_frames(
-    response: Parts,
-    session: int,
-    *,
-    applied_seq: int,
-    plan: int,
-    first_frame: int,
-    parts: Sequence[Float32Array],
-    committed_to: int,
-    coding: FrameCoding,
-) -> None:
-    """Add an update with a FrameChunk. parts: (T, row_width) each, consecutive frames one after another."""
-    number = VARINT
+def append_frames(response: Parts, frames: FramesToSend) -> None:
+    """Add an update with a FrameChunk."""
     data: Parts = []
-    num_frames = num_bytes = 0
-    for part in parts:
-        num_frames += len(part)
-        num_bytes += part.nbytes
-        data.append(np.ascontiguousarray(part, _F32_LE))
-    stored = _AS_F32
-    if coding.scalar_type != F32:
-        whole, stored = _coded(parts, coding)
-        data, num_bytes = [whole], whole.nbytes
+    num_bytes = 0
+    if frames.coding.scalar_type == F32:
+        stored = _AS_F32
+        for part in frames.parts:
+            num_bytes += part.nbytes
+            data.append(np.ascontiguousarray(part, _F32_LE))
+    else:
+        whole, stored = _coded(frames.parts, frames.coding)
+        data.append(whole)
+        num_bytes = whole.nbytes
+    try:
+        response += _before_data(frames, stored, num_bytes, _AT_HAND)
+    except IndexError:
+        response += _before_data(frames, stored, num_bytes, VARINT)
+    response += data
+
+
+def _before_data(frames: FramesToSend, stored: bytes, num_bytes: int, number: _Varints) -> tuple[bytes, ...]:
+    """An update with a FrameChunk, up to its data of so many bytes. Raises IndexError for a number not at hand."""
     chunk = b"".join(
         (
-            _PLAN, number[plan],
-            _FIRST_FRAME, number[first_frame],
-            _FRAME_COUNT, number[num_frames],
-            _COMMITTED_TO, number[committed_to],
+            _PLAN, number[frames.plan],
+            _FIRST_FRAME, number[frames.first_frame],
+            _FRAME_COUNT, number[frames.num_frames],
+            _COMMITTED_TO, number[frames.committed_to],
             stored,
             _DATA, number[num_bytes],
         )
     )  # fmt: skip
     num_bytes += len(chunk)
-    update = b"".join((_SESSION, number[session], _APPLIED_SEQ, number[applied_seq], _UPDATE_CHUNK, number[num_bytes]))
-    response += (_UPDATES, number[len(update) + num_bytes], update, chunk)
-    response += data
+    update = b"".join(
+        (
+            _SESSION, number[frames.handle],
+            _APPLIED_SEQ, number[frames.applied_seq],
+            _UPDATE_CHUNK, number[num_bytes],
+        )
+    )  # fmt: skip
+    return _UPDATES, number[len(update) + num_bytes], update, chunk
 
 
 def _coded(parts: Sequence[Float32Array], coding: FrameCoding) -> tuple[memoryview, bytes]:
@@ -130,7 +154,14 @@ def _coded(parts: Sequence[Float32Array], coding: FrameCoding) -> tuple[memoryvi
 
 def append_plan(response: Parts, applied_seq: int, notice: PlanNotice) -> None:
     """Add an update with a PlanNotice."""
-    number = VARINT
+    try:
+        response += _plan(applied_seq, notice, _AT_HAND)
+    except IndexError:
+        response += _plan(applied_seq, notice, VARINT)
+
+
+def _plan(applied_seq: int, notice: PlanNotice, number: _Varints) -> tuple[bytes, ...]:
+    """An update with a PlanNotice. Raises IndexError for a number not at hand."""
     plan = b"".join(
         (
             _NOTICE_PLAN, number[notice.plan],
@@ -139,8 +170,8 @@ def append_plan(response: Parts, applied_seq: int, notice: PlanNotice) -> None:
         )
     )  # fmt: skip
     if notice.event_seqs:
-        seqs = b"".join(number[seq] for seq in notice.event_seqs)
+        seqs = b"".join([number[seq] for seq in notice.event_seqs])
         plan += _EVENT_SEQS + number[len(seqs)] + seqs
     session = notice.session.handle
     update = b"".join((_SESSION, number[session], _APPLIED_SEQ, number[applied_seq], _UPDATE_PLAN, number[len(plan)]))
-    response += (_UPDATES, number[len(update) + len(plan)], update, plan)
+    return _UPDATES, number[len(update) + len(plan)], update, plan

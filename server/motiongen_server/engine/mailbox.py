@@ -21,7 +21,7 @@ class Mailbox:
         self._max_pending = max_pending_events
         self._lock = threading.Lock()
         self._arrived = threading.Condition(self._lock)
-        self._asleep = False  # nobody is told otherwise: that costs as much as all the rest of an event
+        self._asleep = False  # and has not been told since: to tell costs as much as all the rest of an event
         self._events: list[Event] = []
         self._playhead_at: dict[SessionKey, int] = {}
         self._waiting: Counter[SessionKey] = Counter()
@@ -51,7 +51,7 @@ class Mailbox:
                     self._playhead_at.pop(key, None)
             self._events.append(event)
             if self._asleep:
-                self._arrived.notify()
+                self._wake()
             return True
 
     def take_all(self) -> list[Event]:
@@ -67,14 +67,21 @@ class Mailbox:
         """End the current or the next `wait` without an event."""
         with self._lock:
             self._rung = True
-            self._arrived.notify()
+            self._wake()
 
     def wait(self, timeout_s: float) -> None:
         """Sleep until something has come, or timeout_s has passed."""
         with self._lock:
-            self._asleep = True
-            self._arrived.wait_for(lambda: self._events or self._rung, timeout_s)
+            self._arrived.wait_for(self._has_come, timeout_s)
             self._asleep = False
+
+    def _has_come(self) -> bool:
+        self._asleep = not self._events and not self._rung
+        return not self._asleep
+
+    def _wake(self) -> None:
+        self._asleep = False
+        self._arrived.notify()
 
 
 def pending_refusal(event: Event, max_pending_events: int) -> Outcome:

@@ -55,26 +55,31 @@ class Pace:
     ratio of sums. A mean of ratios would be too great where calls are uneven, as those are on the way of which the
     processor is taken away; and of one kind of call alone it would be known late, where there are few of them. longer:
     looks back so many times further.
+
+    by_size: a call counts by how much is in it. Whatever finds its memory taken by others costs a little more, small
+    calls several times what is usual and large ones hardly: a price that is of large ones has to follow these.
     """
 
     longer: int = 1
+    by_size: bool = False
     value: float = 1.0
     _spent_s: float = 0.0
     _usual_s: float = 0.0
     _carried_s: float = 0.0
 
-    def observe(self, usual_s: float, seconds: float) -> float:
+    def observe(self, size: int, usual_s: float, seconds: float) -> float:
         """Take in what a call took that usually takes usual_s. Returns what it counts as, of what was expected."""
+        weight = size if self.by_size else 1
         expected_s = usual_s * self.value
         whole_s = seconds + self._carried_s
         ratio = min(whole_s / expected_s, _MOST_SURPRISE)
         self._carried_s = min(whole_s - ratio * expected_s, _MOST_CARRIED_S)
         if not self._usual_s:
-            self._spent_s = self._usual_s = self.longer * _PACE_CALLS * usual_s
+            self._spent_s = self._usual_s = self.longer * _PACE_CALLS * weight * usual_s
         gone = min(1.0 / _LEAST_PACE_CALLS, max(1.0 / _PACE_CALLS, seconds / _PACE_S))
         kept = 1.0 - gone / self.longer
-        self._spent_s = kept * self._spent_s + ratio * expected_s
-        self._usual_s = kept * self._usual_s + usual_s
+        self._spent_s = kept * self._spent_s + weight * ratio * expected_s
+        self._usual_s = kept * self._usual_s + weight * usual_s
         self.value = self._spent_s / self._usual_s
         return ratio
 
@@ -109,9 +114,9 @@ class CallCosts:
             self._means[index], self._weights[index] = max(seconds / self.pace.value, _LEAST_S), 1.0
             self._forget_curve()
             return
-        ratio = self.pace.observe(mean, seconds)
+        ratio = self.pace.observe(size, mean, seconds)
         if self.spent is not None:
-            self.spent.observe(mean, seconds if spent_s is None else spent_s)
+            self.spent.observe(size, mean, seconds if spent_s is None else spent_s)
         self.deviation += _LEARNING_RATE * (abs(ratio - 1.0) - self.deviation)
         self._means[index] = max(mean + _SHAPE_RATE * (ratio - 1.0) * mean, _LEAST_S)
         self._weights[index] = min(self._weights[index] + 1.0, _MOST_WEIGHT)
@@ -208,7 +213,7 @@ class CostTable:
 
     def follow_processor(self) -> None:
         """From now on calls are told with the processor time that they took."""
-        spent = Pace(longer=_LONGER)
+        spent = Pace(longer=_LONGER, by_size=True)
         for costs in (self.prepare, self.step, self.decode):
             costs.spent = spent
 

@@ -41,8 +41,9 @@ _STRAINED_SHARE = 0.5
 _STRAINED_STRETCH = 2.0
 _SOON_S = 0.25
 # Frames are endangered where no more than so many times the time is left that their window still takes, one of the
-# largest steps after another.
-_ENDANGERED = 2.0
+# largest steps after another. With twice that, windows of ten sessions that are endangered at once were some 25 ms late
+# where a quota made the processor stand still meanwhile.
+_ENDANGERED = 3.0
 # Newcomers wait for others of their class to be done at most so long, and such a share of it where more urgent classes
 # have some under way: of these some may at all times be soon done.
 DEFAULT_GATHER_S = 0.12

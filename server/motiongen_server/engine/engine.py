@@ -78,11 +78,12 @@ class Engine:
         self.observe = observe
         self._config = config
         self._mailbox: Inbox = Mailbox(config.max_pending_events) if inbox is None else inbox
+        self.lease = Device().lease() if lease is None else lease
+        under_quota = self.lease.quota is not None
         if scheduler is None:  # not `or`: a policy that holds no jobs yet is false
             costs = CostTable.assumed(config.initial_step_s)
-            scheduler = Scheduler(costs, config.max_rows, max_step_s=config.max_step_s)
-        self.lease = Device().lease() if lease is None else lease
-        self.admission = Admission(runner.facts, config, under_quota=self.lease.quota is not None)
+            scheduler = Scheduler(costs, config.max_rows, max_step_s=config.max_step_s, under_quota=under_quota)
+        self.admission = Admission(runner.facts, config, under_quota=under_quota)
         self._intake = Intake(self.admission, self._mailbox, config.max_pending_events)
         self._load_monitor = LoadMonitor(runner.facts, self.admission, now, config.degrade, self.lease)
         self.sessions = OpenSessions()

@@ -183,7 +183,12 @@ def build_engine(
             trace_as=f"pid {os.getpid()}" if config.trace_to else "",
             snapshots=config.snapshot_store not in ("", "none") and config.resume_grace_s > 0,
         )
-        scheduler = Scheduler(measured.costs, measured.max_rows, max_step_s=engine_config.max_step_s)
+        scheduler = Scheduler(
+            measured.costs,
+            measured.max_rows,
+            max_step_s=engine_config.max_step_s,
+            under_quota=lease.quota is not None,
+        )
         return Engine(
             runner,
             clock,

@@ -146,7 +146,7 @@ def test_too_many_waiting_events_are_refused_at_the_door() -> None:
 
 def test_priority_decides_who_is_late() -> None:
     stage = Stage(EngineConfig(max_rows=4))
-    stage.runner.step_s = lambda rows: 0.07
+    stage.runner.step_s = lambda rows: 0.06
     heroes = [stage.open(handle, priority=Priority.HERO) for handle in range(1, 4)]
     crowd = [stage.open(handle, priority=Priority.CROWD) for handle in range(10, 40)]
     stage.run(20.0)

@@ -41,9 +41,10 @@ _STRAINED_SHARE = 0.5
 _STRAINED_STRETCH = 2.0
 _SOON_S = 0.25
 # Frames are endangered where no more than so many times the time is left that their window still takes, one of the
-# largest steps after another. With twice that, windows of ten sessions that are endangered at once were some 25 ms late
-# where a quota made the processor stand still meanwhile.
-_ENDANGERED = 3.0
+# largest steps after another. Under a quota the processor may stand still meanwhile: with twice that time, windows of
+# ten sessions that were endangered at once came some 25 ms late.
+_ENDANGERED = 2.0
+_ENDANGERED_UNDER_QUOTA = 3.0
 # Newcomers wait for others of their class to be done at most so long, and such a share of it where more urgent classes
 # have some under way: of these some may at all times be soon done.
 DEFAULT_GATHER_S = 0.12
@@ -56,7 +57,7 @@ class Scheduler:
     max_rows, max_evaluations: of one step. max_step_s: a step is not made larger than what this time allows, so that
     whoever comes meanwhile need not wait longer; background_step_s: the same for a step that has jobs in the background
     only; shares: of all rows, reserved for each class, most urgent first; gather_s: how long newcomers wait for others
-    of their class at most.
+    of their class at most. under_quota: of processor time, without which all calls stand still.
     """
 
     def __init__(
@@ -69,6 +70,7 @@ class Scheduler:
         background_step_s: float = DEFAULT_BACKGROUND_STEP_S,
         shares: Sequence[float] = DEFAULT_SHARES,
         gather_s: float = DEFAULT_GATHER_S,
+        under_quota: bool = False,
     ) -> None:
         self.costs = costs
         self._max_rows = max_rows
@@ -77,6 +79,7 @@ class Scheduler:
         self._background_step_s = background_step_s
         self._shares = dict(zip(Priority, shares, strict=True))
         self._gather_s = gather_s
+        self._endangered_times = _ENDANGERED_UNDER_QUOTA if under_quota else _ENDANGERED
         self._jobs: dict[int, ScheduledJob] = {}
         self._queues: tuple[list[tuple[float, int]], ...] = tuple([] for _ in Priority)
         self._played: list[tuple[float, int]] = []
@@ -169,7 +172,7 @@ class Scheduler:
         for runs_out_at, job_id in self._played:
             held = self._jobs[job_id]
             left_s = window_s + step_s * (held.job.num_steps - held.steps_done)
-            if runs_out_at - now > _ENDANGERED * left_s:
+            if runs_out_at - now > self._endangered_times * left_s:
                 break
             endangered.append(held)
         return sorted(endangered, key=ScheduledJob.rank)

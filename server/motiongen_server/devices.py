@@ -21,8 +21,8 @@ MOST_ENGINES = 64
 MOST_THREADS = 256
 FORMS = "cuda:0,cuda:1 (these), cuda:all, cpu:2 (two engines of a thread each), cpu:2x4 (two of four threads)"
 ADMIT_LOAD = 0.87
-ADMIT_LOAD_QUOTA = 0.86
-ADMIT_LOAD_SCANT = 0.82
+ADMIT_LOAD_QUOTA = 0.9
+ADMIT_LOAD_SCANT = 0.86
 ADMIT_LOAD_SHARED = 0.75
 ADMIT_LOAD_THROTTLED = 0.65
 """Where nothing counts what the gateway uses; under a quota, of which all that is used counts, and under one of less

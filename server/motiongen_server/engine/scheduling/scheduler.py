@@ -44,7 +44,7 @@ _SOON_S = 0.25
 # largest steps after another. Under a quota the processor may stand still meanwhile: with twice that time, windows of
 # ten sessions that were endangered at once came some 25 ms late.
 _ENDANGERED = 2.0
-_ENDANGERED_UNDER_QUOTA = 3.0
+_ENDANGERED_UNDER_QUOTA = 4.0
 # Newcomers wait for others of their class to be done at most so long, and such a share of it where more urgent classes
 # have some under way: of these some may at all times be soon done.
 DEFAULT_GATHER_S = 0.12

@@ -78,8 +78,8 @@ class ServerConfig:
     profile_s: float = setting(8.0, "longest time that measuring the model takes at the start", 0, 600)
     admit_load: float | None = setting(
         None,
-        "share of the measured capacity up to which sessions are let in; none: 0.87, 0.86 of a quota of the processor, "
-        "0.82 where that is less than a core for each thread, 0.75 of engines with more threads than cores, 0.65 or "
+        "share of the measured capacity up to which sessions are let in; none: 0.87, 0.9 of a quota of the processor, "
+        "0.86 where that is less than a core for each thread, 0.75 of engines with more threads than cores, 0.65 or "
         "0.75 where nobody says what is used of a quota",
         0.01,
         1e6,

@@ -144,8 +144,8 @@ def admit_load_for(devices: Sequence[EngineDevice]) -> float:
     Engines that share cores stand still for each other, longer than their margin where they are nearly full. Under a
     quota all processes do, the gateway too; engines count what it uses where that is told (`quota_use`).
     """
-    at_work = (device for device, spare in zip(devices, spare_engines(devices), strict=True) if not spare)
-    threads, quota = sum(device.threads for device in at_work if device.kind == "cpu"), quota_cores()
+    threads = sum(device.threads for device in engines_at_work(devices) if device.kind == "cpu")
+    quota = quota_cores()
     if threads >= quota and quota_use() is None:
         return ADMIT_LOAD_THROTTLED if threads > quota else ADMIT_LOAD_SHARED
     if threads > usable_cores():
@@ -167,6 +167,11 @@ def spare_engines(devices: Sequence[EngineDevice]) -> tuple[bool, ...]:
         spare.append(is_cpu and cores <= 0)
         cores -= device.threads if is_cpu else 0
     return tuple(spare)
+
+
+def engines_at_work(devices: Sequence[EngineDevice]) -> tuple[EngineDevice, ...]:
+    """Those that are not spare, in their order."""
+    return tuple(device for device, spare in zip(devices, spare_engines(devices), strict=True) if not spare)
 
 
 def usable_cores() -> int:

@@ -14,7 +14,14 @@ from functools import partial
 from operator import itemgetter
 
 from motiongen_server.config import ServerConfig
-from motiongen_server.devices import EngineDevice, admit_load_for, devices_of, spare_engines, usable_cores
+from motiongen_server.devices import (
+    EngineDevice,
+    admit_load_for,
+    devices_of,
+    engines_at_work,
+    spare_engines,
+    usable_cores,
+)
 from motiongen_server.engine.ports import Deliver, Observe
 from motiongen_server.engine.types import ModelFacts, StepsOf
 from motiongen_server.engine_process.child import FreshChild, StartChild
@@ -60,7 +67,7 @@ class EnginePool:
         self._slots = itertools.count(1)
         self._text: EngineTextEncoder | None = None
         self._spare = spare_engines(devices)
-        at_work = Counter(each.kind for each, spare in zip(devices, self._spare, strict=True) if not spare)
+        at_work = Counter(device.kind for device in engines_at_work(devices))
         # One is the smaller where it is alone: what others are forked from stays in memory. CUDA is best left alone.
         shares = command is None and sum(device.kind == "cpu" for device in devices) > 1
         self._fork_server = ForkServerLink() if shares else None

@@ -117,6 +117,27 @@ def test_what_is_dear_for_a_moment_is_dear_on_the_clock_and_a_price_once_it_stay
     assert table.decode.spent_each_s(4) > 0.018 / 4
 
 
+def test_small_calls_that_cost_more_than_usual_do_not_raise_the_price_of_large_ones() -> None:
+    table = CostTable.assumed(0.5)
+    table.follow_processor()
+    for size, seconds in ((4, 0.01), (64, 0.1)):
+        table.step.observe(size, seconds, seconds)
+    for _ in range(50):
+        for size, seconds in ((4, 0.02), (4, 0.02), (4, 0.02), (4, 0.02), (64, 0.1)):
+            table.step.observe(size, seconds, seconds)
+    assert table.step.spent_each_s(64) == pytest.approx(0.1 / 64, rel=0.05)
+
+
+def test_where_there_are_only_small_calls_the_price_of_large_ones_follows_them() -> None:
+    table = CostTable.assumed(0.5)
+    table.follow_processor()
+    for size, seconds in ((4, 0.01), (64, 0.1)):
+        table.step.observe(size, seconds, seconds)
+    for _ in range(100):
+        table.step.observe(4, 0.02, 0.02)
+    assert table.step.spent_each_s(64) > 1.2 * 0.1 / 64
+
+
 def test_where_nobody_counts_the_processor_all_that_a_call_took_is_spent() -> None:
     costs = CallCosts(0.5)
     for seconds in (0.01, 0.01, 0.013, 0.02):

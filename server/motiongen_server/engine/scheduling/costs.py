@@ -56,8 +56,8 @@ class Pace:
     processor is taken away; and of one kind of call alone it would be known late, where there are few of them. longer:
     looks back so many times further.
 
-    by_size: a call counts by how much is in it. Whatever finds its memory taken by others costs a little more, small
-    calls several times what is usual and large ones hardly: a price that is of large ones has to follow these.
+    by_size: a call counts by how much is in it. One that finds the caches taken by others costs a millisecond or two
+    more, which is much of a small call and little of a large one: prices are of large ones, and have to follow these.
     """
 
     longer: int = 1

@@ -113,7 +113,7 @@ def playhead_of(report: session_pb2.Playhead, key: SessionKey, received_at: floa
         frame_number(frame, "playhead.frame")
         frame_number(buffered_to, "playhead.buffered_to")
     fields = (key, 0, received_at, frame, buffered_to, report.underruns, rtt_s)
-    return _new_tuple(Playhead, fields)  # in half the time of Playhead's own
+    return _new_tuple(Playhead, fields)  # sooner than by Playhead's own: almost all that is read are reports
 
 
 def round_trip_s(ping: service_pb2.Ping) -> float | None:

@@ -44,9 +44,9 @@ def sent(
     rows: np.ndarray, scalar_type: int, parts: int = 1, blocks: tuple[ChannelBlock, ...] = ()
 ) -> motion_pb2.FrameChunk:
     response: list[bytes | memoryview] = []
-    run = Run(Chunk(SessionKey(1, 1), 3, 8, rows, 4), 2, FrameCoding(scalar_type, J, blocks))
+    run = Run(Chunk(SessionKey(1, 1), 3, 8, rows, 4), 2, None)
     run.parts = np.array_split(rows, parts)
-    append_frames(response, run)
+    append_frames(response, run, FrameCoding(scalar_type, J, blocks))
     message = service_pb2.StreamMotionResponse.FromString(b"".join(response))
     return message.updates[0].chunk
 

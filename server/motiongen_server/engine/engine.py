@@ -42,8 +42,7 @@ from motiongen_server.engine.types import (
 from motiongen_server.engine.types.refusals import handle_in_use, session_not_open
 from motiongen_server.engine.types.report import StepReport
 
-# The longest sleep: it keeps the heartbeat fresh.
-_IDLE_TICK_S = 0.5
+_IDLE_TICK_S = 0.5  # the longest sleep: it keeps the heartbeat fresh
 
 
 class Engine:

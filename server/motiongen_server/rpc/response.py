@@ -8,6 +8,7 @@ from contextlib import AbstractContextManager, nullcontext
 from motiongen.v1 import session_pb2
 from motiongen_server.engine.types import PlanNotice
 from motiongen_server.rpc.convert import Parts, append_frames, append_plan, append_update, write_update
+from motiongen_server.rpc.convert.frames import PLAIN, FrameCoding
 from motiongen_server.rpc.send_queue import Run, Said
 
 _NOT_COUNTED = nullcontext()
@@ -18,7 +19,7 @@ def response_of(waiting: Iterable[Run | Said], work: AbstractContextManager[None
     response: Parts = []
     for item in waiting:
         if isinstance(item, Run):
-            append_frames(response, item)
+            append_frames(response, item, item.coding if isinstance(item.coding, FrameCoding) else PLAIN)
             continue
         # The number as of then: since, later events may have been answered in later updates.
         output, applied_seq = item

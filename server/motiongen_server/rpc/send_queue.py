@@ -6,7 +6,6 @@ from collections import deque
 from typing import TypeAlias
 
 from motiongen_server.engine.types import Chunk, Closed, Float32Array, Opened, Outcome, Output, PlanNotice
-from motiongen_server.rpc.convert.frames import PLAIN, FrameCoding
 
 UPDATE_OVERHEAD_BYTES = 64
 PLACEMENT_BYTES = 64
@@ -20,8 +19,8 @@ class Run:
     """Neighbouring chunks of one session and plan, to be sent as one.
 
     parts: their rows, (T, row_width) float32 each, in order. fixed: something was said of the session after it, so that
-    later frames must not join it. coding: how they are to be stored. num_bytes: the most that it takes on the wire; 0
-    when nothing is left of it.
+    later frames must not join it. coding: how they are to be stored, None for plainly. num_bytes: the most that it
+    takes on the wire; 0 when nothing is left of it.
     """
 
     __slots__ = (
@@ -29,7 +28,7 @@ class Run:
         "plan",
     )  # fmt: skip
 
-    def __init__(self, chunk: Chunk, applied_seq: int, coding: FrameCoding) -> None:
+    def __init__(self, chunk: Chunk, applied_seq: int, coding: object) -> None:
         rows = chunk.rows
         self.handle = chunk.session.handle
         self.plan = chunk.plan
@@ -88,7 +87,7 @@ class SendQueue:
     def __len__(self) -> int:
         return len(self._waiting)
 
-    def put_chunk(self, chunk: Chunk, applied_seq: int, coding: FrameCoding = PLAIN) -> None:
+    def put_chunk(self, chunk: Chunk, applied_seq: int, coding: object = None) -> None:
         """Add frames at the end, or to the frames before them. applied_seq, coding: the session's as of now."""
         runs = self._runs.get(chunk.session.handle)
         if runs is not None and runs[-1].joins(chunk):

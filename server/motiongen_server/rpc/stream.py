@@ -136,7 +136,7 @@ class Stream(StreamTakeOvers):
         if event.event_seq:
             raise invalid_event_seq(event.event_seq)
         if not entry.bucket.take(now):
-            raise self._too_fast(entry)
+            raise too_fast(self._limits.events_per_second, entry.bucket.wait_s)
         report = event.playhead
         if entry.answers.num_bytes:
             entry.confirm(report.answered_seq)
@@ -215,10 +215,7 @@ class Stream(StreamTakeOvers):
 
     def _take_token(self, entry: SessionEntry, now: float) -> None:
         if not entry.bucket.take(now):
-            raise self._too_fast(entry)
-
-    def _too_fast(self, entry: SessionEntry) -> EventRefused:
-        return too_fast(self._limits.events_per_second, entry.bucket.wait_s)
+            raise too_fast(self._limits.events_per_second, entry.bucket.wait_s)
 
     def _book(self, said: Output, entry: SessionEntry) -> None:
         """A refusal is charged whoever has found what is wrong; not the server's own faults, nor ends of sessions."""

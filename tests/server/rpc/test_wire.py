@@ -29,9 +29,9 @@ def test_frames_are_read_as_the_message_that_was_meant(
     rows = np.arange(sum(counts) * 115, dtype=np.float32).reshape(-1, 115)
     parts = np.split(rows, np.cumsum(counts)[:-1])
     response: Parts = []
-    run = Run(Chunk(SessionKey(1, session), plan, first_frame, rows, committed_to), applied_seq, PLAIN)
+    run = Run(Chunk(SessionKey(1, session), plan, first_frame, rows, committed_to), applied_seq, None)
     run.parts = parts
-    append_frames(response, run)
+    append_frames(response, run, PLAIN)
     chunk = motion_pb2.FrameChunk(
         plan=plan,
         first_frame=first_frame,
@@ -60,7 +60,7 @@ def test_updates_of_both_kinds_follow_each_other() -> None:
     notice = session_pb2.SessionUpdate(session=1, plan=session_pb2.PlanNotice(plan=3, valid_from=8, event_seqs=[2]))
     response: Parts = []
     append_update(response, notice)
-    append_frames(response, Run(Chunk(SessionKey(1, 1), 3, 8, np.ones((2, 3), np.float32), 4), 2, PLAIN))
+    append_frames(response, Run(Chunk(SessionKey(1, 1), 3, 8, np.ones((2, 3), np.float32), 4), 2, None), PLAIN)
     append_update(response, session_pb2.SessionUpdate())
     told = read(response).updates
     assert [update.WhichOneof("update") for update in told] == ["plan", "chunk", None]
@@ -70,7 +70,7 @@ def test_updates_of_both_kinds_follow_each_other() -> None:
 def test_rows_that_do_not_lie_together_are_sent_in_their_order() -> None:
     rows = np.arange(12, dtype=np.float32).reshape(2, 6)[:, ::-1]
     response: Parts = []
-    append_frames(response, Run(Chunk(SessionKey(1, 1), 1, 0, rows, 0), 0, PLAIN))
+    append_frames(response, Run(Chunk(SessionKey(1, 1), 1, 0, rows, 0), 0, None), PLAIN)
     (update,) = read(response).updates
     np.testing.assert_array_equal(np.frombuffer(update.chunk.data, "<f4").reshape(2, 6), rows)
 

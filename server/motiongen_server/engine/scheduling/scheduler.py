@@ -34,17 +34,14 @@ DEFAULT_BACKGROUND_STEP_S = 0.025
 _BACKGROUND_DRAG = 1.2
 # Steps are not made smaller for a deadline than the size at which a row costs so many times its least: with time to
 # spare, and where what is held fills more than such a share of the time until it is due. Late jobs count as due soon.
-_MOST_WASTE = 2.0
-_LITTLE_WASTE = 1.15
+_MOST_WASTE, _LITTLE_WASTE = 2.0, 1.15
 # Then, too, steps may be so many times longer than they should: to be on time matters more than to answer soon.
 _STRAINED_SHARE = 0.5
 _STRAINED_STRETCH = 2.0
 _SOON_S = 0.25
 # Frames are endangered where no more than so many times the time is left that their window still takes, one of the
-# largest steps after another. Under a quota the processor may stand still meanwhile: with twice that time, windows of
-# ten sessions that were endangered at once came some 25 ms late.
-_ENDANGERED = 2.0
-_ENDANGERED_UNDER_QUOTA = 4.0
+# largest steps after another. Under a quota the processor may stand still meanwhile (ADR 90).
+_ENDANGERED, _ENDANGERED_UNDER_QUOTA = 2.0, 4.0
 # Newcomers wait for others of their class to be done at most so long, and such a share of it where more urgent classes
 # have some under way: of these some may at all times be soon done.
 DEFAULT_GATHER_S = 0.12

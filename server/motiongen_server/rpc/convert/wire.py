@@ -35,7 +35,6 @@ class FramesToSend(Protocol):
     num_frames: int
     committed_to: int
     parts: list[Float32Array]
-    coding: FrameCoding
 
 
 class _Varints(Protocol):
@@ -100,17 +99,17 @@ def append_update(response: Parts, update: session_pb2.SessionUpdate) -> None:
     response += (_UPDATES, VARINT[len(encoded)], encoded)
 
 
-def append_frames(response: Parts, frames: FramesToSend) -> None:
+def append_frames(response: Parts, frames: FramesToSend, coding: FrameCoding) -> None:
     """Add an update with a FrameChunk."""
     data: Parts = []
     num_bytes = 0
-    if frames.coding.scalar_type == F32:
+    if coding.scalar_type == F32:
         stored = _AS_F32
         for part in frames.parts:
             num_bytes += part.nbytes
             data.append(np.ascontiguousarray(part, _F32_LE))
     else:
-        whole, stored = _coded(frames.parts, frames.coding)
+        whole, stored = _coded(frames.parts, coding)
         data.append(whole)
         num_bytes = whole.nbytes
     try:

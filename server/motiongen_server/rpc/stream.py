@@ -135,10 +135,9 @@ class Stream(StreamTakeOvers):
             return  # it crossed the session's end
         if event.event_seq:
             raise invalid_event_seq(event.event_seq)
-        if not entry.bucket.take(now):
-            raise too_fast(self._limits.events_per_second, entry.bucket.wait_s)
+        self._take_token(entry, now)
         report = event.playhead
-        if entry.answers.num_bytes:
+        if entry.answers:
             entry.confirm(report.answered_seq)
         if entry.reached:
             entry.note_shown(report.frame)

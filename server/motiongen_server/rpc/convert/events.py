@@ -49,7 +49,6 @@ from motiongen_server.rpc.convert.resuming import check_no_resume
 from motiongen_server.rpc.convert.unserved import check_served
 from motiongen_server.rpc.limits import MAX_FRAME, MAX_REQUEST_ID_CHARACTERS, MAX_SPEED_MPS
 
-_new_tuple = tuple.__new__
 MAX_ROUND_TRIP_S = 1.0
 SPEED_TOLERANCE = 1e-5
 """Of the greatest speed: two float32 numbers of exactly that speed may come to a little more."""
@@ -113,7 +112,7 @@ def playhead_of(report: session_pb2.Playhead, key: SessionKey, received_at: floa
         frame_number(frame, "playhead.frame")
         frame_number(buffered_to, "playhead.buffered_to")
     fields = (key, 0, received_at, frame, buffered_to, report.underruns, rtt_s)
-    return _new_tuple(Playhead, fields)  # sooner than by Playhead's own: almost all that is read are reports
+    return tuple.__new__(Playhead, fields)  # sooner than by Playhead's own: almost all that is read are reports
 
 
 def round_trip_s(ping: service_pb2.Ping) -> float | None:

@@ -117,11 +117,17 @@ def test_what_is_dear_for_a_moment_is_dear_on_the_clock_and_a_price_once_it_stay
     assert table.decode.spent_each_s(4) > 0.018 / 4
 
 
-def test_small_calls_that_cost_more_than_usual_do_not_raise_the_price_of_large_ones() -> None:
+def _small_and_large() -> CostTable:
+    """Steps of 4 take 10 ms of the processor, of 64 100."""
     table = CostTable.assumed(0.5)
     table.follow_processor()
     for size, seconds in ((4, 0.01), (64, 0.1)):
         table.step.observe(size, seconds, seconds)
+    return table
+
+
+def test_small_calls_that_cost_more_than_usual_do_not_raise_the_price_of_large_ones() -> None:
+    table = _small_and_large()
     for _ in range(50):
         for size, seconds in ((4, 0.02), (4, 0.02), (4, 0.02), (4, 0.02), (64, 0.1)):
             table.step.observe(size, seconds, seconds)
@@ -129,10 +135,7 @@ def test_small_calls_that_cost_more_than_usual_do_not_raise_the_price_of_large_o
 
 
 def test_where_there_are_only_small_calls_the_price_of_large_ones_follows_them() -> None:
-    table = CostTable.assumed(0.5)
-    table.follow_processor()
-    for size, seconds in ((4, 0.01), (64, 0.1)):
-        table.step.observe(size, seconds, seconds)
+    table = _small_and_large()
     for _ in range(100):
         table.step.observe(4, 0.02, 0.02)
     assert table.step.spent_each_s(64) > 1.2 * 0.1 / 64

@@ -73,7 +73,8 @@ def offline_rate(
     until = clock.now() + seconds
     times: list[tuple[float, list[float], float]] = []
     while len(times) < 2 or (clock.now() < until):
-        later = [later_job(number, num_steps, embeddings, first) for number, first in enumerate(firsts)]
+        plan = 2 + len(times)
+        later = [later_job(number, num_steps, embeddings, first, plan) for number, first in enumerate(firsts)]
         if not keep_tokens:
             later = [replace(job, history_tokens=None) for job in later]
         times.append(_run(runner, later, steps_run or num_steps, clock, synchronize)[1:])
@@ -130,12 +131,14 @@ def first_job(number: int, num_steps: int, embeddings: Sequence[Float32Array]) -
     )
 
 
-def later_job(number: int, num_steps: int, embeddings: Sequence[Float32Array], earlier: WindowResult) -> WindowJob:
+def later_job(
+    number: int, num_steps: int, embeddings: Sequence[Float32Array], earlier: WindowResult, plan: int = 2
+) -> WindowJob:
     """The window after another, with its tokens for history where the runner keeps them."""
     tokens = None if earlier.tokens is None else earlier.tokens[-HISTORY_FRAMES // 4 :]
     return replace(
         first_job(number, num_steps, embeddings),
-        plan=2,
+        plan=plan,
         first_frame=len(earlier.features),
         history=earlier.features[-HISTORY_FRAMES:],
         start_pose=None,

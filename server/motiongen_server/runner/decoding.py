@@ -60,10 +60,8 @@ class Decoding:
         return [found[number] for number in range(len(rows))]
 
     def _together(self, rows: Sequence[Row], asked: Asked | None) -> list[Decoded]:
-        given = [
-            torch.stack([torch.cat([row.history, row.tokens]) for row in rows]),
-            torch.stack([row.translation for row in rows]),
-        ]
+        histories, horizons = torch.stack([row.history for row in rows]), torch.stack([row.tokens for row in rows])
+        given = [torch.cat([histories, horizons], dim=1), torch.stack([row.translation for row in rows])]
         if self._model.sampling.corrects:
             history = torch.from_numpy(np.stack([row.job.history for row in rows]))
             given += [history.to(given[0].device), *_goals(rows)]

@@ -14,8 +14,7 @@ from motiongen_ardy.core.representation import ROOT_WIDTH
 from motiongen_ardy.model.denoiser.guidance import GuidanceWeights, Pass, needed_passes
 from motiongen_ardy.model.generation import local_goals, recentre_tokens
 from motiongen_ardy.model.model import Model
-from motiongen_ardy.model.noise import window_noise
-from motiongen_ardy.model.packed import PackedDenoiser, RowRequest
+from motiongen_ardy.model.packed import PackedDenoiser, RowRequest, WindowVectors
 from motiongen_ardy.model.packed.graphs import GraphedRows, GraphRecorder, RowWork
 from motiongen_ardy.model.rollout import visible_frames
 from motiongen_ardy.model.sampling.plan import plan_window
@@ -24,7 +23,9 @@ from motiongen_ardy.model.sampling.slowing import motion_before
 from motiongen_ardy.model.sampling.window_end import frames_to_keep
 from motiongen_ardy.model.tokenizer.explicit import ExplicitBody
 from motiongen_ardy.model.tokenizer.model import Tokenizer
-from motiongen_server.engine.types import WindowJob
+from motiongen_server.engine.types import StartPose, WindowJob
+from motiongen_server.runner.noise_ahead import NoiseAhead
+from motiongen_server.runner.prompts import Prompts, texts_on
 from motiongen_server.runner.row import Row
 from motiongen_server.runner.targets import job_targets
 
@@ -59,8 +60,14 @@ class Preparation:
         """codec: the model's own, as it is served. recorder: of graphs that histories are encoded by."""
         self._model = model
         self._encode: RowWork = lambda features: (codec.to_hybrid(features),)
+        self._begin: RowWork = self._begun
+        self._prompts = Prompts(model.config.denoiser)
+        self._noise = NoiseAhead(model.config.horizon_tokens, model.config.token_width)
         if recorder is not None:
             self._encode = GraphedRows(self._encode, recorder)
+            begin = GraphedRows(self._begun, recorder)
+            # Rows keep them, and the next replay writes where this one has left them.
+            self._begin = lambda *rows: tuple(part.clone() for part in begin(*rows))
         self._denoiser = denoiser
         self._device = model.representation.stats.mean.device
 
@@ -69,7 +76,7 @@ class Preparation:
         return needed_passes(
             self._model.sampling.guidance.mode,
             GuidanceWeights(job.guidance.text, job.guidance.constraint),
-            has_text=job.embedding is not None and bool(np.any(job.embedding)),
+            has_text=self._prompts.of(job.embedding).is_told,
             has_constraints=bool(job.constraints),
         )
 
@@ -93,7 +100,13 @@ class Preparation:
         start = (pose.x, pose.z, pose.heading) if pose else (0.0, 0.0, 0.0)
         kept = frames_to_keep(targets, job.first_frame, horizon, options)
         targets, told = plan_window(
-            self._model, targets, self._text(job), history, job.first_frame, start, keep_text=job.keep_prompt
+            self._model,
+            targets,
+            self._prompts.of(job.embedding).text,
+            history,
+            job.first_frame,
+            start,
+            keep_text=job.keep_prompt,
         )
         kept = kept if told.led_to is None else min(kept, told.led_to - job.first_frame)
         return _Member(job, targets, told.text, kept)
@@ -101,9 +114,9 @@ class Preparation:
     def _group(self, shape: _Shape, members: list[_Member]) -> list[Row]:
         members = sorted(members, key=lambda member: member.job.history_tokens is not None)
         jobs = [member.job for member in members]
-        history, translation, heading = self._history(shape, jobs)
+        texts = texts_on(self._device, [member.text for member in members])
+        history, translation, before, *vectors = self._begin(*self._history(shape, jobs), texts)
         observed, mask, goals = None, None, None
-        before = motion_before(self._model.representation, history, self._model.config.patch)
         projection = free_projection(before, shape.history_len, self._model.config.horizon, self._model.sampling)
         if shape.has_targets:
             observed, mask = self._goals(shape, members, translation)
@@ -112,10 +125,11 @@ class Preparation:
             goals = observed[:, horizon], mask[:, horizon]
         led = self._led(projection, len(jobs))
         passes = [self.passes(job) for job in jobs]
-        texts = torch.stack([member.text for member in members]).to(self._device)
-        request = RowRequest(history, texts, heading, observed, mask, passes, projection)
+        request = RowRequest(WindowVectors(*vectors), observed, mask, passes, projection)
         conditions = self._denoiser.conditions(request)
-        noise = torch.stack([self._noise(job) for job in jobs]).to(self._device)
+        noise = torch.stack([self._noise.of(job.seed, job.plan) for job in jobs]).to(self._device)
+        if self._device.type == "cuda":  # elsewhere what computes needs the time
+            self._noise.follow([(job.seed, job.plan) for job in jobs])
         tensors = zip(noise.unbind(), history.unbind(), translation.unbind(), strict=True)
         return [
             Row(
@@ -131,24 +145,34 @@ class Preparation:
             for index, (member, (tokens, before_it, moved_by)) in enumerate(zip(members, tensors, strict=True))
         ]
 
-    def _history(self, shape: _Shape, jobs: Sequence[WindowJob]) -> tuple[Tensor, Tensor, Tensor]:
-        """History tokens (B, N_h, 20 + L) about the window's own origin, that origin (B, 3), first headings (B).
+    def _history(self, shape: _Shape, jobs: Sequence[WindowJob]) -> tuple[Tensor, Tensor]:
+        """History tokens (B, N_h, 20 + L) in the world's frame; where they begin, if there are none: (B, 4), the
+        origin in metres, and the heading.
 
         jobs: those whose tokens are known behind the others.
         """
-        layout = self._model.representation
         if shape.history_len == 0:
-            starts = [job.start_pose for job in jobs]
-            origins = [[pose.x, 0.0, pose.z] if pose else [0.0, 0.0, 0.0] for pose in starts]
-            headings = [pose.heading if pose else 0.0 for pose in starts]
-            none = torch.zeros(len(jobs), 0, self._model.config.token_width, device=self._device)
-            return none, torch.tensor(origins, device=self._device), torch.tensor(headings, device=self._device)
+            poses = [job.start_pose or StartPose() for job in jobs]
+            starts = torch.tensor([[pose.x, 0.0, pose.z, pose.heading] for pose in poses], device=self._device)
+            return starts.new_zeros(len(jobs), 0, self._model.config.token_width), starts
         known = [job.history_tokens for job in jobs if job.history_tokens is not None]
         unknown = jobs[: len(jobs) - len(known)]
         parts = self._encode(self._stack(job.history for job in unknown)) if unknown else ()
         tokens = torch.cat([*parts, self._stack(known)] if known else parts)  # a copy, which a replay leaves alone
-        heading = layout.heading_of_root(tokens[:, 0, :ROOT_WIDTH])
-        return *recentre_tokens(self._model, tokens), heading
+        return tokens, tokens.new_zeros(len(jobs), 4)
+
+    def _begun(self, tokens: Tensor, starts: Tensor, texts: Tensor) -> tuple[Tensor, ...]:
+        """What rows begin with: their history (B, N_h, 20 + L) about its end, where that is (B, 3), how the root moved
+        (B, 4, as `motion_before`), and what a `WindowVectors` has.
+
+        tokens, starts: as `_history` gives them; texts: (B, n, W).
+        """
+        layout, history, origin, heading = self._model.representation, tokens, starts[:, :3], starts[:, 3]
+        if tokens.shape[1]:
+            heading = layout.heading_of_root(tokens[:, 0, :ROOT_WIDTH])
+            history, origin = recentre_tokens(self._model, tokens)
+        before = motion_before(layout, history, self._model.config.patch)
+        return history, origin, before, *self._denoiser.vectors(history, texts, heading)
 
     def _goals(self, shape: _Shape, members: list[_Member], translation: Tensor) -> tuple[Tensor, Tensor]:
         layout = self._model.representation
@@ -193,20 +217,6 @@ class Preparation:
             return [False] * num_jobs
         led: list[bool] = projection.leads(options.led_frames).tolist()
         return led
-
-    def _text(self, job: WindowJob) -> Tensor:
-        """(n, W), zeros for no prompt; fewer vectors than the model takes are filled up, more are cut off."""
-        config = self._model.config.denoiser
-        text = np.zeros((config.text_tokens, config.text_dim), np.float32)
-        if job.embedding is not None:
-            vectors = np.atleast_2d(job.embedding)[: config.text_tokens]
-            text[: len(vectors)] = vectors
-        return torch.from_numpy(text)
-
-    def _noise(self, job: WindowJob) -> Tensor:
-        """What the job's window starts from. Plans count from 1, a rollout's windows from 0."""
-        config = self._model.config
-        return window_noise(job.seed, job.plan - 1, config.horizon_tokens, config.token_width)
 
     def _stack(self, arrays: Iterable[np.ndarray]) -> Tensor:
         return torch.from_numpy(np.stack(list(arrays))).to(self._device)

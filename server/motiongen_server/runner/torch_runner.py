@@ -5,11 +5,9 @@ from __future__ import annotations
 from collections.abc import Sequence
 
 import torch
-from torch import Tensor
 
-from motiongen_ardy.model.diffusion import cosine_schedule
 from motiongen_ardy.model.model import Model
-from motiongen_ardy.model.packed import PackedBatch, PackedDenoiser
+from motiongen_ardy.model.packed import PackedDenoiser
 from motiongen_ardy.model.packed.codec import packed_codec
 from motiongen_ardy.model.packed.graphs import GraphRecorder
 from motiongen_server.engine.types import Float32Array, ModelFacts, RowStatus, WindowJob, WindowResult
@@ -20,6 +18,7 @@ from motiongen_server.runner.frames import features_of_rows
 from motiongen_server.runner.outputs import outputs_of_rows
 from motiongen_server.runner.preparation import Preparation
 from motiongen_server.runner.row import Row
+from motiongen_server.runner.stepping import Stepping
 
 
 class TorchRunner:
@@ -48,9 +47,8 @@ class TorchRunner:
         self._codec = packed_codec(model.codec)
         self._preparation = Preparation(model, self._codec, self._denoiser, recorder)
         self._decoding = Decoding(model, self._codec, recorder)
-        self._schedule = cosine_schedule(config.num_base_steps).to(self._device)
+        self._stepping = Stepping(model, self._denoiser, recorder)
         self._rows: dict[int, Row] = {}
-        self._laid_out: tuple[tuple[int, ...], PackedBatch] | None = None
         self._facts = model_facts(model, model_id, default_steps)
 
     @property
@@ -89,37 +87,12 @@ class TorchRunner:
         """Advance each job by one denoising step. Raises OutOfMemory or DeviceLost."""
         rows = {job_id: self._rows[job_id] for job_id in sorted(job_ids)}
         with device_errors():
-            moved, roots, finite = self._step(rows)
-        statuses = {}
-        for (job_id, row), tokens, root, is_finite in zip(
-            rows.items(), moved.unbind(), roots.unbind(), finite, strict=True
-        ):
-            row.tokens, row.root = tokens, root if row.is_led else None
-            row.steps_done += 1
-            statuses[job_id] = RowStatus(job_id, row.steps_done, is_finite)
+            finite = self._stepping(rows)
+        statuses = {
+            job_id: RowStatus(job_id, row.steps_done, is_finite)
+            for (job_id, row), is_finite in zip(rows.items(), finite, strict=True)
+        }
         return [statuses[job_id] for job_id in job_ids]
-
-    def _step(self, rows: dict[int, Row]) -> tuple[Tensor, Tensor, list[bool]]:
-        """The rows' tokens after a step, the clean roots that it predicted, whether each row's tokens are finite."""
-        batch = self._batch(rows)
-        tokens = torch.stack([row.tokens for row in rows.values()])
-        done = [[row.job.num_steps, row.steps_done] for row in rows.values()]
-        num_steps, steps_done = torch.tensor(done).to(self._device).unbind(1)  # both in one copy to the device
-        index = num_steps - 1 - steps_done
-        options = self._model.sampling.projection
-        project = [row.job.num_steps - row.steps_done <= options.last_steps for row in rows.values()]
-        kept = [row.root if row.steps_done >= options.led_steps else None for row in rows.values()]
-        clean = self._denoiser.predict(batch, tokens, self._schedule.base_step[num_steps, index], project, kept)
-        moved = self._schedule.reverse_step(tokens, clean, index, num_steps)
-        roots = clean[..., : self._model.config.denoiser.root_token_width]
-        return moved, roots, moved.isfinite().flatten(1).all(dim=1).tolist()
-
-    def _batch(self, rows: dict[int, Row]) -> PackedBatch:
-        """The rows laid out; most steps have the same rows as the step before."""
-        key = tuple(rows)
-        if self._laid_out is None or self._laid_out[0] != key:
-            self._laid_out = key, self._denoiser.batch([row.conditions for row in rows.values()])
-        return self._laid_out[1]
 
     @torch.inference_mode()
     def decode(self, job_ids: Sequence[int]) -> list[WindowResult]:
@@ -138,4 +111,4 @@ class TorchRunner:
         for job_id in job_ids:
             self._rows.pop(job_id, None)
         if not self._rows:
-            self._laid_out = None
+            self._stepping.forget()

@@ -55,7 +55,8 @@ def rows_of(
     )
     expected = guided_prediction(model.denoiser, tokens, step, window, batch_passes(passes))
     generated = slice(history, history + horizon)
-    conditions = packed.conditions(RowRequest(tokens[:, :history], text, heading, observed, mask, passes))
+    vectors = packed.vectors(tokens[:, :history], text, heading)
+    conditions = packed.conditions(RowRequest(vectors, observed, mask, passes))
     return conditions, tokens[:, generated], step, expected[:, generated]
 
 
@@ -138,14 +139,9 @@ def test_a_pass_that_guidance_does_not_need_is_not_computed() -> None:
         "two": (Pass(False, False, -1.0), Pass(True, False, 2.0)),
     }.items():
         config = model.config.denoiser
-        request = RowRequest(
-            torch.zeros(1, 2, 20 + config.latent_dim),
-            torch.zeros(1, config.text_tokens, config.text_dim),
-            torch.zeros(1),
-            None,
-            None,
-            [passes],
-        )
+        history = torch.zeros(1, 2, 20 + config.latent_dim)
+        text = torch.zeros(1, config.text_tokens, config.text_dim)
+        request = RowRequest(packed.vectors(history, text, torch.zeros(1)), None, None, [passes])
         vectors[name] = packed.batch(packed.conditions(request)).num_vectors
     assert vectors["two"] == 2 * vectors["one"]
 

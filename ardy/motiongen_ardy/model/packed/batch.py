@@ -34,20 +34,40 @@ class Sequences:
     """What stages are evaluated on. Only `inputs` is written to between steps, in the slots.
 
     inputs: by stage, (P, width), sequences one behind another and zeros behind the last. num_tokens: of a horizon.
+    is_recorded: a step with them is recorded as a whole, so that its layers are called.
     """
 
     inputs: tuple[Tensor, ...]
     groups: list[Group]
     slots: list[SequenceSlot]
     num_tokens: int
+    step_position: int
+    is_recorded = False
+
+    def _append(self, group: Group, first: int, history: int) -> None:
+        """A group of the inputs, and its slot; first: the number of its first sequence."""
+        parts = tuple(group.of(stage) for stage in self.inputs)
+        has_last = history > 0 and len(parts) > 1
+        self.groups.append(group)
+        self.slots.append(
+            SequenceSlot(
+                first,
+                first + group.num_sequences,
+                step=tuple(part[:, self.step_position] for part in parts),
+                horizon=tuple(part[:, group.read] for part in parts),
+                last=parts[1][:, group.first_read - 1] if has_last else None,
+                history=history,
+                group=group,
+            )
+        )
 
 
 class FirstStagePart(Sequences):
     """Some of a batch's sequences, for the first stage alone."""
 
-    def __init__(self, whole: PackedBatch, chosen: Sequence[int]) -> None:
+    def __init__(self, whole: Batch, chosen: Sequence[int]) -> None:
         """chosen: numbers of sequences, rising."""
-        self.num_tokens = whole.num_tokens
+        self.num_tokens, self.step_position = whole.num_tokens, whole.step_position
         members = [(slot, [one - slot.first for one in chosen if slot.first <= one < slot.end]) for slot in whole.slots]
         members = [(slot, ones) for slot, ones in members if ones]
         vectors = whole.inputs[0]
@@ -57,24 +77,41 @@ class FirstStagePart(Sequences):
         first = start = 0
         for slot, ones in members:
             group = slot.group._replace(start=start, num_sequences=len(ones))
-            part = group.of(packed)
-            part.copy_(slot.group.of(vectors)[ones])
-            step, horizon = part[:, whole.step_position], part[:, slot.group.read]
-            end = first + len(ones)
-            self.groups.append(group)
-            self.slots.append(SequenceSlot(first, end, (step,), (horizon,), None, slot.history, group))
-            first, start = end, group.end
+            group.of(packed).copy_(slot.group.of(vectors)[ones])
+            self._append(group, first, slot.history)
+            first, start = first + len(ones), group.end
 
 
-class PackedBatch(Sequences):
+class Batch(Sequences):
     """Sequences of one evaluation.
 
-    rows: (Q) each sequence's row among those of the step, row_numbers the same; weight: (Q, 1, 1). num_vectors: those
-    of sequences.
+    rows: (Q) each sequence's row among those of the step, row_numbers the same; weight: (Q, 1, 1).
     horizon: (S, Q, G, width), what is added to the horizon's vectors. last: (Q, 1, 20 + L), last history tokens.
     projection: of every sequence, None where no row has one.
     told: (C), the sequences that see constraints, with their observed root and its mask (C, G, 20); None for none.
+    filled: P for so many vectors of sequences.
     """
+
+    rows: Tensor
+    row_numbers: list[int]
+    weight: Tensor
+    horizon: Tensor
+    last: Tensor
+    projection: RootProjection | None = None
+    told: tuple[Tensor, Tensor, Tensor] | None = None
+    filled: Callable[[int], int]
+    _part: tuple[tuple[int, ...], FirstStagePart] | None = None
+
+    def first_stage_part(self, chosen: Sequence[int]) -> FirstStagePart:
+        """Some of the sequences for the first stage alone; most steps choose the same as the step before."""
+        key = tuple(chosen)
+        if self._part is None or self._part[0] != key:
+            self._part = key, FirstStagePart(self, key)
+        return self._part[1]
+
+
+class PackedBatch(Batch):
+    """Rows that are laid out. num_vectors: those of sequences."""
 
     def __init__(
         self,
@@ -84,11 +121,8 @@ class PackedBatch(Sequences):
         step_position: int,
         filled: Callable[[int], int] = lambda vectors: vectors,
     ) -> None:
-        """sequences: (row, pass) pairs, like shapes side by side. horizon_of: positions (S, G, width) for a history.
-
-        filled: P for so many vectors of sequences.
-        """
-        device = rows[0].prefix.device
+        """sequences: (row, pass) pairs, like shapes side by side. horizon_of: positions (S, G, width) for a history."""
+        device = rows[0].last.device
         self.num_tokens = horizon_of(0).shape[1]
         self.step_position, self.filled = step_position, filled
         self.row_numbers = [row for row, _ in sequences]
@@ -100,14 +134,19 @@ class PackedBatch(Sequences):
         self._lay_out(rows, sequences, horizon_of)
         self._note_goals(rows, sequences)
         self.projection = _projection_of([rows[row].projection for row, _ in sequences])
-        self._part: tuple[tuple[int, ...], FirstStagePart] | None = None
+        passes = {len(row.passes) for row in rows}
+        self._passes = passes.pop() if len(passes) == len(self.groups) == 1 else None
 
-    def first_stage_part(self, chosen: Sequence[int]) -> FirstStagePart:
-        """Some of the sequences for the first stage alone; most steps choose the same as the step before."""
-        key = tuple(chosen)
-        if self._part is None or self._part[0] != key:
-            self._part = key, FirstStagePart(self, key)
-        return self._part[1]
+    def parts(self) -> tuple[Tensor, ...] | None:
+        """What a `RecordedBatch` of these rows is made of; None where it would not be the same.
+
+        It is where no row is told constraints, and all have equally many passes and one length.
+        """
+        if self._passes is None or self.told is not None:
+            return None
+        inputs = [self.groups[0].of(stage).unflatten(0, (-1, self._passes)) for stage in self.inputs]
+        weight, last = (part.unflatten(0, (-1, self._passes)) for part in (self.weight, self.last))
+        return weight, last[:, 0], *inputs
 
     def _lay_out(
         self,
@@ -116,10 +155,10 @@ class PackedBatch(Sequences):
         horizon_of: Callable[[int], Tensor],
     ) -> None:
         shapes = [(rows[row].history_tokens, rows[row].future_tokens(index)) for row, index in sequences]
-        num_stages, _, num_prefix, width = rows[0].prefix.shape
+        num_stages, num_prefix, width = rows[0].prefixes[0].shape
         lengths = [num_prefix + history + self.num_tokens + future for history, future in shapes]
         self.num_vectors = sum(lengths)
-        inputs = rows[0].prefix.new_zeros(num_stages, self.filled(self.num_vectors), width)
+        self.inputs = tuple(rows[0].last.new_zeros(num_stages, self.filled(self.num_vectors), width))
         added = []
         self.groups, self.slots = [], []
         first = start = 0
@@ -130,8 +169,8 @@ class PackedBatch(Sequences):
             history, future = shape
             begin, after = num_prefix + history, num_prefix + history + self.num_tokens
             group = Group(start, end - first, lengths[first], begin, self.num_tokens)
-            parts = tuple(group.of(stage) for stage in inputs)
-            prefix = torch.stack([row.prefix[:, index] for row, index in members], dim=1)
+            parts = tuple(group.of(stage) for stage in self.inputs)
+            prefix = torch.stack([row.prefixes[index] for row, index in members], dim=1)
             horizon = horizon_of(history)[:, None].expand(-1, end - first, -1, -1)
             goals = [row.told(index) for row, index in members]
             if any(one is not None for one in goals):
@@ -146,32 +185,41 @@ class PackedBatch(Sequences):
                 parts[0][:, num_prefix:begin] = torch.stack([row.history for row, _ in members])
                 if num_stages > 1 and history > 1:
                     parts[1][:, num_prefix : begin - 1] = torch.stack([row.decided for row, _ in members])
-            self.groups.append(group)
-            self.slots.append(
-                SequenceSlot(
-                    first,
-                    end,
-                    step=tuple(part[:, self.step_position] for part in parts),
-                    horizon=tuple(part[:, group.read] for part in parts),
-                    last=parts[1][:, begin - 1] if history and num_stages > 1 else None,
-                    history=history,
-                    group=group,
-                )
-            )
+            self._append(group, first, history)
             first, start = end, group.end
-        self.inputs = tuple(inputs)
         self.horizon = torch.cat(added, dim=1)
 
     def _note_goals(self, rows: Sequence[RowConditions], sequences: Sequence[tuple[int, int]]) -> None:
         told = [(position, rows[row].told(index)) for position, (row, index) in enumerate(sequences)]
         known = [(position, goals) for position, goals in told if goals is not None]
-        self.told: tuple[Tensor, Tensor, Tensor] | None = None
         if known:
             self.told = (
                 torch.tensor([position for position, _ in known], device=self.rows.device),
                 torch.stack([goals.root for _, goals in known]),
                 torch.stack([goals.root_mask for _, goals in known]),
             )
+
+
+class RecordedBatch(Batch):
+    """R rows of one length and of p passes each, told no constraints, as a step with them is recorded."""
+
+    is_recorded = True
+
+    def __init__(self, parts: Sequence[Tensor], horizon: Tensor, num_prefix: int, step_position: int) -> None:
+        """parts: weight (R, p, 1, 1), last (R, 1, 20 + L) and, by stage, inputs (R, p, length, width), which stay
+        where they are; as `PackedBatch.parts` gives them. horizon: (S, G, width), positions.
+        """
+        weight, last, *inputs = parts
+        num_rows, num_passes, length, width = inputs[0].shape
+        self.num_tokens, self.step_position, self.filled = horizon.shape[1], step_position, lambda vectors: vectors
+        self.inputs, self.groups, self.slots = tuple(stage.view(-1, width) for stage in inputs), [], []
+        self.rows = torch.arange(num_rows, device=last.device).repeat_interleave(num_passes)
+        self.row_numbers = [row for row in range(num_rows) for _ in range(num_passes)]
+        self.weight, self.last = weight.flatten(0, 1), last.repeat_interleave(num_passes, dim=0)
+        self.horizon = horizon[:, None].expand(-1, num_rows * num_passes, -1, -1)
+        first_read = length - self.num_tokens
+        group = Group(0, num_rows * num_passes, length, first_read, self.num_tokens)
+        self._append(group, 0, first_read - num_prefix)
 
 
 def _projection_of(rows: Sequence[RootProjection | None]) -> RootProjection | None:

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass
+from typing import NamedTuple
 
 from torch import Tensor
 
@@ -11,20 +12,32 @@ from motiongen_ardy.model.denoiser.guidance import Pass
 from motiongen_ardy.model.sampling.projection import RootProjection
 
 
+class WindowVectors(NamedTuple):
+    """Of B rows. S stages, P prefix tokens, N_h history tokens.
+
+    told, untold: (B, S, P, width), the prefix with the rows' texts, and without. history, decided, last: (B, ...), as
+    in `RowConditions`.
+    """
+
+    told: Tensor
+    untold: Tensor
+    history: Tensor
+    decided: Tensor
+    last: Tensor
+
+
 @dataclass(frozen=True)
 class RowRequest:
     """B rows that share history length and window length.
 
-    history: (B, N_h, 20 + L), recentred. text: (B, n, W), zeros for no text; heading: (B) radians, of the first frame.
+    vectors: of every row, what does not depend on constraints.
     observed, mask: (B, 4N, D), constraints in the window's own frame, zero in the history, and observed zero where the
     mask is; None for none at all.
     projection: what the rows' roots are brought onto in their last steps; None for nothing.
     passes: what each row's guidance needs.
     """
 
-    history: Tensor
-    text: Tensor
-    heading: Tensor
+    vectors: WindowVectors
     observed: Tensor | None
     mask: Tensor | None
     passes: Sequence[tuple[Pass, ...]]
@@ -49,13 +62,13 @@ class RowGoals:
 class RowConditions:
     """One row. S stages, P prefix tokens, N_h history tokens.
 
-    prefix: (S, passes, P, width). history: (N_h, width), placed vectors of the first stage; decided: (N_h - 1 or 0,
-    width), those of the second stage, which for the last history token depend on the frame after it. last: (20 + L),
-    that token, zeros without history. projection: of this row alone.
+    prefixes: of each pass, (S, P, width). history: (N_h, width), placed vectors of the first stage; decided:
+    (N_h - 1 or 0, width), those of the second stage, which for the last history token depend on the frame after it.
+    last: (20 + L), that token, zeros without history. projection: of this row alone.
     """
 
     passes: tuple[Pass, ...]
-    prefix: Tensor
+    prefixes: Sequence[Tensor]
     history: Tensor
     decided: Tensor
     last: Tensor

@@ -15,8 +15,8 @@ from torch import Tensor, nn
 from motiongen_ardy.core.representation import LOCAL_ROOT_WIDTH
 from motiongen_ardy.model.denoiser.base import Denoiser
 from motiongen_ardy.model.denoiser.two_stage import TwoStageDenoiser
-from motiongen_ardy.model.packed.batch import PackedBatch, Sequences
-from motiongen_ardy.model.packed.conditions import RowConditions, RowGoals, RowRequest
+from motiongen_ardy.model.packed.batch import Batch, PackedBatch, RecordedBatch, Sequences
+from motiongen_ardy.model.packed.conditions import RowConditions, RowGoals, RowRequest, WindowVectors
 from motiongen_ardy.model.packed.goal_layers import GoalLayer, TokenGoals
 from motiongen_ardy.model.packed.graphs import GraphedStack, GraphRecorder, Stack
 from motiongen_ardy.model.packed.linear import PackedLinear
@@ -94,15 +94,29 @@ class PackedDenoiser:
     # ---- once a window ----------------------------------------------------------------------------------------------
 
     @torch.inference_mode()
+    def vectors(self, history: Tensor, text: Tensor, heading: Tensor) -> WindowVectors:
+        """What rows of one history length see in all steps, but for constraints.
+
+        history: (B, N_h, 20 + L), recentred. text: (B, n, W), zeros for no text; heading: (B) radians, of the first
+        frame.
+        """
+        prefixes = [stage.prefixes(text, heading) for stage in self.stages]
+        told, untold = (torch.stack(kind, dim=1) for kind in zip(*prefixes, strict=True))
+        last = history[:, -1] if history.shape[1] else history.new_zeros(len(history), history.shape[2])
+        return WindowVectors(told, untold, *self._history_vectors(history), last)
+
+    @torch.inference_mode()
     def conditions(self, request: RowRequest) -> list[RowConditions]:
         """What stays the same while the windows of these rows are denoised."""
-        num_rows, history_tokens, token_width = request.history.shape
-        history, decided = self._history_vectors(request.history)
-        prefixes = self._prefixes(request)
-        goals = self._goals(request, history_tokens)
-        last = request.history[:, -1] if history_tokens else request.history.new_zeros(num_rows, token_width)
+        vectors, num_rows = request.vectors, len(request.passes)
+        kinds = zip(vectors.untold.unbind(), vectors.told.unbind(), strict=True)
+        prefixes = [
+            tuple(kind[one.with_text] for one in passes) for kind, passes in zip(kinds, request.passes, strict=True)
+        ]
+        goals = self._goals(request, vectors.history.shape[1])
         projections = [None if request.projection is None else request.projection.rows(row) for row in range(num_rows)]
-        by_row = (request.passes, prefixes, history.unbind(), decided.unbind(), last.unbind(), goals, projections)
+        tensors = vectors.history.unbind(), vectors.decided.unbind(), vectors.last.unbind()
+        by_row = (request.passes, prefixes, *tensors, goals, projections)
         return [RowConditions(*parts) for parts in zip(*by_row, strict=True)]
 
     def _history_vectors(self, tokens: Tensor) -> tuple[Tensor, Tensor]:
@@ -112,16 +126,6 @@ class PackedDenoiser:
             return history, history[:, :0]
         decided = self._local(tokens)[:, :-1]
         return history, self.stages[1].placed(self._projections[1].plain(decided), count, 0)
-
-    def _prefixes(self, request: RowRequest) -> list[Tensor]:
-        """By row, (S, passes, prefix tokens, width)."""
-        counts = [len(passes) for passes in request.passes]
-        device = request.text.device
-        rows = torch.tensor([row for row, count in enumerate(counts) for _ in range(count)], device=device)
-        told = torch.tensor([float(one.with_text) for passes in request.passes for one in passes], device=device)
-        text, heading = request.text[rows] * told[:, None, None], request.heading[rows]
-        prefixes = torch.stack([stage.prefix(text, heading) for stage in self.stages])
-        return list(prefixes.split(counts, dim=1))
 
     def _goals(self, request: RowRequest, history_tokens: int) -> list[RowGoals | None]:
         future = self._future
@@ -159,6 +163,12 @@ class PackedDenoiser:
         filled = (lambda vectors: vectors) if self._is_recorded else self.stages[0].stack.filled
         return PackedBatch(rows, sequences, self._horizon_of, self.stages[0].step_position, filled)
 
+    def recorded_batch(self, parts: Sequence[Tensor]) -> RecordedBatch:
+        """Of rows as `PackedBatch.parts` gives them, for steps that are recorded as a whole."""
+        stage = self.stages[0]
+        history_tokens = parts[-1].shape[-2] - stage.num_prefix - self._num_tokens
+        return RecordedBatch(parts, self._horizon_of(history_tokens), stage.num_prefix, stage.step_position)
+
     def _horizon_of(self, history_tokens: int) -> Tensor:
         """(S, G, width): the positions of the horizon's tokens."""
         held = self._horizon_positions.get(history_tokens)
@@ -173,7 +183,7 @@ class PackedDenoiser:
     @torch.inference_mode()
     def predict(
         self,
-        batch: PackedBatch,
+        batch: Batch,
         tokens: Tensor,
         step: Tensor,
         project: Sequence[bool] | None = None,
@@ -194,15 +204,14 @@ class PackedDenoiser:
             known = self._local(torch.cat([batch.last, torch.cat([result, latent], dim=-1)], dim=1))
             for slot in batch.slots:
                 if slot.last is not None:
-                    vectors = self._projections[1].plain(known[slot.first : slot.end, :1])
-                    slot.last.copy_(self.stages[1].placed(vectors, slot.history, slot.history - 1)[:, 0])
+                    # One vector a sequence, side by side: as a batch of products of one vector each they take longer.
+                    vectors = self._projections[1].plain(known[slot.first : slot.end, 0])
+                    slot.last.copy_(self.stages[1].placed(vectors[:, None], slot.history, slot.history - 1)[:, 0])
             horizon = self._projections[1].noisy.plus(known[:, 1:], batch.horizon[1])
             result = torch.cat([result, self._run(batch, 1, step_vectors[1], horizon)], dim=-1)
         return torch.zeros_like(tokens).index_add_(0, batch.rows, result * batch.weight)
 
-    def _first_stage(
-        self, batch: PackedBatch, tokens: Tensor, step_vectors: Tensor, kept: Sequence[Tensor | None]
-    ) -> Tensor:
+    def _first_stage(self, batch: Batch, tokens: Tensor, step_vectors: Tensor, kept: Sequence[Tensor | None]) -> Tensor:
         """What the first stage predicts (Q, G, 5P or more), for sequences whose root is kept that root instead."""
         roots = enumerate(kept[row] for row in batch.row_numbers) if len(self.stages) > 1 else ()
         known = {number: root for number, root in roots if root is not None}
@@ -229,10 +238,11 @@ class PackedDenoiser:
             slot.step[number].copy_(step_vectors[slot.first : slot.end])
             slot.horizon[number].copy_(horizon[slot.first : slot.end])
         stage = self.stages[number]
-        encoded = self._stacks[number](sequences.inputs[number], sequences.groups)
+        stack = stage.stack if sequences.is_recorded else self._stacks[number]
+        encoded = stack(sequences.inputs[number], sequences.groups)
         return stage.output(encoded.unflatten(0, (-1, sequences.num_tokens)))
 
-    def _on_goals(self, batch: PackedBatch, result: Tensor, active: Tensor) -> Tensor:
+    def _on_goals(self, batch: Batch, result: Tensor, active: Tensor) -> Tensor:
         """Predictions (Q, G, 5P or more), their roots on the goals of the sequences that are active (Q)."""
         if batch.projection is None:
             return result

@@ -24,6 +24,8 @@ class PackedStage:
         self.output = PackedLinear.of(stage.output_linear, torch.float32)
         self._text = PackedLinear.of(stage.embed_text, torch.float32)
         heading = stage.linear_first_heading_angle
+        no_text = stage.embed_text.weight.new_zeros(1, stage.text_tokens, stage.embed_text.in_features)
+        self._no_text = self._marked_prefix(self._text(no_text), 0)
         self._heading = None if heading is None else PackedLinear.of(heading, torch.float32)
         device = stage.output_linear.weight.device
         steps = torch.arange(num_base_steps, device=device)
@@ -36,15 +38,18 @@ class PackedStage:
             return vectors + self._stage.learned_prefix_embedding.embedding.weight[first : first + count]
         return vectors + self._stage.positions(torch.arange(first, first + count, device=vectors.device))
 
-    def prefix(self, text: Tensor, heading: Tensor) -> Tensor:
-        """(B, prefix tokens, width) of texts (B, n, W) and headings (B) radians; the step's vector is left at zero."""
+    def prefixes(self, text: Tensor, heading: Tensor) -> tuple[Tensor, Tensor]:
+        """(B, prefix tokens, width) with texts (B, n, W), and without, at headings (B) radians.
+
+        The step's vector is left at zero.
+        """
         texts = self._marked_prefix(self._text(text), 0)
-        parts = [texts, torch.zeros_like(texts[:, :1])]
+        parts = [torch.zeros_like(texts[:, :1])]
         if self._heading is not None:
             angle = torch.stack([heading.cos(), heading.sin()], dim=-1)
             vector = self._heading(angle).unsqueeze(1)
             parts.append(self._marked_prefix(vector, self.step_position + 1))
-        return torch.cat(parts, dim=1)
+        return torch.cat([texts, *parts], dim=1), torch.cat([self._no_text.expand_as(texts), *parts], dim=1)
 
     def placed(self, vectors: Tensor, history_tokens: int, first_token: int) -> Tensor:
         """Token vectors (..., n, width) with their positions; first_token: the number of the first in the window."""

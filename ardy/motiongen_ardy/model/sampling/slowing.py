@@ -25,7 +25,7 @@ def motion_before(layout: Representation, history: Tensor, patch: int) -> Tensor
     root = root_from_tokens(history[:, -num_tokens:], patch)[:, -_STATE_FRAMES:, :ROOT_WIDTH]
     if not root.shape[1]:
         return history.new_zeros(len(history), 4)
-    ground = layout.root_stats.denormalize(root)[..., [0, 2]]
+    ground = layout.root_stats.denormalize(root)[..., 0:3:2]
     velocity = (ground[:, -1] - ground[:, 0]) * (layout.fps / max(1, ground.shape[1] - 1))
     return torch.cat([ground[:, -1], velocity], dim=-1)
 

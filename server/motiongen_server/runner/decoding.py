@@ -52,7 +52,7 @@ class Decoding:
         """What has become of each row, in the order of the rows."""
         alike: dict[tuple[int, Asked | None], list[int]] = {}
         for number, row in enumerate(rows):
-            asked = None if self._replayed is None else asked_of(row)
+            asked = None if self._replayed is None or not self._model.sampling.corrects else asked_of(row)
             alike.setdefault((len(row.history), asked), []).append(number)
         found: dict[int, Decoded] = {}
         for (_, asked), numbers in alike.items():

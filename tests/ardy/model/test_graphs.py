@@ -7,6 +7,7 @@ recorded with.
 from __future__ import annotations
 
 from collections.abc import Callable
+from typing import Any
 
 import pytest
 import torch
@@ -25,24 +26,28 @@ WIDTH = 4
 
 
 class Recorder:
-    """Replays by doing the work again into the tensor of the first time. All results share `memory`, as CUDA's may."""
+    """Replays by doing the work again into the tensors of the first time. All results share memory, as CUDA's may."""
 
     def __init__(self) -> None:
         self.replays = 0
-        self.memory = torch.zeros(0)
+        self._memory = torch.zeros(0)
 
-    def record(self, work: Callable[[], Tensor]) -> tuple[Callable[[], None], Tensor]:
+    def record(self, work: Callable[[], Any]) -> tuple[Callable[[], None], Any]:
         first = work()
-        if self.memory.numel() < first.numel():
-            self.memory.resize_(first.numel())
-        result = self.memory[: first.numel()].view_as(first)
-        result.fill_(torch.nan)
+        parts = [first] if isinstance(first, Tensor) else list(first)
+        sizes = [part.numel() for part in parts]
+        if self._memory.numel() < sum(sizes):
+            self._memory.resize_(sum(sizes))
+        places = self._memory[: sum(sizes)].fill_(torch.nan).split(sizes)
+        result = [place.view_as(part) for place, part in zip(places, parts, strict=True)]
 
         def replay() -> None:
             self.replays += 1
-            result.copy_(work())
+            again = work()
+            for held, part in zip(result, [again] if isinstance(again, Tensor) else again, strict=True):
+                held.copy_(part)
 
-        return replay, result
+        return replay, result[0] if isinstance(first, Tensor) else tuple(result)
 
 
 def mixed(vectors: Tensor, groups: list[Group]) -> Tensor:
@@ -107,19 +112,6 @@ def test_what_was_not_replayed_for_longest_goes_first() -> None:
     assert graphed.num_recorded == 4
 
 
-class RowsRecorder:
-    """Replays by doing the work again into the tensors of the first time."""
-
-    def record(self, work: Callable[[], tuple[Tensor, ...]]) -> tuple[Callable[[], None], tuple[Tensor, ...]]:
-        result = tuple(torch.full_like(part, torch.nan) for part in work())
-
-        def replay() -> None:
-            for held, part in zip(result, work(), strict=True):
-                held.copy_(part)
-
-        return replay, result
-
-
 def sums(values: Tensor, more: Tensor | None = None) -> tuple[Tensor, ...]:
     return values.sum(dim=1), values if more is None else values + more[:, None]
 
@@ -127,7 +119,7 @@ def sums(values: Tensor, more: Tensor | None = None) -> tuple[Tensor, ...]:
 @settings(deadline=None, max_examples=30)
 @given(st.lists(st.tuples(st.integers(1, 40), st.integers(1, 5), st.booleans()), max_size=8))
 def test_what_is_replayed_of_rows_is_what_the_function_gives(calls: list[tuple[int, int, bool]]) -> None:
-    graphed = GraphedRows(sums, RowsRecorder(), most=3)
+    graphed = GraphedRows(sums, Recorder(), most=3)
     for count, length, has_more in calls:
         given = [torch.randn(count, length), *([torch.randn(count)] if has_more else [])]
         for found, expected in zip(graphed(*given), sums(*given), strict=True):
@@ -135,7 +127,7 @@ def test_what_is_replayed_of_rows_is_what_the_function_gives(calls: list[tuple[i
 
 
 def test_numbers_of_rows_that_fill_up_alike_share_a_graph_and_other_shapes_do_not() -> None:
-    graphed = GraphedRows(sums, RowsRecorder())
+    graphed = GraphedRows(sums, Recorder())
     for count in (13, 16, 14):
         graphed(torch.randn(count, 3))
     assert graphed.num_recorded == 1
@@ -167,5 +159,6 @@ def test_a_denoiser_with_recorded_layers_gives_what_the_plain_one_gives() -> Non
         packed = PackedDenoiser(model.denoiser, config.num_base_steps, config.horizon, torch.float32, recorder)
         for shapes in ([(4, 0, False)], [(3, 0, False), (0, 0, False)], [(4, 3, True), (2, 0, True), (0, 1, True)]):
             assert_equal(model, packed, shapes, GuidanceWeights(2, 1.5), 1)
-    # groups of the batches, where passes that are not told the future are a shape of their own; steps of each; stages
-    assert recorder.replays == (1 + 2 + 4) * 2 * 2
+    # Groups of the batches, where passes that are not told the future are a shape of their own: of each a replay in
+    # two steps, and one in both stages, whose layers are recorded by themselves, too.
+    assert recorder.replays == (1 + 2 + 4) * (2 + 2)

@@ -14,7 +14,7 @@ from torch.utils._python_dispatch import TorchDispatchMode
 from motiongen_ardy.checkpoint.checkpoint import load_checkpoint
 from motiongen_ardy.model.sampling import flips, landings, seams
 from motiongen_ardy.model.transformer import PositionTable
-from motiongen_server.engine.types import WindowResult
+from motiongen_server.engine.types import Waypoint, WindowResult
 from motiongen_server.runner import TorchRunner
 from motiongen_server.runner.decoding import asked_of
 from tests.steered_jobs import MINI, all_kinds, job, played
@@ -82,18 +82,19 @@ def test_replayed_windows_are_those_that_are_called(folder: Path) -> None:
 
 
 @pytest.mark.usefixtures("as_on_a_gpu")
-def test_a_step_of_rows_that_are_alike_is_one_replay() -> None:
+def test_a_step_is_a_replay_for_each_length_of_sequences_and_one_for_what_follows() -> None:
     model, recorder = load_checkpoint(TINY), Recorder()
     plain, replayed = TorchRunner(model, "plain"), TorchRunner(model, "replayed", recorder=recorder)
     [history] = (one.features[-16:] for one in played(plain, all_kinds(model)[:1]))
-    for count in (3, 2, 3):  # two rows and three are filled up to other sizes
-        jobs = [job(number, model, history, (), is_told=True) for number in range(1, 2 * count, 2)]
+    waypoint, beyond = ((Waypoint(1, frame, 1.0, 1.0),) for frame in (60, 90))  # within the window, and behind it
+    for asked, num_lengths in (((), ()), 1), (((), waypoint, ()), 1), (((), beyond, waypoint), 2), (((), ()), 1):
+        jobs = [job(number, model, history, goals, is_told=True) for number, goals in enumerate(asked, start=1)]
         expected, ids = played(plain, jobs), [one.job_id for one in jobs]
         replayed.prepare(jobs)
         replayed.denoise(ids)
         before = recorder.num_replays
         replayed.denoise(ids)
-        assert recorder.num_replays == before + 1
+        assert recorder.num_replays == before + num_lengths + 1
         assert_same(replayed.decode(ids), expected)
 
 

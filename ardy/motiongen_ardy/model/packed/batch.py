@@ -98,7 +98,7 @@ class Batch(Sequences):
     horizon: Tensor
     last: Tensor
     projection: RootProjection | None = None
-    told: tuple[Tensor, Tensor, Tensor] | None = None
+    told: tuple[Tensor | slice, Tensor, Tensor] | None = None
     filled: Callable[[int], int]
     _part: tuple[tuple[int, ...], FirstStagePart] | None = None
 
@@ -134,19 +134,25 @@ class PackedBatch(Batch):
         self._lay_out(rows, sequences, horizon_of)
         self._note_goals(rows, sequences)
         self.projection = _projection_of([rows[row].projection for row, _ in sequences])
-        passes = {len(row.passes) for row in rows}
-        self._passes = passes.pop() if len(passes) == len(self.groups) == 1 else None
+        self._observed: tuple[Tensor, Tensor] | None = None
 
-    def parts(self) -> tuple[Tensor, ...] | None:
-        """What a `RecordedBatch` of these rows is made of; None where it would not be the same.
+    def alike(self, slot: SequenceSlot, root_width: int) -> tuple[Tensor, ...]:
+        """What a `RecordedBatch` of a group's n sequences is made of: tensors (n, ...), each as `Batch` has it.
 
-        It is where no row is told constraints, and all have equally many passes and one length.
+        The last history tokens, observed roots and their mask (zeros where nothing is told), by stage what is added to
+        the horizon's vectors, the projection's tensors, if there is one, and by stage the inputs.
         """
-        if self._passes is None or self.told is not None:
-            return None
-        inputs = [self.groups[0].of(stage).unflatten(0, (-1, self._passes)) for stage in self.inputs]
-        weight, last = (part.unflatten(0, (-1, self._passes)) for part in (self.weight, self.last))
-        return weight, last[:, 0], *inputs
+        if self._observed is None:
+            shape = len(self.row_numbers), self.num_tokens, root_width
+            self._observed = self.last.new_zeros(shape), self.last.new_zeros(shape)
+            if self.told is not None:
+                where, *seen = self.told
+                for whole, part in zip(self._observed, seen, strict=True):
+                    whole[where] = part
+        projection = () if self.projection is None else self.projection.tensors()
+        parts = self.last, *self._observed, *self.horizon, *projection
+        inputs = (slot.group.of(stage) for stage in self.inputs)
+        return *(part[slot.first : slot.end] for part in parts), *inputs
 
     def _lay_out(
         self,
@@ -198,28 +204,6 @@ class PackedBatch(Batch):
                 torch.stack([goals.root for _, goals in known]),
                 torch.stack([goals.root_mask for _, goals in known]),
             )
-
-
-class RecordedBatch(Batch):
-    """R rows of one length and of p passes each, told no constraints, as a step with them is recorded."""
-
-    is_recorded = True
-
-    def __init__(self, parts: Sequence[Tensor], horizon: Tensor, num_prefix: int, step_position: int) -> None:
-        """parts: weight (R, p, 1, 1), last (R, 1, 20 + L) and, by stage, inputs (R, p, length, width), which stay
-        where they are; as `PackedBatch.parts` gives them. horizon: (S, G, width), positions.
-        """
-        weight, last, *inputs = parts
-        num_rows, num_passes, length, width = inputs[0].shape
-        self.num_tokens, self.step_position, self.filled = horizon.shape[1], step_position, lambda vectors: vectors
-        self.inputs, self.groups, self.slots = tuple(stage.view(-1, width) for stage in inputs), [], []
-        self.rows = torch.arange(num_rows, device=last.device).repeat_interleave(num_passes)
-        self.row_numbers = [row for row in range(num_rows) for _ in range(num_passes)]
-        self.weight, self.last = weight.flatten(0, 1), last.repeat_interleave(num_passes, dim=0)
-        self.horizon = horizon[:, None].expand(-1, num_rows * num_passes, -1, -1)
-        first_read = length - self.num_tokens
-        group = Group(0, num_rows * num_passes, length, first_read, self.num_tokens)
-        self._append(group, 0, first_read - num_prefix)
 
 
 def _projection_of(rows: Sequence[RootProjection | None]) -> RootProjection | None:

@@ -15,11 +15,12 @@ from torch import Tensor, nn
 from motiongen_ardy.core.representation import LOCAL_ROOT_WIDTH
 from motiongen_ardy.model.denoiser.base import Denoiser
 from motiongen_ardy.model.denoiser.two_stage import TwoStageDenoiser
-from motiongen_ardy.model.packed.batch import Batch, PackedBatch, RecordedBatch, Sequences
+from motiongen_ardy.model.packed.batch import Batch, PackedBatch, Sequences
 from motiongen_ardy.model.packed.conditions import RowConditions, RowGoals, RowRequest, WindowVectors
 from motiongen_ardy.model.packed.goal_layers import GoalLayer, TokenGoals
 from motiongen_ardy.model.packed.graphs import GraphedStack, GraphRecorder, Stack
 from motiongen_ardy.model.packed.linear import PackedLinear
+from motiongen_ardy.model.packed.recorded import RecordedSequences
 from motiongen_ardy.model.packed.stage import PackedStage
 from motiongen_ardy.model.tokenizer.model import by_token, root_from_tokens
 
@@ -82,7 +83,18 @@ class PackedDenoiser:
         self._stacks: list[Stack] = [
             stage.stack if recorder is None else GraphedStack(stage.stack, recorder) for stage in self.stages
         ]
-        self._is_recorded = recorder is not None
+        self._recorded = (
+            None
+            if recorder is None
+            else RecordedSequences(
+                self._evaluated,
+                recorder,
+                num_stages=len(self.stages),
+                root_width=self._root_width,
+                num_prefix=self.stages[0].num_prefix,
+                step_position=self.stages[0].step_position,
+            )
+        )
         self._step_vectors = torch.stack([stage.step_vectors for stage in self.stages])
         self._horizon_positions: dict[int, Tensor] = {}
 
@@ -160,14 +172,8 @@ class PackedDenoiser:
         sequences = [(row, index) for row, conditions in enumerate(rows) for index in range(len(conditions.passes))]
         sequences.sort(key=lambda pair: (rows[pair[0]].history_tokens, rows[pair[0]].future_tokens(pair[1])))
         # A recorder fills up by itself.
-        filled = (lambda vectors: vectors) if self._is_recorded else self.stages[0].stack.filled
+        filled = (lambda vectors: vectors) if self._recorded is not None else self.stages[0].stack.filled
         return PackedBatch(rows, sequences, self._horizon_of, self.stages[0].step_position, filled)
-
-    def recorded_batch(self, parts: Sequence[Tensor]) -> RecordedBatch:
-        """Of rows as `PackedBatch.parts` gives them, for steps that are recorded as a whole."""
-        stage = self.stages[0]
-        history_tokens = parts[-1].shape[-2] - stage.num_prefix - self._num_tokens
-        return RecordedBatch(parts, self._horizon_of(history_tokens), stage.num_prefix, stage.step_position)
 
     def _horizon_of(self, history_tokens: int) -> Tensor:
         """(S, G, width): the positions of the horizon's tokens."""
@@ -183,7 +189,7 @@ class PackedDenoiser:
     @torch.inference_mode()
     def predict(
         self,
-        batch: Batch,
+        batch: PackedBatch,
         tokens: Tensor,
         step: Tensor,
         project: Sequence[bool] | None = None,
@@ -195,30 +201,53 @@ class PackedDenoiser:
         row, its clean root (G, 5P) as an earlier step has predicted it, None where it is to be predicted; where there
         is one stage only, it always is.
         """
-        step_vectors = self._step_vectors[:, step[batch.rows]]
-        result = self._first_stage(batch, tokens, step_vectors, kept or [None] * len(tokens))
+        noisy, step = tokens[batch.rows], step[batch.rows]
+        active = None
         if batch.projection is not None and project is not None and any(project):
-            result = self._on_goals(batch, result, torch.tensor(project, device=tokens.device)[batch.rows])
-        if len(self.stages) > 1:
-            latent = tokens[batch.rows, :, self._root_width :]
-            known = self._local(torch.cat([batch.last, torch.cat([result, latent], dim=-1)], dim=1))
-            for slot in batch.slots:
-                if slot.last is not None:
-                    # One vector a sequence, side by side: as a batch of products of one vector each they take longer.
-                    vectors = self._projections[1].plain(known[slot.first : slot.end, 0])
-                    slot.last.copy_(self.stages[1].placed(vectors[:, None], slot.history, slot.history - 1)[:, 0])
-            horizon = self._projections[1].noisy.plus(known[:, 1:], batch.horizon[1])
-            result = torch.cat([result, self._run(batch, 1, step_vectors[1], horizon)], dim=-1)
+            active = torch.tensor(project, device=tokens.device, dtype=tokens.dtype)[batch.rows]
+        if self._recorded is not None and not any(root is not None for root in kept or ()):
+            result = self._recorded(batch, noisy, step, active)
+        else:
+            result = self._evaluated(batch, noisy, step, active, kept)
         return torch.zeros_like(tokens).index_add_(0, batch.rows, result * batch.weight)
 
-    def _first_stage(self, batch: Batch, tokens: Tensor, step_vectors: Tensor, kept: Sequence[Tensor | None]) -> Tensor:
+    def _evaluated(
+        self,
+        batch: Batch,
+        noisy: Tensor,
+        step: Tensor,
+        active: Tensor | None,
+        kept: Sequence[Tensor | None] | None = None,
+    ) -> Tensor:
+        """The clean horizon (Q, G, 5P + L) of each sequence, of noisy horizons of that shape, which are written to.
+
+        step: (Q) base steps. active: (Q) 0 or 1, whose roots are brought onto their goals; None for none. kept: by row.
+        """
+        step_vectors = self._step_vectors[:, step]
+        result = self._first_stage(batch, noisy, step_vectors, kept)
+        if active is not None:
+            result = self._on_goals(batch, result, active)
+        if len(self.stages) == 1:
+            return result
+        latent = noisy[..., self._root_width :]
+        known = self._local(torch.cat([batch.last, torch.cat([result, latent], dim=-1)], dim=1))
+        for slot in batch.slots:
+            if slot.last is not None:
+                # One vector a sequence, side by side: as a batch of products of one vector each they take longer.
+                vectors = self._projections[1].plain(known[slot.first : slot.end, 0])
+                slot.last.copy_(self.stages[1].placed(vectors[:, None], slot.history, slot.history - 1)[:, 0])
+        horizon = self._projections[1].noisy.plus(known[:, 1:], batch.horizon[1])
+        return torch.cat([result, self._run(batch, 1, step_vectors[1], horizon)], dim=-1)
+
+    def _first_stage(
+        self, batch: Batch, noisy: Tensor, step_vectors: Tensor, kept: Sequence[Tensor | None] | None
+    ) -> Tensor:
         """What the first stage predicts (Q, G, 5P or more), for sequences whose root is kept that root instead."""
-        roots = enumerate(kept[row] for row in batch.row_numbers) if len(self.stages) > 1 else ()
+        roots = enumerate(kept[row] for row in batch.row_numbers) if kept and len(self.stages) > 1 else ()
         known = {number: root for number, root in roots if root is not None}
         missing = [number for number in range(len(batch.row_numbers)) if number not in known]
         if not missing:
             return torch.stack(list(known.values()))
-        noisy = tokens[batch.rows]
         if batch.told is not None:
             where, root, root_mask = batch.told
             noisy[where, :, : self._root_width] = noisy[where, :, : self._root_width] * (1 - root_mask) + root
@@ -246,7 +275,7 @@ class PackedDenoiser:
         """Predictions (Q, G, 5P or more), their roots on the goals of the sequences that are active (Q)."""
         if batch.projection is None:
             return result
-        root = batch.projection.apply(self._layout, root_from_tokens(result, self._patch), active.to(result.dtype))
+        root = batch.projection.apply(self._layout, root_from_tokens(result, self._patch), active)
         return torch.cat([by_token(root, self._patch), result[..., self._root_width :]], dim=-1)
 
     def _local(self, tokens: Tensor) -> Tensor:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass, fields
 from typing import Any
 
@@ -44,20 +45,26 @@ class RootProjection:
 
     def rows(self, index: Any) -> RootProjection:
         """The rows that an index of the first dimension chooses."""
-        return RootProjection(self.first, *(part[index] for part in self._parts()), self.slowing_s)
+        return RootProjection(self.first, *(part[index] for part in self.tensors()), self.slowing_s)
 
-    def _parts(self) -> list[Tensor]:
+    def tensors(self) -> list[Tensor]:
+        """Those of the rows, as `of_tensors` takes them."""
         return [getattr(self, one.name) for one in fields(self) if one.name not in ("first", "slowing_s")]
+
+    @staticmethod
+    def of_tensors(parts: Sequence[Tensor], slowing_s: float) -> RootProjection:
+        """From tensors of rows, as `tensors` gives them; `first` is of no more use."""
+        return RootProjection(0, *parts, slowing_s)
 
     @staticmethod
     def stacked(rows: list[RootProjection]) -> RootProjection:
         """Single rows, whose tensors lack the first dimension, as one; `first` is of no more use."""
-        parts = zip(*(row._parts() for row in rows), strict=True)
-        return RootProjection(0, *(torch.stack(part) for part in parts), rows[0].slowing_s)
+        parts = zip(*(row.tensors() for row in rows), strict=True)
+        return RootProjection.of_tensors([torch.stack(part) for part in parts], rows[0].slowing_s)
 
     def none(self) -> RootProjection:
         """The same shape without goals."""
-        return RootProjection(self.first, *(torch.zeros_like(part) for part in self._parts()), self.slowing_s)
+        return RootProjection(self.first, *(torch.zeros_like(part) for part in self.tensors()), self.slowing_s)
 
     def leads(self, num_frames: int) -> Tensor:
         """Which rows (B) are asked for ground and heading at each of so many first frames, or of all that there are.
@@ -76,8 +83,8 @@ class RootProjection:
         carried = torch.zeros_like(natural[..., :2])
         if self.slowing_s:
             before = self.before if active is None else self.before * active[:, None]
-            carried = slowed(natural[..., [0, 2]], before, self.slowing_s, layout.fps)
-        missing = (self.asked[..., :2] - natural[..., [0, 2]] - carried) * where[..., :1]
+            carried = slowed(natural[..., 0:3:2], before, self.slowing_s, layout.fps)
+        missing = (self.asked[..., :2] - natural[..., 0:3:2] - carried) * where[..., :1]
         length = missing.norm(dim=-1, keepdim=True)
         kept = torch.minimum((length - self.slack[..., :1]).clamp(min=0), self.most[..., None])
         ground = carried + self.ground @ (missing * (kept / length.clamp(min=1e-9)))

@@ -1,0 +1,102 @@
+"""Evaluations of the denoiser that are replayed as one graph for the sequences of a length, in both stages."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Sequence
+from functools import partial
+
+import torch
+from torch import Tensor
+
+from motiongen_ardy.model.packed.batch import Batch, PackedBatch
+from motiongen_ardy.model.packed.graphs import GraphedRows, GraphRecorder
+from motiongen_ardy.model.packed.stack import Group
+from motiongen_ardy.model.sampling.projection import RootProjection
+
+Evaluate = Callable[[Batch, Tensor, Tensor, Tensor | None], Tensor]
+"""A batch, noisy horizons (Q, G, 5P + L), base steps (Q), which are brought onto goals (Q) -> clean horizons."""
+
+
+class RecordedBatch(Batch):
+    """Sequences of one length, each a row of its own, in the memory that a graph reads."""
+
+    is_recorded = True
+
+    def __init__(
+        self,
+        last: Tensor,
+        observed: tuple[Tensor, Tensor],
+        horizon: Sequence[Tensor],
+        inputs: Sequence[Tensor],
+        projection: RootProjection | None,
+        *,
+        history: int,
+        num_prefix: int,
+        step_position: int,
+    ) -> None:
+        """As `PackedBatch.alike` gives them: (n, ...), horizon and inputs by stage. history: tokens of it."""
+        count, length, width = inputs[0].shape
+        self.num_tokens, self.step_position, self.filled = horizon[0].shape[1], step_position, lambda vectors: vectors
+        self.inputs, self.groups, self.slots = tuple(stage.view(-1, width) for stage in inputs), [], []
+        self.rows, self.row_numbers = torch.arange(count, device=last.device), list(range(count))
+        self.weight, self.last = last.new_ones(count, 1, 1), last
+        self.horizon, self.projection, self.told = torch.stack(list(horizon)), projection, (slice(None), *observed)
+        self._append(Group(0, count, length, num_prefix + history, self.num_tokens), 0, history)
+
+
+class RecordedSequences:
+    """Evaluates batches by recordings: a graph for each shape and number of sequences, that fewer fill up."""
+
+    def __init__(
+        self,
+        evaluate: Evaluate,
+        recorder: GraphRecorder,
+        *,
+        num_stages: int,
+        root_width: int,
+        num_prefix: int,
+        step_position: int,
+    ) -> None:
+        self._evaluate, self._recorder = evaluate, recorder
+        self._num_stages, self._root_width = num_stages, root_width
+        self._places = {"num_prefix": num_prefix, "step_position": step_position}
+        self._by_history: dict[int, GraphedRows] = {}
+        self._slowing_s = 0.0  # of all projections of a model
+
+    def __call__(self, batch: PackedBatch, noisy: Tensor, step: Tensor, active: Tensor | None) -> Tensor:
+        """What `evaluate` gives."""
+        acting: list[Tensor] = []
+        if batch.projection is not None:
+            self._slowing_s = batch.projection.slowing_s
+            acting = [noisy.new_zeros(len(noisy)) if active is None else active]
+        result, before = torch.empty_like(noisy), self.num_recorded
+        for slot in batch.slots:
+            chosen = slice(slot.first, slot.end)
+            given = [part[chosen] for part in (noisy, step, *acting)]
+            [predicted] = self._graphs(slot.history)(*given, *batch.alike(slot, self._root_width))
+            result[chosen].copy_(predicted)  # before the next replay
+        if self.num_recorded > before:
+            # Beside rows whose root is kept, these are called: their layers are to be recorded by then, too.
+            self._evaluate(batch, noisy.clone(), step, active)
+        return result
+
+    @property
+    def num_recorded(self) -> int:
+        """How many graphs were made in all."""
+        return sum(graphs.num_recorded for graphs in self._by_history.values())
+
+    def _graphs(self, history: int) -> GraphedRows:
+        held = self._by_history.get(history)
+        if held is None:
+            held = self._by_history[history] = GraphedRows(partial(self._recorded, history), self._recorder)
+        return held
+
+    def _recorded(self, history: int, noisy: Tensor, step: Tensor, *rest: Tensor) -> tuple[Tensor]:
+        stages = self._num_stages
+        projected = len(rest) > 3 + 2 * stages
+        active, rest = (rest[0], rest[1:]) if projected else (None, rest)
+        last, root, root_mask, *rest = rest
+        horizon, projection, inputs = rest[:stages], rest[stages:-stages], rest[-stages:]
+        goals = RootProjection.of_tensors(projection, self._slowing_s) if projected else None
+        batch = RecordedBatch(last, (root, root_mask), horizon, inputs, goals, history=history, **self._places)
+        return (self._evaluate(batch, noisy, step, active),)

@@ -84,7 +84,12 @@ def _run(operation: Any, given: tuple[Any, ...], named: dict[str, Any]) -> Any:
         devices = [given[1].device]
     goes_away = AWAY in devices if devices else away
     found = operation(*tree_map(_held, given), **tree_map(_held, named))
-    if operation._schema.name.endswith("_") and given and isinstance(given[0], Tensor):
+    if (
+        operation._schema.name.endswith("_")
+        and not operation._schema.name.endswith("__")
+        and given
+        and isinstance(given[0], Tensor)
+    ):
         return given[0]
     return tree_map(_put, found) if goes_away else found
 

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Iterable, Sequence
+from itertools import groupby
 from typing import NamedTuple
 
 import numpy as np
@@ -14,7 +15,8 @@ from motiongen_ardy.core.representation import ROOT_WIDTH
 from motiongen_ardy.model.denoiser.guidance import GuidanceWeights, Pass, needed_passes
 from motiongen_ardy.model.generation import local_goals, recentre_tokens
 from motiongen_ardy.model.model import Model
-from motiongen_ardy.model.packed import PackedDenoiser, RowRequest, WindowVectors
+from motiongen_ardy.model.packed import PackedDenoiser, WindowVectors
+from motiongen_ardy.model.packed.conditions import RowGoals
 from motiongen_ardy.model.packed.graphs import GraphedRows, GraphRecorder, RowWork
 from motiongen_ardy.model.rollout import visible_frames
 from motiongen_ardy.model.sampling.plan import plan_window
@@ -30,25 +32,30 @@ from motiongen_server.runner.row import Row
 from motiongen_server.runner.targets import job_targets
 
 
-class _Shape(NamedTuple):
-    """What jobs must have in common to be prepared in one go."""
-
-    history_len: int
-    num_frames: int
-    has_targets: bool
-
-
 class _Member(NamedTuple):
-    """A job with what its window is told. text: (n, W), zeros for no prompt; num_frames: new ones that count."""
+    """A job with what its window is told. text: (n, W), zeros for no prompt; num_frames: new ones that count.
+
+    length: frames of the window, as far as it must see.
+    """
 
     job: WindowJob
     targets: Targets | None
     text: Tensor
     num_frames: int
+    length: int
+
+
+class _Told(NamedTuple):
+    """What a row is told of constraints, if it is: as `Row` has it, and as `RowConditions`."""
+
+    goals: tuple[Tensor, Tensor] | None
+    conditions: RowGoals | None
+    projection: RootProjection | None
+    is_led: bool
 
 
 class Preparation:
-    """Prepares jobs of one model. Jobs that share the shape of their window are prepared together."""
+    """Prepares jobs of one model: those with equally long histories together."""
 
     def __init__(
         self,
@@ -82,14 +89,10 @@ class Preparation:
 
     def rows(self, jobs: Sequence[WindowJob]) -> list[Row]:
         """A row for every job, in any order."""
-        groups: dict[_Shape, list[_Member]] = {}
+        groups: dict[int, list[_Member]] = {}
         for job in jobs:
-            member = self._member(job)
-            history_len = len(job.history)
-            num_frames = visible_frames(self._model, history_len, member.targets, job.first_frame - history_len)
-            shape = _Shape(history_len, num_frames, member.targets is not None)
-            groups.setdefault(shape, []).append(member)
-        return [row for shape, members in groups.items() for row in self._group(shape, members)]
+            groups.setdefault(len(job.history), []).append(self._member(job))
+        return [row for history_len, members in groups.items() for row in self._group(history_len, members)]
 
     def _member(self, job: WindowJob) -> _Member:
         """The job with its constraints, what leads there from where the character is, and what it is told."""
@@ -109,56 +112,76 @@ class Preparation:
             keep_text=job.keep_prompt,
         )
         kept = kept if told.led_to is None else min(kept, told.led_to - job.first_frame)
-        return _Member(job, targets, told.text, kept)
+        length = visible_frames(self._model, len(job.history), targets, job.first_frame - len(job.history))
+        return _Member(job, targets, told.text, kept, length)
 
-    def _group(self, shape: _Shape, members: list[_Member]) -> list[Row]:
-        members = sorted(members, key=lambda member: member.job.history_tokens is not None)
+    def _group(self, history_len: int, members: list[_Member]) -> list[Row]:
+        """Rows of members, whose windows go on from histories of so many frames."""
+        # Like stands beside like: those without constraints, and those that see equally far.
+        members = sorted(members, key=lambda member: (member.targets is not None, member.length))
         jobs = [member.job for member in members]
         texts = texts_on(self._device, [member.text for member in members])
-        history, translation, before, *vectors = self._begin(*self._history(shape, jobs), texts)
-        observed, mask, goals = None, None, None
-        projection = free_projection(before, shape.history_len, self._model.config.horizon, self._model.sampling)
-        if shape.has_targets:
-            observed, mask = self._goals(shape, members, translation)
-            projection = self._projection(shape, members, (observed, mask), before)
-            horizon = slice(shape.history_len, shape.history_len + self._model.config.horizon)
-            goals = observed[:, horizon], mask[:, horizon]
-        led = self._led(projection, len(jobs))
-        passes = [self.passes(job) for job in jobs]
-        request = RowRequest(WindowVectors(*vectors), observed, mask, passes, projection)
-        conditions = self._denoiser.conditions(request)
+        history, translation, before, *vectors = self._begin(*self._history(history_len, jobs), texts)
+        told: list[_Told] = []
+        for _, alike in groupby(members, lambda member: (member.targets is not None, member.length)):
+            some = list(alike)
+            here = slice(len(told), len(told) + len(some))
+            told += self._told(history_len, some, translation[here], before[here])
+        passes, goals, projections = zip(
+            *((self.passes(job), one.conditions, one.projection) for job, one in zip(jobs, told, strict=True)),
+            strict=True,
+        )
+        conditions = self._denoiser.conditions(WindowVectors(*vectors), passes, goals, projections)
         noise = torch.stack([self._noise.of(job.seed, job.plan) for job in jobs]).to(self._device)
         if self._device.type == "cuda":  # elsewhere what computes needs the time
             self._noise.follow([(job.seed, job.plan) for job in jobs])
         tensors = zip(noise.unbind(), history.unbind(), translation.unbind(), strict=True)
         return [
-            Row(
-                member.job,
-                tokens,
-                before_it,
-                moved_by,
-                conditions[index],
-                member.num_frames,
-                None if goals is None else (goals[0][index], goals[1][index]),
-                led[index],
-            )
-            for index, (member, (tokens, before_it, moved_by)) in enumerate(zip(members, tensors, strict=True))
+            Row(member.job, *of_row, of_conditions, member.num_frames, one.goals, one.is_led)
+            for member, of_row, of_conditions, one in zip(members, tensors, conditions, told, strict=True)
         ]
 
-    def _history(self, shape: _Shape, jobs: Sequence[WindowJob]) -> tuple[Tensor, Tensor]:
+    def _told(self, history_len: int, members: list[_Member], translation: Tensor, before: Tensor) -> list[_Told]:
+        """What members are told who are alike: all without constraints, or all with some, who see equally far."""
+        model, count = self._model, len(members)
+        if members[0].targets is None:
+            free = free_projection(before, history_len, model.config.horizon, model.sampling)
+            return [_Told(None, None, *one) for one in self._projected(free, count)]
+        observed, mask, on_host = self._goals(history_len, members, translation)
+        projection = self._projection(history_len, members, (observed, mask), before)
+        conditions = self._denoiser.goals(observed, mask, history_len // model.config.patch, on_host)
+        horizon = slice(history_len, history_len + model.config.horizon)
+        goals = zip(observed[:, horizon].unbind(), mask[:, horizon].unbind(), strict=True)
+        return [
+            _Told(seen, one, *projected)
+            for seen, one, projected in zip(goals, conditions, self._projected(projection, count), strict=True)
+        ]
+
+    def _projected(self, projection: RootProjection | None, num_rows: int) -> list[tuple[RootProjection | None, bool]]:
+        """Of each row, what its root is brought onto, and whether that root is kept after some steps."""
+        if projection is None:
+            return [(None, False)] * num_rows
+        options = self._model.sampling.projection
+        is_led = [False] * num_rows
+        if options.led_steps < self._model.config.num_base_steps:
+            is_led = projection.leads(options.led_frames).tolist()
+        return [(projection.rows(row), led) for row, led in enumerate(is_led)]
+
+    def _history(self, history_len: int, jobs: Sequence[WindowJob]) -> tuple[Tensor, Tensor]:
         """History tokens (B, N_h, 20 + L) in the world's frame; where they begin, if there are none: (B, 4), the
         origin in metres, and the heading.
-
-        jobs: those whose tokens are known behind the others.
         """
-        if shape.history_len == 0:
+        if history_len == 0:
             poses = [job.start_pose or StartPose() for job in jobs]
             starts = torch.tensor([[pose.x, 0.0, pose.z, pose.heading] for pose in poses], device=self._device)
             return starts.new_zeros(len(jobs), 0, self._model.config.token_width), starts
         known = [job.history_tokens for job in jobs if job.history_tokens is not None]
-        unknown = jobs[: len(jobs) - len(known)]
-        parts = self._encode(self._stack(job.history for job in unknown)) if unknown else ()
+        unknown = [job.history for job in jobs if job.history_tokens is None]
+        parts = self._encode(self._stack(unknown)) if unknown else ()
         tokens = torch.cat([*parts, self._stack(known)] if known else parts)  # a copy, which a replay leaves alone
+        if known and unknown:
+            order = sorted(range(len(jobs)), key=lambda number: jobs[number].history_tokens is not None)
+            tokens = torch.empty_like(tokens).index_copy_(0, torch.tensor(order, device=self._device), tokens)
         return tokens, tokens.new_zeros(len(jobs), 4)
 
     def _begun(self, tokens: Tensor, starts: Tensor, texts: Tensor) -> tuple[Tensor, ...]:
@@ -174,27 +197,30 @@ class Preparation:
         before = motion_before(layout, history, self._model.config.patch)
         return history, origin, before, *self._denoiser.vectors(history, texts, heading)
 
-    def _goals(self, shape: _Shape, members: list[_Member], translation: Tensor) -> tuple[Tensor, Tensor]:
-        layout = self._model.representation
+    def _goals(self, history_len: int, members: list[_Member], translation: Tensor) -> tuple[Tensor, Tensor, Tensor]:
+        """What is observed (B, T, D) in the windows' own frames, and its mask, on the device and on the processor."""
+        layout, num_frames = self._model.representation, members[0].length
         filled = [
-            member.targets.fill(layout, member.job.first_frame - shape.history_len, shape.num_frames)
+            member.targets.fill(layout, member.job.first_frame - history_len, num_frames)
             for member in members
             if member.targets is not None
         ]
-        mask = torch.stack([mask for _, mask in filled]).to(self._device)
+        on_host = torch.stack([mask for _, mask in filled])
+        on_host[:, :history_len] = 0
+        mask = on_host.to(self._device)
         observed = layout.normalize(torch.stack([observed for observed, _ in filled]).to(self._device)) * mask
-        history_len = torch.full((len(members),), shape.history_len, device=self._device)
-        return local_goals(layout, observed, mask, translation, history_len)
+        lengths = torch.full((len(members),), history_len, device=self._device)
+        return *local_goals(layout, observed, mask, translation, lengths), on_host
 
     def _projection(
-        self, shape: _Shape, members: list[_Member], goals: tuple[Tensor, Tensor], before: Tensor
+        self, history_len: int, members: list[_Member], goals: tuple[Tensor, Tensor], before: Tensor
     ) -> RootProjection | None:
         model, (observed, mask) = self._model, goals
         if not model.sampling.project_root:
             return None
         planned = torch.stack(
             [
-                member.targets.planned_frames(member.job.first_frame - shape.history_len, shape.num_frames)
+                member.targets.planned_frames(member.job.first_frame - history_len, member.length)
                 for member in members
                 if member.targets is not None
             ]
@@ -204,19 +230,11 @@ class Preparation:
             observed,
             mask,
             planned.to(self._device),
-            first=shape.history_len,
+            first=history_len,
             num_frames=model.config.horizon,
             options=model.sampling,
             before=before,
         )
-
-    def _led(self, projection: RootProjection | None, num_jobs: int) -> list[bool]:
-        """Of each job, whether its root is kept after some steps."""
-        options = self._model.sampling.projection
-        if projection is None or options.led_steps >= self._model.config.num_base_steps:
-            return [False] * num_jobs
-        led: list[bool] = projection.leads(options.led_frames).tolist()
-        return led
 
     def _stack(self, arrays: Iterable[np.ndarray]) -> Tensor:
         return torch.from_numpy(np.stack(list(arrays))).to(self._device)

@@ -19,7 +19,7 @@ def goals(beyond: list[bool]) -> tuple[TokenGoals, Tensor, Tensor]:
     mask = (torch.rand(len(beyond), PATCH, FEATURES, generator=draw) < 0.5).float()
     mask[~torch.tensor(beyond), :, ROOT_WIDTH:] = 0
     observed = torch.randn(len(beyond), PATCH, FEATURES, generator=draw) * mask
-    return TokenGoals.of(observed, mask), observed, mask
+    return TokenGoals.of(observed, mask, (mask[..., ROOT_WIDTH:] != 0).flatten(1).any(dim=1)), observed, mask
 
 
 @pytest.mark.parametrize("reads_root", [True, False])
@@ -40,12 +40,10 @@ def test_a_token_gets_the_same_in_any_company() -> None:
     layer = GoalLayer(weight, torch.zeros(WIDTH), PATCH, reads_root=True)
     together = layer(told)
     for index in range(4):
-        alone = torch.zeros(4, dtype=torch.bool)
-        alone[index] = True
-        assert torch.equal(layer(told.at(alone))[0], together[index])
+        assert torch.equal(layer(told.between(index, index + 1))[0], together[index])
 
 
 def test_no_token_at_all() -> None:
     told, _, _ = goals([False])
     layer = GoalLayer(torch.randn(WIDTH, 2 * PATCH * FEATURES - ROOT), torch.zeros(WIDTH), PATCH, reads_root=False)
-    assert layer(told.at(torch.tensor([False]))).shape == (0, WIDTH)
+    assert layer(told.between(0, 0)).shape == (0, WIDTH)

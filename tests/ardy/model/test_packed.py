@@ -15,7 +15,7 @@ from motiongen_ardy.checkpoint.checkpoint import load_checkpoint
 from motiongen_ardy.model.config import TransformerConfig
 from motiongen_ardy.model.denoiser.guidance import GuidanceWeights, Pass, batch_passes, guided_prediction, needed_passes
 from motiongen_ardy.model.model import Model, build_model
-from motiongen_ardy.model.packed import PackedDenoiser, RowConditions, RowRequest
+from motiongen_ardy.model.packed import PackedDenoiser, RowConditions
 from motiongen_ardy.model.packed.linear import PackedLinear, least_agreeing
 from motiongen_ardy.model.packed.stack import Group, PackedStack
 from motiongen_ardy.model.transformer import TransformerStack
@@ -56,7 +56,8 @@ def rows_of(
     expected = guided_prediction(model.denoiser, tokens, step, window, batch_passes(passes))
     generated = slice(history, history + horizon)
     vectors = packed.vectors(tokens[:, :history], text, heading)
-    conditions = packed.conditions(RowRequest(vectors, observed, mask, passes))
+    goals = [None, None] if observed is None or mask is None else packed.goals(observed, mask, history)
+    conditions = packed.conditions(vectors, passes, goals, [None, None])
     return conditions, tokens[:, generated], step, expected[:, generated]
 
 
@@ -141,8 +142,8 @@ def test_a_pass_that_guidance_does_not_need_is_not_computed() -> None:
         config = model.config.denoiser
         history = torch.zeros(1, 2, 20 + config.latent_dim)
         text = torch.zeros(1, config.text_tokens, config.text_dim)
-        request = RowRequest(packed.vectors(history, text, torch.zeros(1)), None, None, [passes])
-        vectors[name] = packed.batch(packed.conditions(request)).num_vectors
+        conditions = packed.conditions(packed.vectors(history, text, torch.zeros(1)), [passes], [None], [None])
+        vectors[name] = packed.batch(conditions).num_vectors
     assert vectors["two"] == 2 * vectors["one"]
 
 

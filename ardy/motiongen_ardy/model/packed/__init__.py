@@ -4,7 +4,7 @@ It gives what `model.denoiser.guidance.guided_prediction` gives; `tests/ardy/mod
 """
 
 from motiongen_ardy.model.packed.batch import PackedBatch
-from motiongen_ardy.model.packed.conditions import RowConditions, RowRequest, WindowVectors
+from motiongen_ardy.model.packed.conditions import RowConditions, WindowVectors
 from motiongen_ardy.model.packed.denoiser import PackedDenoiser
 
-__all__ = ["PackedBatch", "PackedDenoiser", "RowConditions", "RowRequest", "WindowVectors"]
+__all__ = ["PackedBatch", "PackedDenoiser", "RowConditions", "WindowVectors"]

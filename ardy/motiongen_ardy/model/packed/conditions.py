@@ -26,24 +26,6 @@ class WindowVectors(NamedTuple):
     last: Tensor
 
 
-@dataclass(frozen=True)
-class RowRequest:
-    """B rows that share history length and window length.
-
-    vectors: of every row, what does not depend on constraints.
-    observed, mask: (B, 4N, D), constraints in the window's own frame, zero in the history, and observed zero where the
-    mask is; None for none at all.
-    projection: what the rows' roots are brought onto in their last steps; None for nothing.
-    passes: what each row's guidance needs.
-    """
-
-    vectors: WindowVectors
-    observed: Tensor | None
-    mask: Tensor | None
-    passes: Sequence[tuple[Pass, ...]]
-    projection: RootProjection | None = None
-
-
 @dataclass(frozen=True, slots=True)
 class RowGoals:
     """A row's constraints. S stages, G horizon tokens, F visible future tokens.

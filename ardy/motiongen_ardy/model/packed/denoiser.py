@@ -10,40 +10,21 @@ from __future__ import annotations
 from collections.abc import Sequence
 
 import torch
-from torch import Tensor, nn
+from torch import Tensor
 
 from motiongen_ardy.core.representation import LOCAL_ROOT_WIDTH
 from motiongen_ardy.model.denoiser.base import Denoiser
+from motiongen_ardy.model.denoiser.guidance import Pass
 from motiongen_ardy.model.denoiser.two_stage import TwoStageDenoiser
 from motiongen_ardy.model.packed.batch import Batch, PackedBatch, Sequences
-from motiongen_ardy.model.packed.conditions import RowConditions, RowGoals, RowRequest, WindowVectors
-from motiongen_ardy.model.packed.goal_layers import GoalLayer, TokenGoals
+from motiongen_ardy.model.packed.conditions import RowConditions, RowGoals, WindowVectors
+from motiongen_ardy.model.packed.goal_layers import GoalLayer, TokenGoals, ToldTokens
 from motiongen_ardy.model.packed.graphs import GraphedStack, GraphRecorder, Stack
-from motiongen_ardy.model.packed.linear import PackedLinear
+from motiongen_ardy.model.packed.input_layer import InputLayer
 from motiongen_ardy.model.packed.recorded import RecordedSequences
 from motiongen_ardy.model.packed.stage import PackedStage
+from motiongen_ardy.model.sampling.projection import RootProjection
 from motiongen_ardy.model.tokenizer.model import by_token, root_from_tokens
-
-
-class Projection:
-    """A linear layer from tokens, and from constraints beside them, to a stage's input vectors."""
-
-    def __init__(self, plain: nn.Linear, told: nn.Linear | None, order: Tensor, patch: int) -> None:
-        """order: which columns of `told` belong to the columns of a token; the others are the constraints'."""
-        noisy = plain if told is None else told
-        columns = torch.arange(plain.weight.shape[1], device=order.device) if told is None else order
-        self.plain = PackedLinear.of(plain, torch.float32)
-        self.noisy = PackedLinear(noisy.weight[:, columns], noisy.bias, torch.float32)
-        self._goals: GoalLayer | None = None
-        if told is not None:
-            weight = told.weight[:, plain.weight.shape[1] :]
-            self._goals = GoalLayer(weight, torch.zeros_like(told.bias), patch, reads_root=False)
-
-    def added_by(self, goals: TokenGoals) -> Tensor:
-        """What observed body and mask of tokens (n) add to the vectors (n, width) of noisy ones."""
-        if self._goals is None:
-            raise ValueError("this model was built without goal inputs")
-        return self._goals(goals)
 
 
 class PackedDenoiser:
@@ -72,12 +53,12 @@ class PackedDenoiser:
         # The released layer that is told constraints takes the latent before the root; tokens have the root first.
         order = torch.cat([torch.arange(self._root_width) + latent_dim, torch.arange(latent_dim)]).to(device)
         told = denoiser.global_root_hybrid_constraints_proj
-        self._projections = [Projection(denoiser.global_root_hybrid_proj, told, order, self._patch)]
+        self._projections = [InputLayer(denoiser.global_root_hybrid_proj, told, order, self._patch)]
         if isinstance(denoiser, TwoStageDenoiser):
             self.stages.append(PackedStage(denoiser.body_model, num_base_steps, dtype))
             order = torch.arange(LOCAL_ROOT_WIDTH * self._patch + latent_dim, device=device)
             told = denoiser.local_root_hybrid_constraints_proj
-            self._projections.append(Projection(denoiser.local_root_hybrid_proj, told, order, self._patch))
+            self._projections.append(InputLayer(denoiser.local_root_hybrid_proj, told, order, self._patch))
         future = denoiser.future_constraints_proj
         self._future = None if future is None else GoalLayer.of(future, self._patch)
         self._stacks: list[Stack] = [
@@ -118,18 +99,22 @@ class PackedDenoiser:
         return WindowVectors(told, untold, *self._history_vectors(history), last)
 
     @torch.inference_mode()
-    def conditions(self, request: RowRequest) -> list[RowConditions]:
-        """What stays the same while the windows of these rows are denoised."""
-        vectors, num_rows = request.vectors, len(request.passes)
+    def conditions(
+        self,
+        vectors: WindowVectors,
+        passes: Sequence[tuple[Pass, ...]],
+        goals: Sequence[RowGoals | None],
+        projections: Sequence[RootProjection | None],
+    ) -> list[RowConditions]:
+        """What stays the same while the windows of B rows are denoised.
+
+        passes: what each row's guidance needs. projections: what each row's root is brought onto, of it alone.
+        """
         kinds = zip(vectors.untold.unbind(), vectors.told.unbind(), strict=True)
-        prefixes = [
-            tuple(kind[one.with_text] for one in passes) for kind, passes in zip(kinds, request.passes, strict=True)
-        ]
-        goals = self._goals(request, vectors.history.shape[1])
-        projections = [None if request.projection is None else request.projection.rows(row) for row in range(num_rows)]
+        prefixes = [tuple(kind[one.with_text] for one in of_row) for kind, of_row in zip(kinds, passes, strict=True)]
         tensors = vectors.history.unbind(), vectors.decided.unbind(), vectors.last.unbind()
-        by_row = (request.passes, prefixes, *tensors, goals, projections)
-        return [RowConditions(*parts) for parts in zip(*by_row, strict=True)]
+        by_row = zip(passes, prefixes, *tensors, goals, projections, strict=True)
+        return [RowConditions(*parts) for parts in by_row]
 
     def _history_vectors(self, tokens: Tensor) -> tuple[Tensor, Tensor]:
         count = tokens.shape[1]
@@ -139,30 +124,41 @@ class PackedDenoiser:
         decided = self._local(tokens)[:, :-1]
         return history, self.stages[1].placed(self._projections[1].plain(decided), count, 0)
 
-    def _goals(self, request: RowRequest, history_tokens: int) -> list[RowGoals | None]:
-        future = self._future
-        if request.observed is None or request.mask is None or future is None:
-            return [None] * len(request.passes)
-        mask, observed = (part.unflatten(1, (-1, self._patch)) for part in (request.mask, request.observed))
-        rows, numbers = (mask != 0).flatten(2).any(-1).nonzero(as_tuple=True)  # few; the other tokens add zero
-        told = TokenGoals.of(observed[rows, numbers], mask[rows, numbers])
+    @torch.inference_mode()
+    def goals(
+        self, observed: Tensor, mask: Tensor, history_tokens: int, mask_on_host: Tensor | None = None
+    ) -> list[RowGoals | None]:
+        """What each of B rows is told of constraints.
+
+        observed, mask: (B, 4N, D), in the window's own frame, zero in the history, and observed zero where the mask is.
+        mask_on_host: the same on the processor, where it is there; it tells how much is to be done.
+        """
+        num_rows, future = len(mask), self._future
+        if future is None:
+            return [None] * num_rows
         end = history_tokens + self._num_tokens
-        here, ahead = numbers < end, numbers >= end
-        within = told.at(here)
-        at = rows[here], numbers[here] - history_tokens
-        num_rows = len(request.passes)
+        on_host = mask.cpu() if mask_on_host is None else mask_on_host
+        which = ToldTokens.of(on_host.unflatten(1, (-1, self._patch)), end)  # few; the other tokens add zero
+        rows, numbers = torch.stack([which.rows, which.numbers]).to(mask.device).unbind()
+        seen = (part.unflatten(1, (-1, self._patch))[rows, numbers] for part in (observed, mask))
+        told = TokenGoals.of(*seen, which.beyond_root)
+        within, ahead = told.between(0, which.num_here), told.between(which.num_here, len(rows))
+        at = rows[: which.num_here], numbers[: which.num_here] - history_tokens
 
         def over_horizon(values: Tensor) -> Tensor:
             whole = values.new_zeros(num_rows, self._num_tokens, values.shape[-1])
             whole[at] = values
             return whole
 
-        added = torch.stack([over_horizon(one.added_by(within)) for one in self._projections])
-        vectors = future(told.at(ahead))
-        placed = torch.stack([stage.placed_at(vectors, history_tokens, numbers[ahead]) for stage in self.stages])
-        visible = placed.split(torch.bincount(rows[ahead], minlength=num_rows).tolist(), dim=1)
-        root, root_mask = over_horizon(within.root), over_horizon(within.root_mask)
-        return [RowGoals(added[:, row], visible[row], root[row], root_mask[row]) for row in range(num_rows)]
+        added = torch.stack([over_horizon(one.added_by(within)) for one in self._projections], dim=1)
+        vectors = future(ahead)
+        behind = numbers[which.num_here :]
+        placed = torch.stack([stage.placed_at(vectors, history_tokens, behind) for stage in self.stages])
+        root, root_mask = over_horizon(within.root).unbind(), over_horizon(within.root_mask).unbind()
+        return [
+            RowGoals(*parts)
+            for parts in zip(added.unbind(), placed.split(which.num_ahead, dim=1), root, root_mask, strict=True)
+        ]
 
     # ---- once a change of the batch ---------------------------------------------------------------------------------
 

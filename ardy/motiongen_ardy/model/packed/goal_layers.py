@@ -17,7 +17,7 @@ from motiongen_ardy.model.packed.linear import PackedLinear
 
 class TokenGoals(NamedTuple):
     """Tokens (n, ...) with constraints: observed root and its mask (n, 5P), observed body (n, P(D-5)), the whole mask
-    (n, PD), and which of them (n) ask for more than the root.
+    (n, PD), and which of them (n) ask for more than the root, on the processor: a device would be waited for.
     """
 
     root: Tensor
@@ -27,7 +27,7 @@ class TokenGoals(NamedTuple):
     beyond_root: Tensor
 
     @classmethod
-    def of(cls, observed: Tensor, mask: Tensor) -> TokenGoals:
+    def of(cls, observed: Tensor, mask: Tensor, beyond_root: Tensor) -> TokenGoals:
         """From frames (n, P, D)."""
         root_mask = mask[..., :ROOT_WIDTH]
         return cls(
@@ -35,12 +35,37 @@ class TokenGoals(NamedTuple):
             root_mask.flatten(1),
             observed[..., ROOT_WIDTH:].flatten(1),
             mask.flatten(1),
-            (mask[..., ROOT_WIDTH:] != 0).flatten(1).any(dim=1),
+            beyond_root,
         )
 
-    def at(self, which: Tensor) -> TokenGoals:
-        """Those where `which` (n) is true."""
-        return TokenGoals(*(part[which] for part in self))
+    def between(self, begin: int, end: int) -> TokenGoals:
+        """Tokens begin to end."""
+        return TokenGoals(*(part[begin:end] for part in self))
+
+
+class ToldTokens(NamedTuple):
+    """Which tokens of B rows are told of constraints: n, those of the horizon first, each kind by row.
+
+    rows, numbers, beyond_root: (n) on the processor, a token's row, its number in the window, and whether it is asked
+    for more than the root. num_here: those of the horizon. num_ahead: by row, those behind it.
+    """
+
+    rows: Tensor
+    numbers: Tensor
+    beyond_root: Tensor
+    num_here: int
+    num_ahead: list[int]
+
+    @classmethod
+    def of(cls, mask: Tensor, end: int) -> ToldTokens:
+        """mask: (B, N, P, D), on the processor. end: the first token behind the horizon."""
+        asked = mask != 0
+        beyond = asked[..., ROOT_WIDTH:].flatten(2).any(dim=-1)
+        told = beyond | asked[..., :ROOT_WIDTH].flatten(2).any(dim=-1)
+        here, ahead = told[:, :end].nonzero(), told[:, end:].nonzero()
+        rows = torch.cat([here[:, 0], ahead[:, 0]])
+        numbers = torch.cat([here[:, 1], ahead[:, 1] + end])
+        return cls(rows, numbers, beyond[rows, numbers], len(here), told[:, end:].sum(dim=1).tolist())
 
 
 class GoalLayer:
@@ -68,4 +93,4 @@ class GoalLayer:
         if not bool(goals.beyond_root.any()):
             return added
         whole = self._of_all(torch.cat([*root, goals.body, goals.mask], dim=1))
-        return torch.where(goals.beyond_root[:, None], whole, added)
+        return torch.where(goals.beyond_root[:, None].to(added.device), whole, added)

@@ -26,6 +26,7 @@ _MOST_SURPRISE = 4.0
 _MOST_CARRIED_S = 0.1
 _REFRESH_EVERY = 8
 _LEAST_S = 1e-7
+_OWN_WINDOWS = 128  # that the engine's own time for one is a mean of
 _MOST_WEIGHT = 32.0
 
 
@@ -199,23 +200,31 @@ def _monotone_curve(means: dict[int, float], weights: dict[int, float]) -> list[
 
 @dataclass(slots=True)
 class CostTable:
-    """Seconds by size of call. prepare, decode: by windows. step: by evaluations of the denoiser, over all rows."""
+    """Seconds by size of call. prepare, decode: by windows. step: by evaluations of the denoiser, over all rows.
+
+    own_each_s: what the engine itself does for a window, between calls.
+    """
 
     prepare: CallCosts
     step: CallCosts
     decode: CallCosts
+    own_each_s: float = 0.0
 
     @classmethod
     def assumed(cls, step_s: float) -> CostTable:
         """A table without measurements: a step costs step_s, the rest nothing."""
         pace = Pace()
-        return cls(*(CallCosts(assumed_s, pace) for assumed_s in (0.0, step_s, 0.0)))
+        return cls(CallCosts(0.0, pace), CallCosts(step_s, pace), CallCosts(0.0, pace))
 
     def follow_processor(self) -> None:
         """From now on calls are told with the processor time that they took."""
         spent = Pace(longer=_LONGER, by_size=True)
         for costs in (self.prepare, self.step, self.decode):
             costs.spent = spent
+
+    def observe_own(self, windows: int, seconds: float) -> None:
+        """The engine took so long between calls, from the end of some windows to the end of these."""
+        self.own_each_s += min(1.0, windows / _OWN_WINDOWS) * (seconds / windows - self.own_each_s)
 
     def round_s(self, evaluations: int, rows: int, num_steps: int) -> float:
         """One round of the engine with so many rows of num_steps each: its step, and its share of coming and going."""

@@ -26,19 +26,13 @@ from motiongen_server.engine.scheduling.costs import CostTable
 from motiongen_server.engine.scheduling.owed_rows import OwedRows
 from motiongen_server.engine.scheduling.owner_shares import OwnerShares
 from motiongen_server.engine.scheduling.scheduled_job import ScheduledJob
+from motiongen_server.engine.scheduling.step_limits import StepLimits
 from motiongen_server.engine.types import Priority, RowStatus, WindowJob
 
 DEFAULT_SHARES = (0.0, 0.15, 0.1, 0.05)
 DEFAULT_BACKGROUND_STEP_S = 0.025
 # Jobs in the background make a step that has others in it at most so much longer.
 _BACKGROUND_DRAG = 1.2
-# Steps are not made smaller for a deadline than the size at which a row costs so many times its least: with time to
-# spare, and where what is held fills more than such a share of the time until it is due. Late jobs count as due soon.
-_MOST_WASTE, _LITTLE_WASTE = 2.0, 1.15
-# Then, too, steps may be so many times longer than they should: to be on time matters more than to answer soon.
-_STRAINED_SHARE = 0.5
-_STRAINED_STRETCH = 2.0
-_SOON_S = 0.25
 # Frames are endangered where no more than so many times the time is left that their window still takes, one of the
 # largest steps after another. Under a quota the processor may stand still meanwhile (ADR 90).
 _ENDANGERED, _ENDANGERED_UNDER_QUOTA = 2.0, 4.0
@@ -71,8 +65,7 @@ class Scheduler:
     ) -> None:
         self.costs = costs
         self._max_rows = max_rows
-        self._max_evaluations = max_evaluations or 3 * max_rows
-        self._max_step_s = max_step_s
+        self._limits = StepLimits(costs, max_rows, max_evaluations or 3 * max_rows, max_step_s)
         self._background_step_s = background_step_s
         self._shares = dict(zip(Priority, shares, strict=True))
         self._gather_s = gather_s
@@ -82,7 +75,7 @@ class Scheduler:
         self._played: list[tuple[float, int]] = []
         self._evaluations = [0 for _ in Priority]
         self._background = 0  # evaluations of those
-        self._cap = self._max_evaluations  # of the step that was last given out
+        self._cap = self._limits.max_evaluations  # of the step that was last given out
         self._owed: OwedRows[Priority] = OwedRows()
         self._owners = OwnerShares()
 
@@ -124,7 +117,8 @@ class Scheduler:
     def schedule(self, now: float) -> list[ScheduledJob]:
         """The jobs of the next step, most urgent first."""
         strained = self._strained(now)
-        budget_s, most, least = inf, self._step_cap(strained), self._least_evaluations(strained)
+        limits, most_rows = self._limits, self._limits.most_rows(strained)
+        budget_s, most, least = inf, limits.most_evaluations(strained), limits.least_evaluations(strained)
         budget_of: Priority | None = None
         self._cap = most
         chosen = self._reserved(most, strained)
@@ -135,7 +129,7 @@ class Scheduler:
                 continue
             larger = evaluations + held.passes
             step_s = self.costs.step.seconds(larger)
-            full = len(chosen) >= self._max_rows or (chosen and larger > most)
+            full = len(chosen) >= most_rows or (chosen and larger > most)
             too_long = step_s > budget_s and larger > least
             if full or (too_long and not (held.prepared and held.job.priority is budget_of)):
                 break
@@ -163,7 +157,7 @@ class Scheduler:
 
     def _endangered(self, now: float) -> list[ScheduledJob]:
         """Windows whose frames clients are about to run out of, in order of class and deadline."""
-        step_s = self.costs.step.seconds(self._step_cap(strained=True))
+        step_s = self.costs.step.seconds(self.largest_step)
         window_s = self.costs.prepare.seconds(1) + self.costs.decode.seconds(1)
         endangered = []
         for runs_out_at, job_id in self._played:
@@ -229,41 +223,18 @@ class Scheduler:
         self._owners.settle(chosen.values(), strained)
         return sorted(chosen.values(), key=ScheduledJob.rank)
 
-    def _step_cap(self, strained: bool) -> int:
-        """Most evaluations of a step."""
-        if self._max_step_s == inf:
-            return self._max_evaluations
-        allowed_s = self._max_step_s * (_STRAINED_STRETCH if strained else 1.0)
-        within = max(self.costs.step.largest_within(allowed_s), self.least_efficient())
-        return min(self._max_evaluations, within)
-
     @property
     def largest_step(self) -> int:
         """Evaluations of a step under a backlog."""
-        return self._step_cap(strained=True)
+        return self._limits.most_evaluations(strained=True)
 
     def least_efficient(self) -> int:
         """The fewest evaluations that do not waste the machine."""
-        return self.costs.step.efficient_from(self._max_evaluations, _MOST_WASTE)
-
-    def _least_evaluations(self, strained: bool) -> int:
-        """A step is not made smaller than this for a deadline."""
-        waste = _LITTLE_WASTE if strained else _MOST_WASTE
-        return self.costs.step.efficient_from(self._max_evaluations, waste)
+        return self._limits.least_evaluations(strained=False)
 
     def _strained(self, now: float) -> bool:
-        """Whether there is no time to waste, if all that is held shall be done when it is due."""
-        each_s = self.costs.step.each_s(self._max_evaluations)
-        work_s = 0.0
-        for queue in self._queues:
-            for deadline, job_id in queue:
-                held = self._jobs[job_id]
-                if held.job.background:
-                    continue
-                work_s += each_s * held.passes * (held.job.num_steps - held.steps_done)
-                if work_s > _STRAINED_SHARE * max(deadline - now, _SOON_S):
-                    return True
-        return False
+        held = (self._jobs[job_id] for queue in self._queues for _, job_id in queue)
+        return self._limits.are_strained(held, now)
 
     def _allowed_step_s(self, held: ScheduledJob, now: float) -> float:
         """How long each step of a job may take for it to make its deadline."""
@@ -286,7 +257,7 @@ class Scheduler:
         ahead = sum(self._evaluations[: priority - 1]) + passes
         if queue:
             ahead += in_class * bisect_left(queue, (deadline, 0)) // len(queue)
-        cap = self._step_cap(strained=False)
+        cap = self._limits.most_evaluations(strained=False)
         evaluations = min(sum(self._evaluations) - self._background + passes, cap)
         rows = min(len(self._jobs) + 1, self._max_rows)
         rounds = ceil(num_steps * max(1.0, ahead / cap))

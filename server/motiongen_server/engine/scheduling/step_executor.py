@@ -80,6 +80,8 @@ class StepExecutor:
         self._passes = float(runner.facts.guidance_passes)
         if spent is not None:
             policy.costs.follow_processor()
+        self._left_at: float | None = None  # when a call of the round before ended
+        self._own_s = 0.0  # between calls since windows were last decoded
         self.use = DeviceUse()
         self.held_until = inf
         """When to ask again for the next step, where the background is held back for other engines."""
@@ -113,9 +115,11 @@ class StepExecutor:
         """One denoising step for those who are most urgent: how far they are, and which are ready to be decoded."""
         batch = self._batch()
         if not batch:
+            self._left_at = None
             return [], []
         self._report = report
         begun_at = self._now()
+        self._count_own(begun_at)
         new = [held for held in batch if not held.prepared]
         if new:
             report.queue_waits += [begun_at - held.job.created_at for held in new]
@@ -131,7 +135,8 @@ class StepExecutor:
                 self._not_finite(status.job_id)
         statuses = [status for status in statuses if status.finite]
         finished = self._policy.commit(statuses)
-        report.step_seconds = self._now() - begun_at - report.prepare_seconds
+        self._left_at = self._now()
+        report.step_seconds = self._left_at - begun_at - report.prepare_seconds
         self._stream_metrics(report)
         return statuses, finished
 
@@ -165,6 +170,7 @@ class StepExecutor:
         """The windows of jobs that have done all their steps, each to be finished or discarded."""
         self._report = report
         begun_at = self._now()
+        self._count_own(begun_at)
         results = self._decodes(finished)
         sound = []
         for result in results:
@@ -172,9 +178,17 @@ class StepExecutor:
                 sound.append(result)
             else:
                 self._not_finite(result.job_id)
-        report.decode_seconds = self._now() - begun_at
+        self._left_at = self._now()
+        report.decode_seconds = self._left_at - begun_at
+        self._policy.costs.observe_own(len(finished), self._own_s)
+        self._own_s = 0.0
         self._stream_metrics(report)
         return sound
+
+    def _count_own(self, begun_at: float) -> None:
+        """The engine's own time since the last call, unless it was idle in between."""
+        if self._left_at is not None:
+            self._own_s += begun_at - self._left_at
 
     def features(self, rows: Float32Array) -> Float32Array | None:
         """The features (H, D) of a client's frames (H, row_width); None where the model can make none of them."""

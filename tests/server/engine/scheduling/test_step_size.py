@@ -92,6 +92,21 @@ def test_steps_are_held_to_a_length_that_a_backlog_stretches() -> None:
 # ---- predictions -----------------------------------------------------------------------------------------------------
 
 
+@pytest.mark.parametrize(("own_s", "num_begun"), [(0.0, 128), (0.0004, 50), (0.001, 32)])
+def test_with_time_to_spare_no_more_begin_together_than_an_edit_may_wait_for(own_s: float, num_begun: int) -> None:
+    scheduler = scheduler_of(128, *[window_job(n, CROWD) for n in range(128)], costs=step_costs(0.001, 0.00001))
+    scheduler.costs.observe_own(128, 128 * own_s)
+    assert len(next_ids(scheduler)) == num_begun
+
+
+def test_what_windows_take_besides_their_steps_leaves_no_time_to_spare() -> None:
+    for deadline, num_begun in ((0.3, 128), (3.0, 32)):  # their steps take 0.01 s, and the engine's own work 0.3
+        jobs = [window_job(n, CROWD, deadline) for n in range(128)]
+        scheduler = scheduler_of(128, *jobs, costs=step_costs(0.001, 0.00001))
+        scheduler.costs.observe_own(128, 0.3)
+        assert len(next_ids(scheduler)) == num_begun
+
+
 def test_the_prediction_counts_who_goes_before() -> None:
     scheduler = Scheduler(CostTable.assumed(0.01), 4, max_evaluations=4)
     assert scheduler.predict_s(NEAR, 1.0, 4, 1) == pytest.approx(0.04)

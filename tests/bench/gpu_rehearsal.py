@@ -1,0 +1,78 @@
+"""A crowd on a GPU where there is none: `python -m tests.bench.gpu_rehearsal --characters 1400 --slower 2`.
+
+The engine is the real one. Its calls take what they took on an H200 at the released size (`docs/performance/gpu.md`),
+by the clock alone, and its own processor time counts as often as `--slower` says, since the processors beside a GPU may
+be slower than this one. So what a change of scheduling does to edits there shows within seconds, though not to the
+millisecond: what the engine takes differs from run to run. Runs before and after a change belong beside each other.
+"""
+
+from __future__ import annotations
+
+import argparse
+import sys
+import time
+
+import numpy as np
+
+from motiongen_server.engine.scheduling.profile import profile
+from motiongen_server.engine.scheduling.scheduler import Scheduler
+from motiongen_server.ops.memory import settled_objects
+from tests.bench.contest import contest_config
+from tests.bench.costed_runner import CostedRunner, Costs, VirtualClock
+from tests.bench.crowd import Habits
+from tests.bench.offline import HISTORY_FRAMES
+from tests.bench.trial import Contestant, Trial, run_trial
+
+# Of a quiet minute; a step is of rows with two evaluations each.
+ON_AN_H200 = Costs(prepare=(0.0007, 0.00005), step=(0.00105, 0.000021), decode=(0.0011, 0.00005), goals_s=0.00025)
+WARM_UP_S, MEASURED_S = 2.5, 5.0
+
+
+class CountingClock(VirtualClock):
+    """Time that passes with calls of the model, and with what this process takes of a processor."""
+
+    def __init__(self, slower: float) -> None:
+        super().__init__()
+        self._slower, self._begun_s = slower, time.process_time()
+
+    def now(self) -> float:
+        return self.time_s + self._slower * (time.process_time() - self._begun_s)
+
+    def sleep(self, seconds: float) -> None:
+        self.time_s += seconds
+
+
+def rehearse(characters: int, slower: float, max_rows: int) -> Trial:
+    """A trial of the engine's table."""
+    clock = CountingClock(slower)
+    runner, config = CostedRunner(clock, ON_AN_H200), contest_config(max_rows)
+    costs = profile(runner, clock, max_rows, HISTORY_FRAMES).costs
+    one = Contestant("GPU", "in virtual time", runner, lambda: Scheduler(costs, max_rows, max_step_s=config.max_step_s))
+    embeddings = [np.full(runner.facts.embedding_dim, value, np.float32) for value in range(1, 6)]
+    with settled_objects():
+        return run_trial(
+            one, characters, Habits(), embeddings, config, warm_up_s=WARM_UP_S, measure_s=MEASURED_S, clock=clock
+        )
+
+
+def main() -> int:
+    parser = argparse.ArgumentParser(description=(__doc__ or "").splitlines()[0])
+    parser.add_argument("--characters", type=int, nargs="+", default=[1400])
+    parser.add_argument(
+        "--slower", type=float, nargs="+", default=[1.5, 2.0, 3.0], help="the engine's own time counts so often"
+    )
+    parser.add_argument("--rows", type=int, default=128, help="most rows of a step (default: %(default)s)")
+    options = parser.parse_args()
+    print("| characters | own time | missed | windows/s | rows a step | edits p50 / p90 / p99 |")
+    print("|---:|---:|---:|---:|---:|---:|")
+    for characters in options.characters:
+        for slower in options.slower:
+            found = rehearse(characters, slower, options.rows)
+            edits = " / ".join(f"{1000 * each:.0f}" for each in np.percentile(found.latencies_s or [0.0], [50, 90, 99]))
+            of_steps = f"{found.windows_per_s:.0f} | {found.rows:.1f}"
+            print(f"| {characters} | {slower:g} times | {found.missed:.2%} | {of_steps} | {edits} ms |", flush=True)
+    return 0
+
+
+if __name__ == "__main__":
+    sys.exit(main())

@@ -41,7 +41,15 @@ class TorchRunner:
         config = model.config
         self._model = model
         self._device = model.representation.stats.mean.device
-        self._denoiser = PackedDenoiser(model.denoiser, config.num_base_steps, config.horizon, precision, recorder)
+        options = model.sampling
+        self._denoiser = PackedDenoiser(
+            model.denoiser,
+            config.num_base_steps,
+            config.horizon,
+            precision,
+            recorder,
+            keeps_roots=options.project_root and options.projection.led_steps < config.num_base_steps,
+        )
         if owns_model:
             self._denoiser.release_originals()
         self._codec = packed_codec(model.codec)

@@ -37,10 +37,12 @@ class PackedDenoiser:
         horizon: int,
         dtype: torch.dtype,
         recorder: GraphRecorder | None = None,
+        keeps_roots: bool = True,
     ) -> None:
         """horizon: frames that a window generates. dtype: of the transformers' products, float32 or bfloat16.
 
-        recorder: of graphs that the transformers' layers are replayed from; None: they are called each time.
+        recorder: of graphs that evaluations are replayed from; None: they are called each time. keeps_roots: whether
+        rows may come whose root is kept; beside these, others are called.
         """
         self._denoiser = denoiser
         self._layout = denoiser.representation
@@ -74,6 +76,7 @@ class PackedDenoiser:
                 root_width=self._root_width,
                 num_prefix=self.stages[0].num_prefix,
                 step_position=self.stages[0].step_position,
+                are_called_too=keeps_roots,
             )
         )
         self._step_vectors = torch.stack([stage.step_vectors for stage in self.stages])

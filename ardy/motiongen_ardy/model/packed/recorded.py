@@ -56,8 +56,10 @@ class RecordedSequences:
         root_width: int,
         num_prefix: int,
         step_position: int,
+        are_called_too: bool,
     ) -> None:
-        self._evaluate, self._recorder = evaluate, recorder
+        """are_called_too: whether batches of the same shapes are also evaluated without this."""
+        self._evaluate, self._recorder, self._are_called_too = evaluate, recorder, are_called_too
         self._num_stages, self._root_width = num_stages, root_width
         self._places = {"num_prefix": num_prefix, "step_position": step_position}
         self._by_history: dict[int, GraphedRows] = {}
@@ -75,8 +77,7 @@ class RecordedSequences:
             given = [part[chosen] for part in (noisy, step, *acting)]
             [predicted] = self._graphs(slot.history)(*given, *batch.alike(slot, self._root_width))
             result[chosen].copy_(predicted)  # before the next replay
-        if self.num_recorded > before:
-            # Beside rows whose root is kept, these are called: their layers are to be recorded by then, too.
+        if self._are_called_too and self.num_recorded > before:  # by then their layers are to be recorded, too
             self._evaluate(batch, noisy.clone(), step, active)
         return result
 

@@ -12,7 +12,7 @@ from motiongen_server.engine.scheduling.scheduled_job import ScheduledJob
 # spare, and where what is held fills more than such a share of the time until it is due. Late jobs count as due soon.
 _MOST_WASTE, _LITTLE_WASTE = 2.0, 1.15
 # Then, too, steps may be so many times longer than they should: to be on time matters more than to answer soon.
-_STRAINED_SHARE, _STRAINED_SHARE_OF_ALL = 0.5, 0.75
+_STRAINED_SHARE = 0.5
 _STRAINED_STRETCH = 2.0
 _SOON_S = 0.25
 # With time to spare no more windows begin and end together than so long is taken for, besides their steps; but as many
@@ -35,19 +35,11 @@ class StepLimits:
 
     def most_rows(self, strained: bool) -> int:
         """Most windows of a step."""
-        besides_s = self._prepare_each_s + self._rest_each_s
+        costs = self._costs
+        besides_s = sum(call.each_s(self._max_rows) for call in (costs.prepare, costs.decode)) + costs.own_each_s
         if strained or self._max_rows * besides_s <= _UNHURRIED_S:
             return self._max_rows
         return min(self._max_rows, max(_UNHURRIED_ROWS, int(_UNHURRIED_S / besides_s)))
-
-    @property
-    def _prepare_each_s(self) -> float:
-        return self._costs.prepare.each_s(self._max_rows)
-
-    @property
-    def _rest_each_s(self) -> float:
-        """What a window takes besides its steps once it is prepared."""
-        return self._costs.decode.each_s(self._max_rows) + self._costs.own_each_s
 
     def most_evaluations(self, strained: bool) -> int:
         """Most evaluations of a step."""
@@ -67,19 +59,12 @@ class StepLimits:
 
         jobs: by class, and in order of deadline.
         """
-        each_s, prepare_s, rest_s = (
-            self._costs.step.each_s(self.max_evaluations),
-            self._prepare_each_s,
-            self._rest_each_s,
-        )
-        steps_s = all_s = 0.0
+        each_s, own_s = self._costs.step.each_s(self.max_evaluations), self._costs.own_each_s
+        work_s = 0.0
         for held in jobs:
             if held.job.background:
                 continue
-            work_s = each_s * held.passes * (held.job.num_steps - held.steps_done)
-            steps_s += work_s
-            all_s += work_s + rest_s + (0.0 if held.prepared else prepare_s)
-            time_s = max(held.job.deadline - now, _SOON_S)
-            if steps_s > _STRAINED_SHARE * time_s or all_s > _STRAINED_SHARE_OF_ALL * time_s:
+            work_s += each_s * held.passes * (held.job.num_steps - held.steps_done) + own_s
+            if work_s > _STRAINED_SHARE * max(held.job.deadline - now, _SOON_S):
                 return True
         return False

@@ -118,7 +118,7 @@ class Contest:
         """Search for the most characters, then measure latencies below that."""
         say(f"{name}: profile")
         one = self.contestant(name)
-        embeddings = self.embeddings if name != "null" else _null_embeddings(one.runner)
+        embeddings = self.embeddings if name != "null" else null_embeddings(one.runner)
         size = 1 if name == "B0" else self.config.max_rows
         offline_s = self.effort.offline_s
         offline = offline_rate(
@@ -155,7 +155,7 @@ class Contest:
         return Standing(name, one.meaning, most, offline, tuple(trials), at_load)
 
 
-def _null_embeddings(runner: Runner) -> list[Float32Array]:
+def null_embeddings(runner: Runner) -> list[Float32Array]:
     return [np.full(runner.facts.embedding_dim, value, np.float32) for value in range(1, 6)]
 
 

@@ -17,7 +17,7 @@ import numpy as np
 from motiongen_server.engine.scheduling.profile import profile
 from motiongen_server.engine.scheduling.scheduler import Scheduler
 from motiongen_server.ops.memory import settled_objects
-from tests.bench.contest import contest_config
+from tests.bench.contest import contest_config, null_embeddings
 from tests.bench.costed_runner import CostedRunner, Costs, VirtualClock
 from tests.bench.crowd import Habits
 from tests.bench.offline import HISTORY_FRAMES
@@ -48,7 +48,7 @@ def rehearse(characters: int, slower: float, max_rows: int) -> Trial:
     runner, config = CostedRunner(clock, ON_AN_H200), contest_config(max_rows)
     costs = profile(runner, clock, max_rows, HISTORY_FRAMES).costs
     one = Contestant("GPU", "in virtual time", runner, lambda: Scheduler(costs, max_rows, max_step_s=config.max_step_s))
-    embeddings = [np.full(runner.facts.embedding_dim, value, np.float32) for value in range(1, 6)]
+    embeddings = null_embeddings(runner)
     with settled_objects():
         return run_trial(
             one, characters, Habits(), embeddings, config, warm_up_s=WARM_UP_S, measure_s=MEASURED_S, clock=clock

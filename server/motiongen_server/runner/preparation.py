@@ -17,7 +17,7 @@ from motiongen_ardy.model.generation import local_goals, recentre_tokens
 from motiongen_ardy.model.model import Model
 from motiongen_ardy.model.packed import PackedDenoiser, WindowVectors
 from motiongen_ardy.model.packed.conditions import RowGoals
-from motiongen_ardy.model.packed.graphs import GraphedRows, GraphRecorder, RowWork
+from motiongen_ardy.model.packed.graphs import GraphedRows, GraphRecorder, RowWork, keeping
 from motiongen_ardy.model.rollout import visible_frames
 from motiongen_ardy.model.sampling.plan import plan_window
 from motiongen_ardy.model.sampling.projection import RootProjection, free_projection, make_projection
@@ -72,9 +72,7 @@ class Preparation:
         self._noise = NoiseAhead(model.config.horizon_tokens, model.config.token_width)
         if recorder is not None:
             self._encode = GraphedRows(self._encode, recorder)
-            begin = GraphedRows(self._begun, recorder)
-            # Rows keep them, and the next replay writes where this one has left them.
-            self._begin = lambda *rows: tuple(part.clone() for part in begin(*rows))
+            self._begin = keeping(GraphedRows(self._begun, recorder))
         self._denoiser = denoiser
         self._device = model.representation.stats.mean.device
 

@@ -11,7 +11,7 @@ from torch import Tensor
 from motiongen_ardy.model.diffusion import cosine_schedule
 from motiongen_ardy.model.model import Model
 from motiongen_ardy.model.packed import PackedBatch, PackedDenoiser
-from motiongen_ardy.model.packed.graphs import GraphedRows, GraphRecorder, RowWork
+from motiongen_ardy.model.packed.graphs import GraphedRows, GraphRecorder, RowWork, keeping
 from motiongen_server.runner.row import Row
 
 
@@ -35,7 +35,7 @@ class Stepping:
         schedule = cosine_schedule(model.config.num_base_steps)
         self._base_steps: list[list[int]] = schedule.base_step.tolist()
         self._schedule = schedule.to(device)
-        self._move: RowWork = self._moved if recorder is None else GraphedRows(self._moved, recorder)
+        self._move: RowWork = self._moved if recorder is None else keeping(GraphedRows(self._moved, recorder))
         self._last: _Last | None = None
 
     def __call__(self, rows: dict[int, Row]) -> list[bool]:
@@ -49,7 +49,6 @@ class Stepping:
         kept = [row.root if row.steps_done >= options.led_steps else None for row in rows.values()]
         clean = self._denoiser.predict(batch, tokens, steps[:, 0], project, kept)
         moved, finite = self._move(tokens, clean, steps)
-        moved = moved.clone()  # rows keep them, and the next replay writes where this one has left them
         for row, of_row in zip(rows.values(), moved.unbind(), strict=True):
             row.tokens = of_row
             row.steps_done += 1

@@ -85,18 +85,16 @@ class FirstStagePart(Sequences):
 class Batch(Sequences):
     """Sequences of one evaluation.
 
-    rows: (Q) each sequence's row among those of the step, row_numbers the same; weight: (Q, 1, 1).
-    horizon: (S, Q, G, width), what is added to the horizon's vectors. last: (Q, 1, 20 + L), last history tokens.
+    row_numbers: each sequence's row among those of the step. last: (Q, 1, 20 + L), last history tokens.
+    horizon: by stage, (Q, G, width), what is added to the horizon's vectors.
     projection: of every sequence, None where no row has one.
     told: (C), the sequences that see constraints, with their observed root and its mask (C, G, 20); None for none.
     filled: P for so many vectors of sequences.
     """
 
-    rows: Tensor
     row_numbers: list[int]
-    weight: Tensor
-    horizon: Tensor
     last: Tensor
+    horizon: tuple[Tensor, ...]
     projection: RootProjection | None = None
     told: tuple[Tensor | slice, Tensor, Tensor] | None = None
     filled: Callable[[int], int]
@@ -111,7 +109,7 @@ class Batch(Sequences):
 
 
 class PackedBatch(Batch):
-    """Rows that are laid out. num_vectors: those of sequences."""
+    """Rows that are laid out. rows: (Q), the row numbers; weight: (Q, 1, 1). num_vectors: those of sequences."""
 
     def __init__(
         self,
@@ -193,7 +191,7 @@ class PackedBatch(Batch):
                     parts[1][:, num_prefix : begin - 1] = torch.stack([row.decided for row, _ in members])
             self._append(group, first, history)
             first, start = end, group.end
-        self.horizon = torch.cat(added, dim=1)
+        self.horizon = torch.cat(added, dim=1).unbind()
 
     def _note_goals(self, rows: Sequence[RowConditions], sequences: Sequence[tuple[int, int]]) -> None:
         told = [(position, rows[row].told(index)) for position, (row, index) in enumerate(sequences)]

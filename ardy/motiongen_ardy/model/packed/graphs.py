@@ -167,6 +167,11 @@ class GraphedRows:
         return _Recorded(read_from, lambda: self._work(*read_from), self._recorder)
 
 
+def keeping(work: RowWork) -> RowWork:
+    """The same, but what it gives may be kept: results of a replay last until the next."""
+    return lambda *rows: tuple(part.clone() for part in work(*rows))
+
+
 def sizes_up_to(most: int) -> list[int]:
     """Numbers of sequences, or rows, that graphs are recorded for where there are never more than so many, rising."""
     return [*(size for size in SIZES if size < most), most]

@@ -38,9 +38,8 @@ class RecordedBatch(Batch):
         count, length, width = inputs[0].shape
         self.num_tokens, self.step_position, self.filled = horizon[0].shape[1], step_position, lambda vectors: vectors
         self.inputs, self.groups, self.slots = tuple(stage.view(-1, width) for stage in inputs), [], []
-        self.rows, self.row_numbers = torch.arange(count, device=last.device), list(range(count))
-        self.weight, self.last = last.new_ones(count, 1, 1), last
-        self.horizon, self.projection, self.told = torch.stack(list(horizon)), projection, (slice(None), *observed)
+        self.row_numbers, self.last, self.horizon = list(range(count)), last, tuple(horizon)
+        self.projection, self.told = projection, (slice(None), *observed)
         self._append(Group(0, count, length, num_prefix + history, self.num_tokens), 0, history)
 
 

@@ -228,10 +228,6 @@ class Scheduler:
         """Evaluations of a step under a backlog."""
         return self._limits.most_evaluations(strained=True)
 
-    def least_efficient(self) -> int:
-        """The fewest evaluations that do not waste the machine."""
-        return self._limits.least_evaluations(strained=False)
-
     def _strained(self, now: float) -> bool:
         held = (self._jobs[job_id] for queue in self._queues for _, job_id in queue)
         return self._limits.are_strained(held, now)

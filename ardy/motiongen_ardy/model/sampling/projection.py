@@ -14,7 +14,7 @@ from motiongen_ardy.core.representation import ROOT_WIDTH, Representation
 from motiongen_ardy.core.rotation import angle_of
 from motiongen_ardy.model.sampling.goal_curves import goal_curves
 from motiongen_ardy.model.sampling.options import SamplingOptions
-from motiongen_ardy.model.sampling.slowing import FREE_M_S, slowed
+from motiongen_ardy.model.sampling.slowing import slowed
 
 _NEVER_M = 1e9
 SWAY_RAD_S = 1.0
@@ -209,7 +209,7 @@ def free_projection(before: Tensor, first: int, num_frames: int, options: Sampli
     """
     if not options.project_root or not options.projection.slowing_s:
         return None
-    if not bool((before[:, 2:].norm(dim=-1) > FREE_M_S).any()):
+    if not bool(before[:, 2:].any()):
         return None
     square = before.new_zeros(len(before), num_frames, num_frames)
     wide = [before.new_zeros(len(before), num_frames, width) for width in (4, 3, 2)]

@@ -19,7 +19,7 @@ FREE_M_S = 0.3  # that a step's sway may lose
 
 def motion_before(layout: Representation, history: Tensor, patch: int) -> Tensor:
     """Where the root is at the end of history tokens (B, N, 5P + L), x and z in metres of their own frame, and how fast
-    it goes, metres a second: (B, 4); zeros without history.
+    it goes, metres a second: (B, 4); zeros without history, and for a speed that a step sways by.
     """
     num_tokens = -(-_STATE_FRAMES // patch)
     root = root_from_tokens(history[:, -num_tokens:], patch)[:, -_STATE_FRAMES:, :ROOT_WIDTH]
@@ -27,6 +27,7 @@ def motion_before(layout: Representation, history: Tensor, patch: int) -> Tensor
         return history.new_zeros(len(history), 4)
     ground = layout.root_stats.denormalize(root)[..., 0:3:2]
     velocity = (ground[:, -1] - ground[:, 0]) * (layout.fps / max(1, ground.shape[1] - 1))
+    velocity = torch.where(velocity.norm(dim=-1, keepdim=True) > FREE_M_S, velocity, 0.0)
     return torch.cat([ground[:, -1], velocity], dim=-1)
 
 

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import threading
+import time
 from collections import deque
 from collections.abc import Sequence
 from math import inf
@@ -86,16 +87,18 @@ class Device:
             if lease in self._seats:
                 self._seats.remove(lease)
 
-    def take(self) -> None:
-        """Wait for a turn."""
+    def take(self) -> float:
+        """Wait for a turn. Returns the seconds that it took."""
         with self._lock:
             if not self._taken:
                 self._taken = True
-                return
+                return 0.0
             called = threading.Lock()
             called.acquire()
             self._waiting.append(called)
+        asked_at = time.monotonic()
         called.acquire()
+        return time.monotonic() - asked_at
 
     def pass_on(self) -> None:
         """End a turn; the next begins at once, for whoever has waited longest."""
@@ -110,17 +113,17 @@ class DeviceLease:
     """One engine's place at the device. `with lease:` is a turn.
 
     load: the share of the device that this engine uses; num_waited_for, num_background: its windows under way. It tells
-    these itself.
+    these itself. waited_s: how long it has waited for its turns.
     """
 
     def __init__(self, device: Device) -> None:
         self._device = device
-        self.load = 0.0
+        self.load = self.waited_s = 0.0
         self.num_waited_for = self.num_background = 0
         self._waited_for_s = self._background_s = 0.0  # in this turn
 
     def __enter__(self) -> DeviceLease:
-        self._device.take()
+        self.waited_s += self._device.take()
         return self
 
     def __exit__(

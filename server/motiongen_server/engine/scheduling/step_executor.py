@@ -80,7 +80,7 @@ class StepExecutor:
         self._passes = float(runner.facts.guidance_passes)
         if spent is not None:
             policy.costs.follow_processor()
-        self._left_at: float | None = None  # when a call of the round before ended
+        self._left_at: float | None = None  # when a call of the round before ended, without the waits for turns
         self._own_s = 0.0  # between calls since windows were last decoded
         self.use = DeviceUse()
         self.held_until = inf
@@ -135,8 +135,9 @@ class StepExecutor:
                 self._not_finite(status.job_id)
         statuses = [status for status in statuses if status.finite]
         finished = self._policy.commit(statuses)
-        self._left_at = self._now()
-        report.step_seconds = self._left_at - begun_at - report.prepare_seconds
+        ended_at = self._now()
+        self._left_at = ended_at - self._lease.waited_s if batch else None
+        report.step_seconds = ended_at - begun_at - report.prepare_seconds
         self._stream_metrics(report)
         return statuses, finished
 
@@ -178,17 +179,18 @@ class StepExecutor:
                 sound.append(result)
             else:
                 self._not_finite(result.job_id)
-        self._left_at = self._now()
-        report.decode_seconds = self._left_at - begun_at
+        ended_at = self._now()
+        self._left_at = ended_at - self._lease.waited_s
+        report.decode_seconds = ended_at - begun_at
         self._policy.costs.observe_own(len(finished), self._own_s)
         self._own_s = 0.0
         self._stream_metrics(report)
         return sound
 
     def _count_own(self, begun_at: float) -> None:
-        """The engine's own time since the last call, unless it was idle in between."""
+        """The engine's own time since the last call, unless it was idle; other engines' turns are not its own."""
         if self._left_at is not None:
-            self._own_s += begun_at - self._left_at
+            self._own_s += begun_at - self._lease.waited_s - self._left_at
 
     def features(self, rows: Float32Array) -> Float32Array | None:
         """The features (H, D) of a client's frames (H, row_width); None where the model can make none of them."""

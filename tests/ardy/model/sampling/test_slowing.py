@@ -73,6 +73,16 @@ def test_who_hardly_moved_has_nothing_to_lose(layout: Representation, speed: flo
     assert free_projection(before(layout, speed), HISTORY, HORIZON, OPTIONS) is None
 
 
+def test_who_hardly_moved_is_left_alone_beside_one_who_walks(layout: Representation) -> None:
+    both = torch.cat([before(layout, 0.9 * FREE_M_S), before(layout)])
+    projection = free_projection(both, HISTORY, HORIZON, OPTIONS)
+    assert projection is not None
+    back = root(layout, -torch.arange(1, HORIZON + 1) * FREE_M_S / FPS).repeat(2, 1, 1)
+    made = projection.apply(layout, back)
+    assert torch.equal(made[0], back[0])
+    assert not torch.equal(made[1], back[1])
+
+
 def test_faster_ways_are_not_held_back(layout: Representation) -> None:
     run = torch.arange(1, HORIZON + 1) * 3.0 / FPS
     assert torch.allclose(speeds(layout, run), torch.full((HORIZON,), 3.0), atol=1e-3)

@@ -27,9 +27,10 @@ class CountedDevice(Device):
 
     num_taken = num_ended = 0
 
-    def take(self) -> None:
-        super().take()
+    def take(self) -> float:
+        waited_s = super().take()
         self.num_taken += 1
+        return waited_s
 
     def pass_on(self) -> None:
         self.num_ended += 1
@@ -74,6 +75,7 @@ def test_one_who_comes_again_at_once_waits_behind_who_waits() -> None:
         order.append("busy again")
     thread.join(LIMIT_S)
     assert order == ["other", "busy again"]
+    assert other.waited_s > 0
 
 
 def test_a_turn_ends_with_an_error() -> None:

@@ -14,7 +14,7 @@ from motiongen_ardy.model.precision import PRECISIONS
 from motiongen_server.engine.scheduling.warm_up import warm_up
 from motiongen_server.ops.memory import keep_freed_memory, settled_objects
 from motiongen_server.runner import TorchRunner
-from motiongen_server.runner.loading import recorder_for
+from motiongen_server.runner.loading import graphs_for
 from tests.bench.clocks import BenchClock, ProcessorClock, WallClock
 from tests.bench.contest import Contest, Standing, contest_config
 from tests.bench.crowd import Habits
@@ -120,7 +120,8 @@ def run(settings: Settings, full_size: bool = False) -> Report:
     if settings.device != "cpu" and settings.graphs:
         say("graphs")
         for one in served.values():
-            warm_up(one, sizes_up_to(settings.max_rows), HISTORY_FRAMES)
+            with one.recording_at_once():
+                warm_up(one, sizes_up_to(settings.max_rows), HISTORY_FRAMES)
     say("full batches")
     batches = sorted({settings.max_rows, 2 * settings.max_rows})
     ceilings = [
@@ -138,8 +139,8 @@ def run(settings: Settings, full_size: bool = False) -> Report:
 def serving_runner(model: Model, name: str, precision: str, graphs: bool = True) -> TorchRunner:
     """graphs: whether the layers are replayed as CUDA graphs, on a GPU."""
     device = str(model.representation.stats.mean.device)
-    recorder = recorder_for(device) if graphs else None
-    return TorchRunner(model, name, precision=PRECISIONS[precision], recorder=recorder)
+    replayed = graphs_for(device) if graphs else None
+    return TorchRunner(model, name, precision=PRECISIONS[precision], graphs=replayed)
 
 
 def ceiling(

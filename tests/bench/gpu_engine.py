@@ -18,7 +18,7 @@ import torch
 
 from motiongen_ardy.checkpoint.checkpoint import load_checkpoint
 from motiongen_server.runner import TorchRunner
-from motiongen_server.runner.loading import recorder_for
+from motiongen_server.runner.loading import graphs_for
 from tests.bench.engine import parser, settings
 from tests.bench.engine_run import run
 from tests.bench.engine_table import markdown, write
@@ -54,9 +54,10 @@ def steered(device: str) -> int:
     Raises AssertionError where a number is not finite.
     """
     model = load_checkpoint(MINI, device)
-    runner = TorchRunner(model, "mini", recorder=recorder_for(device))
-    first = played(runner, all_kinds(model))
-    results = first + played(runner, all_kinds(model, first))
+    runner = TorchRunner(model, "mini", graphs=graphs_for(device))
+    with runner.recording_at_once():
+        first = played(runner, all_kinds(model))
+        results = first + played(runner, all_kinds(model, first))
     assert all(np.isfinite(result.frames).all() for result in results)
     return len(results)
 

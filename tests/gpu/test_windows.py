@@ -11,7 +11,7 @@ from motiongen_ardy.checkpoint.checkpoint import load_checkpoint
 from motiongen_ardy.model.precision import PRECISIONS
 from motiongen_server.engine.scheduling.warm_up import warm_up
 from motiongen_server.runner import TorchRunner
-from motiongen_server.runner.loading import load_runner, recorder_for
+from motiongen_server.runner.loading import graphs_for
 from tests.bench.gpu_parity import measured_on
 from tests.steered_jobs import MINI, all_kinds, played
 
@@ -27,14 +27,30 @@ def test_windows_are_those_of_the_processor_alone_and_in_company() -> None:
 def test_replayed_windows_are_those_that_are_called(precision: str) -> None:
     model = load_checkpoint(MINI, "cuda")
     called = TorchRunner(model, "called", precision=PRECISIONS[precision])
-    replayed = TorchRunner(model, "replayed", precision=PRECISIONS[precision], recorder=recorder_for("cuda"))
+    graphs = graphs_for("cuda")
+    assert graphs is not None
+    replayed = TorchRunner(model, "replayed", precision=PRECISIONS[precision], graphs=graphs)
     begun = played(called, all_kinds(model))
     for jobs in (all_kinds(model), all_kinds(model, begun), [replace(all_kinds(model, begun)[1], job_id=20)]):
-        for mine, other in zip(played(replayed, jobs), played(called, jobs), strict=True):
+        with replayed.recording_at_once():
+            made = played(replayed, jobs)
+        for mine, other in zip(made, played(called, jobs), strict=True):
             # Products of batches that are filled up may add in another order, and a code may fall otherwise.
             assert np.abs(mine.frames[:, :3] - other.frames[:, :3]).max() < 0.05
+            turned = np.minimum(*(np.abs(mine.frames[:, 3:] - sign * other.frames[:, 3:]) for sign in (1, -1)))
+            assert np.median(turned) < 0.01
+    recorded = graphs.num_recorded
+    played(replayed, all_kinds(model))
+    assert graphs.num_recorded == recorded > 0
 
 
 def test_every_size_is_recorded_once() -> None:
-    runner = load_runner("motiongen-mini", "cuda", precision="bfloat16", cuda_graphs=True)
-    assert warm_up(runner, (1, 2, 12, 16), 16) == 16
+    model, graphs = load_checkpoint(MINI, "cuda"), graphs_for("cuda")
+    assert graphs is not None
+    runner = TorchRunner(model, "warm", precision=PRECISIONS["bfloat16"], graphs=graphs)
+    recorded = []
+    for _ in range(2):
+        with runner.recording_at_once():
+            assert warm_up(runner, (1, 2, 12, 16), 16) == 16
+        recorded.append(graphs.num_recorded)
+    assert recorded[1] == recorded[0] > 0

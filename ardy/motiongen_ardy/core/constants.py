@@ -14,7 +14,12 @@ from torch import Tensor
 Numbers = tuple[float, ...] | tuple[int, ...] | tuple[tuple[float, ...], ...]
 
 
-@lru_cache(maxsize=512)
+# Graphs read tables where they are, so none may go that one was recorded with. On a GPU they follow skeletons and
+# options, and there are some dozens; on a processor also which joints a seam touches.
+MOST_TABLES = 4096
+
+
+@lru_cache(maxsize=MOST_TABLES)
 def constant(numbers: Numbers, dtype: torch.dtype, device: torch.device) -> Tensor:
     """The tensor of `numbers`; the same one at every call, so it must not be written to."""
     with torch.inference_mode(False):  # a table first used while serving may be used in training later

@@ -16,7 +16,7 @@ import numpy as np
 import torch
 from torch import Tensor
 
-from motiongen_ardy.core.constants import constant, index
+from motiongen_ardy.core.constants import MOST_TABLES, constant, index
 from motiongen_ardy.core.rotation import quaternion_components, relative_components
 
 
@@ -176,7 +176,7 @@ def _bones_to(skeleton: Skeleton, *joints: int) -> tuple[int, ...]:
     return tuple(sorted(found))
 
 
-@lru_cache(maxsize=64)
+@lru_cache(maxsize=MOST_TABLES)
 def _place_matrix(skeleton: Skeleton, dtype: torch.dtype, device: torch.device) -> Tensor:
     """(3J, J): what the columns of each joint's rotation, times these, add to the place of each joint, root at zero."""
     chains, places = np.asarray(skeleton.chain_rows), np.zeros((skeleton.num_joints, 3, skeleton.num_joints))

@@ -6,6 +6,7 @@ import logging
 import os
 import time
 from dataclasses import dataclass, replace
+from typing import TYPE_CHECKING
 
 from motiongen_server.config import ServerConfig
 from motiongen_server.devices import ADMIT_LOAD
@@ -25,6 +26,9 @@ from motiongen_server.models.repertoire import as_abilities
 from motiongen_server.processor_quota import quota_cores, quota_use
 from motiongen_server.rpc.abilities import NOTHING_CLAIMED, Abilities
 from motiongen_server.settings import SettingError
+
+if TYPE_CHECKING:  # torch takes seconds
+    from motiongen_server.runner import TorchRunner
 
 log = logging.getLogger(__name__)
 
@@ -50,7 +54,7 @@ class ProcessorClock:
 class RunnerOfModel:
     """A model on its device, the weights' licence, and what it was trained for."""
 
-    runner: Runner
+    runner: TorchRunner
     licence: str
     abilities: Abilities = NOTHING_CLAIMED
 
@@ -63,7 +67,8 @@ def prepare(begin: Begin) -> tuple[BuildEngine, LoadText, FreeUnused]:
     def build(source: str, deliver: Deliver, observe: Observe, inbox: Inbox) -> Built:
         model = load_model(begin.config, source, begin.kind, begin.threads)
         if begin.kind == "cuda" and begin.config.cuda_graphs:
-            record_graphs(begin.config, model.runner, device)
+            with model.runner.recording_at_once():
+                record_graphs(begin.config, model.runner, device)
         config = replace(begin.config, model=source)
         engine = build_engine(config, model.runner, deliver, observe, inbox, device)
         return Built(engine, model.runner.facts, model.licence, model.abilities)

@@ -13,7 +13,8 @@ from torch import Tensor
 from motiongen_ardy.core.representation import ROOT_WIDTH
 from motiongen_ardy.model.generation import world_tokens_of
 from motiongen_ardy.model.model import Model
-from motiongen_ardy.model.packed.graphs import GraphedRows, GraphRecorder
+from motiongen_ardy.model.packed.graph_cache import GraphCache
+from motiongen_ardy.model.packed.graphs import GraphedRows
 from motiongen_ardy.model.sampling.correct import correct_window
 from motiongen_ardy.model.tokenizer.explicit import ExplicitBody
 from motiongen_ardy.model.tokenizer.model import Tokenizer
@@ -39,14 +40,14 @@ class Decoded(NamedTuple):
 class Decoding:
     """Decodes rows of one model, those together whose histories are equally long, since the causal decoder reads those.
 
-    With a recorder it is replayed as a graph, save for rows that are asked for joints: those differ in what is done.
+    With graphs it is replayed as one, save for rows that are asked for joints: those differ in what is done.
     """
 
-    def __init__(self, model: Model, codec: Tokenizer | ExplicitBody, recorder: GraphRecorder | None = None) -> None:
+    def __init__(self, model: Model, codec: Tokenizer | ExplicitBody, graphs: GraphCache | None = None) -> None:
         """codec: the model's own, as it is served."""
         self._model = model
         self._codec = codec
-        self._replayed = None if recorder is None else GraphedRows(partial(self._decoded, reaches=False), recorder)
+        self._replayed = None if graphs is None else GraphedRows(partial(self._decoded, reaches=False), graphs)
 
     def __call__(self, rows: Sequence[Row]) -> list[Decoded]:
         """What has become of each row, in the order of the rows."""

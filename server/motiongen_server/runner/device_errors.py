@@ -2,25 +2,39 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 
 import torch
 
+from motiongen_ardy.model.packed.graph_cache import RecordingFailed
 from motiongen_server.engine.ports import DeviceLost, OutOfMemory
 
 _NO_HOST_MEMORY = "DefaultCPUAllocator"
+_NO_DEVICE_MEMORY = "out of memory"  # of the driver, as where a graph is made ready: no OutOfMemoryError of torch
 
 
 @contextmanager
-def device_errors() -> Iterator[None]:
-    """Raises OutOfMemory or DeviceLost in place of what torch raises for them; other errors pass through."""
+def device_errors(let_go: Callable[[], None] = lambda: None) -> Iterator[None]:
+    """Raises OutOfMemory or DeviceLost in place of what torch raises for them; other errors pass through.
+
+    let_go: of what holds memory of the device and can be had again, where there is none left.
+    """
+
+    def no_room(error: Exception) -> OutOfMemory:
+        let_go()
+        torch.cuda.empty_cache()
+        return OutOfMemory(str(error))
+
     try:
         yield
     except torch.OutOfMemoryError as error:
-        torch.cuda.empty_cache()
-        raise OutOfMemory(str(error)) from error
+        raise no_room(error) from error
+    except RecordingFailed as error:
+        raise DeviceLost(f"{error}; with --cuda-graphs false none is recorded") from error
     except torch.AcceleratorError as error:
+        if _NO_DEVICE_MEMORY in str(error):
+            raise no_room(error) from error
         raise DeviceLost(str(error)) from error
     except MemoryError as error:
         raise OutOfMemory("there is not enough host memory for these rows") from error

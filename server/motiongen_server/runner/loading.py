@@ -6,7 +6,8 @@ import torch
 
 from motiongen_ardy.checkpoint.checkpoint import load_checkpoint
 from motiongen_ardy.checkpoint.model_card import model_folder, read_model_card
-from motiongen_ardy.model.packed.graphs import CudaGraphRecorder
+from motiongen_ardy.model.packed.cuda_graphs import CudaGraphRecorder
+from motiongen_ardy.model.packed.graph_cache import GraphCache
 from motiongen_server.runner.precision import choose_precision
 from motiongen_server.runner.torch_runner import TorchRunner
 
@@ -24,10 +25,10 @@ def load_runner(
     folder = model_folder(model)
     loaded = load_checkpoint(folder, device)
     model_id = read_model_card(folder).model_id
-    kind, recorder = choose_precision(precision, device), recorder_for(device) if cuda_graphs else None
-    return TorchRunner(loaded, model_id, default_steps, kind, owns_model=True, recorder=recorder)
+    kind, graphs = choose_precision(precision, device), graphs_for(device) if cuda_graphs else None
+    return TorchRunner(loaded, model_id, default_steps, kind, owns_model=True, graphs=graphs)
 
 
-def recorder_for(device: str) -> CudaGraphRecorder | None:
-    """Of graphs on that device; None where it has none."""
-    return CudaGraphRecorder(torch.device(device)) if torch.device(device).type == "cuda" else None
+def graphs_for(device: str) -> GraphCache | None:
+    """Those of one runner on that device, none yet; None where it has no graphs."""
+    return GraphCache(CudaGraphRecorder(torch.device(device))) if torch.device(device).type == "cuda" else None

@@ -17,7 +17,8 @@ from motiongen_ardy.model.generation import local_goals, recentre_tokens
 from motiongen_ardy.model.model import Model
 from motiongen_ardy.model.packed import PackedDenoiser, WindowVectors
 from motiongen_ardy.model.packed.conditions import RowGoals
-from motiongen_ardy.model.packed.graphs import GraphedRows, GraphRecorder, RowWork, keeping
+from motiongen_ardy.model.packed.graph_cache import GraphCache
+from motiongen_ardy.model.packed.graphs import GraphedRows, RowWork, keeping
 from motiongen_ardy.model.rollout import visible_frames
 from motiongen_ardy.model.sampling.plan import plan_window
 from motiongen_ardy.model.sampling.projection import RootProjection, free_projection, make_projection
@@ -62,17 +63,17 @@ class Preparation:
         model: Model,
         codec: Tokenizer | ExplicitBody,
         denoiser: PackedDenoiser,
-        recorder: GraphRecorder | None = None,
+        graphs: GraphCache | None = None,
     ) -> None:
-        """codec: the model's own, as it is served. recorder: of graphs that histories are encoded by."""
+        """codec: the model's own, as it is served. graphs: that histories are encoded by."""
         self._model = model
         self._encode: RowWork = lambda features: (codec.to_hybrid(features),)
         self._begin: RowWork = self._begun
         self._prompts = Prompts(model.config.denoiser)
         self._noise = NoiseAhead(model.config.horizon_tokens, model.config.token_width)
-        if recorder is not None:
-            self._encode = GraphedRows(self._encode, recorder)
-            self._begin = keeping(GraphedRows(self._begun, recorder))
+        if graphs is not None:
+            self._encode = GraphedRows(self._encode, graphs)
+            self._begin = keeping(GraphedRows(self._begun, graphs))
         self._denoiser = denoiser
         self._device = model.representation.stats.mean.device
 
@@ -143,8 +144,10 @@ class Preparation:
         """What members are told who are alike: all without constraints, or all with some, who see equally far."""
         model, count = self._model, len(members)
         if members[0].targets is None:
-            free = free_projection(before, history_len, model.config.horizon, model.sampling)
-            return [_Told(None, None, *one) for one in self._projected(free, count)]
+            # On a GPU who moves is known there alone: asking takes longer than projecting those who stand.
+            horizon, asks = model.config.horizon, self._device.type != "cuda"
+            free = free_projection(before, history_len, horizon, model.sampling, skips_still=asks)
+            return [_Told(None, None, None if free is None else free.rows(number), False) for number in range(count)]
         observed, mask, on_host = self._goals(history_len, members, translation)
         projection = self._projection(history_len, members, (observed, mask), before)
         conditions = self._denoiser.goals(observed, mask, history_len // model.config.patch, on_host)

@@ -11,7 +11,8 @@ from torch import Tensor
 from motiongen_ardy.model.diffusion import cosine_schedule
 from motiongen_ardy.model.model import Model
 from motiongen_ardy.model.packed import PackedBatch, PackedDenoiser
-from motiongen_ardy.model.packed.graphs import GraphedRows, GraphRecorder, RowWork, keeping
+from motiongen_ardy.model.packed.graph_cache import GraphCache
+from motiongen_ardy.model.packed.graphs import GraphedRows, RowWork, keeping
 from motiongen_server.runner.row import Row
 
 
@@ -24,9 +25,9 @@ class _Last(NamedTuple):
 
 
 class Stepping:
-    """Steps of one model's rows. recorder: of a graph of what is done with a prediction."""
+    """Steps of one model's rows. graphs: one is of what is done with a prediction."""
 
-    def __init__(self, model: Model, denoiser: PackedDenoiser, recorder: GraphRecorder | None = None) -> None:
+    def __init__(self, model: Model, denoiser: PackedDenoiser, graphs: GraphCache | None = None) -> None:
         device = model.representation.stats.mean.device
         self._denoiser = denoiser
         self._device = device
@@ -35,7 +36,7 @@ class Stepping:
         schedule = cosine_schedule(model.config.num_base_steps)
         self._base_steps: list[list[int]] = schedule.base_step.tolist()
         self._schedule = schedule.to(device)
-        self._move: RowWork = self._moved if recorder is None else keeping(GraphedRows(self._moved, recorder))
+        self._move: RowWork = self._moved if graphs is None else keeping(GraphedRows(self._moved, graphs))
         self._last: _Last | None = None
 
     def __call__(self, rows: dict[int, Row]) -> list[bool]:

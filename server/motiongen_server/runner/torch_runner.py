@@ -2,14 +2,15 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
+from contextlib import contextmanager, nullcontext
 
 import torch
 
 from motiongen_ardy.model.model import Model
 from motiongen_ardy.model.packed import PackedDenoiser
 from motiongen_ardy.model.packed.codec import packed_codec
-from motiongen_ardy.model.packed.graphs import GraphRecorder
+from motiongen_ardy.model.packed.graph_cache import GraphCache
 from motiongen_server.engine.types import Float32Array, ModelFacts, RowStatus, WindowJob, WindowResult
 from motiongen_server.runner.decoding import Decoding
 from motiongen_server.runner.device_errors import device_errors
@@ -31,31 +32,32 @@ class TorchRunner:
         default_steps: int = 4,
         precision: torch.dtype = torch.float32,
         owns_model: bool = False,
-        recorder: GraphRecorder | None = None,
+        graphs: GraphCache | None = None,
     ) -> None:
         """precision: of the denoiser's layers, float32 or bfloat16; all else is float32.
 
-        owns_model: nobody else needs the model, so that weights which are held packed are not held twice. recorder: of
-        graphs that the denoiser's layers are replayed from; None: they are called each time.
+        owns_model: nobody else needs the model, so that weights which are held packed are not held twice. graphs:
+        that work is replayed from; None: it is called each time.
         """
         config = model.config
         self._model = model
         self._device = model.representation.stats.mean.device
         options = model.sampling
+        self._graphs = graphs
         self._denoiser = PackedDenoiser(
             model.denoiser,
             config.num_base_steps,
             config.horizon,
             precision,
-            recorder,
+            graphs,
             keeps_roots=options.project_root and options.projection.led_steps < config.num_base_steps,
         )
         if owns_model:
             self._denoiser.release_originals()
         self._codec = packed_codec(model.codec)
-        self._preparation = Preparation(model, self._codec, self._denoiser, recorder)
-        self._decoding = Decoding(model, self._codec, recorder)
-        self._stepping = Stepping(model, self._denoiser, recorder)
+        self._preparation = Preparation(model, self._codec, self._denoiser, graphs)
+        self._decoding = Decoding(model, self._codec, graphs)
+        self._stepping = Stepping(model, self._denoiser, graphs)
         self._rows: dict[int, Row] = {}
         self._facts = model_facts(model, model_id, default_steps)
 
@@ -71,10 +73,21 @@ class TorchRunner:
         """Evaluations of the denoiser that one step of this job costs."""
         return len(self._preparation.passes(job))
 
+    @contextmanager
+    def recording_at_once(self) -> Iterator[None]:
+        """Within, graphs are recorded of whatever comes, and stay; outside, of what comes often."""
+        with nullcontext() if self._graphs is None else self._graphs.at_once():
+            yield
+
+    def _let_go(self) -> None:
+        """Of graphs, which may be made again, where there is no memory for rows."""
+        if self._graphs is not None:
+            self._graphs.clear()
+
     @torch.inference_mode()
     def features(self, rows: Float32Array) -> Float32Array:
         """Normalised features (H, D) of wire rows (H, row width). Raises OutOfMemory or DeviceLost."""
-        with device_errors():
+        with device_errors(self._let_go):
             features = features_of_rows(self._model.representation, torch.from_numpy(rows).to(self._device)[None])
             return features[0].cpu().numpy()
 
@@ -86,7 +99,7 @@ class TorchRunner:
     @torch.inference_mode()
     def prepare(self, jobs: Sequence[WindowJob]) -> None:
         """Take in new jobs. Raises OutOfMemory or DeviceLost."""
-        with device_errors():
+        with device_errors(self._let_go):
             rows = self._preparation.rows(jobs)
         self._rows.update((row.job.job_id, row) for row in rows)
 
@@ -94,7 +107,7 @@ class TorchRunner:
     def denoise(self, job_ids: Sequence[int]) -> list[RowStatus]:
         """Advance each job by one denoising step. Raises OutOfMemory or DeviceLost."""
         rows = {job_id: self._rows[job_id] for job_id in sorted(job_ids)}
-        with device_errors():
+        with device_errors(self._let_go):
             finite = self._stepping(rows)
         statuses = {
             job_id: RowStatus(job_id, row.steps_done, is_finite)
@@ -106,7 +119,7 @@ class TorchRunner:
     def decode(self, job_ids: Sequence[int]) -> list[WindowResult]:
         """Frames, features and tokens of finished jobs, which are forgotten. Raises OutOfMemory or DeviceLost."""
         rows = [self._rows[job_id] for job_id in job_ids]
-        with device_errors():
+        with device_errors(self._let_go):
             decoded = self._decoding(rows)
         self.discard(job_ids)
         return [

@@ -11,6 +11,7 @@ import torch
 from motiongen_ardy.checkpoint.checkpoint import load_checkpoint
 from motiongen_ardy.model.model import Model
 from motiongen_ardy.model.packed import PackedDenoiser
+from motiongen_ardy.model.packed.graph_cache import RecordingFailed
 from motiongen_server.engine.ports import DeviceLost, OutOfMemory
 from motiongen_server.runner import TorchRunner
 from motiongen_server.runner.device_errors import device_errors
@@ -30,6 +31,8 @@ def model() -> Model:
         (torch.OutOfMemoryError("CUDA out of memory"), OutOfMemory),
         (MemoryError(), OutOfMemory),
         (RuntimeError("[enforce fail] DefaultCPUAllocator: can't allocate memory"), OutOfMemory),
+        (torch.AcceleratorError("CUDA error: out of memory", 2), OutOfMemory),
+        (RecordingFailed("a CUDA graph could not be recorded"), DeviceLost),
         (torch.AcceleratorError("CUDA error: an illegal memory access was encountered", 700), DeviceLost),
         (RuntimeError("mat1 and mat2 shapes cannot be multiplied"), RuntimeError),
         (ValueError("no"), ValueError),
@@ -39,6 +42,15 @@ def test_each_error_has_its_name(raised: Exception, expected: type[Exception]) -
     with pytest.raises(expected) as caught, device_errors():
         raise raised
     assert type(caught.value) is expected
+
+
+def test_what_can_be_had_again_is_let_go_of_where_there_is_no_memory() -> None:
+    let_go = []
+    with pytest.raises(OutOfMemory), device_errors(lambda: let_go.append("graphs")):
+        raise torch.OutOfMemoryError("CUDA out of memory")
+    with pytest.raises(ValueError, match="no"), device_errors(lambda: let_go.append("nothing")):
+        raise ValueError("no")
+    assert let_go == ["graphs"]
 
 
 def test_a_real_allocation_that_cannot_be_made_is_out_of_memory() -> None:

@@ -1,61 +1,37 @@
-"""What the runner replays as graphs gives what is given without them, and nothing in it waits for the device."""
+"""What the runner replays as graphs is what is given without them, whatever was replayed in between."""
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
+import random
+from collections.abc import Sequence
+from dataclasses import replace
 from pathlib import Path
-from typing import Any
 
 import numpy as np
 import pytest
+import torch
 from torch import Tensor
-from torch.utils._python_dispatch import TorchDispatchMode
 
 from motiongen_ardy.checkpoint.checkpoint import load_checkpoint
+from motiongen_ardy.model.packed import PackedDenoiser
+from motiongen_ardy.model.packed.graph_cache import GraphCache
 from motiongen_ardy.model.sampling import flips, landings, seams
 from motiongen_ardy.model.transformer import PositionTable
-from motiongen_server.engine.types import Waypoint, WindowResult
-from motiongen_server.runner import TorchRunner
+from motiongen_server.engine.ports import OutOfMemory
+from motiongen_server.engine.types import Guidance, Waypoint, WindowJob, WindowResult
+from motiongen_server.runner import TorchRunner, decoding
 from motiongen_server.runner.decoding import asked_of
 from tests.steered_jobs import MINI, all_kinds, job, played
+from tests.taped import TapeRecorder, eager
 
 TINY = Path(__file__).parents[2] / "data" / "golden" / "tiny-core27" / "checkpoint"
-COPIED_OR_AWAITED = ("aten.lift_fresh", "aten._local_scalar_dense", "aten.nonzero", "aten.item", "aten.is_nonzero")
-
-
-class NothingAwaited(TorchDispatchMode):
-    """Fails where a GPU would be waited for, or something copied to it, which cannot be recorded."""
-
-    def __torch_dispatch__(self, operation: Any, types: Any, given: Any = (), named: Any = None) -> Any:
-        assert not str(operation).startswith(COPIED_OR_AWAITED), f"{operation} in what is recorded"
-        return operation(*given, **(named or {}))
-
-
-class Recorder:
-    """Does the work again where a graph would be replayed. The second time it must not wait: its tables are made."""
-
-    def __init__(self) -> None:
-        self.num_replays = 0
-
-    def record(self, work: Callable[[], Any]) -> tuple[Callable[[], None], Any]:
-        first = work()
-        result = first.clone() if isinstance(first, Tensor) else tuple(part.clone() for part in first)
-
-        def replay() -> None:
-            self.num_replays += 1
-            with NothingAwaited():
-                again = work()
-            for held, part in zip(
-                *(([one] if isinstance(one, Tensor) else one) for one in (result, again)), strict=True
-            ):
-                held.copy_(part)
-
-        return replay, result
 
 
 @pytest.fixture
 def as_on_a_gpu(monkeypatch: pytest.MonkeyPatch) -> None:
-    """What the processor alone asks, since it is cheap there, is not asked."""
+    """What the processor alone asks, since it is cheap there, is not asked; what comes to the host is a copy."""
+    on_host = decoding.on_host
+    monkeypatch.setattr(decoding, "on_host", lambda *tensors: [part.copy() for part in on_host(*tensors)])
     monkeypatch.setattr(seams, "_joints_of", lambda touched: list(range(1, touched.shape[1])))
     monkeypatch.setattr(flips, "_rows_of", lambda far: None)
     monkeypatch.setattr(landings, "_all_in_time", lambda missing: False)
@@ -71,8 +47,8 @@ def assert_same(found: Sequence[WindowResult], expected: Sequence[WindowResult])
 @pytest.mark.parametrize("folder", [MINI, TINY], ids=["mini", "tiny"])
 @pytest.mark.usefixtures("as_on_a_gpu")
 def test_replayed_windows_are_those_that_are_called(folder: Path) -> None:
-    model, recorder = load_checkpoint(folder), Recorder()
-    plain, replayed = TorchRunner(model, "plain"), TorchRunner(model, "replayed", recorder=recorder)
+    model, recorder = load_checkpoint(folder), TapeRecorder()
+    plain, replayed = TorchRunner(model, "plain"), TorchRunner(model, "replayed", graphs=eager(recorder))
     first = all_kinds(model)
     begun = played(plain, first)
     for jobs in (first, all_kinds(model, begun)):
@@ -83,8 +59,8 @@ def test_replayed_windows_are_those_that_are_called(folder: Path) -> None:
 
 @pytest.mark.usefixtures("as_on_a_gpu")
 def test_a_step_is_a_replay_for_each_length_of_sequences_and_one_for_what_follows() -> None:
-    model, recorder = load_checkpoint(TINY), Recorder()
-    plain, replayed = TorchRunner(model, "plain"), TorchRunner(model, "replayed", recorder=recorder)
+    model, recorder = load_checkpoint(TINY), TapeRecorder()
+    plain, replayed = TorchRunner(model, "plain"), TorchRunner(model, "replayed", graphs=eager(recorder))
     [history] = (one.features[-16:] for one in played(plain, all_kinds(model)[:1]))
     waypoint, beyond = ((Waypoint(1, frame, 1.0, 1.0),) for frame in (60, 90))  # within the window, and behind it
     for asked, num_lengths in (((), ()), 1), (((), waypoint, ()), 1), (((), beyond, waypoint), 2), (((), ()), 1):
@@ -96,6 +72,91 @@ def test_a_step_is_a_replay_for_each_length_of_sequences_and_one_for_what_follow
         replayed.denoise(ids)
         assert recorder.num_replays == before + num_lengths + 1
         assert_same(replayed.decode(ids), expected)
+
+
+class Pair:
+    """A runner that calls what it does, and one that replays it. They are given the same."""
+
+    def __init__(self, folder: Path, precision: torch.dtype, graphs: GraphCache) -> None:
+        self.model = load_checkpoint(folder)
+        self.called = TorchRunner(self.model, "called", precision=precision)
+        self.replayed = TorchRunner(self.model, "replayed", precision=precision, graphs=graphs)
+
+    def tokens(self, job_id: int) -> tuple[Tensor, Tensor]:
+        return self.called.row(job_id).tokens, self.replayed.row(job_id).tokens
+
+    def random_jobs(self, numbers: random.Random, kinds: Sequence[WindowJob], first_id: int) -> list[WindowJob]:
+        jobs = []
+        for job_id in range(first_id, first_id + numbers.randint(1, 3)):
+            one = numbers.choice(kinds)
+            if len(one.history):
+                one = replace(one, history=one.history[-numbers.choice((4, 16)) :])
+            if not one.constraints and numbers.random() < 0.3:
+                one = replace(one, constraints=(Waypoint(1, one.first_frame + numbers.choice((20, 80)), 1.0, 1.0),))
+            guidance = numbers.choice((Guidance(1.5, 1.5), Guidance(1.0, 1.0), Guidance(2.0, 1.0)))
+            jobs.append(replace(one, job_id=job_id, num_steps=numbers.choice((2, 3)), guidance=guidance))
+        return jobs
+
+
+@pytest.mark.parametrize(
+    ("folder", "most", "worth_it"),
+    [(MINI, 64, 1), (TINY, 64, 1), (TINY, 3, 1), (TINY, 64, 3)],
+    ids=["mini", "tiny", "few graphs", "of what comes often"],
+)
+@pytest.mark.usefixtures("as_on_a_gpu")
+def test_windows_that_come_and_go_in_any_order_are_those_that_are_called(
+    folder: Path, most: int, worth_it: int
+) -> None:
+    numbers, recorder = random.Random(7), TapeRecorder()
+    pair = Pair(folder, torch.float32, GraphCache(recorder, most, worth_it=worth_it))
+    kinds = all_kinds(pair.model) + all_kinds(pair.model, played(pair.called, all_kinds(pair.model)))
+    left: dict[int, int] = {}  # steps, by job
+    for first_id in range(100, 160, 3):
+        if len(left) < 6:
+            jobs = pair.random_jobs(numbers, kinds, first_id)
+            for runner in (pair.called, pair.replayed):
+                runner.prepare(jobs)
+            left |= {one.job_id: one.num_steps for one in jobs}
+        stepped = [one for one, steps in left.items() if steps and numbers.random() < 0.7]
+        for runner in (pair.called, pair.replayed):
+            runner.denoise(stepped)
+        for one in stepped:
+            left[one] -= 1
+            assert torch.equal(*pair.tokens(one))
+        done = [one for one, steps in left.items() if not steps and numbers.random() < 0.7]
+        for one in done:
+            del left[one]
+        if done:
+            assert_same(pair.replayed.decode(done), pair.called.decode(done))
+    assert recorder.num_recorded > 3
+
+
+@pytest.mark.usefixtures("as_on_a_gpu")
+def test_graphs_go_where_there_is_no_memory_and_windows_are_still_those_that_are_called(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    recorder = TapeRecorder()
+    pair = Pair(TINY, torch.float32, GraphCache(recorder))
+    jobs = all_kinds(pair.model)
+    with pair.replayed.recording_at_once():
+        expected = played(pair.called, jobs)
+        assert_same(played(pair.replayed, jobs), expected)
+    before = recorder.num_replays
+    assert_same(played(pair.replayed, jobs), expected)
+    assert recorder.num_replays > before
+    pair.replayed.prepare(jobs)
+    with monkeypatch.context() as patch:
+        patch.setattr(PackedDenoiser, "predict", _out_of_memory)
+        with pytest.raises(OutOfMemory):
+            pair.replayed.denoise([one.job_id for one in jobs])
+    pair.replayed.discard([one.job_id for one in jobs])
+    before = recorder.num_replays
+    assert_same(played(pair.replayed, jobs), expected)
+    assert recorder.num_replays == before
+
+
+def _out_of_memory(*_: object) -> None:
+    raise torch.OutOfMemoryError("no more")
 
 
 def test_rows_say_what_they_are_asked_for() -> None:

@@ -19,7 +19,8 @@ from motiongen_ardy.model.denoiser.two_stage import TwoStageDenoiser
 from motiongen_ardy.model.packed.batch import Batch, PackedBatch, Sequences
 from motiongen_ardy.model.packed.conditions import RowConditions, RowGoals, WindowVectors
 from motiongen_ardy.model.packed.goal_layers import GoalLayer, TokenGoals, ToldTokens
-from motiongen_ardy.model.packed.graphs import GraphedStack, GraphRecorder, Stack
+from motiongen_ardy.model.packed.graph_cache import GraphCache
+from motiongen_ardy.model.packed.graphs import GraphedStack, Stack
 from motiongen_ardy.model.packed.input_layer import InputLayer
 from motiongen_ardy.model.packed.recorded import RecordedSequences
 from motiongen_ardy.model.packed.stage import PackedStage
@@ -36,12 +37,12 @@ class PackedDenoiser:
         num_base_steps: int,
         horizon: int,
         dtype: torch.dtype,
-        recorder: GraphRecorder | None = None,
+        graphs: GraphCache | None = None,
         keeps_roots: bool = True,
     ) -> None:
         """horizon: frames that a window generates. dtype: of the transformers' products, float32 or bfloat16.
 
-        recorder: of graphs that evaluations are replayed from; None: they are called each time. keeps_roots: whether
+        graphs: that evaluations are replayed from; None: they are called each time. keeps_roots: whether
         rows may come whose root is kept; beside these, others are called.
         """
         self._denoiser = denoiser
@@ -64,14 +65,14 @@ class PackedDenoiser:
         future = denoiser.future_constraints_proj
         self._future = None if future is None else GoalLayer.of(future, self._patch)
         self._stacks: list[Stack] = [
-            stage.stack if recorder is None else GraphedStack(stage.stack, recorder) for stage in self.stages
+            stage.stack if graphs is None else GraphedStack(stage.stack, graphs) for stage in self.stages
         ]
         self._recorded = (
             None
-            if recorder is None
+            if graphs is None
             else RecordedSequences(
                 self._evaluated,
-                recorder,
+                graphs,
                 num_stages=len(self.stages),
                 root_width=self._root_width,
                 num_prefix=self.stages[0].num_prefix,
@@ -170,7 +171,7 @@ class PackedDenoiser:
         """Lay the rows out for any number of steps; sequences of one shape stand side by side."""
         sequences = [(row, index) for row, conditions in enumerate(rows) for index in range(len(conditions.passes))]
         sequences.sort(key=lambda pair: (rows[pair[0]].history_tokens, rows[pair[0]].future_tokens(pair[1])))
-        # A recorder fills up by itself.
+        # What is replayed is filled up there.
         filled = (lambda vectors: vectors) if self._recorded is not None else self.stages[0].stack.filled
         return PackedBatch(rows, sequences, self._horizon_of, self.stages[0].step_position, filled)
 

@@ -9,7 +9,8 @@ import torch
 from torch import Tensor
 
 from motiongen_ardy.model.packed.batch import Batch, PackedBatch
-from motiongen_ardy.model.packed.graphs import GraphedRows, GraphRecorder
+from motiongen_ardy.model.packed.graph_cache import GraphCache
+from motiongen_ardy.model.packed.graphs import GraphedRows
 from motiongen_ardy.model.packed.stack import Group
 from motiongen_ardy.model.sampling.projection import RootProjection
 
@@ -49,7 +50,7 @@ class RecordedSequences:
     def __init__(
         self,
         evaluate: Evaluate,
-        recorder: GraphRecorder,
+        graphs: GraphCache,
         *,
         num_stages: int,
         root_width: int,
@@ -58,10 +59,10 @@ class RecordedSequences:
         are_called_too: bool,
     ) -> None:
         """are_called_too: whether batches of the same shapes are also evaluated without this."""
-        self._evaluate, self._recorder, self._are_called_too = evaluate, recorder, are_called_too
+        self._evaluate, self._graphs, self._are_called_too = evaluate, graphs, are_called_too
         self._num_stages, self._root_width = num_stages, root_width
         self._places = {"num_prefix": num_prefix, "step_position": step_position}
-        self._by_history: dict[int, GraphedRows] = {}
+        self._rows = GraphedRows(self._recorded, graphs)
         self._slowing_s = 0.0  # of all projections of a model
 
     def __call__(self, batch: PackedBatch, noisy: Tensor, step: Tensor, active: Tensor | None) -> Tensor:
@@ -70,26 +71,15 @@ class RecordedSequences:
         if batch.projection is not None:
             self._slowing_s = batch.projection.slowing_s
             acting = [noisy.new_zeros(len(noisy)) if active is None else active]
-        result, before = torch.empty_like(noisy), self.num_recorded
+        result, before = torch.empty_like(noisy), self._graphs.num_recorded
         for slot in batch.slots:
             chosen = slice(slot.first, slot.end)
-            given = [part[chosen] for part in (noisy, step, *acting)]
-            [predicted] = self._graphs(slot.history)(*given, *batch.alike(slot, self._root_width))
+            given = *(part[chosen] for part in (noisy, step, *acting)), *batch.alike(slot, self._root_width)
+            [predicted] = self._rows.of(slot.history, partial(self._recorded, slot.history), *given)
             result[chosen].copy_(predicted)  # before the next replay
-        if self._are_called_too and self.num_recorded > before:  # by then their layers are to be recorded, too
+        if self._are_called_too and self._graphs.num_recorded > before:  # by then their layers are to be recorded, too
             self._evaluate(batch, noisy.clone(), step, active)
         return result
-
-    @property
-    def num_recorded(self) -> int:
-        """How many graphs were made in all."""
-        return sum(graphs.num_recorded for graphs in self._by_history.values())
-
-    def _graphs(self, history: int) -> GraphedRows:
-        held = self._by_history.get(history)
-        if held is None:
-            held = self._by_history[history] = GraphedRows(partial(self._recorded, history), self._recorder)
-        return held
 
     def _recorded(self, history: int, noisy: Tensor, step: Tensor, *rest: Tensor) -> tuple[Tensor]:
         stages = self._num_stages

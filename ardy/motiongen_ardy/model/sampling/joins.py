@@ -12,6 +12,7 @@ from functools import lru_cache
 import torch
 from torch import Tensor
 
+from motiongen_ardy.core.constants import MOST_TABLES
 from motiongen_ardy.core.rotation import matrix_from_6d, matrix_to_6d
 from motiongen_ardy.model.sampling.options import JoinOptions
 from motiongen_ardy.model.sampling.spread import smooth_step, spread
@@ -49,7 +50,7 @@ def join_operator(num_before: int, num_new: int, seam_frames: int, patch: int) -
     return joined[num_before:].float()
 
 
-@lru_cache
+@lru_cache(maxsize=MOST_TABLES)
 def _operator_on(
     num_before: int, num_new: int, seam_frames: int, patch: int, dtype: torch.dtype, device: torch.device
 ) -> Tensor:

@@ -202,14 +202,17 @@ def _room(exact: Tensor, settle_frames: int) -> Tensor:
     return (nearest / settle_frames).clamp(max=1)
 
 
-def free_projection(before: Tensor, first: int, num_frames: int, options: SamplingOptions) -> RootProjection | None:
-    """The projection of rows without goals, which only slow down; None where none moves or nothing is projected.
+def free_projection(
+    before: Tensor, first: int, num_frames: int, options: SamplingOptions, *, skips_still: bool = True
+) -> RootProjection | None:
+    """The projection of rows without goals, which only slow down; None where nothing is projected.
 
-    before: (B, 4), as `slowing.motion_before`.
+    before: (B, 4), as `slowing.motion_before`; rows that do not move stay as they are. skips_still: None where no row
+    moves, too, which waits for the device.
     """
     if not options.project_root or not options.projection.slowing_s:
         return None
-    if not bool(before[:, 2:].any()):
+    if skips_still and not bool(before[:, 2:].any()):
         return None
     square = before.new_zeros(len(before), num_frames, num_frames)
     wide = [before.new_zeros(len(before), num_frames, width) for width in (4, 3, 2)]

@@ -145,9 +145,9 @@ class Preparation:
         model, count = self._model, len(members)
         if members[0].targets is None:
             # On a GPU who moves is known there alone: asking takes longer than projecting those who stand.
-            horizon, asks = model.config.horizon, self._device.type != "cuda"
-            free = free_projection(before, history_len, horizon, model.sampling, skips_still=asks)
-            return [_Told(None, None, None if free is None else free.rows(number), False) for number in range(count)]
+            frames, asks = model.config.horizon, self._device.type != "cuda"
+            free = free_projection(before, history_len, frames, model.sampling, skips_still=asks)
+            return [_Told(None, None, None if free is None else free.rows(row), False) for row in range(count)]
         observed, mask, on_host = self._goals(history_len, members, translation)
         projection = self._projection(history_len, members, (observed, mask), before)
         conditions = self._denoiser.goals(observed, mask, history_len // model.config.patch, on_host)

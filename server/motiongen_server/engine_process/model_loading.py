@@ -66,11 +66,11 @@ def prepare(begin: Begin) -> tuple[BuildEngine, LoadText, FreeUnused]:
 
     def build(source: str, deliver: Deliver, observe: Observe, inbox: Inbox) -> Built:
         model = load_model(begin.config, source, begin.kind, begin.threads)
-        if begin.kind == "cuda" and begin.config.cuda_graphs:
-            with model.runner.recording_at_once():
-                record_graphs(begin.config, model.runner, device)
         config = replace(begin.config, model=source)
-        engine = build_engine(config, model.runner, deliver, observe, inbox, device)
+        with model.runner.recording_at_once():  # of what is measured, too: sessions will have it replayed
+            if begin.kind == "cuda" and begin.config.cuda_graphs:
+                record_graphs(begin.config, model.runner, device)
+            engine = build_engine(config, model.runner, deliver, observe, inbox, device)
         return Built(engine, model.runner.facts, model.licence, model.abilities)
 
     def load_text(width: int) -> TextEncoder:

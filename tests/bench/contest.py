@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Sequence
+from contextlib import nullcontext
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -15,6 +16,7 @@ from motiongen_server.engine.scheduling.policy import SchedulingPolicy
 from motiongen_server.engine.scheduling.profile import profile
 from motiongen_server.engine.scheduling.scheduler import Scheduler
 from motiongen_server.engine.types import Float32Array
+from motiongen_server.runner import TorchRunner
 from tests.bench.clocks import BenchClock, ProcessorClock
 from tests.bench.crowd import Habits
 from tests.bench.null_runner import NullRunner
@@ -111,7 +113,8 @@ class Contest:
     def _made(
         self, name: str, meaning: str, runner: Runner, rows: int, policy: Callable[[CostTable], SchedulingPolicy]
     ) -> Contestant:
-        costs = profile(runner, self.clock, rows, HISTORY_FRAMES, self.effort.profile_s).costs
+        with runner.recording_at_once() if isinstance(runner, TorchRunner) else nullcontext():
+            costs = profile(runner, self.clock, rows, HISTORY_FRAMES, self.effort.profile_s).costs
         return Contestant(name, meaning, runner, lambda: policy(costs))
 
     def measure(self, name: str, say: Callable[[str], None]) -> Standing:

@@ -74,6 +74,21 @@ def test_a_step_is_a_replay_for_each_length_of_sequences_and_one_for_what_follow
         assert_same(replayed.decode(ids), expected)
 
 
+@pytest.mark.usefixtures("as_on_a_gpu")
+def test_rows_whose_root_is_kept_are_replayed_with_the_others() -> None:
+    recorder = TapeRecorder()
+    pair = Pair(MINI, torch.float32, eager(recorder))
+    jobs = [all_kinds(pair.model)[number] for number in (0, 2)]
+    ids = [one.job_id for one in jobs]
+    pair.replayed.prepare(jobs)
+    pair.replayed.denoise(ids)
+    assert [pair.replayed.row(one).root is None for one in ids] == [True, False]
+    before = recorder.num_replays
+    pair.replayed.denoise(ids)
+    assert recorder.num_replays == before + 2
+    assert_same(pair.replayed.decode(ids), played(pair.called, jobs))
+
+
 class Pair:
     """A runner that calls what it does, and one that replays it. They are given the same."""
 

@@ -34,7 +34,6 @@ class Sequences:
     """What stages are evaluated on. Only `inputs` is written to between steps, in the slots.
 
     inputs: by stage, (P, width), sequences one behind another and zeros behind the last. num_tokens: of a horizon.
-    is_recorded: a step with them is recorded as a whole, so that its layers are called.
     """
 
     inputs: tuple[Tensor, ...]
@@ -42,7 +41,6 @@ class Sequences:
     slots: list[SequenceSlot]
     num_tokens: int
     step_position: int
-    is_recorded = False
 
     def _append(self, group: Group, first: int, history: int) -> None:
         """A group of the inputs, and its slot; first: the number of its first sequence."""
@@ -89,6 +87,7 @@ class Batch(Sequences):
     horizon: by stage, (Q, G, width), what is added to the horizon's vectors.
     projection: of every sequence, None where no row has one.
     told: (C), the sequences that see constraints, with their observed root and its mask (C, G, 20); None for none.
+    kept: (Q, 1, 1) bool, the sequences whose root is kept, and those roots (Q, G, 5P); None where it is told by row.
     filled: P for so many vectors of sequences.
     """
 
@@ -97,6 +96,7 @@ class Batch(Sequences):
     horizon: tuple[Tensor, ...]
     projection: RootProjection | None = None
     told: tuple[Tensor | slice, Tensor, Tensor] | None = None
+    kept: tuple[Tensor, Tensor] | None = None
     filled: Callable[[int], int]
     _part: tuple[tuple[int, ...], FirstStagePart] | None = None
 

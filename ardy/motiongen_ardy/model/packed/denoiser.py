@@ -20,7 +20,6 @@ from motiongen_ardy.model.packed.batch import Batch, PackedBatch, Sequences
 from motiongen_ardy.model.packed.conditions import RowConditions, RowGoals, WindowVectors
 from motiongen_ardy.model.packed.goal_layers import GoalLayer, TokenGoals, ToldTokens
 from motiongen_ardy.model.packed.graph_cache import GraphCache
-from motiongen_ardy.model.packed.graphs import GraphedStack, Stack
 from motiongen_ardy.model.packed.input_layer import InputLayer
 from motiongen_ardy.model.packed.recorded import RecordedSequences
 from motiongen_ardy.model.packed.stage import PackedStage
@@ -43,7 +42,7 @@ class PackedDenoiser:
         """horizon: frames that a window generates. dtype: of the transformers' products, float32 or bfloat16.
 
         graphs: that evaluations are replayed from; None: they are called each time. keeps_roots: whether
-        rows may come whose root is kept; beside these, others are called.
+        rows may come whose root is kept; with graphs it is predicted all the same.
         """
         self._denoiser = denoiser
         self._layout = denoiser.representation
@@ -64,9 +63,6 @@ class PackedDenoiser:
             self._projections.append(InputLayer(denoiser.local_root_hybrid_proj, told, order, self._patch))
         future = denoiser.future_constraints_proj
         self._future = None if future is None else GoalLayer.of(future, self._patch)
-        self._stacks: list[Stack] = [
-            stage.stack if graphs is None else GraphedStack(stage.stack, graphs) for stage in self.stages
-        ]
         self._recorded = (
             None
             if graphs is None
@@ -77,7 +73,7 @@ class PackedDenoiser:
                 root_width=self._root_width,
                 num_prefix=self.stages[0].num_prefix,
                 step_position=self.stages[0].step_position,
-                are_called_too=keeps_roots,
+                keeps_roots=keeps_roots and len(self.stages) > 1,
             )
         )
         self._step_vectors = torch.stack([stage.step_vectors for stage in self.stages])
@@ -205,8 +201,8 @@ class PackedDenoiser:
         active = None
         if batch.projection is not None and project is not None and any(project):
             active = torch.tensor(project, device=tokens.device, dtype=tokens.dtype)[batch.rows]
-        if self._recorded is not None and not any(root is not None for root in kept or ()):
-            result = self._recorded(batch, noisy, step, active)
+        if self._recorded is not None:
+            result = self._recorded(batch, noisy, step, active, kept)
         else:
             result = self._evaluated(batch, noisy, step, active, kept)
         return torch.zeros_like(tokens).index_add_(0, batch.rows, result * batch.weight)
@@ -253,7 +249,8 @@ class PackedDenoiser:
             noisy[where, :, : self._root_width] = noisy[where, :, : self._root_width] * (1 - root_mask) + root
         project = self._projections[0].noisy
         if not known:
-            return self._run(batch, 0, step_vectors[0], project.plus(noisy, batch.horizon[0]))
+            predicted = self._run(batch, 0, step_vectors[0], project.plus(noisy, batch.horizon[0]))
+            return predicted if batch.kept is None else torch.where(*batch.kept, predicted)
         horizon = project.plus(noisy[missing], batch.horizon[0][missing])
         predicted = self._run(batch.first_stage_part(missing), 0, step_vectors[0][missing], horizon)
         result = predicted.new_empty(len(batch.row_numbers), *predicted.shape[1:])
@@ -267,8 +264,7 @@ class PackedDenoiser:
             slot.step[number].copy_(step_vectors[slot.first : slot.end])
             slot.horizon[number].copy_(horizon[slot.first : slot.end])
         stage = self.stages[number]
-        stack = stage.stack if sequences.is_recorded else self._stacks[number]
-        encoded = stack(sequences.inputs[number], sequences.groups)
+        encoded = stage.stack(sequences.inputs[number], sequences.groups)
         return stage.output(encoded.unflatten(0, (-1, sequences.num_tokens)))
 
     def _on_goals(self, batch: Batch, result: Tensor, active: Tensor) -> Tensor:

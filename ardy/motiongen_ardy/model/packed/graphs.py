@@ -1,66 +1,26 @@
-"""Work replayed as recorded graphs, where starting kernels takes longer than they do: layers, functions of rows.
+"""Functions of rows replayed as recorded graphs, where starting kernels takes longer than they do.
 
-A graph is of one shape and of its own memory. So batches are filled up to few sizes, their vectors copied to where the
-graph reads them, and the result copied from where it writes. What a sequence gets does not depend on the others, so
-those that fill up may be anything; they are zeros. What comes too seldom for a graph is called.
+A graph is of one shape and of its own memory. So batches are filled up to few sizes, their rows copied to where the
+graph reads them, and the result copied from where it writes. What a row gets does not depend on the others, so those
+that fill up may be anything. What comes too seldom for a graph is called.
 """
 
 from __future__ import annotations
 
 from bisect import bisect_left
-from collections.abc import Callable, Hashable, Sequence
+from collections.abc import Callable, Hashable
 from typing import TypeAlias
 
 import torch
 from torch import Tensor
 
 from motiongen_ardy.model.packed.graph_cache import GraphCache
-from motiongen_ardy.model.packed.stack import Group
 
 SIZES = (1, 2, 4, 8, 12, 16, 24, 32, 48, 64, 96, 128, 192, 256, 384, 512)
-"""Sequences of a group. More than the last are filled up to a multiple of it."""
+"""Rows of a batch. More than the last are filled up to a multiple of it."""
 
 RowWork: TypeAlias = Callable[..., tuple[Tensor, ...]]
 """Tensors (B, ...) -> tensors (B, ...)."""
-Stack: TypeAlias = Callable[[Tensor, Sequence[Group]], Tensor]
-"""(P, width) vectors, and the groups that they are one behind another -> (R, width), those that are read."""
-
-
-class GraphedStack:
-    """Does what a stack does, by recordings of it: a graph for each shape and number of sequences, that fewer fill up.
-
-    Groups are replayed one by one: of what may come together in a batch there would be no end.
-    """
-
-    def __init__(self, stack: Stack, graphs: GraphCache) -> None:
-        self._stack = stack
-        self._graphs = graphs
-
-    def __call__(self, vectors: Tensor, groups: Sequence[Group]) -> Tensor:
-        """What is read (R, width) of vectors (P, width) float32, the groups one behind another.
-
-        The argument is not changed.
-        """
-        read = vectors.new_empty(sum(group.total_read for group in groups), vectors.shape[-1])
-        end = 0
-        for group in groups:
-            begin, end = end, end + group.total_read
-            read[begin:end].copy_(self._read_of(group, vectors[group.start : group.end]))  # before the next replay
-        return read
-
-    def _read_of(self, group: Group, vectors: Tensor) -> Tensor:
-        filled = group._replace(start=0, num_sequences=filled_size(group.num_sequences))
-
-        def begin() -> tuple[list[Tensor], Callable[[], Tensor]]:
-            read_from = vectors.new_zeros(filled.end, vectors.shape[-1])
-            return [read_from], lambda: self._stack(read_from, [filled])
-
-        graph = self._graphs.of((self, filled), begin)
-        if graph is None:
-            return self._stack(vectors, [group._replace(start=0)])
-        graph.read_from[0][: len(vectors)].copy_(vectors)
-        graph.replay()
-        return graph.result[: group.total_read]
 
 
 class GraphedRows:
@@ -101,12 +61,12 @@ def keeping(work: RowWork) -> RowWork:
 
 
 def sizes_up_to(most: int) -> list[int]:
-    """Numbers of sequences, or rows, that graphs are recorded for where there are never more than so many, rising."""
+    """Numbers of rows that graphs are recorded for where there are never more than so many, rising."""
     return [*(size for size in SIZES if size < most), most]
 
 
-def filled_size(sequences: int) -> int:
-    """The size that so many sequences of a group are filled up to."""
-    if sequences > SIZES[-1]:
-        return -(-sequences // SIZES[-1]) * SIZES[-1]
-    return SIZES[bisect_left(SIZES, sequences)]
+def filled_size(rows: int) -> int:
+    """The size that so many rows are filled up to."""
+    if rows > SIZES[-1]:
+        return -(-rows // SIZES[-1]) * SIZES[-1]
+    return SIZES[bisect_left(SIZES, rows)]

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import re
 import shutil
 import subprocess
 from typing import Any
@@ -89,6 +90,15 @@ def test_selectors_find_the_pods() -> None:
         kinds["NetworkPolicy"]["spec"]["podSelector"]["matchLabels"],
     ):
         assert selector.items() <= labels
+
+
+def test_the_rule_that_lets_servers_reach_issuers_is_one_once_its_marks_are_taken_away() -> None:
+    text = (FOLDER / "base" / "network.yaml").read_text(encoding="utf-8")
+    taken_in = re.sub("(?m)^    #(?=-|  )", "    ", text)
+    without, with_it = (yaml.safe_load(each)["spec"]["egress"] for each in (text, taken_in))
+    assert with_it[:-1] == without
+    assert with_it[-1]["ports"] == [{"port": 443}]
+    assert "169.254.0.0/16" in with_it[-1]["to"][0]["ipBlock"]["except"], "where clouds tell machines their credentials"
 
 
 def test_the_overlays_change_what_they_are_for() -> None:

@@ -21,7 +21,7 @@ from motiongen_server.identity.caller import (
     tenant_unknown,
 )
 from motiongen_server.identity.issuers import Issuer
-from motiongen_server.identity.jwt_tokens import TokenChecks, Unchecked, unchecked
+from motiongen_server.identity.jwt_tokens import TokenChecks, Unchecked, may_be_signed, unchecked
 from motiongen_server.identity.keys import KeyRings, KeysUnavailable
 from motiongen_server.identity.tenants import Tenant, Tenants
 from motiongen_server.identity.tokens import UNKNOWN, number_of
@@ -61,18 +61,30 @@ class Callers:
         signed = self._signed(_token(_authorization(metadata)))
         return None if signed is None else self._rings.of(signed[1].source).wanted(signed[0].key_id)
 
-    def is_dear(self, metadata: Metadata) -> bool:
-        """Whether `identify` would have to check a signature that has not been checked before."""
-        signed = self._signed(_token(_authorization(metadata)))
-        return signed is not None and self._checks.known(*signed, self._rings.of(signed[1].source)) is None
+    def num_unchecked(self, metadata: Metadata) -> int:
+        """Characters of a token that `identify` would have to read and check, since it is not known; 0: none.
+
+        Nothing is read for that.
+        """
+        token = _token(_authorization(metadata))
+        if self._tenants is None or not self._tenants.value.issuers or not may_be_signed(token):
+            return 0
+        said = self._checks.said(token)
+        issuer = None if said is None else self._tenants.value.issuers.get(said.issuer)
+        if said is None or issuer is None:
+            return len(token)
+        return 0 if self._checks.known(said, issuer, self._rings.of(issuer.source)) is not None else len(token)
 
     def _signed(self, token: str) -> tuple[Unchecked, Issuer] | None:
         """A token of an issuer that is known, and that; None for any other."""
         if self._tenants is None or not self._tenants.value.issuers:
             return None
-        said = unchecked(token)
+        said = self._said(token)
         issuer = None if said is None else self._tenants.value.issuers.get(said.issuer)
         return None if said is None or issuer is None else (said, issuer)
+
+    def _said(self, token: str) -> Unchecked | None:
+        return self._checks.said(token) or unchecked(token)
 
     def of_header(self, authorization: str, role: Role, certificates: Sequence[str] = ()) -> Caller:
         """The same by the header of that name, and the names of the client's certificate."""
@@ -109,7 +121,7 @@ class Callers:
         if not authorization.lower().startswith(_SCHEME):
             raise credentials_missing()
         token = _token(authorization)
-        said = unchecked(token) if tenants.issuers else None
+        said = self._said(token) if tenants.issuers else None
         if said is not None:
             return self._of_signed(said, tenants)
         number = number_of(token)

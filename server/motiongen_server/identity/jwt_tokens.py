@@ -9,7 +9,6 @@ from functools import lru_cache
 from typing import Any
 
 import jwt
-from jwt import PyJWK
 from jwt.exceptions import ExpiredSignatureError, InvalidAudienceError, PyJWTError
 
 from motiongen_server.errors import StreamRefused
@@ -19,7 +18,8 @@ from motiongen_server.identity.caller import (
     credentials_not_for_us,
     keys_unavailable,
 )
-from motiongen_server.identity.issuers import ALGORITHMS, Issuer
+from motiongen_server.identity.issuers import Issuer
+from motiongen_server.identity.key_set import Key
 from motiongen_server.identity.keys import Keys, KeysUnavailable
 
 MOST_CHARACTERS = 8_192
@@ -46,50 +46,60 @@ class Checked:
 class TokenChecks:
     """Tokens that were checked, so that it is not done again for every call: it takes 0.1 ms of the event loop.
 
-    A check holds while its issuer's entry and key are the same objects, so it is made anew whenever keys were fetched.
+    A check holds while its issuer's entry is the same and the issuer tells the same key, fetched again or not.
     """
 
     def __init__(self, most: int = MOST_REMEMBERED) -> None:
         self._most = most
-        self._held: OrderedDict[str, tuple[Issuer, PyJWK | None, Checked]] = OrderedDict()
+        self._held: OrderedDict[str, tuple[Unchecked, Issuer, Key, Checked]] = OrderedDict()
+
+    def said(self, token: str) -> Unchecked | None:
+        """What a token says, which was checked before; nothing is read for that."""
+        held = self._held.get(token)
+        return None if held is None else held[0]
 
     def known(self, said: Unchecked, issuer: Issuer, keys: Keys) -> Checked | None:
         """What a check of the token has found that still holds; whether it has expired is not looked at."""
         held = self._held.get(said.token)
-        if held is None or held[0] != issuer or held[1] is None or held[1] is not _find(keys, said.key_id):
+        if held is None or held[1] != issuer or held[2] != _find(keys, said.key_id):
             return None
         self._held.move_to_end(said.token)
-        return held[2]
+        return held[3]
 
     def check(self, said: Unchecked, issuer: Issuer, keys: Keys) -> Checked:
         """What the issuer says. Raises StreamRefused for a token that does not hold."""
         found = self.known(said, issuer, keys)
         if found is None:
-            found = checked(said, issuer, keys)
-            self._held[said.token] = issuer, _find(keys, said.key_id), found
+            found, key = checked(said, issuer, keys), _find(keys, said.key_id)
+            if key is not None:
+                self._held[said.token] = said, issuer, key, found
             if len(self._held) > self._most:
                 self._held.popitem(last=False)
         return found
 
 
-def _find(keys: Keys, key_id: str) -> PyJWK | None:
+def _find(keys: Keys, key_id: str) -> Key | None:
     try:
         return keys.find(key_id)
     except KeysUnavailable:
         return None
 
 
+def may_be_signed(token: str) -> bool:
+    """Whether it looks like a token of that kind, and is not too long to be read."""
+    return len(token) <= MOST_CHARACTERS and token.count(".") == 2
+
+
 @lru_cache(maxsize=256)
 def unchecked(token: str) -> Unchecked | None:
     """None for what is no token of that kind. Asked several times for each call, hence the cache."""
-    if token.count(".") != 2 or len(token) > MOST_CHARACTERS:
+    if not may_be_signed(token):
         return None
     try:
-        header = jwt.get_unverified_header(token)
-        claims = jwt.decode(token, options={"verify_signature": False}, algorithms=list(ALGORITHMS))
+        read = jwt.decode_complete(token, options={"verify_signature": False})
     except (PyJWTError, ValueError, RecursionError):
         return None
-    issuer, key_id = claims.get("iss"), header.get("kid", "")
+    issuer, key_id = read["payload"].get("iss"), read["header"].get("kid", "")
     return Unchecked(token, issuer, key_id) if isinstance(issuer, str) and isinstance(key_id, str) else None
 
 
@@ -101,11 +111,12 @@ def checked(said: Unchecked, issuer: Issuer, keys: Keys) -> Checked:
         raise keys_unavailable() from None
     if key is None:
         raise credentials_invalid()
+    checked_with, algorithms = key.checks(issuer.algorithms)
     try:
         claims: Mapping[str, Any] = jwt.decode(
             said.token,
-            key,
-            algorithms=list(issuer.algorithms),
+            checked_with,
+            algorithms=algorithms,
             audience=list(issuer.audience),
             issuer=issuer.issuer,
             leeway=issuer.leeway_s,
@@ -115,7 +126,7 @@ def checked(said: Unchecked, issuer: Issuer, keys: Keys) -> Checked:
         raise credentials_expired() from None
     except InvalidAudienceError:
         raise credentials_not_for_us(", ".join(issuer.audience)) from None
-    except (PyJWTError, ValueError, TypeError):
+    except (PyJWTError, ValueError, TypeError, OverflowError):
         raise credentials_invalid() from None
     tenant = claims.get(issuer.tenant_claim)
     if not isinstance(tenant, str) or not tenant:

@@ -4,31 +4,27 @@ from __future__ import annotations
 
 import json
 import logging
-import ssl
 import threading
 import time
-from collections.abc import Callable, Mapping
+from collections.abc import Callable
 from concurrent.futures import Future
-from http.client import HTTPException
 from pathlib import Path
-from typing import Any, Protocol, TypeAlias
+from typing import Protocol
 
-from jwt import PyJWK, PyJWKClient
-from jwt.exceptions import PyJWTError
-
-from motiongen_server.identity.issuers import KeySource, check_url
+from motiongen_server.identity.issuers import KeySource
+from motiongen_server.identity.key_fetch import WITHIN_S, fetched
+from motiongen_server.identity.key_set import Key, KeysById, find_key, keys_of
 from motiongen_server.identity.tls import check_authorities
 from motiongen_server.identity.watched import Watched
 
 _log = logging.getLogger(__name__)
 
-FETCH_TIMEOUT_S = 5.0
+GIVE_UP_S = 2 * WITHIN_S
+"""After which a fetch has failed, whatever its thread waits for: another may be begun."""
 RETRY_S = 10.0
 """Least time between two fetches: tokens of made-up keys cannot have the issuer asked more often."""
 MOST_WAITING = 64
 """Calls that may wait for one fetch; more are decided by what is known."""
-
-KeysById: TypeAlias = dict[str, PyJWK]
 
 
 class KeysUnavailable(Exception):
@@ -38,7 +34,7 @@ class KeysUnavailable(Exception):
 class Keys(Protocol):
     """An issuer's public keys at present. key_id: "" where a token names none."""
 
-    def find(self, key_id: str) -> PyJWK | None:
+    def find(self, key_id: str) -> Key | None:
         """The key of that name; without one, the only key there is. Raises KeysUnavailable."""
 
     def wanted(self, key_id: str) -> Future[None] | None:
@@ -53,16 +49,23 @@ class FileKeys:
 
     def __init__(self, path: str) -> None:
         """Raises ValueError, and OSError where it cannot be read."""
-        self._watched = Watched(f"keys {path}", [path], lambda: keys_of(json.loads(Path(path).read_bytes())))
+        self._watched = Watched(f"keys {path}", [path], lambda: _read(path))
 
-    def find(self, key_id: str) -> PyJWK | None:
-        return _find(self._watched.value, key_id)
+    def find(self, key_id: str) -> Key | None:
+        return find_key(self._watched.value, key_id)
 
     def wanted(self, key_id: str) -> None:
         return None
 
     def look(self) -> None:
         self._watched.look()
+
+
+def _read(path: str) -> KeysById:
+    try:
+        return keys_of(json.loads(Path(path).read_bytes()))
+    except RecursionError as error:
+        raise ValueError(f"{path} is no set of keys; its lists lie in each other too deep") from error
 
 
 def in_thread(work: Callable[[], None]) -> None:
@@ -89,22 +92,22 @@ class FetchedKeys:
         self._keys: KeysById | None = None
         self._fetched_at = 0.0
         self._tried_at: float | None = None
-        self._under_way: Future[None] | None = None
+        self._under_way: Future[None] | None = None  # since `_tried_at`
         self._num_waiting = 0
         self._is_failing = False
 
-    def find(self, key_id: str) -> PyJWK | None:
+    def find(self, key_id: str) -> Key | None:
         age_s = self._clock() - self._fetched_at
         if self._keys is None or age_s > self._source.refresh_s + self._source.stale_s:
             raise KeysUnavailable(self._source.place)
-        found = _find(self._keys, key_id)
+        found = find_key(self._keys, key_id)
         if found is None and self._is_failing:  # it may be a new one, of which nothing has been heard
             raise KeysUnavailable(self._source.place)
         return found
 
     def wanted(self, key_id: str) -> Future[None] | None:
         with self._lock:
-            if not self._is_due() and _find(self._keys or {}, key_id) is not None:
+            if not self._is_due() and find_key(self._keys or {}, key_id) is not None:
                 return None
             under_way = self._ask()
             if under_way is None or self._num_waiting >= MOST_WAITING:
@@ -122,31 +125,50 @@ class FetchedKeys:
 
     def _ask(self) -> Future[None] | None:
         """The fetch that is under way, begun now unless the last was just before."""
-        if self._under_way is not None:
-            return self._under_way
         now = self._clock()
+        if self._under_way is not None:
+            if self._tried_at is None or now - self._tried_at < GIVE_UP_S:
+                return self._under_way
+            self._end(self._under_way, None, TimeoutError(f"nothing came in {GIVE_UP_S:g} s"))
         if self._tried_at is not None and now - self._tried_at < RETRY_S:
             return None
         self._tried_at, self._num_waiting = now, 0
         under_way = self._under_way = Future[None]()
-        self._begin(lambda: self._renew(under_way))
+        try:
+            self._begin(lambda: self._renew(under_way))
+        except Exception as error:  # there is no thread left
+            self._end(under_way, None, error)
         return under_way
 
     def _renew(self, under_way: Future[None]) -> None:
+        keys: KeysById | None = None
+        failure: Exception | None = None
         try:
             keys = self._fetch()
-        except (OSError, ValueError) as error:
+        except Exception as error:  # whatever it is: it must not be the last fetch, and the keys that were hold
+            failure = error
+        with self._lock:
+            self._end(under_way, keys, failure)
+
+    def _end(self, under_way: Future[None], keys: KeysById | None, failure: Exception | None) -> None:
+        """A fetch is over, unless it was given up before."""
+        if self._under_way is not under_way:
+            return
+        self._under_way = None
+        if keys is None:
             if not self._is_failing:
                 _log.error("keys of %s cannot be fetched, those that were hold for a while: %s",
-                           self._source.place, error)  # fmt: skip
+                           self._source.place, _in_words(failure))  # fmt: skip
             self._is_failing = True
         else:
             if self._is_failing or self._keys is None or keys.keys() != self._keys.keys():
                 _log.info("keys of %s: %s", self._source.place, ", ".join(sorted(keys)) or "none")
             self._keys, self._fetched_at, self._is_failing = keys, self._clock(), False
-        finally:
-            self._under_way = None
-            under_way.set_result(None)
+        under_way.set_result(None)
+
+
+def _in_words(failure: Exception | None) -> str:
+    return str(failure) if isinstance(failure, OSError | ValueError) else repr(failure)
 
 
 class KeyRings:
@@ -165,47 +187,3 @@ class KeyRings:
             found = FetchedKeys(source, begin=self._begin) if source.is_url else FileKeys(source.place)
             self._keys[source] = found
         return found
-
-
-def keys_of(document: object) -> KeysById:
-    """The keys of a JSON Web Key Set (RFC 7517) that tokens may be signed with. Raises ValueError where it is none."""
-    keys = document.get("keys") if isinstance(document, Mapping) else None
-    if not isinstance(keys, list):
-        raise ValueError("it is no set of keys; it must be an object with a list of `keys` (RFC 7517)")
-    found: KeysById = {}
-    for key in keys:
-        # A key that is shared, or to encrypt with, must not let a token pass; one of another kind is for others.
-        if not isinstance(key, Mapping) or key.get("kty") == "oct" or key.get("use", "sig") != "sig":
-            continue
-        try:
-            found[str(key.get("kid", ""))] = PyJWK(dict(key))
-        except PyJWTError as error:
-            _log.debug("a key is passed over: %s", error)
-    return found
-
-
-def fetched(source: KeySource) -> KeysById:
-    """The keys of a source that is a URL. Raises ValueError, and OSError where it is not reached."""
-    place = source.place
-    if source.is_discovery:
-        place = str(_answer(place, source).get("jwks_uri"))
-        check_url(place, f"jwks_uri of {source.place}")
-    return keys_of(_answer(place, source))
-
-
-def _answer(url: str, source: KeySource) -> Mapping[str, Any]:
-    context = ssl.create_default_context(cafile=source.authority or None)
-    client = PyJWKClient(url, cache_jwk_set=False, timeout=FETCH_TIMEOUT_S, ssl_context=context)
-    try:
-        answer: object = client.fetch_data()
-    except (PyJWTError, HTTPException) as error:  # the latter of an answer that breaks off, or is no HTTP
-        raise ValueError(f"{url} does not answer: {error!r}") from error
-    if not isinstance(answer, Mapping):
-        raise ValueError(f"{url} answers with no object of JSON")
-    return answer
-
-
-def _find(keys: Mapping[str, PyJWK], key_id: str) -> PyJWK | None:
-    if not key_id and len(keys) == 1:
-        return next(iter(keys.values()))
-    return keys.get(key_id)

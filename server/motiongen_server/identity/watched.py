@@ -21,8 +21,8 @@ _Signature = tuple[tuple[int, int, int], ...]
 class Watched(Generic[T]):
     """What `read` makes of files. Used from any thread.
 
-    Files may be written anew or replaced one after the other: what cannot be read is logged, and what was read last
-    holds until it can be.
+    Files may be written anew or replaced one after the other: what cannot be read, for whatever reason, is logged, and
+    what was read last holds until it can be.
     """
 
     def __init__(self, what: str, paths: Sequence[str], read: Callable[[], T]) -> None:
@@ -49,7 +49,7 @@ class Watched(Generic[T]):
                 value = self._read()
                 if self._signature() != signature:
                     return False  # it was written meanwhile: the next look reads all of it
-            except (ValueError, OSError) as error:
+            except Exception as error:  # who looks lets everybody in, or watches all streams
                 self._note_failure(error)
                 return False
             self._seen, self._failed, self._told = signature, None, ""
@@ -63,9 +63,10 @@ class Watched(Generic[T]):
         except OSError:
             failed = ()
         self._retry_at = time.monotonic() + RETRY_S
-        if failed != self._failed or str(error) != self._told:
-            self._failed, self._told = failed, str(error)
-            _log.error("%s: cannot be read anew, and what was read before holds: %s", self._what, error)
+        said = str(error) if isinstance(error, OSError | ValueError) else repr(error)
+        if failed != self._failed or said != self._told:
+            self._failed, self._told = failed, said
+            _log.error("%s: cannot be read anew, and what was read before holds: %s", self._what, said)
 
     def _signature(self) -> _Signature:
         seen = (os.stat(path) for path in self._paths)

@@ -13,10 +13,12 @@ from motiongen_server.identity.callers import Callers
 from motiongen_server.rpc.budget import BYTES_A_CALL, CALL_COST
 from motiongen_server.rpc.call_context import CallContext
 from motiongen_server.rpc.call_places import CallPlaces
+from motiongen_server.rpc.check_budget import CheckBudget
 from motiongen_server.rpc.issuer_keys import keys_for
 from motiongen_server.rpc.limits import PeerLimits
 from motiongen_server.rpc.loop_time import LoopTime
 from motiongen_server.rpc.peers import Peer, Peers
+from motiongen_server.rpc.stream_errors import failed_inside
 
 Context: TypeAlias = "grpc.aio.ServicerContext[Any, Any]"
 
@@ -40,26 +42,37 @@ class CallAdmission:
         self._peers = Peers(limits, loop)
         self._places = CallPlaces(most_calls)
         self._role = role
+        self._checks = CheckBudget()
 
     async def charge(self, context: Context | CallContext) -> tuple[Peer, Caller]:
         """Find out who calls, and charge the call to its tenant, or its address where it has none or may not call.
 
         Raises StreamRefused for who may not call, and while that owes: there is nothing to be read later.
         """
-        metadata, now = context.invocation_metadata() or (), time.monotonic()
-        address = self._peers.find(context.peer(), now)
-        if self._callers.is_dear(metadata):
-            address.check_paid(now)  # signatures are checked, and keys waited for, on credit of nobody
-        await keys_for(self._callers, metadata)
-        now = time.monotonic()
+        address = self._peers.find(context.peer(), time.monotonic())
         try:
-            caller = self._callers.identify(metadata, context.auth_context(), self._role)
+            caller = await self._identify(context)
         except StreamRefused:
-            address.charge_call(CALL_COST, now)
+            address.charge_call(CALL_COST, time.monotonic())
             raise
+        except Exception as error:
+            address.charge_call(CALL_COST, time.monotonic())  # so a fault is logged no more often than calls may be
+            raise failed_inside("a call was not let in", "the call failed inside the server", error) from error
+        now = time.monotonic()
         peer = self._peers.of(caller, address, now)
         peer.charge_call(CALL_COST, now)
         return peer, caller
+
+    async def _identify(self, context: Context | CallContext) -> Caller:
+        """Who calls. A token that has to be read and checked is paid for by its connection unless it holds."""
+        metadata, give_back = context.invocation_metadata() or (), None
+        if num_characters := self._callers.num_unchecked(metadata):
+            give_back = self._checks.charge(context.peer(), num_characters)
+        await keys_for(self._callers, metadata)
+        caller = self._callers.identify(metadata, context.auth_context(), self._role)
+        if give_back is not None:
+            give_back()
+        return caller
 
     async def request(self, call: CallContext) -> tuple[Peer, bytes]:
         """The request of a call, which has a place from before it comes, and who sent it. Raises StreamRefused."""

@@ -20,6 +20,12 @@ def one_request_expected(num: str) -> StreamRefused:
     return StreamRefused(grpc.StatusCode.UNIMPLEMENTED, "ONE_REQUEST_EXPECTED", message)
 
 
+def too_many_checks(wait_s: float) -> StreamRefused:
+    """Of signed tokens, of which too many did not hold."""
+    message = f"too many tokens that came over your connection do not hold; show yours again in {wait_s:.1f} s"
+    return StreamRefused(grpc.StatusCode.RESOURCE_EXHAUSTED, "TOO_MANY_CALLS", message, retry_after_s=max(0.1, wait_s))
+
+
 def too_many_calls_open(most: int, kind: str = "") -> StreamRefused:
     """kind: of the peer whose quota it is; "": the server's own limit."""
     whose = f"your {kind} has as many calls open as it may" if kind else "there are as many calls open as there may be"

@@ -9,7 +9,8 @@ from functools import partial
 from motiongen_server.rpc.call_errors import too_many_calls_open
 
 FIRST_ONES = 2
-"""Times as many of one caller, where the connection has none yet: clients behind one proxy have one address."""
+"""Times as many of one address, where the connection has none yet: clients behind one proxy have one. A tenant's quota
+stands: it knows its clients."""
 
 
 class CallPlaces:
@@ -24,11 +25,12 @@ class CallPlaces:
         self._of_connection: Counter[str] = Counter()
 
     def take(self, name: str, connection: str, most_of_one: int, kind: str = "address") -> Callable[[], None]:
-        """A place for a call of that caller; returns what gives it back. kind: of caller, for the message.
+        """A place for a call of that caller; returns what gives it back. kind: of caller, "address" or "tenant".
 
         Raises StreamRefused where there is none.
         """
-        most = most_of_one if self._of_connection[connection] else FIRST_ONES * most_of_one
+        is_first = kind == "address" and not self._of_connection[connection]
+        most = FIRST_ONES * most_of_one if is_first else most_of_one
         if self._taken[name] >= most:
             raise too_many_calls_open(most_of_one, kind)
         if self._taken.total() >= self._most:

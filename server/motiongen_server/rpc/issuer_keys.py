@@ -5,7 +5,7 @@ from __future__ import annotations
 import asyncio
 
 from motiongen_server.identity.callers import Callers, Metadata
-from motiongen_server.identity.keys import FETCH_TIMEOUT_S
+from motiongen_server.identity.key_fetch import WITHIN_S
 
 
 async def keys_for(callers: Callers, metadata: Metadata) -> None:
@@ -15,4 +15,4 @@ async def keys_for(callers: Callers, metadata: Metadata) -> None:
     """
     wanted = callers.wanted(metadata)
     if wanted is not None:
-        await asyncio.wait({asyncio.wrap_future(wanted)}, timeout=2 * FETCH_TIMEOUT_S)
+        await asyncio.wait({asyncio.wrap_future(wanted)}, timeout=WITHIN_S)

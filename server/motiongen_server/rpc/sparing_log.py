@@ -20,6 +20,13 @@ class SparingLog:
 
     def info(self, message: str, *values: object) -> None:
         """Log it, unless something was logged just now."""
+        self._say(logging.INFO, message, values)
+
+    def error(self, message: str, *values: object, fault: Exception | None = None) -> None:
+        """The same for a fault of the server's own, with where it came from."""
+        self._say(logging.ERROR, message, values, fault)
+
+    def _say(self, level: int, message: str, values: tuple[object, ...], fault: Exception | None = None) -> None:
         now = self._clock()
         if now < self._quiet_until:
             self._left_out += 1
@@ -27,4 +34,4 @@ class SparingLog:
         self._quiet_until = now + QUIET_S
         left_out, self._left_out = self._left_out, 0
         since = f" (and {left_out} like it since the last one)" if left_out else ""
-        self._log.info(message + since, *values)
+        self._log.log(level, message + since, *values, exc_info=fault)

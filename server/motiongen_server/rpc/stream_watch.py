@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import asyncio
+import logging
 import time
 from collections.abc import Mapping
 
@@ -11,9 +12,12 @@ from motiongen_server.identity.caller import ANYBODY, CREDENTIALS_EXPIRED
 from motiongen_server.identity.callers import Callers
 from motiongen_server.rpc.goodbye import EXPIRY_NOTICE_S, say_expiring
 from motiongen_server.rpc.limits import ServiceLimits
+from motiongen_server.rpc.sparing_log import SparingLog
 from motiongen_server.rpc.stream import Stream
 from motiongen_server.rpc.stream_errors import client_silent, hello_late, reader_stuck, stream_empty
 from motiongen_server.rpc.waiting_memory import WaitingMemory, alone
+
+_log = logging.getLogger(__name__)
 
 LOOK_EVERY_S = 0.25
 
@@ -37,6 +41,7 @@ class StreamWatch:
         self._callers = callers or Callers()
         self._streams = streams
         self._timer: asyncio.TimerHandle | None = None
+        self._faults = SparingLog(_log)
 
     def begin(self) -> None:
         """A stream has begun, or a call that holds memory."""
@@ -53,7 +58,10 @@ class StreamWatch:
 
     def look(self, now: float) -> None:
         """End the streams that are due at `now`, in monotonic seconds."""
-        self._callers.look()
+        try:
+            self._callers.look()
+        except Exception as error:  # else no stream would be watched, nor the memory of all
+            self._faults.error("files of tenants and keys could not be looked at", fault=error)
         for stream in [stream for stream in self._streams.values() if stream.refusal is None]:
             with alone(stream):
                 self._look_at(stream, now)

@@ -62,7 +62,8 @@ class Issuer:
         now = int(time.time())
         usual = {"iss": NAME, "aud": "motiongen", "iat": now, "exp": now + LIFE_S, "tenant": "studio"}
         said = {name: value for name, value in {**usual, **claims}.items() if value is not None}
-        return jwt.encode(said, private_key(algorithm, key), algorithm, {"kid": key})
+        signed_with = private_key(self.keys.get(key, algorithm), key)  # one of RSA signs by any algorithm of that
+        return jwt.encode(said, signed_with, algorithm, {"kid": key})
 
     @contextmanager
     def served(self, tls: ssl.SSLContext | None = None) -> Iterator[None]:

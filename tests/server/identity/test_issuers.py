@@ -4,14 +4,19 @@ from __future__ import annotations
 
 import time
 from collections.abc import Iterator
+from typing import NoReturn
 
 import grpc
 import grpc.aio
 import pytest
 
-from motiongen.v1 import service_pb2
+from motiongen.v1 import service_pb2, service_pb2_grpc
+from motiongen_server.identity import callers
+from motiongen_server.identity.jwt_tokens import unchecked
+from motiongen_server.identity.tokens import new_token
+from motiongen_server.rpc import check_budget
 from motiongen_server.rpc.limits import PeerLimits, ServiceLimits
-from tests.server.identity.files import TenantsFile
+from tests.server.identity.files import TenantsFile, bearer
 from tests.server.identity.issuer import Issuer
 from tests.server.identity.test_streams import connected
 from tests.server.rpc.test_stream_watch import end_of
@@ -85,21 +90,60 @@ async def test_while_no_keys_came_yet_calls_are_told_to_come_again(
         assert (await line.catalog(issuer.token())).models
 
 
-async def test_forged_tokens_are_not_even_checked_where_their_address_owes(
+async def test_signed_tokens_that_are_new_are_let_in_whatever_others_of_their_address_owe(
     tenants: TenantsFile, issuer: Issuer
 ) -> None:
     quota = "issuers = ['corp']\nquota = { calls_per_second = 100 }"
     tenants.write(issuer.entry(f"{issuer.url}/jwks", tenant=quota))
-    good, forged = issuer.token(), Issuer(first="RS256").token("first", "RS256")
-    async with connected(tenants, ServiceLimits(peer=PeerLimits(calls_per_second=0.1))) as line:
+    async with connected(tenants, ServiceLimits(peer=PeerLimits(calls_per_second=1e-6))) as line:
+        for number in range(5):
+            for wrong in ("nonsense", new_token()[0], Issuer(first="RS256").token("first", "RS256")):
+                with pytest.raises(grpc.aio.AioRpcError) as refused:
+                    await line.catalog(wrong)
+                assert refused.value.code() in (grpc.StatusCode.UNAUTHENTICATED, grpc.StatusCode.RESOURCE_EXHAUSTED)
+            assert (await line.catalog(issuer.token(number=number))).models
+
+
+async def test_forged_tokens_are_not_even_read_where_their_connection_owes_for_others(
+    tenants: TenantsFile, issuer: Issuer, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr(check_budget, "CHECKS_PER_SECOND", 1e-6)
+    read: list[str] = []
+    monkeypatch.setattr(callers, "unchecked", lambda token: read.append(token) or unchecked(token))
+    good, other = issuer.token(), issuer.token(number=2)
+    async with connected(tenants) as line, line.beside() as another:
         assert (await line.catalog(good)).models
-        codes = []
-        for _ in range(3):
+        read.clear()
+        for number in range(3):
             with pytest.raises(grpc.aio.AioRpcError) as refused:
-                await line.catalog(forged)
-            codes.append(refused.value.code().name)
-        assert codes == ["UNAUTHENTICATED", "RESOURCE_EXHAUSTED", "RESOURCE_EXHAUSTED"]
+                await line.catalog(Issuer(first="RS256").token("first", "RS256", number=number))
+            asked = (refused.value.code(), "do not hold" in str(refused.value.details()))
+            assert asked == (
+                (grpc.StatusCode.RESOURCE_EXHAUSTED, True) if number else (grpc.StatusCode.UNAUTHENTICATED, False)
+            )
+        assert len(set(read)) == 1
         assert (await line.catalog(good)).models, "which was checked before"
+        assert (await another.catalog(other)).models, "which came over a connection of its own"
+
+
+async def test_a_fault_of_the_servers_own_is_told_by_a_number_alone(
+    tenants: TenantsFile, monkeypatch: pytest.MonkeyPatch, caplog: pytest.LogCaptureFixture
+) -> None:
+    token = tenants.one()
+
+    def fail(*_: object) -> NoReturn:
+        raise TypeError("unhashable type: 'list'")
+
+    async with connected(tenants) as line:
+        monkeypatch.setattr(callers.Callers, "identify", fail)
+        with pytest.raises(grpc.aio.AioRpcError) as unary:
+            await line.catalog(token)
+        call = service_pb2_grpc.MotionServiceStub(line.channel).StreamMotion(metadata=bearer(token))
+        for code, details in ((unary.value.code(), unary.value.details()), (await call.code(), await call.details())):
+            assert code is grpc.StatusCode.INTERNAL
+            assert "error id" in str(details)
+            assert "unhashable" not in str(details)
+            assert str(details).rpartition(" ")[2] in caplog.text
 
 
 async def test_a_key_that_is_withdrawn_ends_the_streams_it_let_in(tenants: TenantsFile, issuer: Issuer) -> None:

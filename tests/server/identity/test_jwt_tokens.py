@@ -7,6 +7,7 @@ import json
 import time
 from dataclasses import replace
 from pathlib import Path
+from typing import NoReturn
 
 import jwt
 import pytest
@@ -56,9 +57,35 @@ def test_an_algorithm_that_is_not_allowed_is_refused(issuer: Issuer, callers: Ca
     assert refusal(callers, issuer.token("fourth", "PS256")).reason == "CREDENTIALS_INVALID"
 
 
-def unsigned(algorithm: str) -> str:
-    parts = ({"alg": algorithm, "kid": "first"}, {"iss": NAME, "aud": "motiongen", "exp": 9e9, "tenant": "studio"})
+def unsigned(algorithm: str, key: str = "first") -> str:
+    parts = ({"alg": algorithm, "kid": key}, {"iss": NAME, "aud": "motiongen", "exp": 9e9, "tenant": "studio"})
     return ".".join(base64.urlsafe_b64encode(json.dumps(part).encode()).decode().rstrip("=") for part in parts) + "."
+
+
+@pytest.mark.parametrize(
+    ("key", "algorithm"),
+    [("second", "RS256"), ("second", "RS512"), ("fourth", "PS256"), ("first", "ES256"), ("third", "EdDSA")],
+)
+def test_a_key_that_names_no_algorithm_is_for_those_of_its_kind_that_are_allowed(
+    issuer: Issuer, tenants: TenantsFile, tmp_path: Path, key: str, algorithm: str
+) -> None:
+    document = issuer.document()
+    for told in document["keys"]:
+        del told["alg"]
+    (tmp_path / "keys.json").write_text(json.dumps(document))
+    entry = issuer.entry(str(tmp_path / "keys.json"))
+    tenants.wall = time.time()
+    tenants.write(entry.replace("'RS256'", "'RS256', 'RS512', 'PS256'"))
+    token = issuer.token(key, algorithm)
+    assert tenants.callers().identify(bearer(token), {}).tenant == "studio"
+    for forged in (unsigned(name, key) for name in ("none", "HS256", algorithm)):
+        assert refusal(tenants.callers(), forged).reason == "CREDENTIALS_INVALID"
+    head = base64.urlsafe_b64encode(json.dumps({"alg": "RS256" if key == "first" else "ES256", "kid": key}).encode())
+    other = f"{head.decode().rstrip('=')}.{token.partition('.')[2]}"
+    assert refusal(tenants.callers(), other).reason == "CREDENTIALS_INVALID", "of another kind of key"
+    tenants.write(entry.replace(f"'{algorithm}'", "'ES384'"))
+    if algorithm != "RS512":
+        assert refusal(tenants.callers(), token).reason == "CREDENTIALS_INVALID", "it is not allowed"
 
 
 @pytest.mark.parametrize("algorithm", ["none", "None", "HS256", "ES256"])
@@ -133,7 +160,11 @@ def test_a_key_that_is_taken_back_ends_what_it_let_in(issuer: Issuer, callers: C
     assert refusal(callers, issuer.token()).reason == "CREDENTIALS_INVALID"
 
 
-def test_a_token_is_checked_once_until_keys_are_read_anew(
+def refuse_to_read(_token: str) -> NoReturn:
+    raise AssertionError("it is known, and must not be read again")
+
+
+def test_a_token_is_checked_once_until_its_key_is_another(
     issuer: Issuer, callers: Callers, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     checks = []
@@ -144,14 +175,22 @@ def test_a_token_is_checked_once_until_keys_are_read_anew(
 
     monkeypatch.setattr("motiongen_server.identity.jwt_tokens.checked", noted)
     token = issuer.token()
-    assert callers.is_dear(bearer(token))
+    assert callers.num_unchecked(bearer(token)) == len(token)
     for _ in range(5):
         assert callers.identify(bearer(token), {}).tenant == "studio"
-    assert (len(checks), callers.is_dear(bearer(token)), callers.is_dear(bearer("mg_1"))) == (1, False, False)
-    (tmp_path / "keys.json").write_text(json.dumps(issuer.document(), indent=1))
+    assert (len(checks), callers.num_unchecked(bearer(token)), callers.num_unchecked(bearer("mg_1"))) == (1, 0, 0)
+    monkeypatch.setattr("motiongen_server.identity.callers.unchecked", refuse_to_read)
+    (tmp_path / "keys.json").write_text(json.dumps(issuer.document(), indent=1))  # the same keys once more
     callers.look()
+    assert callers.num_unchecked(bearer(token)) == 0
     assert callers.identify(bearer(token), {}).tenant == "studio"
-    assert len(checks) == 2
+    assert len(checks) == 1
+    changed = issuer.document()
+    changed["keys"][0] = {**Issuer(other="ES256").document()["keys"][0], "kid": "first"}
+    (tmp_path / "keys.json").write_text(json.dumps(changed))
+    callers.look()
+    assert callers.num_unchecked(bearer(token)) == len(token)
+    assert refusal(callers, token).reason == "CREDENTIALS_INVALID"
 
 
 def test_so_many_checks_are_remembered(issuer: Issuer, tmp_path: Path) -> None:

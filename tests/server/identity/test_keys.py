@@ -4,27 +4,22 @@ from __future__ import annotations
 
 import json
 import logging
-import ssl
+import time
 from collections.abc import Callable
 from concurrent.futures import Future
-from http.client import IncompleteRead
 from pathlib import Path
+from typing import NoReturn
 
 import pytest
-from jwt import PyJWKClient
 
-from motiongen_server.identity.issuers import DISCOVERY, KeySource
-from motiongen_server.identity.keys import (
-    MOST_WAITING,
-    RETRY_S,
-    FetchedKeys,
-    KeyRings,
-    KeysUnavailable,
-    fetched,
-    keys_of,
-)
-from tests.server.identity.files import AUTHORITY, CERTIFICATES
+from motiongen_server.identity.issuers import KeySource
+from motiongen_server.identity.key_set import keys_of
+from motiongen_server.identity.keys import GIVE_UP_S, MOST_WAITING, RETRY_S, FetchedKeys, KeyRings, KeysUnavailable
+from motiongen_server.identity.tokens import new_token
+from tests.server.identity.files import TenantsFile, bearer
 from tests.server.identity.issuer import Issuer
+
+ODD_KEY = {"kty": "RSA", "kid": "a", "n": "AQAB", "e": "AQAB", "alg": ["RS256"]}
 
 
 class Clock:
@@ -160,29 +155,6 @@ def test_what_is_no_set_of_keys_is_said_to_be_none(document: object) -> None:
         keys_of(document)
 
 
-def test_they_are_fetched_from_a_real_server_also_by_discovery() -> None:
-    issuer = Issuer(first="ES256")
-    with issuer.served():
-        assert list(fetched(KeySource(f"{issuer.url}/jwks"))) == ["first"]
-        assert list(fetched(KeySource(issuer.url + DISCOVERY, is_discovery=True))) == ["first"]
-        issuer.is_down = True
-        with pytest.raises(ValueError, match="503"):
-            fetched(KeySource(f"{issuer.url}/jwks"))
-    with pytest.raises(ValueError, match="refused"):
-        fetched(KeySource(f"{issuer.url}/jwks"))
-
-
-def test_by_https_they_come_only_from_who_proves_itself() -> None:
-    issuer = Issuer(first="ES256")
-    context = ssl.SSLContext(ssl.PROTOCOL_TLS_SERVER)
-    context.load_cert_chain(CERTIFICATES / "server-1.pem", CERTIFICATES / "server-1.key")
-    with issuer.served(context):
-        assert list(fetched(KeySource(f"{issuer.url}/jwks", authority=AUTHORITY))) == ["first"]
-        for authority in ("", str(CERTIFICATES / "stranger-authority.pem")):
-            with pytest.raises(ValueError, match="CERTIFICATE_VERIFY_FAILED"):
-                fetched(KeySource(f"{issuer.url}/jwks", authority=authority))
-
-
 def test_an_authority_must_be_there(tmp_path: Path) -> None:
     with pytest.raises(OSError, match="No such file"):
         KeyRings().of(KeySource("https://login.example/jwks", authority=str(tmp_path / "nowhere")))
@@ -201,14 +173,84 @@ def test_a_file_of_keys_must_be_there_and_be_one(tmp_path: Path) -> None:
     assert rings.of(KeySource(str(path))) is rings.of(KeySource(str(path)))
 
 
-@pytest.mark.parametrize("answer", [[], "keys", IncompleteRead(b"{")])
-def test_an_answer_that_is_none_is_a_fetch_that_failed(answer: object, monkeypatch: pytest.MonkeyPatch) -> None:
-    def fetch_data(_client: PyJWKClient) -> object:
-        if isinstance(answer, Exception):
-            raise answer
-        return answer
+def test_a_key_that_is_none_is_passed_over_and_told(caplog: pytest.LogCaptureFixture) -> None:
+    document = Issuer(good="ES256").document()
+    odd = [{"kty": ["RSA"], "kid": "b"}, {"kty": "RSA", "n": 5, "e": "AQAB"}]
+    document["keys"] = [ODD_KEY, *odd, *document["keys"], {"kty": "EC", "crv": [], "x": {}, "y": 1, "kid": {}}]
+    assert list(keys_of(document)) == ["good"]
+    told = [line.message for line in caplog.records if line.levelno >= logging.WARNING]
+    assert len(told) == 1
+    assert "'a'" in told[0]
 
-    monkeypatch.setattr(PyJWKClient, "fetch_data", fetch_data)
-    for is_discovery in (False, True):
-        with pytest.raises(ValueError, match=r"login\.example"):
-            fetched(KeySource("https://login.example/jwks", is_discovery=is_discovery))
+
+def test_a_file_that_gets_an_odd_key_lets_in_whom_it_has_let_in(
+    tmp_path: Path, tenants: TenantsFile, caplog: pytest.LogCaptureFixture
+) -> None:
+    issuer, path = Issuer(first="ES256"), tmp_path / "keys.json"
+    path.write_text(json.dumps(issuer.document()))
+    tenants.wall = time.time()
+    own, kept = new_token()
+    more = f"tokens = [{{ hash = '{kept}' }}]"
+    tenants.write(issuer.entry(str(path), tenant=f"issuers = ['corp']\n{more}"))
+    callers = tenants.callers()
+    for text in (json.dumps({"keys": [ODD_KEY, *issuer.document()["keys"]]}), "[" * 100_000):
+        path.write_text(text)
+        for _ in range(20):
+            assert callers.identify(bearer(own), {}).tenant == "studio"
+            assert callers.identify(bearer(issuer.token()), {}).tenant == "studio"
+    assert len([line for line in caplog.records if line.levelno >= logging.WARNING]) == 2
+    path.write_text("[" * 100_000)
+    with pytest.raises(ValueError, match="too deep"):
+        KeyRings().of(KeySource(str(path)))
+
+
+def test_whatever_a_fetch_raises_the_next_is_begun_and_the_keys_that_were_hold(
+    clock: Clock, caplog: pytest.LogCaptureFixture
+) -> None:
+    clock.keys.look()
+    clock.work()
+    for _ in range(3):
+        clock.now += 301
+        clock.issuer.keys["odd"] = "no algorithm"  # a KeyError, in the fetch
+        clock.keys.look()
+        clock.work()
+        assert clock.knows("first")
+    assert len(caplog.messages) == 1
+    del clock.issuer.keys["odd"]
+    clock.issuer.keys["third"] = "ES256"
+    clock.now += 301
+    clock.keys.look()
+    clock.work()
+    assert clock.knows("third")
+
+
+def test_without_a_thread_a_fetch_has_failed_and_is_tried_again(clock: Clock, monkeypatch: pytest.MonkeyPatch) -> None:
+    def no_thread(_work: Callable[[], None]) -> NoReturn:
+        raise RuntimeError("can't start new thread")
+
+    with monkeypatch.context() as patched:
+        patched.setattr(clock.keys, "_begin", no_thread)
+        waiting = clock.keys.wanted("first")
+        assert waiting is not None
+        assert waiting.done()
+    clock.now += RETRY_S
+    clock.keys.look()
+    clock.work()
+    assert clock.knows("first")
+
+
+def test_a_fetch_that_does_not_end_is_given_up_and_what_it_brings_then_is_nothing(clock: Clock) -> None:
+    first = clock.keys.wanted("first")
+    assert first is not None
+    (late,) = clock.waiting
+    clock.waiting.clear()
+    clock.now += GIVE_UP_S - 1
+    assert clock.keys.wanted("first") is first
+    clock.now += 1
+    assert clock.keys.wanted("first") is not first
+    assert first.done()
+    clock.work()
+    assert clock.knows("first")
+    clock.issuer.keys = {"second": "ES256"}
+    late()
+    assert clock.knows("first")

@@ -33,6 +33,14 @@ class Line:
     """A channel to a server, for callers with tokens."""
 
     channel: grpc.aio.Channel
+    address: str
+
+    @asynccontextmanager
+    async def beside(self) -> AsyncIterator[Line]:
+        """One from the same address over a connection of its own."""
+        options = [("grpc.use_local_subchannel_pool", 1)]
+        async with grpc.aio.insecure_channel(self.address, options=options) as channel:
+            yield Line(channel, self.address)
 
     async def catalog(self, token: str = "") -> service_pb2.GetCatalogResponse:
         stub = service_pb2_grpc.MotionServiceStub(self.channel)
@@ -52,7 +60,7 @@ async def connected(tenants: TenantsFile, limits: ServiceLimits | None = None) -
         LocalServer(callers=tenants.callers(), service_limits=limits) as server,
         grpc.aio.insecure_channel(server.address) as channel,
     ):
-        yield Line(channel)
+        yield Line(channel, server.address)
 
 
 async def test_calls_without_a_token_that_is_known_are_refused(tenants: TenantsFile) -> None:

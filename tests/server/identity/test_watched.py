@@ -35,3 +35,25 @@ def test_what_could_not_be_read_for_another_file_is_read_once_that_is_there(
     named.write_text("keys")
     assert files.look()
     assert files.value == "names another, again keys"
+
+
+def test_whatever_reading_raises_what_was_read_before_holds_and_it_is_told_once(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, caplog: pytest.LogCaptureFixture
+) -> None:
+    path = tmp_path / "keys.json"
+    path.write_text("good")
+
+    def read() -> str:
+        if path.read_text() != "odd":
+            return path.read_text()
+        raise TypeError("unhashable type: 'list'")
+
+    monkeypatch.setattr(watched, "RETRY_S", -1.0)  # each look tries it again
+    files = Watched("keys", [str(path)], read)
+    path.write_text("odd")
+    assert not any(files.look() for _ in range(5))
+    assert files.value == "good"
+    assert len(caplog.messages) == 1
+    path.write_text("mended")
+    assert files.look()
+    assert files.value == "mended"

@@ -32,6 +32,16 @@ def test_a_connection_that_has_none_gets_one_though_others_of_its_address_have_a
     places.take("two", "two:1", 3)
 
 
+def test_a_tenant_has_no_more_than_its_quota_over_however_many_connections() -> None:
+    places = CallPlaces(100)
+    for number in range(4):
+        places.take("tenant:a", f"ipv4:10.0.0.1:{number}", 4, "tenant")
+    for number in range(9):
+        with pytest.raises(StreamRefused, match="your tenant has as many calls open as it may, 4"):
+            places.take("tenant:a", f"ipv4:10.0.0.1:{number}", 4, "tenant")
+    places.take("ipv4:10.0.0.1", "ipv4:10.0.0.1:1", 4)
+
+
 def test_there_are_so_many_for_all_and_nothing_is_kept_of_those_that_are_over() -> None:
     places = CallPlaces(2)
     first, second = places.take("one", "one:1", 9), places.take("two", "two:1", 9)

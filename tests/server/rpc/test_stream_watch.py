@@ -6,6 +6,7 @@ import asyncio
 import time
 from collections.abc import AsyncIterator
 from contextlib import asynccontextmanager
+from typing import NoReturn
 
 import grpc
 import grpc.aio
@@ -17,6 +18,7 @@ from grpc_status import rpc_status
 from motiongen.v1 import motion_pb2, service_pb2, service_pb2_grpc, session_pb2
 from motiongen_compliance.talk import Talk
 from motiongen_server.engine.types import Chunk, Code, SessionKey
+from motiongen_server.identity.callers import Callers
 from motiongen_server.rpc.handlers import SERVICE_NAME
 from motiongen_server.rpc.limits import PeerLimits, ServiceLimits
 from motiongen_server.rpc.stream import Stream
@@ -168,6 +170,23 @@ async def test_memory_is_taken_back_from_those_that_hold_most() -> None:
     StreamWatch(ServiceLimits(max_waiting_bytes=most), streams).look(time.monotonic())
     assert [number for number, stream in streams.items() if stream.refusal is not None] == [400, 500]
     assert sum(stream.num_waiting_bytes for stream in streams.values()) <= most
+
+
+async def test_streams_and_memory_are_watched_though_files_cannot_be_looked_at(
+    monkeypatch: pytest.MonkeyPatch, caplog: pytest.LogCaptureFixture
+) -> None:
+    def fail(_callers: Callers) -> NoReturn:
+        raise TypeError("unhashable type: 'list'")
+
+    monkeypatch.setattr(Callers, "look", fail)
+    stuck, greedy, now = holding(10), holding(500), time.monotonic()
+    stuck.writing_since = now
+    limits = ServiceLimits(stuck_timeout_s=30.0, max_waiting_bytes=greedy.num_waiting_bytes // 2)
+    watch = StreamWatch(limits, {stream.number: stream for stream in (stuck, greedy)})
+    for seconds in range(29, 33):
+        watch.look(now + seconds)
+    assert [stream.refusal is not None for stream in (stuck, greedy)] == [True, True]
+    assert len(caplog.messages) == 1, "it is told once in ten seconds, not four times a second"
 
 
 async def test_a_client_that_takes_nothing_for_long_loses_its_stream() -> None:

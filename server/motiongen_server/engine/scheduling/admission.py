@@ -5,8 +5,8 @@ plays them at the least. That, or the measured load where it is greater, counts.
 at once besides, so that a rush is let in as fast as those who play can bear. What edits of other owners take beyond
 these owners' parts of the machine does not count: it gives way. Clips take what sessions leave, and are only counted.
 
-Threads: `reserve`, `release` and `refusal_of` from any, and `free_share`; the rest from the engine's. What is handed out
-is no longer changed here.
+Threads: `reserve`, `release`, `refusal_of` and `free_share` from any, the rest from the engine's. What is handed out is
+no longer changed here.
 """
 
 from __future__ import annotations

@@ -79,6 +79,7 @@ class Scheduler:
         self._queues: tuple[list[tuple[float, int]], ...] = tuple([] for _ in range(_BACKGROUND + 1))
         self._evaluations = [0 for _ in self._queues]
         self._played: list[tuple[float, int]] = []
+        self._played_steps: Counter[int] = Counter()  # how many windows of those have so many steps
         self._cap = self._limits.max_evaluations  # of the step that was last given out
         self._owed: OwedRows[int] = OwedRows()
         self._owners = OwnerShares()
@@ -104,6 +105,7 @@ class Scheduler:
         insort(self._queues[place], held.dueness)
         if held.is_played:
             insort(self._played, held.urgency)
+            self._played_steps[held.job.num_steps] += 1
         self._owners.add(held)
         self._evaluations[place] += held.passes
 
@@ -113,6 +115,9 @@ class Scheduler:
         del queue[bisect_left(queue, held.dueness)]
         if held.is_played:
             del self._played[bisect_left(self._played, held.urgency)]
+            self._played_steps[held.job.num_steps] -= 1
+            if not self._played_steps[held.job.num_steps]:
+                del self._played_steps[held.job.num_steps]
         self._owners.remove(held)
         self._evaluations[place] -= held.passes
 
@@ -162,13 +167,17 @@ class Scheduler:
         """Windows whose frames clients are about to run out of, in order of class and deadline."""
         step_s = self.costs.step.seconds(self.largest_step)
         window_s = self.costs.prepare.seconds(1) + self.costs.decode.seconds(1)
+        # Who runs out later than a window of the most steps would be endangered need not be looked at, nor who comes
+        # after; but one of few steps may well come before one of many that is endangered, and is not.
+        most_s = window_s + step_s * max(self._played_steps, default=0)
         endangered = []
         for runs_out_at, job_id in self._played:
-            held = self._jobs[job_id]
-            left_s = window_s + step_s * (held.job.num_steps - held.steps_done)
-            if runs_out_at - now > self._endangered_times * left_s:
+            time_s = (runs_out_at - now) / self._endangered_times
+            if time_s > most_s:
                 break
-            endangered.append(held)
+            held = self._jobs[job_id]
+            if time_s <= window_s + step_s * (held.job.num_steps - held.steps_done):
+                endangered.append(held)
         return sorted(endangered, key=ScheduledJob.rank)
 
     def gathers(self, priority: Priority) -> bool:

@@ -20,7 +20,8 @@ def run(engine: Engine) -> BaseException | None:
                 report = engine.step()
             if engine.observe is not None:
                 engine.observe(report)
-            if not report.rows:
+            # Where no window of a step could be made, others may wait for the next one.
+            if not report.rows and not report.queue_waits:
                 engine.wait()
         engine.end_drained()
     except Exception as error:

@@ -46,6 +46,7 @@ class RunningWindows:
         self.quotas = StepQuotas()
         self._now = clock.now
         self._owners: dict[int, SessionState] = {}
+        self._charged: dict[int, tuple[WindowJob, float]] = {}  # of those that wait for their first step
         self._replans: dict[int, tuple[WindowJob, float]] = {}  # of those under way
         self._begun_replans: list[tuple[WindowJob, float]] = []
         self._job_ids = itertools.count(1)
@@ -104,7 +105,7 @@ class RunningWindows:
             state.spec.priority, planning.deadline(state, now), planning.num_steps_due(state, now), self._passes
         )
         job = planning.next_window(state, now, predicted_s * self._lease.stretch, next(self._job_ids))
-        self.quotas.charge(job.owner, job.num_steps, now)
+        self._charged[job.job_id] = job, self.quotas.charge(job.owner, job.num_steps, now)
         self._owners[job.job_id] = state
         self._executor.add(job)
         if job.cause is not PlanCause.CONTINUE and not job.background:
@@ -112,6 +113,9 @@ class RunningWindows:
             self._begun_replans.append(replan)
 
     def _begin_elsewhere(self, job_id: int, left_s: float) -> WindowJob | None:
+        """The runner takes a window: what it was charged is spent. See `planning.begin_elsewhere`."""
+        job, _ = self._charged.pop(job_id)
+        self.quotas.note_begun(job.owner, job.num_steps)
         return planning.begin_elsewhere(self._owners[job_id], self._now(), left_s * self._lease.stretch)
 
     def take_replans(self) -> list[tuple[WindowJob, float]]:
@@ -168,6 +172,9 @@ class RunningWindows:
         if job_id in self._replans:
             job, share = self._replans.pop(job_id)
             self._begun_replans.append((job, -share))
+        if job_id in self._charged:
+            job, charged = self._charged.pop(job_id)
+            self.quotas.give_back(job.owner, charged)
         self._executor.discard(job_id)
 
 

@@ -62,15 +62,20 @@ class SessionEvents:
         return events.cut(state, event, self._windows.features, now, report)
 
     def _change(self, state: SessionState, event: SetOptions) -> list[Output]:
-        """Give a session other options, where there is room for what they ask."""
-        changed = event.changed(state.spec)
-        refusal = self._admission.change(state.spec, changed)
+        """Give a session other options, where there is room for what they ask.
+
+        It stays on its level of service: one that is made to stand does not go on because of them. In another class it
+        gets what newcomers get there, but stands where others do that stood before it came.
+        """
+        before, changed = state.spec, event.changed(state.spec)
+        refusal = self._admission.change(before, changed)
         if refusal is not None:
             return [refusal.outcome(event.session, event.event_seq)]
         self._sessions.leave_class(state)
         change_options(state, changed)
         self._sessions.join_class(state)
-        return [
-            Outcome(event.session, event.event_seq, Code.OK),
-            *state.set_tier(self._load_monitor.level(changed.priority).of_newcomers),
-        ]
+        said: list[Output] = [Outcome(event.session, event.event_seq, Code.OK)]
+        if changed.priority is not before.priority:
+            level = self._load_monitor.level(changed.priority)
+            said += state.set_tier(level if state.level.hold and level.hold else level.of_newcomers)
+        return said

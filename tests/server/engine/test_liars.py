@@ -52,6 +52,27 @@ def test_a_playhead_that_lies_costs_others_nothing(lie: Lie) -> None:
         assert liar.buffered_to <= 20 * 20 * 1.05 + 2 * liar.lookahead + 60, "real time, and a look-ahead"
 
 
+def test_a_jump_behind_a_pause_costs_others_nothing() -> None:
+    """Each plays for a moment, pauses for two seconds, and goes on at the end of what it holds; they take turns."""
+    stage = Stage(EngineConfig(admit_load=(1000.0, 1000.0, 1000.0, 1000.0)))
+    stage.runner.step_s = lambda rows: 0.012 + 0.0004 * rows
+    honest = [stage.open(handle, seed=handle, priority=Priority.CROWD) for handle in range(1, 11)]
+    jumping = [stage.open(handle, seed=handle, priority=Priority.CROWD) for handle in range(11, 71)]
+    stage.silent.update(viewer.key for viewer in jumping)
+    stage.run(2.0)
+    for moment in range(250):
+        for number, viewer in enumerate(jumping):
+            turn = (moment + number) % 50
+            if turn == 8:
+                stage.pause(viewer, True)
+            elif turn == 48:
+                stage.pause(viewer, False)
+                stage.engine.submit(viewer.lie(viewer.buffered_to, stage.clock.now() + 1e-4))
+        stage.run(0.05)
+    assert not any(isinstance(output, ServiceLevel) for output in stage.outputs), "nobody is given less"
+    assert sum(viewer.underruns for viewer in honest) == 0
+
+
 def test_a_playhead_that_stands_while_it_plays_holds_no_place_for_ever() -> None:
     stage = Stage(EngineConfig(idle_timeout_s=10.0))
     standing, playing, paused = (stage.open(handle, priority=Priority.NEAR) for handle in (1, 2, 3))

@@ -95,6 +95,23 @@ def test_the_thread_serves_and_ends() -> None:
     assert sum(report.frames_sent for report in reports) > 0
 
 
+def test_an_engine_does_not_sleep_where_none_of_a_steps_windows_could_be_made_and_others_wait() -> None:
+    stage, (lost, served) = crowd(2, EngineConfig(max_rows=1))
+    stage.runner.fails = lambda call, job_ids: call == "prepare" and 1 in job_ids
+    left: list[int] = []
+
+    def wait() -> None:
+        left.append(len(stage.engine.windows))
+        stage.engine.stop()
+
+    stage.engine.wait = wait  # type: ignore[method-assign]
+    assert loop.run(stage.engine) is None
+    assert left == [0], "it sleeps once nothing is left to do"
+    assert lost.closed is not None
+    assert lost.closed.reason is CloseReason.ENGINE_FAULT
+    assert served.buffered_to == 40
+
+
 def test_an_idle_engine_sleeps() -> None:
     stage, (viewer,) = crowd(1)
     stage.silent.add(viewer.key)

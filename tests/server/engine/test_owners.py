@@ -1,5 +1,7 @@
 """Owners in virtual time: whoever overloads the machine, others keep their share, and quotas hold."""
 
+from dataclasses import replace
+
 import pytest
 
 from motiongen_server.engine.config import EngineConfig
@@ -56,6 +58,42 @@ def test_replans_wait_for_their_owners_quota_and_frames_do_not() -> None:
     assert steps_held <= 60 * (15 + 1)
 
 
+def test_a_window_that_edits_begin_anew_before_its_first_step_is_charged_once() -> None:
+    """Heroes of others take every step, and each edit that comes meanwhile takes the place of the one before."""
+    owner = Owner("studio", steps_per_s=100.0)
+    stage = Stage(replace(EVERYBODY, max_rows=4))
+    stage.runner.step_s = lambda rows: 0.03
+    viewer = stage.open(1, priority=Priority.BATCH, owner=owner)
+    heroes = [stage.open(n, seed=n, priority=Priority.HERO, owner=LARGE) for n in range(2, 18)]
+    stage.run(3.0)
+    for marker in range(100):
+        stage.set_prompts(viewer, prompt(marker))
+        for hero in heroes if marker % 3 == 0 else ():
+            stage.set_prompts(hero, prompt(marker))
+        stage.run(0.03)
+    stage.run(5.0)
+    mine = {job.job_id for job in stage.runner.prepared if job.session == viewer.key}
+    charged = sum(steps for report in stage.reports for _, steps in report.quota_steps)
+    assert charged == 4 * len(mine)
+    begun = {job.job_id for job in stage.runner.prepared}
+    assert len(set(stage.runner.discarded) - begun) > 20, "many never began"
+
+
+def test_no_more_windows_wait_than_their_owner_has_steps_for() -> None:
+    """All sessions of an owner, which stand, are told something at once; it has saved up steps for ten windows."""
+    stage = Stage(EVERYBODY)
+    viewers = [stage.open(n, seed=n, owner=Owner("studio", steps_per_s=40.0)) for n in range(1, 61)]
+    stage.run(1.0)
+    for viewer in viewers:
+        stage.pause(viewer, True)
+    stage.run(5.0)
+    for viewer in viewers:
+        stage.set_prompts(viewer, prompt(1))
+    assert not stage.engine.windows.owners
+    stage.engine.step()
+    assert len(stage.engine.windows.owners) == 10
+
+
 def _steered_at(stages: list[Stage], owner: Owner, seconds: float) -> list[int]:
     """Six heroes at each of these engines, edited as fast as they may be; the steps that each engine did.
 
@@ -80,9 +118,12 @@ def _steered_at(stages: list[Stage], owner: Owner, seconds: float) -> list[int]:
 
 def test_a_quota_is_that_of_all_engines_together_and_one_alone_may_use_it() -> None:
     owner, seconds = Owner("studio", steps_per_s=100.0), 20.0
-    (alone,) = _steered_at([Stage(EVERYBODY)], owner, seconds)
+    stage = Stage(EVERYBODY)
+    began_at = stage.clock.now()
+    (alone,) = _steered_at([stage], owner, seconds)
+    lived_s = stage.clock.now() - began_at
     together = _steered_at([Stage(EVERYBODY) for _ in range(3)], owner, seconds)
-    assert 100 * seconds * 0.9 < alone <= 100 * (seconds + 1)
+    assert 100 * seconds * 0.9 < alone <= 100 * (lived_s + 1)
     # What each saves up at first, for a second; from then on the quota, and no engine is left out.
     assert 100 * seconds * 0.9 < sum(together) <= 100 * (seconds + 3)
     assert min(together) > 0.2 * sum(together)

@@ -5,7 +5,8 @@ plays them at the least. That, or the measured load where it is greater, counts.
 at once besides, so that a rush is let in as fast as those who play can bear. What edits of other owners take beyond
 these owners' parts of the machine does not count: it gives way. Clips take what sessions leave, and are only counted.
 
-Threads: `reserve` and `release` from any, the rest from the engine's.
+Threads: `reserve`, `release`, `refusal_of` and `free_share` from any, the rest from the engine's. What is handed out is
+no longer changed here.
 """
 
 from __future__ import annotations
@@ -211,7 +212,7 @@ class Admission:
     def take_refused(self) -> Counter[Code]:
         """How many were refused since this was last asked, by answer."""
         if not self._refused:
-            return self._refused
+            return Counter()  # not the one that other threads go on counting with, for it is read without the lock
         with self._lock:
             refused, self._refused = self._refused, Counter()
             return refused

@@ -4,7 +4,8 @@ Frames that a client would run out of come before anything that only changes fra
 frames end soon is taken first, whatever its class and whatever it was begun for. Then classes go in order of priority,
 but each has a share of all rows reserved: while jobs of a class are left over, it gets a row at the latest when it is
 owed a whole one, so that no class starves. Within a class those that have begun go first, then the earliest deadline.
-Owners have shares of the same kind (`owner_shares`).
+Owners have shares of the same kind (`owner_shares`). Jobs in the background are behind all classes, whatever class they
+have themselves, and have a share like one: nobody waits for them, and none of them waits for ever.
 
 Preparing and decoding cost little more for several windows than for one. So newcomers gather: where the windows of
 their class that are under way will soon be done, or these and those of more urgent classes, they wait for them, and
@@ -40,6 +41,8 @@ _ENDANGERED, _ENDANGERED_UNDER_QUOTA = 2.0, 4.0
 # have some under way: of these some may at all times be soon done.
 DEFAULT_GATHER_S = 0.12
 _BEHIND_OTHERS = 0.5
+# The place of the background, behind those of all classes.
+_BACKGROUND = len(Priority)
 
 
 class Scheduler:
@@ -47,8 +50,9 @@ class Scheduler:
 
     max_rows, max_evaluations: of one step. max_step_s: a step is not made larger than what this time allows, so that
     whoever comes meanwhile need not wait longer; background_step_s: the same for a step that has jobs in the background
-    only; shares: of all rows, reserved for each class, most urgent first; gather_s: how long newcomers wait for others
-    of their class at most. under_quota: of processor time, without which all calls stand still.
+    only; shares: of all rows, reserved for each class, most urgent first, and the last of them for the background too;
+    gather_s: how long newcomers wait for others of their class at most. under_quota: of processor time, without which
+    all calls stand still.
     """
 
     def __init__(
@@ -67,16 +71,17 @@ class Scheduler:
         self._max_rows = max_rows
         self._limits = StepLimits(costs, max_rows, max_evaluations or 3 * max_rows, max_step_s)
         self._background_step_s = background_step_s
-        self._shares = dict(zip(Priority, shares, strict=True))
+        self._shares = dict(enumerate((*shares, shares[-1])))
         self._gather_s = gather_s
         self._endangered_times = _ENDANGERED_UNDER_QUOTA if under_quota else _ENDANGERED
         self._jobs: dict[int, ScheduledJob] = {}
-        self._queues: tuple[list[tuple[float, int]], ...] = tuple([] for _ in Priority)
+        # Of each class, and after them of the background: numbers of places in these are what `_place` says.
+        self._queues: tuple[list[tuple[float, int]], ...] = tuple([] for _ in range(_BACKGROUND + 1))
+        self._evaluations = [0 for _ in self._queues]
         self._played: list[tuple[float, int]] = []
-        self._evaluations = [0 for _ in Priority]
-        self._background = 0  # evaluations of those
+        self._played_steps: Counter[int] = Counter()  # how many windows of those have so many steps
         self._cap = self._limits.max_evaluations  # of the step that was last given out
-        self._owed: OwedRows[Priority] = OwedRows()
+        self._owed: OwedRows[int] = OwedRows()
         self._owners = OwnerShares()
 
     def __len__(self) -> int:
@@ -96,23 +101,25 @@ class Scheduler:
         self._file(held)
 
     def _file(self, held: ScheduledJob) -> None:
-        job = held.job
-        insort(self._queues[job.priority - 1], held.dueness)
+        place = _place(held.job)
+        insort(self._queues[place], held.dueness)
         if held.is_played:
             insort(self._played, held.urgency)
+            self._played_steps[held.job.num_steps] += 1
         self._owners.add(held)
-        self._evaluations[job.priority - 1] += held.passes
-        self._background += held.passes if job.background else 0
+        self._evaluations[place] += held.passes
 
     def _unfile(self, held: ScheduledJob) -> None:
-        job = held.job
-        queue = self._queues[job.priority - 1]
+        place = _place(held.job)
+        queue = self._queues[place]
         del queue[bisect_left(queue, held.dueness)]
         if held.is_played:
             del self._played[bisect_left(self._played, held.urgency)]
+            self._played_steps[held.job.num_steps] -= 1
+            if not self._played_steps[held.job.num_steps]:
+                del self._played_steps[held.job.num_steps]
         self._owners.remove(held)
-        self._evaluations[job.priority - 1] -= held.passes
-        self._background -= held.passes if job.background else 0
+        self._evaluations[place] -= held.passes
 
     def schedule(self, now: float) -> list[ScheduledJob]:
         """The jobs of the next step, most urgent first."""
@@ -136,7 +143,7 @@ class Scheduler:
             if held.job.background:
                 room_s = self._background_room_s(chosen.values(), evaluations) if room_s is None else room_s
                 if chosen and step_s > room_s:
-                    break
+                    break  # all behind it are in the background, too
             allowed_s = self._allowed_step_s(held, now)
             if step_s <= allowed_s < budget_s:  # else it is late whatever is done, and nobody need make room for it
                 budget_s, budget_of = allowed_s, held.job.priority
@@ -146,32 +153,41 @@ class Scheduler:
     def _candidates(self, now: float) -> Iterator[ScheduledJob]:
         """Who may be in the next step, in the order in which they are taken; some come twice."""
         yield from self._endangered(now)
-        for priority in Priority:
-            gathers = self.gathers(priority)
-            yield from (held for held in self._of_class(priority) if held.prepared or not gathers)
+        for place, queue in enumerate(self._queues):
+            if queue:
+                gathers = self._gathers(place)
+                yield from (held for held in self._at(place) if held.prepared or not gathers)
 
-    def _of_class(self, priority: Priority) -> list[ScheduledJob]:
-        """Those that have begun, then the others, each in order of deadline."""
-        held = (self._jobs[job_id] for _, job_id in self._queues[priority - 1])
+    def _at(self, place: int) -> list[ScheduledJob]:
+        """Those of a class, or of the background: that have begun, then the others, each in order of deadline."""
+        held = (self._jobs[job_id] for _, job_id in self._queues[place])
         return sorted(held, key=lambda one: not one.prepared)
 
     def _endangered(self, now: float) -> list[ScheduledJob]:
         """Windows whose frames clients are about to run out of, in order of class and deadline."""
         step_s = self.costs.step.seconds(self.largest_step)
         window_s = self.costs.prepare.seconds(1) + self.costs.decode.seconds(1)
+        # Who runs out later than a window of the most steps would be endangered need not be looked at, nor who comes
+        # after; but one of few steps may well come before one of many that is endangered, and is not.
+        most_s = window_s + step_s * max(self._played_steps, default=0)
         endangered = []
         for runs_out_at, job_id in self._played:
-            held = self._jobs[job_id]
-            left_s = window_s + step_s * (held.job.num_steps - held.steps_done)
-            if runs_out_at - now > self._endangered_times * left_s:
+            time_s = (runs_out_at - now) / self._endangered_times
+            if time_s > most_s:
                 break
-            endangered.append(held)
+            held = self._jobs[job_id]
+            if time_s <= window_s + step_s * (held.job.num_steps - held.steps_done):
+                endangered.append(held)
         return sorted(endangered, key=ScheduledJob.rank)
 
     def gathers(self, priority: Priority) -> bool:
         """Whether newcomers of a class wait for windows, of it or of more urgent ones too, that will soon be done."""
+        return self._gathers(priority - 1)
+
+    def _gathers(self, place: int) -> bool:
         begun = [
-            [held for _, job_id in queue if (held := self._jobs[job_id]).prepared] for queue in self._queues[:priority]
+            [held for _, job_id in queue if (held := self._jobs[job_id]).prepared]
+            for queue in self._queues[: place + 1]
         ]
         own, ahead = begun[-1], list(chain.from_iterable(begun))
         return self._are_done_in(own, self._gather_s) or self._are_done_in(ahead, _BEHIND_OTHERS * self._gather_s)
@@ -195,10 +211,10 @@ class Scheduler:
         return inf
 
     def _reserved(self, most: int, strained: bool) -> dict[int, ScheduledJob]:
-        """The jobs that classes, then owners, must have in this step, of so many evaluations at most."""
+        """The jobs that classes and the background, then owners, must have in this step, of so many evaluations."""
         chosen: dict[int, ScheduledJob] = {}
         evaluations = 0
-        of_classes = (held for priority, rows in self._owed.whole() for held in self._of_class(priority)[:rows])
+        of_classes = (held for place, rows in self._owed.whole() for held in self._at(place)[:rows])
         for held in chain(of_classes, self._of_owners() if strained else ()):
             if held.job.job_id in chosen:
                 continue
@@ -217,8 +233,8 @@ class Scheduler:
 
     def _commit_rows(self, chosen: dict[int, ScheduledJob], strained: bool) -> list[ScheduledJob]:
         """Keep the books of what is owed, and give out the rows in order of class and deadline."""
-        taken = Counter(held.job.priority for held in chosen.values())
-        waiting = [each for each, queue in zip(Priority, self._queues, strict=True) if len(queue) > taken[each]]
+        taken = Counter(_place(held.job) for held in chosen.values())
+        waiting = [place for place, queue in enumerate(self._queues) if len(queue) > taken[place]]
         self._owed.settle(len(chosen), self._shares, taken, waiting)
         self._owners.settle(chosen.values(), strained)
         return sorted(chosen.values(), key=ScheduledJob.rank)
@@ -229,7 +245,7 @@ class Scheduler:
         return self._limits.most_evaluations(strained=True)
 
     def _strained(self, now: float) -> bool:
-        held = (self._jobs[job_id] for queue in self._queues for _, job_id in queue)
+        held = (self._jobs[job_id] for queue in self._queues[:_BACKGROUND] for _, job_id in queue)
         return self._limits.are_strained(held, now)
 
     def _allowed_step_s(self, held: ScheduledJob, now: float) -> float:
@@ -254,14 +270,19 @@ class Scheduler:
         if queue:
             ahead += in_class * bisect_left(queue, (deadline, 0)) // len(queue)
         cap = self._limits.most_evaluations(strained=False)
-        evaluations = min(sum(self._evaluations) - self._background + passes, cap)
+        evaluations = min(sum(self._evaluations[:_BACKGROUND]) + passes, cap)
         rows = min(len(self._jobs) + 1, self._max_rows)
         rounds = ceil(num_steps * max(1.0, ahead / cap))
         return self.costs.window_s(num_steps, rounds, evaluations, rows)
 
     def left_s(self, held: ScheduledJob) -> float:
-        foreground = max(held.passes, sum(self._evaluations) - self._background)
+        foreground = max(held.passes, sum(self._evaluations[:_BACKGROUND]))
         each = foreground / len(self._jobs)
         rows = max(1, min(len(self._jobs), self._max_rows, int(self._cap / each)))
         num_steps = held.job.num_steps
         return self.costs.window_s(num_steps, num_steps - held.steps_done, ceil(rows * each), rows)
+
+
+def _place(job: WindowJob) -> int:
+    """Where a job waits."""
+    return _BACKGROUND if job.background else job.priority - 1

@@ -1,10 +1,12 @@
 """StepQuotas: owners that may have so many rows of denoising steps a second, and what they have had.
 
 Steps are saved up for a second. Windows of frames that a client would run out of are charged and never wait, so an
-owner may overdraw by a second too; its replans and clips wait until it has steps again.
+owner may overdraw by a second too; its replans and clips wait until it has steps again. A window is charged when it is
+started, before it waits for its turn, so that not more of them wait than there are steps for; one that is let go of
+before its first step took none, and what it was charged is given back.
 
-A quota is that of all engines together: each counts for itself, tells what its windows took, and is told what those of
-the others did. A session on one engine alone may use all of it.
+A quota is that of all engines together: each counts for itself, tells what the windows take that begin, and is told
+what those of the others did. A session on one engine alone may use all of it.
 """
 
 from __future__ import annotations
@@ -51,18 +53,32 @@ class StepQuotas:
         self._elsewhere.append(taken)
 
     def take_taken(self, now: float) -> StepsOf:
-        """What windows here took since the last call, of owners that have a quota. Called in every round."""
+        """What windows take that began here since the last call, of owners that have a quota. Called in every round."""
         self._charge_elsewhere(now)
         taken = tuple(self._taken.items())
         self._taken.clear()
         return taken
 
-    def charge(self, owner: Owner, steps: int, now: float) -> None:
-        """A window of so many steps begins for one of its sessions."""
+    def charge(self, owner: Owner, steps: int, now: float) -> float:
+        """A window of so many steps is started for one of its sessions. Returns what it was charged: the rest it owed
+        already, as much as anybody may."""
+        if not isfinite(owner.steps_per_s):
+            return 0.0
+        account = self._account(owner, now)
+        before = account.left
+        account.left = max(before - steps, min(before, -_SAVED_S * owner.steps_per_s))
+        return before - account.left
+
+    def give_back(self, owner: Owner, charged: float) -> None:
+        """The window that was charged so much will not take its first step."""
+        account = self._accounts.get(owner.name)
+        if account is not None:  # else it was full, and has been forgotten
+            account.left += charged  # beyond what may be saved up only until it is looked at
+
+    def note_begun(self, owner: Owner, steps: int) -> None:
+        """A window of so many steps begins: the other engines are to know."""
         if isfinite(owner.steps_per_s):
             self._taken[owner] += steps
-            account = self._account(owner, now)
-            account.left = max(account.left - steps, min(account.left, -_SAVED_S * owner.steps_per_s))
 
     def ready_at(self, owner: Owner, now: float) -> float:
         """When a window that can wait may begin: now, or when the owner has a step again."""

@@ -46,8 +46,9 @@ class PlaybackClock:
     What a client says need not be true, so three things are told apart. `reported` is its newest report; no frame
     before it is replaced. `credited` is how far it may have come who plays at `rate` times the frame rate, and may once
     be `slack` frames ahead of that: frames are sent from there on, not from the estimate, so that a silent client gets
-    a lookahead of frames and no more, and so does one that jumps ahead. `paced` is where it is who has not jumped:
-    deadlines are counted from there, because what a jump makes late the machine is not late with.
+    a lookahead of frames and no more, and so does one that jumps ahead. `paced` is where it is who has not jumped, and
+    who stands while paused: deadlines are counted from there, because what a jump makes late the machine is not late
+    with.
     """
 
     fps: int
@@ -59,7 +60,7 @@ class PlaybackClock:
     credited: int = 0
     anchor_frame: float = 0.0
     anchor_at: float = 0.0
-    _allowance: float = math.inf  # frames by which `credited` may rise at once, as of anchor_at
+    _allowance: float = math.inf  # frames by which `credited` may rise at once, as of _paced_at
     _paced_frame: float = 0.0
     _paced_at: float = 0.0
 
@@ -91,11 +92,10 @@ class PlaybackClock:
             return
         frame = min(frame, sent_to)
         if self.started:
-            self._paced_frame = min(self._paced_to(at), float(frame))
-            self._allowance = min(self.slack, self._allowance + max(0.0, at - self._paced_at) * self.fps * self.rate)
+            self._keep_pace(float(frame), at)
         else:
             self._paced_frame, self._allowance = float(min(frame, START_FRAMES)), self.slack
-        self._paced_at = max(at, self._paced_at)
+            self._paced_at = max(at, self._paced_at)
         step = min(max(0, frame - self.credited), math.floor(min(self._allowance, frame)))
         self._allowance -= step
         self.credited += step
@@ -109,7 +109,15 @@ class PlaybackClock:
         return min(self.estimate(now, sent_to), self._paced_to(now))
 
     def _paced_to(self, now: float) -> float:
+        if self.state is not PlayState.PLAYING:
+            return self._paced_frame
         return self._paced_frame + max(0.0, now - self._paced_at) * self.fps * PACE
+
+    def _keep_pace(self, frame: float, at: float) -> None:
+        """Count pace and allowance on from here. frame: the one shown, or believed to be."""
+        self._paced_frame = min(self._paced_to(at), frame)
+        self._allowance = min(self.slack, self._allowance + max(0.0, at - self._paced_at) * self.fps * self.rate)
+        self._paced_at = max(at, self._paced_at)
 
     def go_on(self, frame: int, at: float) -> None:
         """The client shows this frame, as it says itself, and no clock here has followed it there."""
@@ -120,8 +128,11 @@ class PlaybackClock:
         self.started = True
 
     def set_state(self, state: PlayState, at: float, sent_to: int) -> None:
-        self.anchor_frame = self.estimate(at, sent_to)
-        self.anchor_at = at
+        """The client plays or stands from now on. What it could have played meanwhile it has not, while it stood."""
+        frame = self.estimate(at, sent_to)
+        if self.started:
+            self._keep_pace(frame, at)
+        self.anchor_frame, self.anchor_at = frame, at
         self.state = state
 
     def resume_from(self, sent_to: int, now: float) -> None:

@@ -84,6 +84,17 @@ def test_a_refusal_says_when_to_come_back_and_what_is_allowed() -> None:
     assert not admission.take_refused()
 
 
+def test_refusals_that_were_told_of_are_no_longer_counted_there() -> None:
+    admission = Admission(FACTS, EngineConfig(max_sessions=1))
+    assert admission.reserve(spec(SessionKey(1, 1)), 1) is None
+    told = [admission.take_refused()]
+    for number in range(2, 5):  # from another thread, while what was told is still read
+        assert admission.reserve(spec(SessionKey(1, number)), 1) is not None
+        assert not told[0]
+    told += [admission.take_refused(), admission.take_refused()]
+    assert told == [{}, {Code.RESOURCE_EXHAUSTED: 3}, {}]
+
+
 def test_what_is_free_falls_to_nothing_as_sessions_come_in() -> None:
     admission = _admission()
     assert admission.free_share == 1.0

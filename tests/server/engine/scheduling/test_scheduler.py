@@ -84,6 +84,20 @@ def test_they_come_earlier_where_the_processor_may_stand_still(under_quota: bool
     assert (9 in next_ids(scheduler)) is under_quota
 
 
+@pytest.mark.parametrize("longest_left", [True, False])
+def test_a_long_window_is_in_danger_sooner_than_a_short_one_that_is_due_before_it(longest_left: bool) -> None:
+    # 40 steps of 0.02 s take 0.8 s: in danger from twice that on. The short ones before it take 0.04 s.
+    short = [replace(_going_on(number, CROWD, 1.4), num_steps=2) for number in range(10, 13)]
+    long = replace(_going_on(9, CROWD, 1.5), num_steps=40)
+    scheduler = scheduler_of(4, *[_edit(number, HERO, 0.05) for number in range(4)], *short, long)
+    if not longest_left:
+        scheduler.remove(9)
+        scheduler.add(replace(long, num_steps=2), 1)
+    chosen = next_ids(scheduler)
+    assert (9 in chosen) is longest_left
+    assert not {10, 11, 12} & set(chosen)
+
+
 def test_an_edit_of_the_crowd_never_passes_a_hero() -> None:
     heroes = [_edit(number, HERO, 0.05) for number in range(4)]
     assert next_ids(scheduler_of(4, *heroes, _edit(9, CROWD, 0.01))) == [0, 1, 2, 3]

@@ -24,9 +24,48 @@ def test_no_owner_owes_more_than_a_second() -> None:
     assert quotas.ready_at(STUDIO, 0.0) == 41 / 40
 
 
+def test_a_window_that_never_begins_has_cost_what_it_is_given_back() -> None:
+    quotas = StepQuotas()
+    for _ in range(1000):
+        quotas.give_back(STUDIO, quotas.charge(STUDIO, 4, 0.0))
+    assert quotas.take_taken(0.0) == ()
+    quotas.charge(STUDIO, 39, 0.0)
+    assert quotas.ready_at(STUDIO, 0.0) == 0.0, "one of 40 is left"
+    quotas.charge(STUDIO, 4, 0.0)
+    assert quotas.ready_at(STUDIO, 0.0) == 4 / 40
+    quotas.note_begun(STUDIO, 4)
+    assert quotas.take_taken(0.0) == ((STUDIO, 4),)
+
+
+def test_what_nobody_was_charged_is_not_given_back() -> None:
+    quotas = StepQuotas()
+    charged = [quotas.charge(STUDIO, 4, 0.0) for _ in range(100)]
+    assert sum(charged) == 80, "what was saved up, and what anybody may owe"
+    for each in charged[20:]:
+        quotas.give_back(STUDIO, each)
+    assert quotas.ready_at(STUDIO, 0.0) == 41 / 40
+
+
+def test_no_more_than_a_seconds_steps_are_saved_up_by_what_is_given_back() -> None:
+    quotas = StepQuotas()
+    charged = quotas.charge(STUDIO, 40, 0.0)
+    assert quotas.ready_at(STUDIO, 10.0) == 10.0
+    quotas.give_back(STUDIO, charged)
+    quotas.charge(STUDIO, 40, 10.0)
+    assert quotas.ready_at(STUDIO, 10.0) == 10.0 + 1 / 40
+
+
+def test_what_is_given_back_to_an_owner_that_was_forgotten_is_saved_up_already() -> None:
+    quotas = StepQuotas()
+    quotas.give_back(STUDIO, 4.0)
+    assert quotas.num_accounts == 0
+
+
 def test_without_a_quota_nothing_is_kept_and_nobody_waits() -> None:
     quotas = StepQuotas()
-    quotas.charge(NOBODY, 1_000_000, 0.0)
+    assert quotas.charge(NOBODY, 1_000_000, 0.0) == 0.0
+    quotas.note_begun(NOBODY, 1_000_000)
+    assert quotas.take_taken(0.0) == ()
     assert quotas.ready_at(NOBODY, 0.0) == 0.0
     assert quotas.num_accounts == 0
 

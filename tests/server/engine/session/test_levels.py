@@ -6,9 +6,10 @@ import numpy as np
 import pytest
 
 from motiongen_server.engine.scheduling.levels import FULL, Level
+from motiongen_server.engine.scheduling.load_monitor import LoadMonitor
 from motiongen_server.engine.session import planning
 from motiongen_server.engine.session.state import SessionState
-from motiongen_server.engine.types import Code, Guidance, PlanCause, ServiceLevel, ServiceTier, Waypoint
+from motiongen_server.engine.types import Code, Guidance, PlanCause, Priority, ServiceLevel, ServiceTier, Waypoint
 from tests.server.engine.fakes import SPEED
 from tests.server.engine.session.playing import playing_state
 from tests.server.engine.stage import Stage, prompt
@@ -131,6 +132,36 @@ def test_a_session_opened_while_others_hold_gets_its_first_window() -> None:
     stage.engine.sessions[viewer.key].set_tier(HOLD)
     stage.run(1.0)
     assert viewer.buffered_to >= 40
+
+
+@pytest.mark.parametrize("options", [{"lookahead": 40}, {"denoise_steps": 2}, {"priority": Priority.NEAR}])
+def test_options_do_not_end_a_hold(options: dict[str, object]) -> None:
+    stage, viewer, state = playing_state()
+    _hold(stage, state, 5.0)
+    windows = len(stage.runner.prepared)
+    seq = stage.set_options(viewer, **options)
+    stage.run(5.0)
+    assert viewer.outcomes[seq].code is Code.OK
+    assert state.level is HOLD
+    assert len(stage.runner.prepared) == windows
+    assert viewer.levels == [], "nothing has changed for it"
+
+
+@pytest.mark.parametrize("holds_there", [True, False])
+def test_in_another_class_a_session_stands_only_where_others_do(
+    holds_there: bool, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    stage, viewer, state = playing_state()
+    _hold(stage, state, 5.0)
+    fewer = Level(ServiceTier.FEWER_STEPS, steps=3)
+    part = Level(ServiceTier.HOLD, hold=True, held_share=0.5, others=fewer)
+    monkeypatch.setattr(LoadMonitor, "level", lambda self, priority: part if holds_there else fewer)
+    stage.set_options(viewer, priority=Priority.CROWD)
+    stage.run(0.1)
+    assert state.level is (part if holds_there else fewer)
+    stage.set_options(viewer, priority=Priority.BATCH)
+    stage.run(0.1)
+    assert state.level is (part if holds_there else fewer)
 
 
 def test_nothing_is_held_for_a_client_that_stands_or_is_silent() -> None:

@@ -128,3 +128,31 @@ def test_an_honest_client_has_all_its_credit_and_its_pace() -> None:
 
 def test_a_client_that_may_play_faster_does() -> None:
     assert credit_of(10, lambda quarter, sent_to: 10 * quarter, rate=2.0).credited == 390
+
+
+@pytest.mark.parametrize("paused_s", [0.0, 2.0, 30.0])
+@pytest.mark.parametrize("jumps", ["while it stands", "once it goes on"])
+def test_a_pause_makes_no_jump_a_pace(paused_s: float, jumps: str) -> None:
+    clock = PlaybackClock(20, slack=SLACK)
+    for quarter in range(5):
+        clock.report(5 * quarter, quarter / 4, 60)
+    clock.set_state(PlayState.PAUSED, 1.0, 60)
+    if jumps == "while it stands":
+        clock.report(60, 1.0 + paused_s, 60)
+    clock.set_state(PlayState.PLAYING, 1.0 + paused_s, 60)
+    clock.report(60, 1.1 + paused_s, 60)
+    assert clock.estimate(1.1 + paused_s, 60) == 60
+    assert clock.paced(1.1 + paused_s, 60) == pytest.approx(20 + 0.1 * 20 * 1.05), "where it is who has not jumped"
+
+
+def test_a_client_that_pauses_has_all_its_credit_and_its_pace() -> None:
+    clock, sent_to = PlaybackClock(20, slack=SLACK), SLACK
+    clock.report(0, 0.0, sent_to)
+    for quarter in range(1, 240):
+        at = quarter / 4
+        for state in (PlayState.PAUSED, PlayState.PLAYING):
+            clock.set_state(state, at - 0.01, sent_to)
+        clock.report(5 * quarter, at, sent_to)
+        assert clock.credited == clock.reported == 5 * quarter
+        assert clock.paced(at + 0.2, 10**6) == pytest.approx(clock.estimate(at + 0.2, 10**6))
+        sent_to = clock.credited + SLACK

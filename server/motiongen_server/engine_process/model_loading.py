@@ -178,7 +178,7 @@ def build_engine(
     lease = (device or Device()).lease()
     try:
         stopwatch = clock if lease.quota is None else ProcessorClock(lease.quota)
-        measured = profile(InTurns(runner, lease), stopwatch, config.max_rows, history_frames, config.profile_s)
+        measured = profile(runner, stopwatch, config.max_rows, history_frames, config.profile_s, lease)
         engine_config = EngineConfig(
             max_sessions=config.max_sessions,
             max_rows=measured.max_rows,

@@ -1,4 +1,4 @@
-"""What an engine process measures itself by, under a quota of processor time."""
+"""What an engine process measures itself by: a quota of processor time, and calls beside other engines."""
 
 from __future__ import annotations
 
@@ -8,6 +8,7 @@ from collections.abc import Callable
 
 import pytest
 
+from motiongen_server.config import parse_config
 from motiongen_server.engine.config import EngineConfig
 from motiongen_server.engine.scheduling.costs import CostTable
 from motiongen_server.engine.scheduling.device import Device
@@ -15,7 +16,8 @@ from motiongen_server.engine.scheduling.quota_share import QuotaAccount
 from motiongen_server.engine.scheduling.scheduler import Scheduler
 from motiongen_server.engine.types import Priority, ServiceTier
 from motiongen_server.engine_process import model_loading
-from motiongen_server.engine_process.model_loading import admit_loads, quota_account
+from motiongen_server.engine_process.model_loading import admit_loads, build_engine, quota_account
+from tests.server.engine.fakes import FakeClock, FakeRunner
 from tests.server.engine.stage import Stage
 
 
@@ -60,7 +62,7 @@ def test_an_engine_of_many_threads_serves_as_many_in_full_as_it_lets_in(
     account = account_of(monkeypatch, threads, float(threads), lambda: threads * busy_s)
     costs = CostTable.assumed(0.0)
     for rows in (1, 2, 4, 8, 16, 32, 64):
-        costs.step.observe(rows, step_s(rows))
+        costs.step.begin(rows, step_s(rows))
     scheduler = Scheduler(costs, 64, max_step_s=0.035, under_quota=True)
     stage = Stage(EngineConfig(admit_load=admit_loads(0.9)), scheduler=scheduler, lease=Device(account).lease())
     stage.runner.step_s = step
@@ -73,3 +75,28 @@ def test_an_engine_of_many_threads_serves_as_many_in_full_as_it_lets_in(
     assert busy_s > 0.5 * 15.0
     assert stage.engine.num_sessions > 120
     assert set(tiers) == {ServiceTier.FULL}
+
+
+class BusyDevice(Device):
+    """One on which another engine takes a step of 30 ms before each turn."""
+
+    def __init__(self, quota: QuotaAccount, clock: FakeClock) -> None:
+        super().__init__(quota)
+        self._clock = clock
+
+    def take(self) -> float:
+        waited_s = super().take()
+        self._clock.advance(0.03)
+        return waited_s
+
+
+def test_a_model_that_is_loaded_beside_one_at_work_is_not_measured_with_its_waits() -> None:
+    runner = FakeRunner(FakeClock())
+    runner.step_s = lambda rows: 0.001 + 0.0003 * rows
+    account = QuotaAccount(1.0, 1, runner.clock.now, runner.clock.now)
+    config = parse_config(["--max-rows", "8"])
+    engine = build_engine(
+        config, runner, lambda outputs: None, lambda report: None, None, BusyDevice(account, runner.clock)
+    )
+    assert engine.windows.prices().step_s == pytest.approx(0.0003 + 0.001 / 8, rel=0.01)
+    assert engine.windows.prices().window_s == pytest.approx(0.0, abs=1e-6)

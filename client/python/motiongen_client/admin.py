@@ -25,8 +25,8 @@ class ModelStatus:
     """One model as the server holds it.
 
     model_id: "" while it is loaded for the first time; source: what it was loaded from; state: loading, serving,
-    unloading or failed; sessions: those that are open; load: share of the machine in use, 1 being all of it; message:
-    why it failed.
+    unloading or failed; sessions: those that are open; load: share of the machine spoken for, 1 being all of it;
+    message: why it failed.
     """
 
     model_id: str

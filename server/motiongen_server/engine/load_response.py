@@ -63,5 +63,5 @@ class LoadResponse:
 
     def describe(self, report: StepReport) -> None:
         """Note how loaded the machine is and what is given to whom."""
-        report.load = self._monitor.load
+        report.load = self._monitor.spoken_for
         report.tiers = {priority: self._monitor.level(priority).tier for priority in Priority}

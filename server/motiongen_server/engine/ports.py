@@ -40,7 +40,7 @@ class Runner(Protocol):
         ...
 
     def num_passes(self, job: WindowJob) -> int:
-        """Evaluations of the denoiser that one step of this job costs, 1 to 3."""
+        """Evaluations of the denoiser that one step of this job costs, 1 to 4."""
         ...
 
     def features(self, rows: Float32Array) -> Float32Array:

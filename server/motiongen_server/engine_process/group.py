@@ -82,7 +82,7 @@ class EngineGroup:
 
     @property
     def load(self) -> float:
-        """The share in use of all devices together, as their engines see it."""
+        """The share of all devices together that is spoken for, as their engines see it."""
         return sum(process.load for process, _ in self._members) / self._num_at_work
 
     @property

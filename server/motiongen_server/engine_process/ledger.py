@@ -59,6 +59,7 @@ class Ledger:
         self._told: Counter[tuple[SessionKey, int]] = Counter()  # here, after they were sent: the engine's is dropped
         self._number = 0
         self.num_clips = 0
+        self._new: set[SessionKey] = set()  # and still here
 
     def __contains__(self, session: SessionKey) -> bool:
         """Whether a session is open, about to be, or waits for the answer to a Close."""
@@ -66,6 +67,20 @@ class Ledger:
 
     def __len__(self) -> int:
         return len(self._entries)
+
+    @property
+    def num_played(self) -> int:
+        """Sessions that are open, or about to be; clips left out."""
+        return len(self._entries) - self.num_clips
+
+    @property
+    def num_new(self) -> int:
+        """Those of them that were opened since `mark`."""
+        return len(self._new)
+
+    def mark(self) -> None:
+        """From now on sessions that are opened are new."""
+        self._new.clear()
 
     # ---- on the way to the engine -----------------------------------------------------------------------------------
 
@@ -77,6 +92,8 @@ class Ledger:
                 is_clip = event.spec.is_clip
                 self._entries[event.session] = Entry(event.event_seq, {event.event_seq: None}, is_clip=is_clip)
                 self.num_clips += is_clip
+                if not is_clip:
+                    self._new.add(event.session)
         elif isinstance(event, Close):
             entry.close = event
             self._closing[event.session] = event
@@ -191,6 +208,7 @@ class Ledger:
     def _forget(self, key: SessionKey) -> None:
         self.num_clips -= self._entries.pop(key).is_clip
         self._closing.pop(key, None)
+        self._new.discard(key)
 
     @staticmethod
     def _cancelled(key: SessionKey, event_seqs: Iterable[int]) -> list[Output]:
@@ -216,6 +234,7 @@ class Ledger:
         self._closing.clear()
         self._answered.clear()
         self._told.clear()
+        self._new.clear()
         self._number = self.num_clips = 0
         return outputs
 

@@ -60,7 +60,7 @@ class ModelLink:
         self._places_since = 0  # given up, less those taken, since places were told
         self._facts = b""
         self._load = self._asked = 0.0
-        self._opens_since = 0  # the load was told
+        self._played_before = 0  # sessions that were there when the load was told
         self.heartbeat_at = time.monotonic()
 
     # ---- from any thread --------------------------------------------------------------------------------------------
@@ -82,21 +82,21 @@ class ModelLink:
 
     @property
     def load(self) -> float:
-        """The share of the device that is in use, as last told, and what sessions opened since will add to it."""
+        """The share of the device that is spoken for, as last told, and what sessions opened since will add to it."""
         return self._load * self._growth
 
     @property
     def asked(self) -> float:
         """The share of the device that its sessions are expected to ask for, those opened since it was told too.
 
-        Steadier than the load, which is what they took in the last seconds.
+        Steadier than the load, in which what they took in the last seconds counts where that is more.
         """
         return self._asked * self._growth
 
     @property
     def _growth(self) -> float:
-        settled = self.num_sessions - self._opens_since
-        return 1 + self._opens_since / settled if settled > 0 else 1.0
+        """By sessions: clips are no load, and neither is who was refused, or has gone again."""
+        return 1 + self._ledger.num_new / self._played_before if self._played_before else 1.0
 
     def refuses(self, priority: Priority, steps: int) -> bool:
         """Whether its engine would not let a session in, by what it last told and what has come and gone since.
@@ -120,7 +120,6 @@ class ModelLink:
                     return pending_refusal(event, MAX_PENDING)
                 self._has_events = True
             self._ledger.note(event)
-            self._opens_since += isinstance(event, Open)
             self._places_since += isinstance(event, Close) - (isinstance(event, Open) and not event.spec.is_clip)
         self._ring()
         return None
@@ -156,7 +155,9 @@ class ModelLink:
             if report.places is not None:
                 self.places, self._places_since = report.places, 0
             if report.load is not None:
-                self._load, self._opens_since = report.load, 0
+                with self._lock:
+                    self._load, self._played_before = report.load, self._ledger.num_played
+                    self._ledger.mark()
             if report.asked is not None:
                 self._asked = report.asked
             if self.observe is not None:
@@ -191,7 +192,7 @@ class ModelLink:
             self._is_up = False
             self._mailbox = Mailbox(MAX_PENDING)
             self._has_events = False
-            self._load, self._asked, self._opens_since = 0.0, 0.0, 0
+            self._load, self._asked, self._played_before = 0.0, 0.0, 0
             self.places = {}
             outputs = self._ledger.end_all(reason, message)
         if outputs:

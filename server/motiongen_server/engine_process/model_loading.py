@@ -61,8 +61,7 @@ class RunnerOfModel:
 
 def prepare(begin: Begin) -> tuple[BuildEngine, LoadText, FreeUnused]:
     """The loaders of an engine process, and what frees its kernels. Models that it holds take turns on its device."""
-    used_s = quota_use() if begin.kind == "cpu" else None
-    device = Device(None if used_s is None else QuotaAccount(quota_cores(), begin.engines, used_s, time.process_time))
+    device = Device(quota_account(begin.engines, begin.threads) if begin.kind == "cpu" else None)
 
     def build(source: str, deliver: Deliver, observe: Observe, inbox: Inbox) -> Built:
         model = load_model(begin.config, source, begin.kind, begin.threads)
@@ -88,6 +87,17 @@ def prepare(begin: Begin) -> tuple[BuildEngine, LoadText, FreeUnused]:
         free_kernels()
 
     return build, load_text, free_unused
+
+
+def quota_account(engines: int, threads: int) -> QuotaAccount | None:
+    """Of the quota of this process's control group, which so many engines of so many threads share.
+
+    None where there is no quota, or the system does not say what is used of it.
+    """
+    used_s = quota_use()
+    if used_s is None:
+        return None
+    return QuotaAccount(quota_cores() / threads, engines, used_s, lambda: time.process_time() / threads)
 
 
 def import_libraries() -> None:
@@ -173,7 +183,7 @@ def build_engine(
     lease = (device or Device()).lease()
     try:
         stopwatch = clock if lease.quota is None else ProcessorClock(lease.quota)
-        measured = profile(InTurns(runner, lease), stopwatch, config.max_rows, history_frames, config.profile_s)
+        measured = profile(runner, stopwatch, config.max_rows, history_frames, config.profile_s, lease)
         engine_config = EngineConfig(
             max_sessions=config.max_sessions,
             max_rows=measured.max_rows,

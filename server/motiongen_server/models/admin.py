@@ -29,7 +29,7 @@ class AdminService:
     """Answers calls by what the manager can do. What was begun goes on when the caller has gone."""
 
     def __init__(self, manager: ModelManager, load_of: Callable[[str], float], callers: Callers | None = None) -> None:
-        """load_of: the share of the machine in use, as a model's engine sees it. callers: who may call."""
+        """load_of: the share of the machine spoken for, as a model's engine sees it. callers: who may call."""
         self._callers = callers or Callers()
         self._manager = manager
         self._load_of = load_of

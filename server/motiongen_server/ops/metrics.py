@@ -222,7 +222,7 @@ class Metrics:
         self._by_engine.forget(model_id)
 
     def load_of(self, model_id: str) -> float:
-        """The share of the machine in use, as a model's engines saw it on average."""
+        """The share of the machine that is spoken for, as a model's engines saw it on average."""
         return self._by_engine.load(model_id)
 
     def count_prompt(self, source: str) -> None:

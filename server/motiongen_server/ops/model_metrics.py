@@ -93,7 +93,7 @@ class EngineMetrics:
         self.held = Counter(
             "motiongen_frames_held", "Frames that repeat a pose for want of a window.", registry=registry
         )
-        self.load = Gauge("motiongen_load", "Share of the machine in use, 1 being all of it.", registry=registry)
+        self.load = Gauge("motiongen_load", "Share of the machine spoken for, 1 being all of it.", registry=registry)
         self.tier = Gauge(
             "motiongen_service_tier", "What a class is served: 1 all, 2 fewer steps, 3 no guidance, 5 a held pose.",
             ["class"], registry=registry,

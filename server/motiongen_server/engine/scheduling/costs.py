@@ -104,16 +104,20 @@ class CallCosts:
     _efficient: dict[tuple[int, float], int] = field(default_factory=dict)
     _unread: int = 0
 
+    def begin(self, size: int, seconds: float) -> None:
+        """What a call of this size takes, as a profile has found: it is taken as it is."""
+        index = bisect_left(SIZES, size)
+        self._means[index], self._weights[index] = max(seconds / self.pace.value, _LEAST_S), 1.0
+        self._forget_curve()
+
     def observe(self, size: int, seconds: float, spent_s: float | None = None) -> None:
         """Take in what a call of this size took. spent_s: of the processor, where that is told; None: all of it."""
         index = bisect_left(SIZES, size)
         mean = self._means.get(index)
-        if mean is None and self._means and min(self._means) < index < max(self._means):
-            # One measurement says little: it begins with what its neighbours cost.
-            mean, self._weights[index] = self.seconds(size) / self.pace.value, 0.0
         if mean is None:
-            self._means[index], self._weights[index] = max(seconds / self.pace.value, _LEAST_S), 1.0
-            self._forget_curve()
+            mean = self._first_mean(index, size, seconds)
+        if mean is None:
+            self.begin(size, seconds)
             return
         ratio = self.pace.observe(size, mean, seconds)
         if self.spent is not None:
@@ -124,6 +128,21 @@ class CallCosts:
         self._unread += 1
         if self._unread >= _REFRESH_EVERY:
             self._forget_curve()
+
+    def _first_mean(self, index: int, size: int, seconds: float) -> float | None:
+        """What a size begins with that was never seen; None: with what this first call of it took.
+
+        One measurement says little: between others it begins with what these cost. Smaller ones than all that were seen
+        may cost less than the least of them, and larger ones less than in proportion; a call that took more may just
+        have stood still, and nobody would try that size again, or would learn by it what others cost.
+        """
+        if not self._means:
+            return None
+        usual_s = self._usual_s(size)
+        if not min(self._means) < index < max(self._means) and seconds <= self.pace.value * usual_s:
+            return None
+        self._weights[index] = 0.0
+        return usual_s
 
     def _forget_curve(self) -> None:
         self._curve, self._unread = [], 0

@@ -8,9 +8,9 @@ from typing import NamedTuple
 class DeviceUse(NamedTuple):
     """Seconds in calls of the runner since the start, the background's share left out.
 
-    busy_s: as they were; spent_s: of the processor, where that is counted. work_s: had all been as large as they are
-    under a backlog, at the pace of late; what single calls took is no measure where the processor is taken away now
-    and then: the few that it is taken from took more, and all others less.
+    busy_s: as they were; spent_s: of the processor, by the threads of the engine, where that is counted. work_s: had
+    all been as large as they are under a backlog, at the pace of late; what single calls took is no measure where the
+    processor is taken away now and then: the few that it is taken from took more, and all others less.
     """
 
     work_s: float = 0.0

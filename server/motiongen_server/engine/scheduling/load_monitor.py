@@ -44,8 +44,16 @@ class LoadMonitor:
 
     @property
     def load(self) -> float:
-        """Share of the machine that was in use of late, counted as if all steps had been full, by other engines too."""
+        """Share of the machine that was in use of late, counted as if all steps had been full, by other engines too.
+
+        Of a quota, only what engines themselves used counts: this tells whether they keep up, not who may come in.
+        """
         return self._of_late.work_s + self._lease.elsewhere
+
+    @property
+    def spoken_for(self) -> float:
+        """The share of the machine by which sessions are let in or refused: of a quota, all that goes with theirs."""
+        return self._admission.load
 
     @property
     def shed(self) -> bool:
@@ -90,4 +98,5 @@ class LoadMonitor:
         yielding = self._admission.yielding()
         kept = [level.kept(self._facts, prices) for level in self._levels]
         demand = Demand(self._admission.asked_by_class, kept, times * elsewhere - yielding)
-        return self._degradation.update(now, self.load - yielding, present, self._of_late.busy_s + elsewhere, demand)
+        load = self.load - yielding / times  # both of the machine as engines themselves use it
+        return self._degradation.update(now, load, present, self._of_late.busy_s + elsewhere, demand)

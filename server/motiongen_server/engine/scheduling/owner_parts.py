@@ -28,7 +28,6 @@ class OwnerParts:
 
     def __init__(self, facts: ModelFacts) -> None:
         self._playing_hz = facts.fps / facts.horizon  # windows of a session that is never edited
-        self._default_steps = facts.default_steps
         self._held: dict[str, _Held] = {}
 
     def count(self, spec: SessionSpec, change: int) -> None:
@@ -52,7 +51,7 @@ class OwnerParts:
         beyond = 0.0
         for name, held in self._held.items():
             if asks is None or name != asks.name:
-                edited = edits_hz.get(name, 0.0) * prices.whole_s(self._default_steps)
+                edited = edits_hz.get(name, 0.0) * prices.whole_s(held.steps / held.sessions)
                 played = self._playing_hz * prices.whole_s(held.steps, held.sessions)
                 beyond += min(edited, max(0.0, played + edited - held.weight / total))
         return beyond

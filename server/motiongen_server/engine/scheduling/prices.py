@@ -12,6 +12,6 @@ class Prices:
     step_s: float = 0.0
     window_s: float = 0.0
 
-    def whole_s(self, steps: int, windows: int = 1) -> float:
-        """Of so many windows, which have so many steps together."""
+    def whole_s(self, steps: float, windows: int = 1) -> float:
+        """Of so many windows, which have so many steps together. Steps of a mean window need not be whole."""
         return steps * self.step_s + windows * self.window_s

@@ -7,6 +7,7 @@ from __future__ import annotations
 
 import itertools
 from collections.abc import Callable, Iterator
+from contextlib import AbstractContextManager, nullcontext
 from dataclasses import dataclass
 from math import inf
 
@@ -14,12 +15,14 @@ import numpy as np
 
 from motiongen_server.engine.ports import Clock, OutOfMemory, Runner
 from motiongen_server.engine.scheduling.costs import CostTable
-from motiongen_server.engine.scheduling.trial_jobs import trial_job
-from motiongen_server.engine.types import Float32Array, WindowJob, WindowResult
+from motiongen_server.engine.scheduling.trial_jobs import plain_job, trial_job
+from motiongen_server.engine.types import Float32Array, ModelFacts, WindowJob, WindowResult
 
 # Each size once to allocate and to build what is built for a size, then as often to time it. The least time counts:
 # what others on the machine add to a call is no property of the call, and what it really costs is tracked later on.
 _TIMES = 2
+
+_MakeJob = Callable[[ModelFacts, int, Float32Array], WindowJob]
 
 
 class UnsoundModel(ValueError):
@@ -34,39 +37,68 @@ class Profile:
     max_rows: int
 
 
-def profile(runner: Runner, clock: Clock, max_rows: int, history_frames: int, budget_s: float = 8.0) -> Profile:
+def profile(
+    runner: Runner,
+    clock: Clock,
+    max_rows: int,
+    history_frames: int,
+    budget_s: float = 8.0,
+    turn: AbstractContextManager[object] | None = None,
+) -> Profile:
     """Measure calls of 1, 2, 4, ... max_rows windows, as many of these sizes as budget_s allows.
 
+    Steps of fewer evaluations than one of the dearest windows takes are measured with windows that take one each: what
+    a lone character needs would have to be learned from its first step, however long that stood still.
+
+    turn: entered for every call of the runner, where others are at work; what they do before it is no part of the call.
     Raises UnsoundModel.
     """
     costs = CostTable.assumed(0.0)
+    timer = _Timer(clock, turn or nullcontext())
     job_ids = itertools.count(-1, -1)  # never those of the engine
     ends_at = clock.now() + budget_s
     largest = 0
     history: Float32Array = np.zeros((0, runner.facts.feature_dim), np.float32)
     took_s = 0.0
-    for size in _sizes(max_rows):
+    for size, make in _trials(runner, max_rows):
+        is_plain = make is plain_job
         # The next size takes about twice as long as this one did.
-        if largest and clock.now() + 2 * took_s > ends_at:
+        if size > 1 and clock.now() + 2 * took_s > ends_at:
+            if is_plain:
+                continue
             return Profile(costs, max_rows)
         begun_at = clock.now()
         try:
             least = _Least()
             for round_number in range(1 + _TIMES):
-                jobs = [trial_job(runner.facts, next(job_ids), history) for _ in range(size)]
-                results = _windows(runner, jobs, clock, least if round_number else _Least())
+                jobs = [make(runner.facts, next(job_ids), history) for _ in range(size)]
+                results = _windows(runner, jobs, timer, least if round_number else _Least())
         except OutOfMemory as error:
-            if not largest:
+            if size == 1:
                 raise UnsoundModel(
                     f"the model does not fit the device's memory even for one window: {error}"
                 ) from error
+            if is_plain:
+                continue
             return Profile(costs, largest)
-        least.observe(costs, size, sum(runner.num_passes(job) for job in jobs))
-        if not largest:
+        costs.step.begin(sum(runner.num_passes(job) for job in jobs), least.step_s)
+        if not is_plain:
+            costs.prepare.begin(size, least.prepare_s)
+            costs.decode.begin(size, least.decode_s)
+            largest = size
+        if not len(history):
             history = results[0].features[:history_frames]
-        largest = size
         took_s = clock.now() - begun_at
     return Profile(costs, max_rows)
+
+
+def _trials(runner: Runner, max_rows: int) -> Iterator[tuple[int, _MakeJob]]:
+    """How many windows of which kind to try, by rising evaluations."""
+    nothing: Float32Array = np.zeros((0, runner.facts.feature_dim), np.float32)
+    dearest = runner.num_passes(trial_job(runner.facts, -1, nothing))
+    if runner.num_passes(plain_job(runner.facts, -1, nothing)) < dearest:
+        yield from ((size, plain_job) for size in _sizes(max_rows) if size < dearest)
+    yield from ((size, trial_job) for size in _sizes(max_rows))
 
 
 def _sizes(most: int) -> Iterator[int]:
@@ -85,31 +117,33 @@ class _Least:
     step_s: float = inf
     decode_s: float = inf
 
-    def observe(self, costs: CostTable, windows: int, evaluations: int) -> None:
-        """Enter them into the table."""
-        costs.prepare.observe(windows, self.prepare_s)
-        costs.step.observe(evaluations, self.step_s)
-        costs.decode.observe(windows, self.decode_s)
+
+@dataclass(frozen=True, slots=True)
+class _Timer:
+    """Makes calls in turns, and measures them from when their turn has come."""
+
+    clock: Clock
+    turn: AbstractContextManager[object]
+
+    def __call__(self, call: Callable[[], object]) -> float:
+        """Seconds of a call."""
+        with self.turn:
+            begun_at = self.clock.now()
+            call()
+            return self.clock.now() - begun_at
 
 
-def _windows(runner: Runner, jobs: list[WindowJob], clock: Clock, least: _Least) -> list[WindowResult]:
+def _windows(runner: Runner, jobs: list[WindowJob], timer: _Timer, least: _Least) -> list[WindowResult]:
     """Take the jobs through all their steps, and note what the calls took."""
     job_ids = [job.job_id for job in jobs]
     results: list[WindowResult] = []
     try:
-        least.prepare_s = min(least.prepare_s, _timed(lambda: runner.prepare(jobs), clock))
+        least.prepare_s = min(least.prepare_s, timer(lambda: runner.prepare(jobs)))
         for _ in range(jobs[0].num_steps):
-            least.step_s = min(least.step_s, _timed(lambda: runner.denoise(job_ids), clock))
-        least.decode_s = min(least.decode_s, _timed(lambda: results.extend(runner.decode(job_ids)), clock))
+            least.step_s = min(least.step_s, timer(lambda: runner.denoise(job_ids)))
+        least.decode_s = min(least.decode_s, timer(lambda: results.extend(runner.decode(job_ids))))
     finally:
-        runner.discard(job_ids)
+        timer(lambda: runner.discard(job_ids))
     if not all(np.isfinite(result.frames).all() for result in results):
         raise UnsoundModel("the model gives frames that are not finite; its checkpoint is damaged")
     return results
-
-
-def _timed(call: Callable[[], object], clock: Clock) -> float:
-    """Seconds of a call."""
-    begun_at = clock.now()
-    call()
-    return clock.now() - begun_at

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
+
 import numpy as np
 
 from motiongen_server.engine.types import (
@@ -18,6 +20,7 @@ from motiongen_server.engine.types import (
 )
 
 _DEAREST = Guidance(1.5, 2.5)  # both weights ask for evaluations of their own
+_CHEAPEST = Guidance(1.0, 0.0)  # without constraints, one evaluation in every mode of guidance
 
 
 def trial_job(facts: ModelFacts, job_id: int, history: Float32Array, *, is_steered: bool = True) -> WindowJob:
@@ -44,3 +47,8 @@ def trial_job(facts: ModelFacts, job_id: int, history: Float32Array, *, is_steer
         cause=PlanCause.CONTINUE,
         created_at=0.0,
     )
+
+
+def plain_job(facts: ModelFacts, job_id: int, history: Float32Array) -> WindowJob:
+    """The same with as few evaluations a step as there may be: with a prompt, without constraints."""
+    return replace(trial_job(facts, job_id, history, is_steered=False), guidance=_CHEAPEST)

@@ -28,9 +28,10 @@ class StepReport:
     steps_discarded: those done for windows that were restarted or came too late. soft_resets: windows that righted a
     character. frames_held: frames that repeat a pose for want of a window. quota_steps: begun of late, by owners that
     have a quota.
-    Where they were taken: sessions, how many there are; load, the share of the machine in use; asked, the share that
-    sessions are expected to ask for; tiers, what each class gets; places, how many more sessions of each class
-    would be let in with the default steps, 0 where not even one with the fewest.
+    Where they were taken: sessions, how many there are; load, the share of the machine that is spoken for, by which
+    others are let in; asked, what sessions of this engine are expected to ask for of it; tiers, what each class gets;
+    places, how many more sessions of each class would be let in with the default steps, 0 where not even one with the
+    fewest.
     """
 
     rows: int = 0

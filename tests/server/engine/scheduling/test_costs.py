@@ -224,3 +224,48 @@ def test_a_size_between_others_is_not_judged_by_its_first_call() -> None:
         costs.observe(size, 0.01 * size)
     costs.observe(16, 0.5)
     assert costs.seconds(16) == pytest.approx(0.16, rel=0.15)
+
+
+def _profiled() -> CallCosts:
+    """Calls of 2 to 128, which take 2 ms and half a one for each."""
+    costs = CallCosts(0.5)
+    for size in (2, 4, 8, 16, 32, 64, 128):
+        costs.begin(size, 0.002 + 0.0005 * size)
+    return costs
+
+
+def test_a_profile_is_taken_as_it_is() -> None:
+    costs = CallCosts(0.5)
+    for size, seconds in ((1, 0.003), (2, 0.012), (64, 2.0)):
+        costs.begin(size, seconds)
+        assert costs.seconds(size) == pytest.approx(seconds)
+    assert costs.pace.value == 1.0
+
+
+@pytest.mark.parametrize("stall_s", [0.2, 60.0])
+def test_a_stall_in_the_first_call_of_a_larger_size_than_all_does_not_shut_it_out(stall_s: float) -> None:
+    costs = _profiled()
+    costs.observe(160, stall_s)
+    for _ in range(200):
+        costs.observe(64, 0.034)
+    assert costs.seconds(160) == pytest.approx(0.082, rel=0.1)
+    assert costs.largest_within(0.1) >= 160
+
+
+@pytest.mark.parametrize("stall_s", [0.05, 0.3, 60.0])
+def test_a_stall_in_the_first_call_of_a_smaller_size_than_all_says_nothing_of_the_others(stall_s: float) -> None:
+    costs = _profiled()
+    costs.observe(1, stall_s)
+    for _ in range(200):
+        costs.observe(64, 0.034)
+    for size in (1, 2, 4, 8):
+        assert costs.seconds(size) == pytest.approx(0.002 + 0.0005 * max(size, 2), rel=0.05)
+
+
+def test_the_first_call_of_a_size_beyond_those_known_counts_where_it_took_less() -> None:
+    costs = _profiled()
+    costs.observe(1, 0.0025)
+    costs.observe(256, 0.13)
+    assert costs.seconds(1) == pytest.approx(0.0025)
+    assert costs.seconds(256) == pytest.approx(0.13)
+    assert costs.pace.value == 1.0

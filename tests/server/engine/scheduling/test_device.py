@@ -162,7 +162,8 @@ def test_an_engine_steps_in_its_turns_only_and_leaves_at_its_end() -> None:
     assert device.num_seats == 1  # the test's own
 
 
-def test_what_is_measured_beside_the_engines_takes_a_turn_for_each_call() -> None:
+@pytest.mark.parametrize("by_runner", [True, False])
+def test_what_is_measured_beside_the_engines_takes_a_turn_for_each_call(by_runner: bool) -> None:
     device, under_way, calls = CountedDevice(), list[int](), list[tuple[str, int]]()
 
     def note(call: str, _: Sequence[int]) -> bool:
@@ -171,8 +172,9 @@ def test_what_is_measured_beside_the_engines_takes_a_turn_for_each_call() -> Non
         return False
 
     runner = FakeRunner(FakeClock(), fails=note)
-    measured = InTurns(runner, device.lease())
-    profile(measured, runner.clock, max_rows=1, history_frames=16)
+    lease = device.lease()
+    measured = InTurns(runner, lease) if by_runner else runner
+    profile(measured, runner.clock, max_rows=1, history_frames=16, turn=None if by_runner else lease)
     assert set(under_way) == {1}
     assert {call for call, _ in calls} == {"prepare", "denoise", "decode"}
     assert len({turn for _, turn in calls}) == len(calls), "two calls in one turn"

@@ -4,12 +4,13 @@ from motiongen_server.engine.config import EngineConfig
 from motiongen_server.engine.scheduling.admission import Admission
 from motiongen_server.engine.scheduling.device import Device
 from motiongen_server.engine.scheduling.device_use import DeviceUse
+from motiongen_server.engine.scheduling.levels import FULL
 from motiongen_server.engine.scheduling.load_monitor import EVERY_S, LoadMonitor
 from motiongen_server.engine.scheduling.prices import Prices
 from motiongen_server.engine.scheduling.quota_share import QuotaAccount
-from motiongen_server.engine.types import Code, Priority, SessionKey
+from motiongen_server.engine.types import Code, Owner, Priority, SessionKey
 from tests.server.engine.fakes import FACTS
-from tests.server.engine.stage import spec
+from tests.server.engine.stage import Stage, spec
 
 QUOTA_CORES = 1.5
 
@@ -46,3 +47,47 @@ def test_what_others_use_of_a_quota_counts() -> None:
     """65 can be served: twice that hundredth, and a fifth of a core, of 1.5."""
     assert 52 <= admitted(gateway=0.2, told_of_quota=True) <= 60
     assert admitted(gateway=0.2, told_of_quota=False) > 75
+
+
+def test_the_load_that_is_told_is_the_one_that_sessions_are_let_in_by() -> None:
+    """Of half a core others use a fifth of a core."""
+    time_s, busy_s = [0.0], [0.0]
+    lease = Device(QuotaAccount(0.5, 1, lambda: (busy_s[0] + 0.2 * time_s[0]) / 0.5, lambda: busy_s[0])).lease()
+    stage = Stage(EngineConfig(admit_load=(0.8,) * 4), lease=lease)
+
+    def step(rows: int) -> float:
+        busy_s[0] += 0.01
+        time_s[0] = stage.clock.now()
+        return 0.01
+
+    stage.runner.step_s = step
+    handle = 1
+    for _ in range(60):
+        for _ in range(4):
+            stage.open(handle)
+            handle += 1
+        stage.run(0.25)
+    told = next(report.load for report in reversed(stage.reports) if report.load is not None)
+    assert stage.engine.free_share < 0.1, "it is full"
+    assert told > 0.9 * 0.8
+    assert told >= stage.engine.lease.load / 0.5, "of the quota its own calls take so much alone"
+
+
+class Yielding(Admission):
+    """Edits of owners take a sixteenth of the machine beyond their parts."""
+
+    def yielding(self, asks: Owner | None = None) -> float:
+        return 0.0625
+
+
+def test_what_edits_take_beyond_their_owners_parts_is_taken_off_in_the_unit_of_the_load() -> None:
+    """Of a quarter of a core, which an engine uses nearly all of; edits, of that, a sixteenth: a 64th of a core."""
+    lease = Device(QuotaAccount(0.25, 1, lambda: 0.0, lambda: 0.0)).lease()
+    admission = Yielding(FACTS, EngineConfig(), under_quota=True)
+    monitor = LoadMonitor(FACTS, admission, 0.0, degrade=True, lease=lease)
+    prices = Prices(0.0, 0.01 * FACTS.horizon / FACTS.fps)
+    for tick in range(1, 41):
+        used_s = 0.98 * EVERY_S * tick
+        monitor.measure(EVERY_S * tick, DeviceUse(used_s, used_s, used_s), prices, {Priority.CROWD: 50})
+    assert monitor.load - 0.0625 < 0.95 < monitor.load - 0.0625 / 4
+    assert monitor.level(Priority.CROWD) != FULL

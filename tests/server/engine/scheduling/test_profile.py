@@ -33,6 +33,69 @@ def test_windows_are_like_those_of_sessions_and_leave_nothing_behind() -> None:
     assert {job.num_steps for job in runner.prepared} == {FACTS.min_steps}
 
 
+def _guided_runner(fixed_s: float = 0.01) -> FakeRunner:
+    """A window with constraints takes four evaluations a step, one without one; each takes a millisecond."""
+    runner = FakeRunner(FakeClock())
+    runner.passes = lambda job: 4 if job.constraints else 1
+
+    def step_s(rows: int) -> float:
+        return fixed_s + 0.001 * sum(runner.passes(runner.jobs[job_id]) for job_id in runner.batches[-1])
+
+    runner.step_s = step_s
+    return runner
+
+
+@pytest.mark.parametrize("budget_s", [8.0, 0.0])
+def test_steps_of_a_lone_window_without_constraints_are_known(budget_s: float) -> None:
+    runner = _guided_runner()
+    step = profile(runner, runner.clock, max_rows=8, history_frames=16, budget_s=budget_s).costs.step
+    known = (1, 2, 4, 8, 16, 32) if budget_s else (1, 4)
+    assert [step.seconds(size) for size in known] == pytest.approx([0.01 + 0.001 * size for size in known])
+    assert runner.breaches == []
+    for _ in range(300):
+        step.observe(1, 0.011)
+    assert step.seconds(4) == pytest.approx(0.014, rel=0.01), "who plays alone says nothing of others"
+
+
+def test_where_two_windows_without_constraints_do_not_fit_one_with_them_may() -> None:
+    runner = _guided_runner()
+    runner.fails = _too_large("decode", 1)
+    assert profile(runner, runner.clock, 32, 16).max_rows == 1
+
+
+class _Turns:
+    """Before each turn others are at work for 30 ms."""
+
+    def __init__(self, clock: FakeClock) -> None:
+        self._clock = clock
+        self.is_held = False
+
+    def __enter__(self) -> None:
+        assert not self.is_held
+        self.is_held = True
+        self._clock.advance(0.03)
+
+    def __exit__(self, *_: object) -> None:
+        self.is_held = False
+
+
+def test_what_others_do_before_a_turn_is_no_part_of_a_call() -> None:
+    runner = _runner()
+    turns = _Turns(runner.clock)
+    outside: list[str] = []
+
+    def note(call: str, job_ids: Sequence[int]) -> bool:
+        outside.extend([call] * (not turns.is_held))
+        return False
+
+    runner.fails = note
+    costs = profile(runner, runner.clock, 4, 16, turn=turns).costs
+    assert [costs.step.seconds(rows) for rows in (1, 2, 4)] == pytest.approx([0.011, 0.012, 0.014])
+    assert costs.prepare.seconds(4) < 1e-6
+    assert costs.decode.seconds(4) < 1e-6
+    assert outside == []
+
+
 def test_a_slow_machine_is_not_measured_for_longer_than_it_may_take() -> None:
     runner = _runner(fixed_s=0.2)
     began = runner.clock.now()

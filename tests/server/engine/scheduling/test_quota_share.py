@@ -29,8 +29,9 @@ class Group:
         (1.5, 2, 1.0, 0.7, 1.43),  # all stand still: a second of the engine's is still what it was
         (0.7, 1, 1.0, 0.6, 1.67),
         (1.0, 1, 1.0, 1.0, 1.0),  # nobody but the engine
-        (4.0, 1, 0.9, 3.4, 0.265),  # an engine of four threads
-        (4.0, 1, 0.7, 3.4, 0.25),  # no less than what it took itself
+        (4.0, 1, 0.225, 0.85, 0.265),  # of four cores, an engine of one thread; or of sixteen, one of four
+        (4.0, 1, 0.175, 0.85, 0.25),  # no less than what it took itself
+        (0.2, 1, 0.8, 0.15, 5.0),  # not of so little either, however much of that a second is
         (1.0, 1, 0.9, 0.1, 4.0),  # others are at work, not for the sessions of this one alone
     ],
 )

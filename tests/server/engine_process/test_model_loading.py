@@ -1,0 +1,102 @@
+"""What an engine process measures itself by: a quota of processor time, and calls beside other engines."""
+
+from __future__ import annotations
+
+import math
+from collections import Counter
+from collections.abc import Callable
+
+import pytest
+
+from motiongen_server.config import parse_config
+from motiongen_server.engine.config import EngineConfig
+from motiongen_server.engine.scheduling.costs import CostTable
+from motiongen_server.engine.scheduling.device import Device
+from motiongen_server.engine.scheduling.quota_share import QuotaAccount
+from motiongen_server.engine.scheduling.scheduler import Scheduler
+from motiongen_server.engine.types import Priority, ServiceTier
+from motiongen_server.engine_process import model_loading
+from motiongen_server.engine_process.model_loading import admit_loads, build_engine, quota_account
+from tests.server.engine.fakes import FakeClock, FakeRunner
+from tests.server.engine.stage import Stage
+
+
+def account_of(
+    monkeypatch: pytest.MonkeyPatch, threads: int, cores: float, spent_s: Callable[[], float]
+) -> QuotaAccount:
+    """Of one engine under a quota, of which nobody else uses anything. spent_s: processor time of its process."""
+    monkeypatch.setattr(model_loading, "quota_cores", lambda: cores)
+    monkeypatch.setattr(model_loading, "quota_use", lambda: lambda: spent_s() / cores)
+    monkeypatch.setattr(model_loading.time, "process_time", spent_s)
+    account = quota_account(1, threads)
+    assert account is not None
+    return account
+
+
+def test_a_second_of_an_engine_is_of_all_its_threads(monkeypatch: pytest.MonkeyPatch) -> None:
+    account = account_of(monkeypatch, 4, 6.0, lambda: 12.0)
+    assert (account.cores, account.spent_s(), account.used_s()) == (1.5, 3.0, 2.0)
+
+
+def test_where_nobody_tells_what_is_used_there_is_no_account(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(model_loading, "quota_use", lambda: None)
+    monkeypatch.setattr(model_loading, "quota_cores", lambda: math.inf)
+    assert quota_account(1, 4) is None
+
+
+@pytest.mark.parametrize("threads", [1, 4])
+def test_an_engine_of_many_threads_serves_as_many_in_full_as_it_lets_in(
+    monkeypatch: pytest.MonkeyPatch, threads: int
+) -> None:
+    """Of as many cores as it has threads, which it keeps busy, all of them, for two thirds of the time."""
+    busy_s = 0.0
+
+    def step_s(rows: int) -> float:
+        return 0.004 + 0.001 * rows
+
+    def step(rows: int) -> float:
+        nonlocal busy_s
+        busy_s += step_s(rows)
+        return step_s(rows)
+
+    account = account_of(monkeypatch, threads, float(threads), lambda: threads * busy_s)
+    costs = CostTable.assumed(0.0)
+    for rows in (1, 2, 4, 8, 16, 32, 64):
+        costs.step.begin(rows, step_s(rows))
+    scheduler = Scheduler(costs, 64, max_step_s=0.035, under_quota=True)
+    stage = Stage(EngineConfig(admit_load=admit_loads(0.9)), scheduler=scheduler, lease=Device(account).lease())
+    stage.runner.step_s = step
+    for handle in range(1, 161):
+        stage.open(handle, priority=Priority.CROWD)
+    tiers = Counter[ServiceTier]()
+    for _ in range(60):
+        stage.run(0.25)
+        tiers[stage.tiers()[Priority.CROWD]] += 1
+    assert busy_s > 0.5 * 15.0
+    assert stage.engine.num_sessions > 120
+    assert set(tiers) == {ServiceTier.FULL}
+
+
+class BusyDevice(Device):
+    """One on which another engine takes a step of 30 ms before each turn."""
+
+    def __init__(self, quota: QuotaAccount, clock: FakeClock) -> None:
+        super().__init__(quota)
+        self._clock = clock
+
+    def take(self) -> float:
+        waited_s = super().take()
+        self._clock.advance(0.03)
+        return waited_s
+
+
+def test_a_model_that_is_loaded_beside_one_at_work_is_not_measured_with_its_waits() -> None:
+    runner = FakeRunner(FakeClock())
+    runner.step_s = lambda rows: 0.001 + 0.0003 * rows
+    account = QuotaAccount(1.0, 1, runner.clock.now, runner.clock.now)
+    config = parse_config(["--max-rows", "8"])
+    engine = build_engine(
+        config, runner, lambda outputs: None, lambda report: None, None, BusyDevice(account, runner.clock)
+    )
+    assert engine.windows.prices().step_s == pytest.approx(0.0003 + 0.001 / 8, rel=0.01)
+    assert engine.windows.prices().window_s == pytest.approx(0.0, abs=1e-6)

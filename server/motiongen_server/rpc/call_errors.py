@@ -20,6 +20,11 @@ def one_request_expected(num: str) -> StreamRefused:
     return StreamRefused(grpc.StatusCode.UNIMPLEMENTED, "ONE_REQUEST_EXPECTED", message)
 
 
+def request_too_long(num_bytes: int, most: int) -> StreamRefused:
+    message = f"the request has {num_bytes} bytes; at most {most} are allowed here, send a shorter one"
+    return StreamRefused(grpc.StatusCode.INVALID_ARGUMENT, "REQUEST_TOO_LONG", message)
+
+
 def too_many_calls_open(most: int, kind: str = "") -> StreamRefused:
     """kind: of the peer whose quota it is; "": the server's own limit."""
     whose = f"your {kind} has as many calls open as it may" if kind else "there are as many calls open as there may be"

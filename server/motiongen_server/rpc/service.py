@@ -70,8 +70,6 @@ class MotionService:
         self._callers = callers or Callers()
         self._limits = limits or ServiceLimits()
         self._loop_time = LoopTime(self._limits.loop_share, time.monotonic(), clocks)
-        most_calls = self._limits.max_clip_calls + OTHER_CALLS
-        self._admission = CallAdmission(self._callers, self._limits.peer, most_calls, loop=self._loop_time)
         self._flush_s = flush_s
         self._stream_metrics = stream_metrics
         self._record_window = record_window
@@ -84,6 +82,10 @@ class MotionService:
         self._kept = KeptSessions(models.limits.resume_grace_s, stream_metrics, self.durability)
         self._streams: dict[int, Stream] = {}
         self._memory = WaitingMemory(self._limits.max_waiting_bytes, self._streams, self._kept)
+        most_calls = self._limits.max_clip_calls + OTHER_CALLS
+        self._admission = CallAdmission(
+            self._callers, self._limits.peer, most_calls, loop=self._loop_time, memory=self._memory
+        )
         self.clips = ClipService(models, self._numbers, stream_metrics, self._limits, self._memory)
         self.watch = StreamWatch(self._limits, self._streams, self._callers, self._memory)
         self._lag = GatewayLag(lambda: bool(self._streams))
@@ -162,7 +164,7 @@ class MotionService:
 
     async def GenerateClip(self, call: CallContext) -> None:
         """Samples of one clip, from the request to the last frame. Raises StreamRefused."""
-        peer, data = await self._admission.request(call)
+        peer, data = await self._admission.request(call, most_bytes=None)
         self._note_call(call)
         request = clip_request(data, self._models.limits.max_event_fields)
         del data  # else it would be held as long as the call lasts

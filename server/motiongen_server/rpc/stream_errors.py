@@ -87,8 +87,8 @@ def no_memory_left(most: int) -> StreamRefused:
 
 
 def too_much_unpaid(most: int, kind: str) -> StreamRefused:
-    """Of messages that were read, and whose events the stream owes for."""
-    message = f"messages of your {kind} that are not paid for take {most} bytes, and this stream owes most; send fewer"
+    """Of messages that were read, and whose events the stream owes for, or of requests that are not ended."""
+    message = f"messages of your {kind} that are not paid for take {most} bytes, and this one owes most; send fewer"
     return StreamRefused(grpc.StatusCode.RESOURCE_EXHAUSTED, "TOO_MUCH_UNPAID", message, retry_after_s=5.0)
 
 

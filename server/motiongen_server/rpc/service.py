@@ -20,6 +20,7 @@ from motiongen_server.models.registry import LoadedModel, ModelRegistry
 from motiongen_server.replicas.other_servers import OtherServers
 from motiongen_server.rpc.call_admission import CallAdmission
 from motiongen_server.rpc.call_context import CallContext, refuse
+from motiongen_server.rpc.call_work import begin_work, work_for
 from motiongen_server.rpc.clip import ClipService, clip_request
 from motiongen_server.rpc.durability import Durability
 from motiongen_server.rpc.gateway_lag import GatewayLag
@@ -166,7 +167,9 @@ class MotionService:
         """Samples of one clip, from the request to the last frame. Raises StreamRefused."""
         peer, data = await self._admission.request(call, most_bytes=None)
         self._note_call(call)
-        request = clip_request(data, self._models.limits.max_event_fields)
+        call.hold(begin_work(peer))
+        with work_for(peer):
+            request = clip_request(data, self._models.limits.max_event_fields)
         del data  # else it would be held as long as the call lasts
         await self.clips.generate(request, call, peer)
 

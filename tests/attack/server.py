@@ -21,7 +21,7 @@ NULL = ("tests.bench.null_server",)
 SLOW_ENCODER = ("tests.attack.slow_encoder_server",)
 BUILT_IN = ("motiongen_server", "--print-ports")
 ORDINARY = (
-    "--port", "0", "--ops-port", "0", "--log-level", "WARNING", "--drain-wait-s", "0", "--drain-grace-s", "0.5",
+    "--port", "0", "--ops-port", "0", "--drain-wait-s", "0", "--drain-grace-s", "0.5",
     "--devices", "cpu:1",
 )  # fmt: skip
 EVERY_CORE = ("--devices", f"cpu:{min(usable_cores(), MOST_BY_DEFAULT)}")

@@ -28,9 +28,10 @@ from tests.waiting import LIMIT_S, until_true
 MOTION = "/motiongen.v1.MotionService/"
 ADMIN = "/motiongen.v1.MotionAdminService/"
 CHECK, WATCH = "/grpc.health.v1.Health/Check", "/grpc.health.v1.Health/Watch"
+CLIP = f"{MOTION}GenerateClip"
 OF_ONE_REQUEST = (
     f"{MOTION}GetCatalog",
-    f"{MOTION}GenerateClip",
+    CLIP,
     CHECK,
     WATCH,
     f"{ADMIN}ListModels",
@@ -89,6 +90,15 @@ async def test_a_call_without_its_request_is_ended_with_a_reason_and_nothing_is_
             catalog = service_pb2_grpc.MotionServiceStub(motion).GetCatalog(service_pb2.GetCatalogRequest())
             assert (await catalog).models[0].model_id == "fake"  # type: ignore[misc]
     assert not [record for record in caplog.records if record.levelname in ("WARNING", "ERROR")]
+
+
+async def test_a_request_that_is_too_long_for_its_method_is_refused_before_its_client_ends_its_side() -> None:
+    too_long = b"\x7a\x80\x20" + b"a" * 4096  # a field that nobody knows
+    async with channels(hello_timeout_s=60.0) as (motion, admin):
+        for path in OF_ONE_REQUEST:
+            if path != CLIP:
+                end = await end_of(admin if path.startswith(ADMIN) else motion, path, [too_long], is_over=False)
+                assert end == (grpc.StatusCode.INVALID_ARGUMENT, "REQUEST_TOO_LONG"), path
 
 
 async def test_garbage_ends_a_call_for_reflection_too(caplog: pytest.LogCaptureFixture) -> None:

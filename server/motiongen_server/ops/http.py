@@ -4,10 +4,11 @@ from __future__ import annotations
 
 import asyncio
 import contextlib
+import logging
 import ssl
 from collections import OrderedDict
 from collections.abc import Callable, Iterator
-from typing import ClassVar
+from typing import Any, ClassVar
 
 import uvicorn
 from prometheus_client import CONTENT_TYPE_LATEST, CollectorRegistry, generate_latest
@@ -69,6 +70,13 @@ def _answer(well: bool) -> Response:
     return PlainTextResponse("ok\n" if well else "not ok\n", status_code=200 if well else 503)
 
 
+class _ClientsMistakes(logging.LoggerAdapter[logging.Logger]):
+    """uvicorn warns of each request that is none, as often as clients like; faults of the server's own are errors."""
+
+    def warning(self, msg: object, *args: Any, **kwargs: Any) -> None:
+        self.debug(msg, *args, **kwargs)
+
+
 class BoundedConnection(H11Protocol):
     """A connection of one request, that lives for a while; there are so many at most.
 
@@ -80,6 +88,7 @@ class BoundedConnection(H11Protocol):
 
     def connection_made(self, transport: asyncio.Transport) -> None:  # type: ignore[override]
         super().connection_made(transport)
+        self.logger = _ClientsMistakes(self.logger, {})  # type: ignore[assignment]  # of which it asks no more
         self._end = self.loop.call_later(LIFE_S, transport.abort)
         self.open_ones[self] = None
         if len(self.open_ones) > MOST_CONNECTIONS:
@@ -103,6 +112,7 @@ class OpsServer(uvicorn.Server):
                 host=host,
                 port=port,
                 http=BoundedConnection,
+                ws="none",
                 log_config=None,
                 log_level="warning",
                 lifespan="off",

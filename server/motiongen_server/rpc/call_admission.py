@@ -3,6 +3,9 @@
 from __future__ import annotations
 
 import time
+from collections.abc import Iterator
+from contextlib import AbstractContextManager, contextmanager, nullcontext
+from functools import partial
 from typing import Any, TypeAlias
 
 import grpc.aio
@@ -14,11 +17,14 @@ from motiongen_server.rpc.budget import BYTES_A_CALL, CALL_COST
 from motiongen_server.rpc.call_context import CallContext
 from motiongen_server.rpc.call_places import CallPlaces
 from motiongen_server.rpc.check_budget import CheckBudget
+from motiongen_server.rpc.held_requests import Ended
 from motiongen_server.rpc.issuer_keys import keys_for
 from motiongen_server.rpc.limits import PeerLimits
 from motiongen_server.rpc.loop_time import LoopTime
 from motiongen_server.rpc.peers import Peer, Peers
+from motiongen_server.rpc.requests import SMALL_REQUEST_BYTES, AwaitedRequest
 from motiongen_server.rpc.stream_errors import failed_inside
+from motiongen_server.rpc.waiting_memory import WaitingMemory
 
 Context: TypeAlias = "grpc.aio.ServicerContext[Any, Any]"
 
@@ -33,16 +39,19 @@ class CallAdmission:
         most_calls: int,
         role: Role = Role.MOTION,
         loop: LoopTime | None = None,
+        memory: WaitingMemory | None = None,
     ) -> None:
         """limits: of one address, and of a tenant whose quota says nothing else. most_calls: that have one request.
 
         role: that callers must have. loop: the event loop's time, of which peers have parts; None: without a limit.
+        memory: in which counts what is held of requests, besides among what their peers hold; None: there is none.
         """
         self._callers = callers
         self._peers = Peers(limits, loop)
         self._places = CallPlaces(most_calls)
         self._role = role
         self._checks = CheckBudget()
+        self._memory = memory
 
     async def charge(self, context: Context | CallContext) -> tuple[Peer, Caller]:
         """Find out who calls, and charge the call to its tenant, or its address where it has none or may not call.
@@ -74,10 +83,32 @@ class CallAdmission:
             give_back()
         return caller
 
-    async def request(self, call: CallContext) -> tuple[Peer, bytes]:
-        """The request of a call, which has a place from before it comes, and who sent it. Raises StreamRefused."""
+    async def request(self, call: CallContext, most_bytes: int | None = SMALL_REQUEST_BYTES) -> tuple[Peer, bytes]:
+        """The request of a call, which has a place from before it comes, and who sent it. Raises StreamRefused.
+
+        most_bytes: that it may have; None: as many as the port lets through.
+        """
         peer, _ = await self.charge(call)
         call.hold(self._places.take(peer.name, call.peer(), peer.limits.calls, peer.kind))
-        request = await call.request()
-        peer.calls.charge(len(request) / BYTES_A_CALL, time.monotonic())
-        return peer, request
+        return peer, await call.request(most_bytes, partial(self._arrive, peer))
+
+    @contextmanager
+    def _arrive(self, peer: Peer, request: AwaitedRequest) -> Iterator[None]:
+        """A request has come, and is held for the time of the block, in which its client may keep its side open.
+
+        Raises StreamRefused where there is more held than may be, and it is one that has to go.
+        """
+        num_bytes, now = request.num_waiting_bytes, time.monotonic()
+        peer.calls.charge(num_bytes / BYTES_A_CALL, now)
+        peer.bytes.charge(num_bytes, now)
+        request.owed_s = peer.calls.owed_s
+        try:
+            with peer.holding(request, num_bytes), self._counted(request):
+                yield
+        except Ended:
+            if request.refusal is None:  # it was ended by none but those that hold it
+                raise
+            raise request.refusal from None
+
+    def _counted(self, request: AwaitedRequest) -> AbstractContextManager[None]:
+        return nullcontext() if self._memory is None else self._memory.holding(request)

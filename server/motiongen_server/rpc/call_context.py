@@ -12,7 +12,7 @@ import grpc.aio
 from google.protobuf.message import Message
 
 from motiongen_server.errors import StreamRefused
-from motiongen_server.rpc.requests import Context, Requests, look_at
+from motiongen_server.rpc.requests import SMALL_REQUEST_BYTES, Arrive, Context, Requests, look_at
 from motiongen_server.rpc.stream_errors import CLIENT_GONE
 
 SEEN_GONE_S = 0.005
@@ -46,9 +46,9 @@ class CallContext:
         """gRPC is done with the call."""
         self._held.close()
 
-    async def request(self) -> bytes:
-        """The one request. Raises StreamRefused where it does not come."""
-        return await self._requests.only(self._context)
+    async def request(self, most_bytes: int | None = SMALL_REQUEST_BYTES, arrive: Arrive | None = None) -> bytes:
+        """The one request, as `Requests.only`. Raises StreamRefused where it does not come, or is too long."""
+        return await self._requests.only(self._context, most_bytes, arrive)
 
     async def read(self) -> Any:
         """The next of several. It is read on where this is cancelled."""
@@ -110,10 +110,15 @@ def streaming_method(
 
     async def serve(_messages: object, context: Context) -> None:
         call = CallContext(context, requests)
+        status: grpc.Status | None = None
         try:
-            await respond(call)
-        except StreamRefused as refusal:
-            await call.abort_with_status(refusal.status())
+            try:
+                await respond(call)
+            except StreamRefused as refusal:
+                # Without what it was raised through, which would keep the request until the status is taken.
+                status = refusal.with_traceback(None).status()
+            if status is not None:
+                await call.abort_with_status(status)
         finally:
             call.end()
 

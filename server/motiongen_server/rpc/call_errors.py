@@ -31,3 +31,14 @@ def too_many_calls_open(most: int, kind: str = "") -> StreamRefused:
     whose = f"your {kind} has as many calls open as it may" if kind else "there are as many calls open as there may be"
     message = f"{whose}, {most}; read what earlier ones were answered, or come back later"
     return StreamRefused(grpc.StatusCode.RESOURCE_EXHAUSTED, "TOO_MANY_CALLS", message, retry_after_s=RETRY_AFTER_S)
+
+
+def request_too_long(num_bytes: int, most: int) -> StreamRefused:
+    message = f"the request has {num_bytes} bytes; at most {most} are allowed here, send a shorter one"
+    return StreamRefused(grpc.StatusCode.INVALID_ARGUMENT, "REQUEST_TOO_LONG", message)
+
+
+def too_many_questions(wait_s: float) -> StreamRefused:
+    """For reflection."""
+    message = f"your address asks for more reflection than it may; ask again in {wait_s:.1f} s"
+    return StreamRefused(grpc.StatusCode.RESOURCE_EXHAUSTED, "TOO_MANY_CALLS", message, retry_after_s=max(0.1, wait_s))

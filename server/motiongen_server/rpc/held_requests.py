@@ -1,5 +1,7 @@
 """HeldRequests: the messages of a peer's streams that were read, and wait in memory until their events are paid for.
 
+And the requests of its other calls that have come, while their clients have not ended their side.
+
 A stream that owes is not read on, but one that waits for its client is handed what comes next, whatever the others of
 its peer owe. So a thousand streams could each have a message of a megabyte held, for minutes.
 """
@@ -23,7 +25,7 @@ class Ended(Exception):
 
 
 class Holder(Protocol):
-    """A stream."""
+    """A stream, or a request of another call."""
 
     refusal: StreamRefused | None
 

@@ -14,7 +14,8 @@ than some times the processor time.
 from __future__ import annotations
 
 import time
-from collections.abc import Callable
+from collections import Counter
+from collections.abc import Callable, Hashable
 from types import TracebackType
 from typing import NamedTuple
 
@@ -44,21 +45,40 @@ class LoopTime:
     """The time of one event loop that clients' messages may take. Lives on that loop.
 
     Tokens of its bucket are seconds. While all together take more than their share of the loop, peers have equal parts
-    of it, and of a peer its streams; who takes no more than that is not held back. num_peers: with streams. taken_s: so
-    far. num_held: times that a stream was not read on for what it had taken.
+    of it, and of a peer its streams; who takes no more than that is not held back. taken_s: so far. num_held: times
+    that a stream was not read on for what it had taken.
     """
 
     def __init__(self, share: float = UNLIMITED, now: float = 0.0, clocks: Clocks = CLOCKS) -> None:
         """share: of the loop's time, seconds a second."""
         self.bucket = TokenBucket(share, now)
-        self.num_peers = 0
+        self._used_by: Counter[Hashable] = Counter()
         self.taken_s = 0.0
         self.num_held = 0
         self.clocks = clocks
 
+    @property
+    def num_peers(self) -> int:
+        """With streams, or calls whose requests are worked for."""
+        return len(self._used_by)
+
+    def serves(self, peer: Hashable) -> bool:
+        """Whether it is one of them."""
+        return peer in self._used_by
+
+    def enter(self, peer: Hashable) -> None:
+        """A stream or call of a peer begins."""
+        self._used_by[peer] += 1
+
+    def leave(self, peer: Hashable) -> None:
+        """One of them is over."""
+        self._used_by[peer] -= 1
+        if not self._used_by[peer]:
+            del self._used_by[peer]
+
 
 class Work:
-    """What the event loop does for one stream: `with work:` around all of it that does not await.
+    """What the event loop does for one stream or call: `with work:` around all of it that does not await.
 
     Blocks may lie in each other: the outermost counts. `end` and `begin` leave out a wait within one. num_events,
     num_refused: of the present block, counted by who takes them.

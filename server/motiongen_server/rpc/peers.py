@@ -60,14 +60,12 @@ class Peer:
     def begin_stream(self) -> None:
         """One of its streams begins."""
         self.num_streams += 1
-        if self.num_streams == 1:
-            self.loop.num_peers += 1
+        self.loop.enter(self)
 
     def end_stream(self) -> None:
         """One of them has ended."""
         self.num_streams -= 1
-        if not self.num_streams:
-            self.loop.num_peers -= 1
+        self.loop.leave(self)
 
     def adopt(self, limits: PeerLimits, now: float) -> None:
         """Take these limits from now on; what is open stays open, and what is owed is owed."""
@@ -94,7 +92,7 @@ class Peer:
 
     def is_idle(self, now: float) -> bool:
         """Whether nothing would be lost if it were forgotten."""
-        is_open = self.num_streams or self._clip_samples or self._sessions.total()
+        is_open = self.loop.serves(self) or self._clip_samples or self._sessions.total()
         buckets = (self.events, self.bytes, self.prompts, self.calls, self.loop_part)
         return not is_open and all(each.is_full(now) for each in buckets)
 

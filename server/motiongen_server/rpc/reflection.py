@@ -7,6 +7,7 @@ runtime's descriptor pool finds no method by its name, which is what `grpcurl de
 from __future__ import annotations
 
 import asyncio
+import time
 from collections.abc import AsyncIterator, Callable, Iterable
 from typing import TypeVar, cast
 
@@ -18,9 +19,12 @@ from google.protobuf.descriptor_pool import DescriptorPool
 from google.protobuf.message import Message
 from grpc_reflection.v1alpha import reflection, reflection_pb2
 
+from motiongen_server.rpc.budget import CALL_COST
 from motiongen_server.rpc.call_context import CallContext, streaming_method
+from motiongen_server.rpc.call_errors import request_too_long, too_many_questions
 from motiongen_server.rpc.call_places import CallPlaces
-from motiongen_server.rpc.peers import address_of
+from motiongen_server.rpc.limits import PeerLimits
+from motiongen_server.rpc.peers import Peer, Peers
 from motiongen_server.rpc.requests import Requests, parsed_as
 
 V1ALPHA = reflection.SERVICE_NAME
@@ -31,27 +35,42 @@ MOST_CALLS = 32
 MOST_OF_AN_ADDRESS = 12
 CALL_S = 30.0
 PACE_S = 0.005
-"""After each answer: tools ask for some ten, and whoever asks without end takes no more than this."""
+"""After each answer."""
+MOST_QUESTION_BYTES = 1024
+"""Questions are names; an answer repeats its question."""
+LIMITS = PeerLimits(calls_per_second=100.0, bytes_per_second=4_000_000.0)
+"""Of an address: calls and questions, and bytes of these and of their answers. Tools ask for some ten, of 12 KB. It is
+an account of its own: who asks for reflection uses up nothing that others of his address have for streams and clips.
+"""
+_sleep = asyncio.sleep
 
 
-def add_reflection(services: Iterable[str], server: grpc.aio.Server, requests: Requests | None = None) -> None:
+def add_reflection(
+    services: Iterable[str],
+    server: grpc.aio.Server,
+    requests: Requests | None = None,
+    limits: PeerLimits = LIMITS,
+) -> None:
     """Serve reflection of these services, and of itself.
 
-    services: full names. requests: of all calls of that server.
+    services: full names. requests: of all calls of that server. limits: of an address.
     """
     names = (*services, V1ALPHA, V1)
     # The library asks no more of a pool than these methods; the runtime's own class cannot be derived from.
     servicer = reflection.aio.ReflectionServicer(names, pool=cast(DescriptorPool, _Descriptors()))
-    requests, places = requests or Requests(), CallPlaces(MOST_CALLS)
+    requests, places, peers = requests or Requests(), CallPlaces(MOST_CALLS), Peers(limits)
 
     async def answer(call: CallContext) -> None:
-        call.hold(places.take(address_of(call.peer()), call.peer(), MOST_OF_AN_ADDRESS))
+        peer = _charged(peers, call)
+        call.hold(places.take(peer.name, call.peer(), MOST_OF_AN_ADDRESS))
         try:
             async with asyncio.timeout(CALL_S):
-                answers: AsyncIterator[Message] = servicer.ServerReflectionInfo(_questions(call), call)  # type: ignore[arg-type, assignment]
+                questions = _questions(call, peer)
+                answers: AsyncIterator[Message] = servicer.ServerReflectionInfo(questions, call)  # type: ignore[arg-type, assignment]
                 async for response in answers:
+                    peer.bytes.charge(response.ByteSize(), time.monotonic())
                     await call.write(response)
-                    await asyncio.sleep(PACE_S)
+                    await _sleep(max(PACE_S, _owed_s(peer, time.monotonic())))
         except TimeoutError:
             message = f"a call for reflection lasts {CALL_S:g} s at most; begin another"
             await call.abort(grpc.StatusCode.DEADLINE_EXCEEDED, message)
@@ -62,9 +81,29 @@ def add_reflection(services: Iterable[str], server: grpc.aio.Server, requests: R
     )
 
 
-async def _questions(call: CallContext) -> AsyncIterator[Message]:
-    """Raises StreamRefused for what is none."""
+def _charged(peers: Peers, call: CallContext) -> Peer:
+    """Whose call it is, which is charged. Raises StreamRefused while something is owed for."""
+    now = time.monotonic()
+    peer = peers.find(call.peer(), now)
+    if (owed_s := _owed_s(peer, now)) > 0:
+        raise too_many_questions(owed_s)
+    peer.calls.charge(CALL_COST, now)
+    return peer
+
+
+def _owed_s(peer: Peer, now: float) -> float:
+    """Seconds until what was asked and answered is paid."""
+    return max(peer.calls.owed_s(now), peer.bytes.owed_s(now))
+
+
+async def _questions(call: CallContext, peer: Peer) -> AsyncIterator[Message]:
+    """Each charged before it is looked at. Raises StreamRefused for what is none, and for one that is too long."""
     while isinstance(data := await call.read(), bytes):  # else grpc.aio.EOF
+        now = time.monotonic()
+        peer.calls.charge(CALL_COST, now)
+        peer.bytes.charge(len(data), now)
+        if len(data) > MOST_QUESTION_BYTES:
+            raise request_too_long(len(data), MOST_QUESTION_BYTES)
         yield parsed_as(reflection_pb2.ServerReflectionRequest, data)
 
 

@@ -20,6 +20,7 @@ from motiongen_server.models.registry import LoadedModel, ModelRegistry
 from motiongen_server.replicas.other_servers import OtherServers
 from motiongen_server.rpc.call_admission import CallAdmission
 from motiongen_server.rpc.call_context import CallContext, refuse
+from motiongen_server.rpc.call_work import begin_work, work_for
 from motiongen_server.rpc.clip import ClipService, clip_request
 from motiongen_server.rpc.durability import Durability
 from motiongen_server.rpc.gateway_lag import GatewayLag
@@ -70,8 +71,6 @@ class MotionService:
         self._callers = callers or Callers()
         self._limits = limits or ServiceLimits()
         self._loop_time = LoopTime(self._limits.loop_share, time.monotonic(), clocks)
-        most_calls = self._limits.max_clip_calls + OTHER_CALLS
-        self._admission = CallAdmission(self._callers, self._limits.peer, most_calls, loop=self._loop_time)
         self._flush_s = flush_s
         self._stream_metrics = stream_metrics
         self._record_window = record_window
@@ -84,6 +83,10 @@ class MotionService:
         self._kept = KeptSessions(models.limits.resume_grace_s, stream_metrics, self.durability)
         self._streams: dict[int, Stream] = {}
         self._memory = WaitingMemory(self._limits.max_waiting_bytes, self._streams, self._kept)
+        most_calls = self._limits.max_clip_calls + OTHER_CALLS
+        self._admission = CallAdmission(
+            self._callers, self._limits.peer, most_calls, loop=self._loop_time, memory=self._memory
+        )
         self.clips = ClipService(models, self._numbers, stream_metrics, self._limits, self._memory)
         self.watch = StreamWatch(self._limits, self._streams, self._callers, self._memory)
         self._lag = GatewayLag(lambda: bool(self._streams))
@@ -162,9 +165,11 @@ class MotionService:
 
     async def GenerateClip(self, call: CallContext) -> None:
         """Samples of one clip, from the request to the last frame. Raises StreamRefused."""
-        peer, data = await self._admission.request(call)
+        peer, data = await self._admission.request(call, most_bytes=None)
         self._note_call(call)
-        request = clip_request(data, self._models.limits.max_event_fields)
+        call.hold(begin_work(peer))
+        with work_for(peer):
+            request = clip_request(data, self._models.limits.max_event_fields)
         del data  # else it would be held as long as the call lasts
         await self.clips.generate(request, call, peer)
 

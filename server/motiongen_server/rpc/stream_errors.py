@@ -59,6 +59,12 @@ def too_many_calls(wait_s: float, kind: str) -> StreamRefused:
     return StreamRefused(grpc.StatusCode.RESOURCE_EXHAUSTED, "TOO_MANY_CALLS", message, retry_after_s=max(0.1, wait_s))
 
 
+def too_much_loop_time(wait_s: float, kind: str) -> StreamRefused:
+    """Of a call, whose peer owes for what its requests took of the gateway's event loop."""
+    message = f"what your {kind} asked for took more of the server than its part; ask again in {wait_s:.1f} s"
+    return StreamRefused(grpc.StatusCode.RESOURCE_EXHAUSTED, "TOO_MANY_CALLS", message, retry_after_s=max(0.1, wait_s))
+
+
 def too_many_checks(wait_s: float) -> StreamRefused:
     """Of the health."""
     message = f"too many health checks of your connection wait; ask again in {wait_s:.1f} s, or watch the health"
@@ -87,8 +93,8 @@ def no_memory_left(most: int) -> StreamRefused:
 
 
 def too_much_unpaid(most: int, kind: str) -> StreamRefused:
-    """Of messages that were read, and whose events the stream owes for."""
-    message = f"messages of your {kind} that are not paid for take {most} bytes, and this stream owes most; send fewer"
+    """Of messages that were read, and whose events the stream owes for, or of requests that are not ended."""
+    message = f"messages of your {kind} that are not paid for take {most} bytes, and this one owes most; send fewer"
     return StreamRefused(grpc.StatusCode.RESOURCE_EXHAUSTED, "TOO_MUCH_UNPAID", message, retry_after_s=5.0)
 
 

@@ -16,6 +16,7 @@ from motiongen_server.rpc.goodbye import say_draining
 from motiongen_server.rpc.handlers import StreamContext
 from motiongen_server.rpc.held_requests import Ended
 from motiongen_server.rpc.request_parts import SMALL_BYTES, SMALL_EVENT_BYTES, TAKEN_APART, RequestParts, parsed
+from motiongen_server.rpc.sparing_log import SparingLog
 from motiongen_server.rpc.stream import Stream
 from motiongen_server.rpc.stream_errors import (
     client_agent_too_long,
@@ -29,6 +30,8 @@ _log = logging.getLogger(__name__)
 
 FLUSH_RANGE_S = (0.005, 0.1)
 MAX_AGENT_CHARACTERS = 128
+MAX_SHOWN_CHARACTERS = 160
+"""Of how an agent is written in the log, where a character that cannot be printed takes up to ten."""
 EVENTS_A_TURN = 64
 EVENTS_A_WALK = 1024
 """Of a long message, counted before others have a turn."""
@@ -46,6 +49,7 @@ class StreamReader:
         self._models = models
         self._replica_id = replica_id
         self._reconnect_after_s = reconnect_after_s
+        self._log = SparingLog(_log)  # a client can begin a hundred streams a second
         self.ends_at: float | None = None
 
     async def read(self, stream: Stream, context: StreamContext) -> None:
@@ -141,7 +145,7 @@ class StreamReader:
     def _greet(self, stream: Stream, hello: service_pb2.ClientHello) -> None:
         if len(hello.client_agent) > MAX_AGENT_CHARACTERS:
             raise client_agent_too_long(len(hello.client_agent), MAX_AGENT_CHARACTERS)
-        _log.info("stream %d begins, client %r", stream.number, hello.client_agent)
+        self._log.info("stream %d begins, client %s", stream.number, _shown(hello.client_agent))
         if hello.HasField("flush_interval"):
             # Not by ToTimedelta, which cannot hold every Duration that fits into a message.
             asked = hello.flush_interval.seconds + hello.flush_interval.nanos / 1e9
@@ -154,3 +158,8 @@ class StreamReader:
         if self.ends_at is not None:
             grace_s = self.ends_at - time.monotonic()
             say_draining(stream, self._models.default.model_id, grace_s, self._reconnect_after_s)
+
+
+def _shown(agent: str) -> str:
+    shown = repr(agent)
+    return shown if len(shown) <= MAX_SHOWN_CHARACTERS else f"{shown[: MAX_SHOWN_CHARACTERS - 3]}..."

@@ -14,7 +14,7 @@ LEAST_ROOM = 64
 
 
 class Debtor(Protocol):
-    """A stream, or a call for clips. num_waiting_bytes: that are held for its client, about."""
+    """A stream, a call for clips, or a request that is not ended. num_waiting_bytes: held for its client, about."""
 
     refusal: StreamRefused | None
 
@@ -42,7 +42,7 @@ class Parked(Protocol):
 
 
 class WaitingMemory:
-    """What clients have sent and the engine has said, and waits: of streams, calls for clips and parked sessions.
+    """What clients have sent and the engine has said, and waits: of streams, calls and parked sessions.
 
     Where it is more than may be, sessions that wait for their client give theirs up first, then those who hold most are
     ended. Lives on the event loop, but for num_bytes. on_begin: called when somebody begins to hold anything.
@@ -54,6 +54,7 @@ class WaitingMemory:
         self._most = most
         self._streams = streams
         self._calls: dict[int, Debtor] = {}
+        self._requests: list[Debtor] = []
         self._parked = parked
         self._room = most  # left, as of the last look, less what has come since as far as it is noted
 
@@ -65,7 +66,8 @@ class WaitingMemory:
     @property
     def is_idle(self) -> bool:
         """Whether there is nobody who could hold anything."""
-        return not (self._streams or self._calls or (self._parked is not None and self._parked.num_parked))
+        held = self._streams or self._calls or self._requests
+        return not (held or (self._parked is not None and self._parked.num_parked))
 
     def begin(self, number: int, call: Debtor) -> None:
         """A call counts too from now on. number: no other call's."""
@@ -75,6 +77,18 @@ class WaitingMemory:
     def end(self, number: int) -> None:
         """It is over."""
         del self._calls[number]
+
+    @contextmanager
+    def holding(self, request: Debtor) -> Iterator[None]:
+        """A request that has come counts too, for the time of the block: its client has not ended its side yet."""
+        self._requests.append(request)
+        self.on_begin()
+        self.note(request.num_waiting_bytes)
+        try:
+            yield
+        finally:
+            self._requests.remove(request)
+            self.note(-request.num_waiting_bytes)
 
     def note(self, num_bytes: int) -> None:
         """So many more bytes wait, or fewer: what comes fast is bounded at once, and not at the next look."""
@@ -98,7 +112,7 @@ class WaitingMemory:
         self._room = max(self._most - parked - held, self._most // LEAST_ROOM)
 
     def _debtors(self) -> list[Debtor]:
-        return [*list(self._streams.values()), *list(self._calls.values())]
+        return [*list(self._streams.values()), *list(self._calls.values()), *list(self._requests)]
 
     @property
     def _num_parked_bytes(self) -> int:

@@ -13,7 +13,7 @@ from prometheus_client.metrics_core import Metric
 
 from motiongen_server.ops import http
 from motiongen_server.ops.http import ops_app
-from tests.waiting import LIMIT_S
+from tests.waiting import LIMIT_S, until_true
 
 
 @pytest.mark.parametrize(("path", "alive", "ready"), [("/livez", 1, 0), ("/healthz", 1, 0), ("/readyz", 0, 1)])
@@ -54,6 +54,39 @@ async def test_a_connection_lives_for_a_while_and_the_oldest_goes_where_there_ar
                 assert await end_of(late[0])
                 for _, writer in (first, *others, late):
                     writer.transport.abort()
+        finally:
+            server.should_exit = True
+            await serving
+
+
+async def test_clients_mistakes_are_not_logged_and_faults_are(caplog: pytest.LogCaptureFixture) -> None:
+    caplog.set_level("INFO")
+
+    def fault() -> bool:
+        raise RuntimeError("a fault")
+
+    server = http.OpsServer(http.ops_app(CollectorRegistry(), fault, lambda: True), "127.0.0.1", 0)
+    upgrade = b"GET /readyz HTTP/1.1\r\nHost: ops\r\nConnection: upgrade\r\nUpgrade: websocket\r\n\r\n"
+
+    async def answer(request: bytes) -> bytes:
+        reader, writer = await asyncio.open_connection("127.0.0.1", server.port)
+        writer.write(request)
+        try:
+            return await reader.readline()
+        finally:
+            writer.transport.abort()
+
+    with socket.create_server(("127.0.0.1", 0)) as listener:
+        serving = asyncio.create_task(server.serve([listener]))
+        try:
+            async with asyncio.timeout(LIMIT_S):
+                await until_true(lambda: server.started)
+                assert b"400" in await answer(b"garbage\r\n\r\n")
+                assert b"200" in await answer(upgrade)
+                assert not [record for record in caplog.records if record.name.startswith("uvicorn")]
+                assert b"500" in await answer(b"GET /livez HTTP/1.1\r\nHost: ops\r\n\r\n")
+                (logged,) = [record for record in caplog.records if record.name.startswith("uvicorn")]
+                assert logged.levelname == "ERROR"
         finally:
             server.should_exit = True
             await serving

@@ -3,6 +3,8 @@
 from __future__ import annotations
 
 import asyncio
+from collections.abc import Iterator
+from contextlib import contextmanager
 from typing import Any
 
 import grpc.aio
@@ -11,7 +13,7 @@ import pytest
 from motiongen.v1 import service_pb2
 from motiongen_server.errors import StreamRefused
 from motiongen_server.rpc import requests as requests_module
-from motiongen_server.rpc.requests import Requests, parsed_as
+from motiongen_server.rpc.requests import SMALL_REQUEST_BYTES, AwaitedRequest, Requests, parsed_as
 from tests.waiting import LIMIT_S, until_true
 
 ENDLESS_S = 1e6
@@ -55,6 +57,41 @@ async def test_what_does_not_come_is_waited_for_no_longer_than_that(sends: tuple
 @pytest.mark.parametrize("sends", [(END,), (b"", b""), (b"a", b"b", END)], ids=["none", "two", "two and the end"])
 async def test_one_request_is_one(sends: tuple[Any, ...]) -> None:
     assert await reason_of(Requests(ENDLESS_S), Client(*sends)) == "ONE_REQUEST_EXPECTED"
+
+
+async def test_a_request_that_is_too_long_is_refused_at_once() -> None:
+    requests, most = Requests(ENDLESS_S), SMALL_REQUEST_BYTES
+    async with asyncio.timeout(LIMIT_S):
+        assert await reason_of(requests, Client(b"a" * (most + 1))) == "REQUEST_TOO_LONG", "its end is not waited for"
+    longest = b"a" * most
+    assert await requests.only(Client(longest, END)) == longest  # type: ignore[arg-type]
+    assert await requests.only(Client(longest + b"a", END), None) == longest + b"a"  # type: ignore[arg-type]
+
+
+async def test_what_has_come_counts_from_its_first_message_to_its_end() -> None:
+    counted: list[AwaitedRequest] = []
+
+    @contextmanager
+    def arrive(request: AwaitedRequest) -> Iterator[None]:
+        counted.append(request)
+        try:
+            yield
+        finally:
+            counted.remove(request)
+
+    client = Client(b"asked")
+    asking = asyncio.create_task(Requests(ENDLESS_S).only(client, None, arrive))  # type: ignore[arg-type]
+    async with asyncio.timeout(LIMIT_S):
+        await until_true(lambda: counted)
+        (request,) = counted
+        assert request.num_waiting_bytes == len(b"asked")
+        request.fail(RuntimeError("a fault"))
+        with pytest.raises(StreamRefused) as refused:
+            await asking
+    assert refused.value.reason == "INTERNAL"
+    assert request.num_waiting_bytes == 0
+    assert await Requests(ENDLESS_S).only(Client(b"asked", END), None, arrive) == b"asked"  # type: ignore[arg-type]
+    assert counted == []
 
 
 @pytest.mark.parametrize(

@@ -5,6 +5,7 @@ from __future__ import annotations
 import asyncio
 import time
 from collections.abc import Iterator, Sequence
+from dataclasses import replace
 from functools import partial
 
 import grpc
@@ -18,10 +19,11 @@ from motiongen_server.models.registry import LoadedModel, ModelRegistry
 from motiongen_server.rpc.bounded_write import write_within
 from motiongen_server.rpc.budget import CONSTRAINT_CALLS, PATH_CALLS
 from motiongen_server.rpc.call_context import CallContext
+from motiongen_server.rpc.call_work import work_for
 from motiongen_server.rpc.clip.call import Call, refused
 from motiongen_server.rpc.clip.holding import Holding
 from motiongen_server.rpc.clip.request import check_extent, clip_specs, opening_event
-from motiongen_server.rpc.convert import UNENCODED, coding_of, num_paths, prompt_texts, warnings_of
+from motiongen_server.rpc.convert import UNENCODED, coding_of, num_paths, prompt_texts, warnings_of, with_embeddings
 from motiongen_server.rpc.encoding import encoded
 from motiongen_server.rpc.event_errors import too_many_clips
 from motiongen_server.rpc.limits import ServiceLimits
@@ -91,6 +93,7 @@ class ClipService:
         try:
             async with asyncio.timeout(most_s if remaining_s is None else min(most_s, remaining_s)) as within:
                 holding.cut = partial(_cut, within)
+                self._memory.note(holding.num_waiting_bytes)  # which may end it
                 await self._make(request, number, context, peer)
             code = "OK"
         except TimeoutError:
@@ -121,6 +124,19 @@ class ClipService:
     async def _make(
         self, request: service_pb2.GenerateClipRequest, number: int, context: CallContext, peer: Peer
     ) -> None:
+        with work_for(peer):
+            model = self._admitted(request, peer)
+        try:
+            call = await self._prepared(request, number, model, peer)
+            await self._run(call, number, context, peer)
+        finally:
+            peer.end_clip(request.sample_count or 1)
+
+    def _admitted(self, request: service_pb2.GenerateClipRequest, peer: Peer) -> LoadedModel:
+        """The model that makes the samples, which are charged and count among those of the peer from now on.
+
+        Raises EventRefused.
+        """
         model = self._models.find(request.open.model_id)
         check_extent(request, model.catalog)
         if len(self._calls) >= self._limits.max_clip_calls:
@@ -130,36 +146,38 @@ class ClipService:
         each_calls = CONSTRAINT_CALLS * len(told) + PATH_CALLS * num_paths(told)
         peer.calls.charge(each_calls * num_samples, time.monotonic())
         peer.begin_clip(num_samples)
-        try:
-            call = await self._prepared(request, number, model, peer)
-            await self._run(call, number, context)
-        finally:
-            peer.end_clip(num_samples)
+        return model
 
     async def _prepared(
         self, request: service_pb2.GenerateClipRequest, number: int, model: LoadedModel, peer: Peer
     ) -> Call:
         """The call, with all that can be wrong with it found before its prompts are encoded. Raises EventRefused."""
-        received_at = time.monotonic()
-        texts = prompt_texts(opening_event(request), model.catalog)
-        specs = clip_specs(request, number, UNENCODED, received_at, model.catalog, peer.owner)
+        received_at, catalog = time.monotonic(), model.catalog
+        with work_for(peer):
+            event = opening_event(request)
+            texts = prompt_texts(event, catalog)
+            specs = clip_specs(request, number, UNENCODED, received_at, catalog, peer.owner)
+            if texts:
+                refusal = model.engine.refusal_of(specs[0].priority, specs[0].denoise_steps, is_clip=True)
+                if refusal is not None:
+                    raise refusal
         if texts:
-            refusal = model.engine.refusal_of(specs[0].priority, specs[0].denoise_steps, is_clip=True)
-            if refusal is not None:
-                raise refusal
             asker = Asker(peer.name, number)
             embeddings = await encoded(model.prompts, texts, asker, peer.prompts)
-            specs = clip_specs(request, number, embeddings, received_at, model.catalog, peer.owner)
-        opening = Open(specs[0], 1, received_at)
-        coding = coding_of(request.open, model.catalog)
-        return Call(specs, model, coding, warnings_of(opening_event(request), opening, model.catalog))
+            prompts = with_embeddings(specs[0].prompts, embeddings)
+            specs = [replace(spec, prompts=prompts) for spec in specs]
+        with work_for(peer):
+            coding = coding_of(request.open, catalog)
+            warnings = warnings_of(event, Open(specs[0], 1, received_at), catalog)
+        return Call(specs, model, coding, warnings)
 
-    async def _run(self, call: Call, number: int, context: CallContext) -> None:
+    async def _run(self, call: Call, number: int, context: CallContext, peer: Peer) -> None:
         self._calls[number] = call
         holding = self._holdings[number]
         self._idle.clear()
         try:
-            self._start(call, time.monotonic())
+            with work_for(peer):
+                self._start(call, time.monotonic())
             while call.under_way:
                 output = await holding.next()
                 for response in call.responses(output):

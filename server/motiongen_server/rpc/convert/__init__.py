@@ -4,7 +4,7 @@ from motiongen_server.rpc.convert.events import engine_event, playhead_of, round
 from motiongen_server.rpc.convert.options import asked_steps, coding_of
 from motiongen_server.rpc.convert.outputs import residual_of, write_update
 from motiongen_server.rpc.convert.placing import constraints_in, num_paths
-from motiongen_server.rpc.convert.prompts import UNENCODED, prompt_texts
+from motiongen_server.rpc.convert.prompts import UNENCODED, prompt_texts, with_embeddings
 from motiongen_server.rpc.convert.resuming import check_resume
 from motiongen_server.rpc.convert.warned import warnings_of
 from motiongen_server.rpc.convert.wire import Parts, append_frames, append_plan, append_update
@@ -26,5 +26,6 @@ __all__ = [
     "residual_of",
     "round_trip_s",
     "warnings_of",
+    "with_embeddings",
     "write_update",
 ]

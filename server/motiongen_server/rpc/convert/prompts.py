@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Iterator, Mapping, Sequence
+from dataclasses import replace
 
 import numpy as np
 
@@ -104,6 +105,11 @@ def prompts_of(
         identifier = identifier_of(span.prompt_id, f"{where}.prompt_id")
         prompts.append(Prompt(identifier, start or None, end or None, text, embedding))
     return tuple(prompts)
+
+
+def with_embeddings(prompts: Sequence[Prompt], embeddings: Embeddings) -> tuple[Prompt, ...]:
+    """Prompts that were made `UNENCODED`, as `prompts_of` would have made them with embeddings."""
+    return tuple(each if each.embedding.size else replace(each, embedding=embeddings[each.text]) for each in prompts)
 
 
 def _meaning(

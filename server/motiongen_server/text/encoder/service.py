@@ -70,7 +70,7 @@ class TextEncoderService:
 
         Raises StreamRefused.
         """
-        peer, data = await self._admission.request(call)
+        peer, data = await self._admission.request(call, most_bytes=None)
         request = parsed_as(encoder_pb2.EncodeTextsRequest, data)
         try:
             self._check(request)

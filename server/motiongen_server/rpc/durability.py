@@ -18,6 +18,7 @@ from motiongen_server.engine.types import Close, CloseReason, Code, Durable, Sna
 from motiongen_server.rpc.session_entry import SessionEntry
 from motiongen_server.snapshots.record import RecordRefused, SessionRecord, read_record
 from motiongen_server.snapshots.store import Lease, SnapshotStore, StoreFailed
+from motiongen_server.snapshots.taker import SnapshotTaker
 from motiongen_server.snapshots.writer import SnapshotWriter, Written
 
 SECRET_BYTES = 24
@@ -55,6 +56,7 @@ class Durability:
         self._loop = loop
         self._count = count
         self._entries: dict[Lease, SessionEntry] = {}
+        self._taker = SnapshotTaker(store)
         self.writer = SnapshotWriter(store, _OnLoop(self, loop))
 
     def save(self, entry: SessionEntry, taken: SnapshotTaken) -> None:
@@ -93,10 +95,10 @@ class Durability:
 
         try:
             async with asyncio.timeout(TAKE_S):
-                data = await asyncio.wrap_future(self.writer.read(name))
+                data = await asyncio.wrap_future(self._taker.read(name))
                 if data is not None:
                     read(data)
-                held = None if data is None else await asyncio.wrap_future(self.writer.take(name))
+                held = None if data is None else await asyncio.wrap_future(self._taker.take(name))
         except (StoreFailed, TimeoutError) as error:
             raise NotKept(f"the store did not answer: {error}") from error
         if held is None:
@@ -107,9 +109,11 @@ class Durability:
         """A session that was taken over is this server's now."""
         entry.lease = lease_of(entry.token)
         self._entries[entry.lease] = entry
+        self.writer.hold(entry.lease)
 
     def close(self) -> None:
         """Write what waits, and end. Waits for it a moment."""
+        self._taker.close()
         self.writer.close()
 
     # ---- what the writer says ---------------------------------------------------------------------------------------

@@ -16,14 +16,14 @@ from dataclasses import replace
 
 from motiongen_server.engine.types import Close, CloseReason, Code, Durable, SnapshotTaken
 from motiongen_server.rpc.session_entry import SessionEntry
+from motiongen_server.rpc.store_turns import StoreAway, StoreTurns
 from motiongen_server.snapshots.record import RecordRefused, SessionRecord, read_record
-from motiongen_server.snapshots.store import Lease, SnapshotStore, StoreFailed
+from motiongen_server.snapshots.store import Lease, SnapshotStore
 from motiongen_server.snapshots.taker import SnapshotTaker
 from motiongen_server.snapshots.writer import SnapshotWriter, Written
+from motiongen_server.text.turns import Asker
 
 SECRET_BYTES = 24
-TAKE_S = 2.0
-"""How long a client that resumes waits for the store, before it is told that nothing is kept."""
 
 
 class NotKept(Exception):
@@ -57,6 +57,7 @@ class Durability:
         self._count = count
         self._entries: dict[Lease, SessionEntry] = {}
         self._taker = SnapshotTaker(store)
+        self._turns = StoreTurns(loop.time)
         self.writer = SnapshotWriter(store, _OnLoop(self, loop))
 
     def save(self, entry: SessionEntry, taken: SnapshotTaken) -> None:
@@ -80,30 +81,31 @@ class Durability:
             self.writer.drop(lease)
 
     async def take_over(
-        self, token: str, tenant: str, check: Callable[[SessionRecord], None]
+        self, token: str, tenant: str, asker: Asker, check: Callable[[SessionRecord], None]
     ) -> tuple[str, SessionRecord]:
-        """The token from now on and the record of a session that another server held. Raises NotKept.
+        """The token from now on and the record of a session that another server held.
 
         check: raises what else there is against it. Where anything is, the session stays with the server that has it.
+        Raises NotKept, and EventRefused where the store is busy or does not answer: whether it is kept is not known.
         """
         name = lease_of(token).name
 
-        def read(data: bytes) -> SessionRecord:
-            record = _read(data, tenant)
+        async def ask() -> tuple[str, SessionRecord]:
+            data = await asyncio.wrap_future(self._taker.read(name))
+            self._turns.note_answer()
+            if data is not None:
+                check(_read(data, tenant))
+            held = None if data is None else await asyncio.wrap_future(self._taker.take(name))
+            if held is None:
+                raise NotKept("the store has no such session")
+            record = _read(held.data, tenant)
             check(record)
-            return record
+            return token_of(token.rpartition(".")[0], held.epoch), record
 
         try:
-            async with asyncio.timeout(TAKE_S):
-                data = await asyncio.wrap_future(self._taker.read(name))
-                if data is not None:
-                    read(data)
-                held = None if data is None else await asyncio.wrap_future(self._taker.take(name))
-        except (StoreFailed, TimeoutError) as error:
-            raise NotKept(f"the store did not answer: {error}") from error
-        if held is None:
-            raise NotKept("the store has no such session")
-        return token_of(token.rpartition(".")[0], held.epoch), read(held.data)
+            return await self._turns.take(asker, ask)
+        except StoreAway as error:
+            raise NotKept(str(error)) from error
 
     def adopt(self, entry: SessionEntry) -> None:
         """A session that was taken over is this server's now."""

@@ -51,13 +51,13 @@ class SharedStore(SqliteStore):
         self.names |= {lease.name for lease, _ in records}
         return answers
 
-    def read(self, name: str) -> bytes | None:
+    def read(self, name: str) -> Held | None:
         self._check()
         return super().read(name)
 
-    def take(self, name: str, holder: str) -> Held | None:
+    def take(self, lease: Lease, holder: str) -> Held | None:
         self._check()
-        return super().take(name, holder)
+        return super().take(lease, holder)
 
     def renew(self, leases: Sequence[Lease]) -> list[Renewal]:
         self._check()

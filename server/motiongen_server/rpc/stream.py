@@ -133,6 +133,7 @@ class Stream(StreamTakeOvers):
         if event.event_seq:
             raise invalid_event_seq(event.event_seq)
         self._take_token(entry, now)
+        entry.note_heard()
         report = event.playhead
         if entry.answers:
             entry.confirm(report.answered_seq)
@@ -195,6 +196,7 @@ class Stream(StreamTakeOvers):
         self._kept.move(entry, self, event.session)
         self._entries[event.session] = self._by_key[entry.key] = entry
         entry.confirm(point.answered_seq)
+        entry.note_heard()
         entry.attempt, entry.is_resuming = point.attempt, True
         if entry.closed is not None:
             self._welcome_back(entry, point.next_frame)

@@ -10,7 +10,7 @@ from motiongen_server.engine.types import GoingOn, Open, SessionKey
 from motiongen_server.errors import EventRefused
 from motiongen_server.models.registry import ModelRegistry
 from motiongen_server.rpc.convert.frames import FrameCoding
-from motiongen_server.rpc.durability import Durability, NotKept
+from motiongen_server.rpc.durability import Durability, NotKept, lease_of
 from motiongen_server.rpc.event_errors import events_not_saved, resume_superseded, session_not_kept
 from motiongen_server.rpc.peers import Peer
 from motiongen_server.rpc.session_entry import Carrier, SessionEntry
@@ -75,6 +75,7 @@ def adopted(
         raise
     entry = SessionEntry(key, model, record.request_id, bucket, carrier, key.handle, place)
     entry.token, entry.attempt = token, point.attempt
+    entry.told_epoch = lease_of(opening.resume_token).epoch
     entry.is_resuming = entry.known_to_engine = True
     entry.last_seq = record.taken_seq
     unanswered = record.unanswered

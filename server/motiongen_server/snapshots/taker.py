@@ -9,7 +9,7 @@ from concurrent.futures import Future, ThreadPoolExecutor
 from functools import partial
 from typing import TypeVar
 
-from motiongen_server.snapshots.store import Held, SnapshotStore, StoreFailed
+from motiongen_server.snapshots.store import Held, Lease, SnapshotStore, StoreFailed
 
 _log = logging.getLogger(__name__)
 
@@ -27,13 +27,13 @@ class SnapshotTaker:
         self._holder = secrets.token_hex(4)
         self._threads = ThreadPoolExecutor(TAKERS, "snapshot-take")
 
-    def read(self, name: str) -> Future[bytes | None]:
+    def read(self, name: str) -> Future[Held | None]:
         """The record of a session, whoever holds it. Its exception is StoreFailed."""
         return self._threads.submit(self._asked, partial(self._store.read, name))
 
-    def take(self, name: str) -> Future[Held | None]:
-        """Take a session over from whoever held it. Its exception is StoreFailed."""
-        return self._threads.submit(self._asked, partial(self._store.take, name, self._holder))
+    def take(self, lease: Lease) -> Future[Held | None]:
+        """Take a session over, if it is still held by that lease. Its exception is StoreFailed."""
+        return self._threads.submit(self._asked, partial(self._store.take, lease, self._holder))
 
     def _asked(self, call: Callable[[], T]) -> T:
         """What a call of the store answers. Whatever goes wrong with it, who asked is told that the store failed."""

@@ -15,6 +15,7 @@ from motiongen_server.rpc.kept_sessions import KeptSessions
 from motiongen_server.snapshots import writer
 from motiongen_server.snapshots.record import write_record
 from motiongen_server.snapshots.sqlite_store import SqliteStore
+from motiongen_server.snapshots.store import Lease
 from tests.server.rpc.test_event_order import Line
 from tests.server.rpc.test_taking_over import RECORD, TOKEN, of_model, resuming
 from tests.waiting import until_true
@@ -68,7 +69,7 @@ def expires_at(store: SqliteStore) -> float:
 
 async def test_one_that_stands_still_ends_once_another_server_has_taken_it(adopting: Adopting) -> None:
     await adopting.adopt()
-    assert adopting.store.take(NAME, "a third server") is not None
+    assert adopting.store.take(Lease(NAME, 2), "a third server") is not None
     await until_true(lambda: len(adopting.line.engine.events) == 2)
     end = adopting.line.engine.events[1]
     assert isinstance(end, Close)

@@ -22,7 +22,7 @@ from motiongen_server.rpc.peers import Peer
 from motiongen_server.rpc.store_turns import ASKED_AGAIN_S, AWAY_S, StoreAway, StoreTurns
 from motiongen_server.snapshots.record import write_record
 from motiongen_server.snapshots.sqlite_store import SqliteStore
-from motiongen_server.snapshots.store import StoreFailed
+from motiongen_server.snapshots.store import Held, StoreFailed
 from motiongen_server.snapshots.taker import TAKERS
 from motiongen_server.text.turns import Asker
 from tests.server.rpc.test_event_order import Line
@@ -40,7 +40,7 @@ class Store(SqliteStore):
         self.is_broken = False
         self.asked: list[str] = []
 
-    def read(self, name: str) -> bytes | None:
+    def read(self, name: str) -> Held | None:
         self.asked.append(name)
         self.gate.wait(LIMIT_S)
         if self.is_broken:

@@ -29,7 +29,7 @@ from motiongen_server.rpc.session_entry import Carrier
 from motiongen_server.rpc.taking_over import adopted, claimed
 from motiongen_server.snapshots.record import write_record
 from motiongen_server.snapshots.sqlite_store import SqliteStore
-from motiongen_server.snapshots.store import Held, Renewal
+from motiongen_server.snapshots.store import Held, Lease, Renewal
 from motiongen_server.text.turns import Asker
 from tests.contract.local import LocalServer
 from tests.server.engine.fakes import FACTS
@@ -163,13 +163,13 @@ class SlowStore(SqliteStore):
         super().__init__(path, 60.0)
         self.gate = threading.Event()
 
-    def read(self, name: str) -> bytes | None:
+    def read(self, name: str) -> Held | None:
         self.gate.wait(LIMIT_S)
         return super().read(name)
 
-    def take(self, name: str, holder: str) -> Held | None:
+    def take(self, lease: Lease, holder: str) -> Held | None:
         self.gate.wait(LIMIT_S)
-        return super().take(name, holder)
+        return super().take(lease, holder)
 
 
 async def test_a_client_that_finishes_while_the_store_is_asked_has_its_answer(tmp_path: Path) -> None:

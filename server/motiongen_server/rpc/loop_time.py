@@ -96,9 +96,9 @@ class Work:
             self.num_events = self.num_refused = 0
             self._charge(taken_s)
 
-    async def of(self, coroutine: Coroutine[Any, Any, T]) -> T:
+    async def of(self, begin: Callable[[], Coroutine[Any, Any, T]]) -> T:
         """What a coroutine gives: what the loop does for it counts, and what it waits for does not."""
-        return await _Steps(self, coroutine)
+        return await _Steps(self, begin())
 
     def __enter__(self) -> None:
         self.begin()

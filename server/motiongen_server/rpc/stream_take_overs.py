@@ -7,6 +7,7 @@ import time
 from abc import abstractmethod
 from collections import deque
 from dataclasses import dataclass, field
+from functools import partial
 
 from motiongen.v1 import session_pb2
 from motiongen_server.engine.types import SessionKey
@@ -123,7 +124,7 @@ class StreamTakeOvers(StreamSessions):
         held_back = self._held_back.setdefault(event.session, _HeldBack())
         self._count(held_back, num_bytes)
         task = held_back.task = asyncio.get_running_loop().create_task(
-            self.work.of(self._take_over(event.session, opening, durability, now))
+            self.work.of(partial(self._take_over, event.session, opening, durability, now))
         )
         self._taking_over.add(task)
         task.add_done_callback(self._taking_over.discard)

@@ -26,7 +26,7 @@ async def test_of_a_coroutine_what_it_does_is_work_and_what_it_waits_for_is_not(
         clock.now_s += 0.05
         return heard
 
-    task = asyncio.create_task(work.of(listening()))
+    task = asyncio.create_task(work.of(listening))
     for index, future in enumerate(told):
         await asyncio.sleep(0)
         clock.now_s += 60.0  # others have a turn
@@ -44,7 +44,7 @@ async def test_a_coroutine_that_is_work_can_be_cancelled_while_it_waits() -> Non
         finally:
             ending.append("ended")
 
-    task = asyncio.create_task(work.of(waiting()))
+    task = asyncio.create_task(work.of(waiting))
     await asyncio.sleep(0)
     task.cancel()
     with pytest.raises(asyncio.CancelledError):

@@ -13,6 +13,7 @@ import pytest
 from motiongen_client import LinePolicy, MotionClient, Session, SessionOptions, backoff, calls
 from motiongen_server.replicas.directory import Replica
 from motiongen_server.replicas.other_servers import OtherServers
+from motiongen_server.rpc import event_errors
 from motiongen_server.snapshots import writer
 from motiongen_server.snapshots.sqlite_store import SqliteStore
 from motiongen_server.snapshots.store import Held, Lease, Renewal, StoreFailed
@@ -30,14 +31,15 @@ OPTIONS = SessionOptions(lookahead_frames=80)
 def short_delays(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(backoff, "LONGEST_DELAY_S", 0.1)
     monkeypatch.setattr(calls, "LAG_S", 0.05)
+    monkeypatch.setattr(event_errors, "STORE_RETRY_S", 0.05)
     monkeypatch.setattr(writer, "RETRY_S", 0.02)
     monkeypatch.setattr(writer, "RENEW_EVERY_S", 0.1)
 
 
 class SharedStore(SqliteStore):
-    """The file that two servers share. is_broken: it does nothing; names: of whom it took records."""
+    """The file that two servers share. is_broken: it does nothing, num_failed times; names: of whom it took records."""
 
-    is_broken = False
+    is_broken, num_failed = False, 0
 
     def __init__(self, path: Path, keep_s: float) -> None:
         super().__init__(path, keep_s)
@@ -49,13 +51,13 @@ class SharedStore(SqliteStore):
         self.names |= {lease.name for lease, _ in records}
         return answers
 
-    def read(self, name: str) -> bytes | None:
+    def read(self, name: str) -> Held | None:
         self._check()
         return super().read(name)
 
-    def take(self, name: str, holder: str) -> Held | None:
+    def take(self, lease: Lease, holder: str) -> Held | None:
         self._check()
-        return super().take(name, holder)
+        return super().take(lease, holder)
 
     def renew(self, leases: Sequence[Lease]) -> list[Renewal]:
         self._check()
@@ -63,6 +65,7 @@ class SharedStore(SqliteStore):
 
     def _check(self) -> None:
         if self.is_broken:
+            self.num_failed += 1
             raise StoreFailed("the disk is full")
 
 
@@ -218,6 +221,19 @@ async def test_a_store_that_comes_back_is_told_of_and_used_again(tmp_path: Path)
         await saved(session)
         await quiet(two)
         two.lead_to(1)
+        await played(session, 100)
+        assert (session.stats.resumes, session.reopenings) == (1, ())
+
+
+async def test_a_session_waits_for_a_store_that_is_away_for_a_moment(tmp_path: Path) -> None:
+    async with pair(tmp_path) as two:
+        session = await two.client.open("first", options=OPTIONS)
+        await saved(session)
+        await quiet(two)
+        two.stores[1].is_broken = True
+        two.lead_to(1)
+        await until_true(lambda: two.stores[1].num_failed > 1)
+        two.stores[1].is_broken = False
         await played(session, 100)
         assert (session.stats.resumes, session.reopenings) == (1, ())
 

@@ -10,6 +10,7 @@ Tokens are what is known beforehand. What a message really took of the event loo
 
 from __future__ import annotations
 
+from motiongen_server.engine.types import Code
 from motiongen_server.rpc.peers import Peer
 from motiongen_server.rpc.token_bucket import Share, TokenBucket
 
@@ -22,6 +23,8 @@ CONSTRAINT_COST = 3.0
 other events."""
 PATH_COST = 50.0
 """More, for each path: the engine works out where it leads, in the time of so many other events."""
+FREE = (Code.OK, Code.INTERNAL, Code.UNAVAILABLE)
+"""Answers that are not charged: the client is not at fault."""
 BYTES_A_TOKEN = 256.0
 CALL_COST = 1.0
 """Of a call, of those that a peer may make in a second; a clip's costs more by its bytes."""
@@ -48,6 +51,11 @@ class StreamBudget:
         self.charged += tokens
         self._bucket.charge(tokens, now)
         self._share.charge(tokens, now)
+
+    def give_back(self, tokens: float, now: float) -> None:
+        """What was charged beforehand, for a refusal, was none."""
+        self._bucket.give_back(tokens, now)
+        self._share.give_back(tokens, now)
 
     def charge_message(self, num_bytes: int, now: float) -> None:
         """A message has come; its events are charged as they are counted."""

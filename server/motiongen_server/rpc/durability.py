@@ -3,6 +3,10 @@
 A session's token is a secret and the fencing epoch that it was told with: `secret.epoch`. The record's name is a hash
 of the secret, so that the store gives nobody a session. Whoever takes a session over tells its client a new token; the
 one who held it before does not know that one, and so never goes on with a session that has moved on elsewhere.
+
+That answer may be lost, more than once, and the client comes again with the token that it has. So a token is good until
+the client was seen to have a newer one: it came with that, or has said something to who told it. One of a higher epoch
+than the record's was told nobody.
 """
 
 from __future__ import annotations
@@ -16,13 +20,14 @@ from dataclasses import replace
 
 from motiongen_server.engine.types import Close, CloseReason, Code, Durable, SnapshotTaken
 from motiongen_server.rpc.session_entry import SessionEntry
+from motiongen_server.rpc.store_turns import StoreAway, StoreTurns
 from motiongen_server.snapshots.record import RecordRefused, SessionRecord, read_record
-from motiongen_server.snapshots.store import Lease, SnapshotStore, StoreFailed
+from motiongen_server.snapshots.store import Held, Lease, SnapshotStore
+from motiongen_server.snapshots.taker import SnapshotTaker
 from motiongen_server.snapshots.writer import SnapshotWriter, Written
+from motiongen_server.text.turns import Asker
 
 SECRET_BYTES = 24
-TAKE_S = 2.0
-"""How long a client that resumes waits for the store, before it is told that nothing is kept."""
 
 
 class NotKept(Exception):
@@ -55,6 +60,8 @@ class Durability:
         self._loop = loop
         self._count = count
         self._entries: dict[Lease, SessionEntry] = {}
+        self._taker = SnapshotTaker(store)
+        self._turns = StoreTurns(loop.time)
         self.writer = SnapshotWriter(store, _OnLoop(self, loop))
 
     def save(self, entry: SessionEntry, taken: SnapshotTaken) -> None:
@@ -78,38 +85,45 @@ class Durability:
             self.writer.drop(lease)
 
     async def take_over(
-        self, token: str, tenant: str, check: Callable[[SessionRecord], None]
+        self, token: str, tenant: str, asker: Asker, check: Callable[[SessionRecord], None]
     ) -> tuple[str, SessionRecord]:
-        """The token from now on and the record of a session that another server held. Raises NotKept.
+        """The token from now on and the record of a session that another server held.
 
         check: raises what else there is against it. Where anything is, the session stays with the server that has it.
+        Raises NotKept, and EventRefused where the store is busy or does not answer: whether it is kept is not known.
         """
-        name = lease_of(token).name
+        name, epoch = lease_of(token)
 
-        def read(data: bytes) -> SessionRecord:
-            record = _read(data, tenant)
+        def read(found: Held) -> SessionRecord:
+            record = _read(found, epoch, tenant)
             check(record)
             return record
 
+        async def ask() -> tuple[str, SessionRecord]:
+            held = None
+            while held is None:  # else another has taken it since, as this client may have, whose answer was lost
+                found = await asyncio.wrap_future(self._taker.read(name))
+                self._turns.note_answer()
+                if found is None:
+                    raise NotKept("the store has no such session")
+                read(found)
+                held = await asyncio.wrap_future(self._taker.take(Lease(name, found.epoch)))
+            return token_of(token.rpartition(".")[0], held.epoch), read(held)
+
         try:
-            async with asyncio.timeout(TAKE_S):
-                data = await asyncio.wrap_future(self.writer.read(name))
-                if data is not None:
-                    read(data)
-                held = None if data is None else await asyncio.wrap_future(self.writer.take(name))
-        except (StoreFailed, TimeoutError) as error:
-            raise NotKept(f"the store did not answer: {error}") from error
-        if held is None:
-            raise NotKept("the store has no such session")
-        return token_of(token.rpartition(".")[0], held.epoch), read(held.data)
+            return await self._turns.take(asker, ask)
+        except StoreAway as error:
+            raise NotKept(str(error)) from error
 
     def adopt(self, entry: SessionEntry) -> None:
         """A session that was taken over is this server's now."""
         entry.lease = lease_of(entry.token)
         self._entries[entry.lease] = entry
+        self.writer.hold(entry.lease)
 
     def close(self) -> None:
         """Write what waits, and end. Waits for it a moment."""
+        self._taker.close()
         self.writer.close()
 
     # ---- what the writer says ---------------------------------------------------------------------------------------
@@ -161,14 +175,16 @@ class Durability:
         return True
 
 
-def _read(data: bytes, tenant: str) -> SessionRecord:
-    """The record of a tenant's session. Raises NotKept."""
+def _read(held: Held, epoch: int, tenant: str) -> SessionRecord:
+    """The record of a tenant's session, for who has the token of that epoch. Raises NotKept."""
     try:
-        record = read_record(data)
+        record = read_record(held.data)
     except RecordRefused as error:
         raise NotKept(str(error)) from error
     if record.tenant != tenant:  # one tenant never learns of another's
         raise NotKept("it is another tenant's session")
+    if not record.told_epoch <= epoch <= held.epoch:
+        raise NotKept(f"its token is of epoch {epoch}, and good are {record.told_epoch} to {held.epoch}")
     return record
 
 
@@ -190,6 +206,7 @@ def _record_of(entry: SessionEntry, taken: SnapshotTaken) -> SessionRecord:
         warnings={seq: said for seq, said in entry.warnings.items() if seq in waiting},
         attempt=entry.attempt,
         snapshot=snapshot,
+        told_epoch=entry.told_epoch,
     )
 
 

@@ -8,6 +8,7 @@ from motiongen_server.engine.types import Code, Priority
 from motiongen_server.errors import EventRefused
 
 GATEWAY_RETRY_S = 2.0
+STORE_RETRY_S = 1.0
 
 
 def unknown_model(given: str, known: Iterable[str]) -> EventRefused:
@@ -62,6 +63,20 @@ def session_not_kept() -> EventRefused:
     allowed = "the token of a session that lives; open it anew, with prior_frames"
     code, given = Code.NOT_FOUND, "no session of that token lives on this server any more"
     return EventRefused(code, "SESSION_NOT_KEPT", given, "open.resume_token", allowed)
+
+
+def session_store_busy() -> EventRefused:
+    """A resume came of a session that has to be asked for elsewhere, and too many others ask."""
+    message, allowed = "too many clients resume sessions at this moment", "the same a little later"
+    code, field = Code.RESOURCE_EXHAUSTED, "open.resume_token"
+    return EventRefused(code, "SESSION_STORE_BUSY", message, field, allowed, STORE_RETRY_S)
+
+
+def session_store_unavailable() -> EventRefused:
+    """A resume came of a session that has to be asked for where sessions are kept, and nobody answers there."""
+    message, allowed = "the store of sessions does not answer", "the same a little later, or another server"
+    code, field = Code.UNAVAILABLE, "open.resume_token"
+    return EventRefused(code, "SESSION_STORE_UNAVAILABLE", message, field, allowed, STORE_RETRY_S)
 
 
 def events_not_saved(saved: int, answered: int) -> EventRefused:

@@ -15,9 +15,10 @@ from __future__ import annotations
 
 import time
 from collections import Counter
-from collections.abc import Callable, Hashable
+from collections.abc import Callable, Coroutine, Generator, Hashable
+from functools import partial
 from types import TracebackType
-from typing import NamedTuple
+from typing import Any, Generic, NamedTuple, TypeVar
 
 from motiongen_server.rpc.token_bucket import TokenBucket
 
@@ -39,6 +40,8 @@ class Clocks(NamedTuple):
 
 
 CLOCKS = Clocks()
+
+T = TypeVar("T")
 
 
 class LoopTime:
@@ -113,8 +116,37 @@ class Work:
             self.num_events = self.num_refused = 0
             self._charge(taken_s)
 
+    async def of(self, begin: Callable[[], Coroutine[Any, Any, T]]) -> T:
+        """What a coroutine gives: what the loop does for it counts, and what it waits for does not."""
+        return await _Steps(self, begin())
+
     def __enter__(self) -> None:
         self.begin()
 
     def __exit__(self, kind: type[BaseException] | None, error: BaseException | None, at: TracebackType | None) -> None:
         self.end()
+
+
+class _Steps(Generic[T]):
+    """A coroutine from one wait to the next, each step of which is work: as `yield from` does it (PEP 380)."""
+
+    def __init__(self, work: Work, coroutine: Coroutine[Any, Any, T]) -> None:
+        self._work = work
+        self._coroutine = coroutine
+
+    def __await__(self) -> Generator[Any, Any, T]:
+        step: Callable[[], Any] = partial(self._coroutine.send, None)
+        while True:
+            try:
+                with self._work:
+                    waits_for = step()
+            except StopIteration as end:
+                value: T = end.value
+                return value
+            try:
+                step = partial(self._coroutine.send, (yield waits_for))
+            except GeneratorExit:
+                self._coroutine.close()
+                raise
+            except BaseException as error:  # a cancellation most of all
+                step = partial(self._coroutine.throw, error)

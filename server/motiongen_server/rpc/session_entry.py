@@ -77,7 +77,7 @@ class SessionEntry:
     that the client may not have heard. asked_options: by event number, those that the engine has not
     answered, and what their place is to be told then. coding: of its frames. reached: what became of constraints that
     the client may not have heard of, oldest first. lease: to write its record in the store, None where nothing is kept
-    of it; durable: the last said of what is kept.
+    of it; durable: the last said of what is kept. told_epoch: of the newest token that the client was seen to have.
     """
 
     key: SessionKey
@@ -109,6 +109,7 @@ class SessionEntry:
     coding: FrameCoding = PLAIN
     reached: deque[ConstraintReached] = field(default_factory=lambda: deque(maxlen=MAX_KEPT_ANSWERS))
     lease: Lease | None = None
+    told_epoch: int = 1
     durable: Durable | None = None
 
     def takes(self, event_seq: int) -> bool:
@@ -120,7 +121,13 @@ class SessionEntry:
         if event_seq != self.last_seq + 1:
             raise sequence_gap(event_seq, self.last_seq + 1)
         self.last_seq = event_seq
+        self.note_heard()
         return True
+
+    def note_heard(self) -> None:
+        """Its client has said something of it as it is now, so it has its present token, and needs no older one."""
+        if self.lease is not None and not self.is_resuming:
+            self.told_epoch = self.lease.epoch
 
     def wait_for_prompts(self, event: session_pb2.SessionEvent, received_at: float, texts: Sequence[str]) -> None:
         """Hold an event back until its prompts are encoded, and those of the events before it."""

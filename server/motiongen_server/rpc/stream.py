@@ -21,7 +21,7 @@ from motiongen_server.engine.types.refusals import draining, handle_in_use, sess
 from motiongen_server.errors import EventRefused, StreamRefused
 from motiongen_server.identity.caller import ANYBODY
 from motiongen_server.models.registry import LoadedModel, ModelRegistry
-from motiongen_server.rpc.budget import CONSTRAINT_COST, PATH_COST, REFUSAL_COST
+from motiongen_server.rpc.budget import CONSTRAINT_COST, FREE, PATH_COST, REFUSAL_COST
 from motiongen_server.rpc.convert import check_resume, constraints_in, num_paths, playhead_of
 from motiongen_server.rpc.durability import new_secret, token_of
 from motiongen_server.rpc.event_errors import (
@@ -43,9 +43,6 @@ from motiongen_server.rpc.stream_errors import stream_failed
 from motiongen_server.rpc.stream_metrics import NoStreamMetrics, StreamMetrics
 from motiongen_server.rpc.stream_take_overs import StreamTakeOvers
 from motiongen_server.rpc.token_bucket import TokenBucket
-
-_FREE = (Code.OK, Code.INTERNAL, Code.UNAVAILABLE)
-"""Answers that are not charged: the client is not at fault."""
 
 
 class Stream(StreamTakeOvers):
@@ -107,7 +104,7 @@ class Stream(StreamTakeOvers):
             if kind == "open" and refusal.code is Code.RESOURCE_EXHAUSTED:
                 self._stream_metrics.reject(refusal.reason)
             self.budget.charge(REFUSAL_COST, now)
-            self.work.num_refused += refusal.code not in _FREE
+            self.work.num_refused += refusal.code not in FREE
             self._say(refusal.outcome(key, event.event_seq), entry)
             return
         if entry is None or entry.is_leaving:  # who leaves says it again where the session goes on
@@ -124,7 +121,7 @@ class Stream(StreamTakeOvers):
                 self.budget.charge(CONSTRAINT_COST * len(told) + PATH_COST * num_paths(told), now)
             pass_on(entry, event, now)
         except EventRefused as refusal:
-            self.work.num_refused += refusal.code not in _FREE
+            self.work.num_refused += refusal.code not in FREE
             self.take(refusal.outcome(entry.key, event.event_seq))
         except Exception as error:
             tell_internal_error(entry, event.event_seq, error)
@@ -136,6 +133,7 @@ class Stream(StreamTakeOvers):
         if event.event_seq:
             raise invalid_event_seq(event.event_seq)
         self._take_token(entry, now)
+        entry.note_heard()
         report = event.playhead
         if entry.answers:
             entry.confirm(report.answered_seq)
@@ -173,7 +171,7 @@ class Stream(StreamTakeOvers):
         asked = int(event.open.priority)
         priority = Priority(asked) if asked in tuple(Priority) else Priority.NEAR
         if (refusal := self._turn_away(event, model, priority)) is not None:
-            self.budget.charge(0 if refusal.code in _FREE else REFUSAL_COST, now)
+            self.budget.charge(0 if refusal.code in FREE else REFUSAL_COST, now)
             return None
         bucket, place = TokenBucket(limits.events_per_second, now), self.peer.place(priority, now)
         entry = SessionEntry(key, model, event.open.request_id, bucket, self, handle, place)
@@ -198,6 +196,7 @@ class Stream(StreamTakeOvers):
         self._kept.move(entry, self, event.session)
         self._entries[event.session] = self._by_key[entry.key] = entry
         entry.confirm(point.answered_seq)
+        entry.note_heard()
         entry.attempt, entry.is_resuming = point.attempt, True
         if entry.closed is not None:
             self._welcome_back(entry, point.next_frame)
@@ -218,7 +217,7 @@ class Stream(StreamTakeOvers):
 
     def _book(self, said: Output, entry: SessionEntry) -> None:
         """A refusal is charged whoever has found what is wrong; not the server's own faults, nor ends of sessions."""
-        if isinstance(said, Outcome) and said.code not in _FREE and said.reason != SESSION_CLOSED:
+        if isinstance(said, Outcome) and said.code not in FREE and said.reason != SESSION_CLOSED:
             self.budget.charge(REFUSAL_COST, time.monotonic())
         super()._book(said, entry)
 

@@ -7,13 +7,14 @@ import time
 from abc import abstractmethod
 from collections import deque
 from dataclasses import dataclass, field
+from functools import partial
 
 from motiongen.v1 import session_pb2
 from motiongen_server.engine.types import SessionKey
 from motiongen_server.engine.types.refusals import draining, too_many_pending
 from motiongen_server.errors import EventRefused
 from motiongen_server.models.registry import ModelRegistry
-from motiongen_server.rpc.budget import REFUSAL_COST, StreamBudget
+from motiongen_server.rpc.budget import FREE, REFUSAL_COST, StreamBudget
 from motiongen_server.rpc.durability import Durability
 from motiongen_server.rpc.event_path import MAX_WAITING_EVENTS
 from motiongen_server.rpc.kept_sessions import KeptSessions
@@ -23,6 +24,7 @@ from motiongen_server.rpc.stream_metrics import StreamMetrics
 from motiongen_server.rpc.stream_sessions import StreamSessions
 from motiongen_server.rpc.taking_over import adopted, claimed
 from motiongen_server.snapshots.record import SessionRecord
+from motiongen_server.text.turns import Asker
 
 LOOK_AGAIN_S = 1.0
 """So long after it began to wait a stream looks whether it still owes: those that used it all up may be gone."""
@@ -116,12 +118,13 @@ class StreamTakeOvers(StreamSessions):
         """
         num_bytes = event.open.ByteSize()
         self.peer.check_waiting(num_bytes)
+        self.budget.charge(REFUSAL_COST, now)  # anybody can make tokens up, and the store tells only later
         opening = session_pb2.OpenSession()
         opening.CopyFrom(event.open)  # else the whole message would be kept with it
         held_back = self._held_back.setdefault(event.session, _HeldBack())
         self._count(held_back, num_bytes)
         task = held_back.task = asyncio.get_running_loop().create_task(
-            self._take_over(event.session, opening, durability, now)
+            self.work.of(partial(self._take_over, event.session, opening, durability, now))
         )
         self._taking_over.add(task)
         task.add_done_callback(self._taking_over.discard)
@@ -139,12 +142,16 @@ class StreamTakeOvers(StreamSessions):
         try:
             if not self.accepts_opens:
                 raise draining()
-            token, record = await claimed(durability, opening, self.peer, self._models)
+            asker = Asker(self.peer.name, self.number)
+            token, record = await claimed(durability, opening, self.peer, self._models, asker)
             if not self.ended:  # else its client has gone, and will come again, here or elsewhere
                 self._adopt(record, token, opening, key, durability, now)
+                self.budget.give_back(REFUSAL_COST, time.monotonic())
+                self._room.set()
         except EventRefused as refusal:
             self._stream_metrics.count_resume("refused")
-            self.budget.charge(REFUSAL_COST, now)
+            self.work.num_events += 1
+            self.work.num_refused += refusal.code not in FREE
             self._say(refusal.outcome(key, 1), None)
         except Exception as error:
             self.fail(error)

@@ -10,23 +10,25 @@ from motiongen_server.engine.types import GoingOn, Open, SessionKey
 from motiongen_server.errors import EventRefused
 from motiongen_server.models.registry import ModelRegistry
 from motiongen_server.rpc.convert.frames import FrameCoding
-from motiongen_server.rpc.durability import Durability, NotKept
+from motiongen_server.rpc.durability import Durability, NotKept, lease_of
 from motiongen_server.rpc.event_errors import events_not_saved, resume_superseded, session_not_kept
 from motiongen_server.rpc.peers import Peer
 from motiongen_server.rpc.session_entry import Carrier, SessionEntry
 from motiongen_server.rpc.sparing_log import SparingLog
 from motiongen_server.rpc.token_bucket import TokenBucket
 from motiongen_server.snapshots.record import SessionRecord
+from motiongen_server.text.turns import Asker
 
 _log = SparingLog(logging.getLogger(__name__))  # any client can make tokens up
 
 
 async def claimed(
-    durability: Durability, opening: session_pb2.OpenSession, peer: Peer, models: ModelRegistry
+    durability: Durability, opening: session_pb2.OpenSession, peer: Peer, models: ModelRegistry, asker: Asker
 ) -> tuple[str, SessionRecord]:
     """The record that an OpenSession's token stands for, and the token from now on; no other server writes it any more.
 
-    Raises EventRefused where there is none, or it lacks what the client knows of: acknowledged events are never lost.
+    Raises EventRefused where there is none, or it lacks what the client knows of: acknowledged events are never lost;
+    and where that cannot be known at present, since the store does not answer.
     A message that was under way for long, and a server without the model, take nothing from who serves the session.
     """
     point = opening.resume_point
@@ -37,7 +39,7 @@ async def claimed(
         models.find(record.snapshot.spec.model_id)
 
     try:
-        token, record = await durability.take_over(opening.resume_token, peer.tenant, check)
+        token, record = await durability.take_over(opening.resume_token, peer.tenant, asker, check)
     except NotKept as error:
         _log.info("a session is not gone on with: %s", error)
         raise session_not_kept() from error
@@ -73,6 +75,7 @@ def adopted(
         raise
     entry = SessionEntry(key, model, record.request_id, bucket, carrier, key.handle, place)
     entry.token, entry.attempt = token, point.attempt
+    entry.told_epoch = lease_of(opening.resume_token).epoch
     entry.is_resuming = entry.known_to_engine = True
     entry.last_seq = record.taken_seq
     unanswered = record.unanswered

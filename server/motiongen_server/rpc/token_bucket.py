@@ -30,6 +30,11 @@ class TokenBucket:
         self._refill(now)
         self._tokens -= amount
 
+    def give_back(self, amount: float, now: float) -> None:
+        """So many tokens of those that were charged were not used."""
+        self._refill(now)
+        self._tokens = min(self._rate, self._tokens + amount)
+
     def owed_s(self, now: float) -> float:
         """Seconds until what was charged is paid, 0 where it is."""
         if self._tokens >= 0:  # as it is for most of what is asked, which comes with every message
@@ -80,6 +85,9 @@ class Bucket(Protocol):
     def charge(self, amount: float, now: float) -> None:
         """Use so many tokens, whether they are there or not."""
 
+    def give_back(self, amount: float, now: float) -> None:
+        """So many tokens of those that were charged were not used."""
+
     def owed_s(self, now: float) -> float:
         """Seconds until what was charged is paid, 0 where it is."""
 
@@ -115,6 +123,12 @@ class Share:
         self._tokens -= amount
         if self._tokens < 0 and not self._bucket.owed_s(now):
             self._tokens = 0.0
+
+    def give_back(self, amount: float, now: float) -> None:
+        """So many tokens of those that were charged were not used."""
+        self._refill(now)
+        self._bucket.give_back(amount, now)
+        self._tokens = min(self.rate, self._tokens + amount)
 
     def left(self, now: float) -> float:
         """What can be used at once, 0 or more."""

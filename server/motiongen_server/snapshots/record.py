@@ -30,7 +30,8 @@ class SessionRecord:
 
     tenant: whose it is, and nobody else learns of it. taken_seq: events up to it have been taken. opened: without its
     token; level, answers, reached: what the client may not have heard; warnings: by event, of those without an answer.
-    attempt: the last to resume it.
+    attempt: the last to resume it. told_epoch: of the newest token that its client was seen to have; of newer ones
+    it may not have heard.
     """
 
     tenant: str
@@ -43,6 +44,7 @@ class SessionRecord:
     warnings: dict[int, tuple[Warned, ...]]
     attempt: int
     snapshot: SessionSnapshot
+    told_epoch: int = 1
 
     @property
     def unanswered(self) -> frozenset[int]:

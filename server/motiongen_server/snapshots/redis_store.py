@@ -18,14 +18,18 @@ redis.call('HSET', KEYS[1], 'e', ARGV[1], 'd', ARGV[2])
 redis.call('PEXPIRE', KEYS[1], ARGV[3])
 return 1
 """
-_READ = "return redis.call('HGET', KEYS[1], 'd')"
+_READ = """
+local held = redis.call('HMGET', KEYS[1], 'e', 'd')
+if not held[2] then return false end
+return {tonumber(held[1]), held[2]}
+"""
 _TAKE = """
-local data = redis.call('HGET', KEYS[1], 'd')
-if not data then return false end
+local held = redis.call('HMGET', KEYS[1], 'e', 'd')
+if not held[2] or held[1] ~= ARGV[1] then return false end
 local epoch = redis.call('HINCRBY', KEYS[1], 'e', 1)
-redis.call('HSET', KEYS[1], 'h', ARGV[1])
-redis.call('PEXPIRE', KEYS[1], ARGV[2])
-return {epoch, data}
+redis.call('HSET', KEYS[1], 'h', ARGV[2])
+redis.call('PEXPIRE', KEYS[1], ARGV[3])
+return {epoch, held[2]}
 """
 _RENEW = """
 local held = redis.call('HGET', KEYS[1], 'e')
@@ -54,15 +58,15 @@ class RedisStore:
         answers = self._all(_SAVE, [(lease.name, (lease.epoch, data, self._keep_ms)) for lease, data in records])
         return [answer == 1 for answer in answers]
 
-    def read(self, name: str) -> bytes | None:
+    def read(self, name: str) -> Held | None:
         """As in SnapshotStore."""
         (answer,) = self._all(_READ, [(name, ())])
-        return None if answer is None else bytes(answer)
+        return _held(answer)
 
-    def take(self, name: str, holder: str) -> Held | None:
+    def take(self, lease: Lease, holder: str) -> Held | None:
         """As in SnapshotStore."""
-        (answer,) = self._all(_TAKE, [(name, (holder, self._keep_ms))])
-        return None if answer is None else Held(int(answer[0]), bytes(answer[1]))
+        (answer,) = self._all(_TAKE, [(lease.name, (lease.epoch, holder, self._keep_ms))])
+        return _held(answer)
 
     def renew(self, leases: Sequence[Lease]) -> list[Renewal]:
         """As in SnapshotStore."""
@@ -86,3 +90,7 @@ class RedisStore:
             for name, arguments in calls:
                 pipeline.eval(script, 1, PREFIX + name, *cast("tuple[str, ...]", arguments))
             return pipeline.execute()
+
+
+def _held(answer: Any) -> Held | None:
+    return None if answer is None else Held(int(answer[0]), bytes(answer[1]))

@@ -31,10 +31,10 @@ _SAVE = """
 _RENEW = "UPDATE sessions SET expires_at = ? WHERE name = ? AND epoch = ?"
 _EPOCH = "SELECT epoch FROM sessions WHERE name = ?"
 _TAKE = """
-    UPDATE sessions SET epoch = epoch + 1, holder = ?, expires_at = ? WHERE name = ? AND expires_at > ?
+    UPDATE sessions SET epoch = epoch + 1, holder = ?, expires_at = ? WHERE name = ? AND epoch = ? AND expires_at > ?
     RETURNING epoch, data
 """
-_READ = "SELECT data FROM sessions WHERE name = ? AND expires_at > ?"
+_READ = "SELECT epoch, data FROM sessions WHERE name = ? AND expires_at > ?"
 _DROP = "DELETE FROM sessions WHERE name = ? AND epoch = ?"
 _EXPIRE = "DELETE FROM sessions WHERE expires_at <= ?"
 
@@ -75,15 +75,16 @@ class SqliteStore:
             ]
         )
 
-    def read(self, name: str) -> bytes | None:
+    def read(self, name: str) -> Held | None:
         """As in SnapshotStore."""
         row = self._do(lambda connection: connection.execute(_READ, (name, self._clock())).fetchone())
-        return None if row is None else bytes(row[0])
+        return None if row is None else Held(*row)
 
-    def take(self, name: str, holder: str) -> Held | None:
+    def take(self, lease: Lease, holder: str) -> Held | None:
         """As in SnapshotStore."""
         now = self._clock()
-        row = self._do(lambda connection: connection.execute(_TAKE, (holder, now + self._keep_s, name, now)).fetchone())
+        asked = holder, now + self._keep_s, *lease, now
+        row = self._do(lambda connection: connection.execute(_TAKE, asked).fetchone())
         return None if row is None else Held(*row)
 
     def renew(self, leases: Sequence[Lease]) -> list[Renewal]:

@@ -24,7 +24,7 @@ class Lease(NamedTuple):
 
 
 class Held(NamedTuple):
-    """A record that was taken over. epoch: of the one who did, from now on."""
+    """A record, and the epoch of who holds it: where it was taken over, of the one who did, from now on."""
 
     epoch: int
     data: bytes
@@ -45,12 +45,15 @@ class SnapshotStore(Protocol):
         """Put records in place of those before them. False, in the same order: fenced, another holds a higher epoch."""
         ...
 
-    def read(self, name: str) -> bytes | None:
+    def read(self, name: str) -> Held | None:
         """The record of a session, which stays with whoever holds it. None: there is no record."""
         ...
 
-    def take(self, name: str, holder: str) -> Held | None:
-        """Take a session over: raise its epoch and return its record, as one step. None: there is no record."""
+    def take(self, lease: Lease, holder: str) -> Held | None:
+        """Take a session over from who holds that lease: raise its epoch and return its record, as one step.
+
+        None: nobody holds it. The session has been taken over already, or there is no record of it.
+        """
         ...
 
     def renew(self, leases: Sequence[Lease]) -> list[Renewal]:

@@ -9,22 +9,17 @@ from __future__ import annotations
 import contextlib
 import logging
 import os
-import secrets
 import sys
 import threading
 import time
 from collections.abc import Callable
-from concurrent.futures import Future, ThreadPoolExecutor
-from functools import partial
-from typing import NamedTuple, Protocol, TypeVar
+from typing import NamedTuple, Protocol
 
 from motiongen_server.snapshots.record import RecordRefused, SessionRecord, write_record
 from motiongen_server.snapshots.refused_records import RefusedRecords
-from motiongen_server.snapshots.store import Held, Lease, Renewal, SnapshotStore, StoreFailed
+from motiongen_server.snapshots.store import Lease, Renewal, SnapshotStore, StoreFailed
 
 _log = logging.getLogger(__name__)
-
-T = TypeVar("T")
 
 MOST_AT_ONCE = 64
 """Records in one call of the store, so that the first of many is durable soon."""
@@ -34,7 +29,6 @@ RETRY_S = 1.0
 MAX_LAG_S = 2.0
 """A record that waits longer than this for its turn is not to be relied upon."""
 MOST_DROPPED = 4096
-TAKERS = 4
 LAST_WRITES_S = 2.0
 NO_SESSION = "none"
 """A name of no record: those of sessions are hashes."""
@@ -75,7 +69,6 @@ class SnapshotWriter:
         self._store = store
         self._listener = listener
         self._clock = clock
-        self._holder = secrets.token_hex(4)
         self._lock = threading.Lock()
         self._news = threading.Condition(self._lock)
         self._waiting: dict[Lease, tuple[SessionRecord, float]] = {}
@@ -87,7 +80,6 @@ class SnapshotWriter:
         self._is_closing = False
         self._is_failing = False
         self._renew_at = clock() + RENEW_EVERY_S
-        self._takers = ThreadPoolExecutor(TAKERS, "snapshot-take")
         self._thread = threading.Thread(target=self._run, name="snapshots", daemon=True)
         self._thread.start()
 
@@ -116,6 +108,11 @@ class SnapshotWriter:
             self._leases.add(lease)
             self._news.notify()
 
+    def hold(self, lease: Lease) -> None:
+        """A session was taken over, and may not be saved for long: keep its record, and find out who else takes it."""
+        with self._lock:
+            self._leases.add(lease)
+
     def drop(self, lease: Lease) -> None:
         """The session is over: forget its record."""
         with self._lock:
@@ -130,31 +127,12 @@ class SnapshotWriter:
             self._untold.pop(lease, None)
             self._refused.forget(lease)
 
-    def read(self, name: str) -> Future[bytes | None]:
-        """The record of a session, whoever holds it. Its exception is StoreFailed."""
-        return self._takers.submit(self._asked, partial(self._store.read, name))
-
-    def take(self, name: str) -> Future[Held | None]:
-        """Take a session over from whoever held it. Its exception is StoreFailed."""
-        return self._takers.submit(self._asked, partial(self._store.take, name, self._holder))
-
-    def _asked(self, call: Callable[[], T]) -> T:
-        """What a call of the store answers. Whatever goes wrong with it, who asked is told that the store failed."""
-        try:
-            return call()
-        except StoreFailed:
-            raise
-        except Exception as error:
-            _log.exception("%s failed as no store should", self._store)
-            raise StoreFailed(f"{self._store}: {type(error).__name__}: {error}") from error
-
     def close(self) -> None:
         """Write what waits, for as long as that is worth, and end. The store is closed."""
         with self._lock:
             self._is_closing = True
             self._news.notify()
         self._thread.join(LAST_WRITES_S)
-        self._takers.shutdown(wait=False, cancel_futures=True)
         self._store.close()
 
     # ---- the writer's thread ----------------------------------------------------------------------------------------

@@ -29,7 +29,8 @@ from motiongen_server.rpc.session_entry import Carrier
 from motiongen_server.rpc.taking_over import adopted, claimed
 from motiongen_server.snapshots.record import write_record
 from motiongen_server.snapshots.sqlite_store import SqliteStore
-from motiongen_server.snapshots.store import Held, Renewal
+from motiongen_server.snapshots.store import Held, Lease, Renewal
+from motiongen_server.text.turns import Asker
 from tests.contract.local import LocalServer
 from tests.server.engine.fakes import FACTS
 from tests.server.rpc.test_event_order import Engine, Line, Prompts
@@ -80,14 +81,14 @@ async def test_who_may_not_take_a_session_over_takes_nothing_from_who_has_it(
 ) -> None:
     peer = Peer(PeerLimits(), 0.0, tenant)
     with pytest.raises(EventRefused) as refused:
-        await claimed(durability, resuming(attempt), peer, of_model(model_id))
+        await claimed(durability, resuming(attempt), peer, of_model(model_id), Asker())
     assert refused.value.reason == reason
     assert store.renew([lease_of(TOKEN)]) == [Renewal.KEPT]
 
 
 async def test_who_may_does(durability: Durability, store: SqliteStore) -> None:
     peer = Peer(PeerLimits(), 0.0, "studio")
-    token, record = await claimed(durability, resuming(9), peer, of_model("fake"))
+    token, record = await claimed(durability, resuming(9), peer, of_model("fake"), Asker())
     assert (token, record.taken_seq) == ("secret.2", RECORD.taken_seq)
     assert store.renew([lease_of(TOKEN)]) == [Renewal.FENCED]
 
@@ -98,13 +99,14 @@ async def test_who_makes_up_tokens_fills_no_log(
     now = [0.0]
     monkeypatch.setattr(taking_over._log, "_clock", lambda: now[0])
     monkeypatch.setattr(taking_over._log, "_quiet_until", 0.0)
+    monkeypatch.setattr(taking_over._log, "_left_out", 0)
     caplog.set_level(logging.INFO, taking_over.__name__)
     opening, peer, models = resuming(9), Peer(PeerLimits(), 0.0, "studio"), of_model("fake")
     opening.resume_token = "made up"
     for _ in range(1000):
         now[0] += 0.02
         with pytest.raises(EventRefused):
-            await claimed(durability, opening, peer, models)
+            await claimed(durability, opening, peer, models, Asker())
     lines = [record.message for record in caplog.records]
     assert 2 <= len(lines) <= 3, "one in ten seconds, and twenty have passed"
     assert ["like it since the last one" in line for line in lines] == [False] + [True] * (len(lines) - 1)
@@ -161,13 +163,13 @@ class SlowStore(SqliteStore):
         super().__init__(path, 60.0)
         self.gate = threading.Event()
 
-    def read(self, name: str) -> bytes | None:
+    def read(self, name: str) -> Held | None:
         self.gate.wait(LIMIT_S)
         return super().read(name)
 
-    def take(self, name: str, holder: str) -> Held | None:
+    def take(self, lease: Lease, holder: str) -> Held | None:
         self.gate.wait(LIMIT_S)
-        return super().take(name, holder)
+        return super().take(lease, holder)
 
 
 async def test_a_client_that_finishes_while_the_store_is_asked_has_its_answer(tmp_path: Path) -> None:

@@ -33,13 +33,17 @@ class Store:
                 self.records[lease.name] = lease.epoch, data
         return answers
 
-    def read(self, name: str) -> bytes | None:
+    def read(self, name: str) -> Held | None:
         self._check()
-        return self.records[name][1] if name in self.records else None
+        return Held(*self.records[name]) if name in self.records else None
 
-    def take(self, name: str, holder: str) -> Held | None:
+    def take(self, lease: Lease, holder: str) -> Held | None:
         self._check()
-        return Held(2, b"") if name in self.records else None
+        epoch, data = self.records.get(lease.name, (0, b""))
+        if epoch != lease.epoch:
+            return None
+        self.records[lease.name] = epoch + 1, data
+        return Held(epoch + 1, data)
 
     def renew(self, leases: Sequence[Lease]) -> list[Renewal]:
         self._check()

@@ -17,29 +17,39 @@ class StoreContract:
         one, other = stores
         assert one.save([(Lease("a", 1), b"\x00one"), (Lease("b", 1), b"two")]) == [True, True]
         assert one.save([(Lease("a", 1), b"three\xff")]) == [True]
-        assert other.read("a") == b"three\xff"
+        assert other.read("a") == (1, b"three\xff")
         assert one.renew([Lease("a", 1)]) == [Renewal.KEPT], "reading takes nothing"
-        assert other.take("a", "other") == (2, b"three\xff")
-        assert other.take("c", "other") is other.read("c") is None
+        assert other.take(Lease("a", 1), "other") == (2, b"three\xff")
+        assert other.take(Lease("c", 1), "other") is other.read("c") is None
         assert one.save([]) == []
 
     def test_who_was_taken_from_writes_nothing_any_more(self, stores: Two) -> None:
         one, other = stores
         one.save([(Lease("a", 1), b"old"), (Lease("b", 1), b"mine")])
-        held = other.take("a", "other")
+        held = other.take(Lease("a", 1), "other")
         assert held is not None
         assert one.save([(Lease("a", 1), b"stale"), (Lease("b", 1), b"mine still")]) == [False, True]
         assert one.renew([Lease("a", 1), Lease("b", 1), Lease("c", 1)]) == [Renewal.FENCED, Renewal.KEPT, Renewal.GONE]
         one.drop([Lease("a", 1)])
         assert other.save([(Lease("a", held.epoch), b"new")]) == [True]
-        assert one.take("a", "one") == (3, b"new")
+        assert one.take(Lease("a", 2), "one") == (3, b"new")
         assert other.renew([Lease("a", 2)]) == [Renewal.FENCED]
 
     def test_what_is_dropped_is_gone(self, stores: Two) -> None:
         one, other = stores
         one.save([(Lease("a", 4), b"old")])
         one.drop([Lease("a", 4), Lease("never", 1)])
-        assert other.take("a", "other") is None
+        assert other.take(Lease("a", 4), "other") is None
+
+    def test_a_session_is_taken_only_from_who_holds_it(self, stores: Two) -> None:
+        one, other = stores
+        one.save([(Lease("a", 3), b"x")])
+        for epoch in (1, 2, 4, 30, 77):
+            assert other.take(Lease("a", epoch), "other") is None
+        assert one.renew([Lease("a", 3)]) == [Renewal.KEPT], "it stays with who has it"
+        assert other.take(Lease("a", 3), "other") == (4, b"x")
+        assert one.take(Lease("a", 3), "one") is None, "it was taken already"
+        assert one.read("a") == (4, b"x")
 
     def test_of_many_who_take_a_session_at_once_each_has_an_epoch_of_its_own(self, stores: Two) -> None:
         one, other = stores
@@ -48,8 +58,11 @@ class StoreContract:
 
         def take(store: SnapshotStore) -> None:
             for _ in range(20):
-                held = store.take("a", "someone")
-                assert held is not None
+                held = None
+                while held is None:
+                    found = store.read("a")
+                    assert found is not None
+                    held = store.take(Lease("a", found.epoch), "someone")
                 epochs.append(held.epoch)
 
         threads = [threading.Thread(target=take, args=(store,)) for store in (one, other, one, other)]

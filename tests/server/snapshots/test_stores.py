@@ -41,8 +41,8 @@ def test_records_that_nobody_renews_expire(tmp_path: Path) -> None:
     now[0] += KEEP_S - 1
     assert store.renew([Lease("b", 1)]) == [Renewal.KEPT]
     now[0] += 2
-    assert store.take("a", "other") is None
-    assert store.take("b", "other") == (2, b"y")
+    assert store.take(Lease("a", 1), "other") is None
+    assert store.take(Lease("b", 1), "other") == (2, b"y")
     store.renew([])
     assert store.renew([Lease("a", 1)]) == [Renewal.GONE]
 
@@ -57,8 +57,8 @@ def test_a_file_of_a_server_before_this_one_is_gone_on_with(tmp_path: Path) -> N
         before.commit()
     store = SqliteStore(tmp_path / "a.sqlite", KEEP_S)
     assert store.save([(Lease("b", 1), b"y")]) == [True]
-    assert store.take("a", "other") == (2, b"x")
-    assert store.take("b", "other") == (2, b"y")
+    assert store.take(Lease("a", 1), "other") == (2, b"x")
+    assert store.take(Lease("b", 1), "other") == (2, b"y")
     store.close()
 
 
@@ -118,7 +118,7 @@ def test_a_call_that_is_at_work_when_the_store_is_closed_ends_as_it_would(tmp_pa
         assert saving.result(LIMIT_S) == [True]
         for late in (pool.submit(store.read, "a"), pool.submit(store.save, [(Lease("a", 2), b"y")])):
             assert isinstance(late.exception(LIMIT_S), StoreFailed)
-    assert SqliteStore(tmp_path / "a.sqlite", KEEP_S).read("a") == b"x"
+    assert SqliteStore(tmp_path / "a.sqlite", KEEP_S).read("a") == (1, b"x")
 
 
 @pytest.mark.parametrize(

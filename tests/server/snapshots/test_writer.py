@@ -9,7 +9,7 @@ import pytest
 
 from motiongen_server.snapshots import writer
 from motiongen_server.snapshots.record import MAX_BYTES, read_record
-from motiongen_server.snapshots.store import Held, Lease, StoreFailed
+from motiongen_server.snapshots.store import Lease
 from motiongen_server.snapshots.writer import SnapshotWriter, Written
 from tests.server.snapshots.kept import Heard, Store
 from tests.server.snapshots.records import a_record
@@ -144,11 +144,17 @@ def test_the_end_writes_what_waits_and_waits_for_no_store_that_fails(store: Stor
     assert store.records.keys() == {"a"}
 
 
-def test_taking_over_says_what_the_store_says(store: Store, heard: Heard, saving: SnapshotWriter) -> None:
-    saving.save(A, a_record(3))
+def test_a_session_that_was_taken_over_is_renewed_and_fenced_though_nothing_is_saved_of_it(
+    store: Store, heard: Heard, saving: SnapshotWriter
+) -> None:
+    store.records["a"] = 1, b"as another server had saved it"
+    saving.hold(A)
+    until(lambda: A in store.renewed)
+    assert heard.said == [], "that is nothing new to its client"
+    store.others = {"a": 2}
     until(lambda: heard.said)
-    assert saving.take("a").result() == Held(2, b"")
-    assert saving.take("c").result() is None
-    store.fails = True
-    with pytest.raises(StoreFailed):
-        saving.take("a").result()
+    assert heard.said == [("fenced", A)]
+    del store.renewed[:]
+    saving.hold(B)
+    until(lambda: store.renewed.count(B) == 2)
+    assert A not in store.renewed, "it is another's"

@@ -13,7 +13,7 @@ from functools import partial
 from typing import Any, TypeVar
 
 import grpc.aio
-from grpc_health.v1 import health_pb2
+from grpc_health.v1.health_pb2 import HealthCheckResponse
 
 from motiongen_server.background import start_in_background
 from motiongen_server.config import ServerConfig
@@ -76,15 +76,12 @@ class Application:
         self._spans: WindowSpans | None = None
         self._admin: grpc.aio.Server | None = None
         self._health = Health()
-        self._stop = asyncio.Event()
-        self._hurry = asyncio.Event()
+        self._stop, self._hurry = asyncio.Event(), asyncio.Event()
         self._door = StartingService()
         self._ready = False
         self._others_go_on = False
         self._freed = FreedMemory()
-        self.grpc_port = 0
-        self.ops_port = 0
-        self.admin_port = 0
+        self.grpc_port = self.ops_port = self.admin_port = 0
 
     # ---- startup ----------------------------------------------------------------------------------------------------
 
@@ -95,7 +92,7 @@ class Application:
         """
         tls, self._callers = make_tls(self._config), make_callers(self._config)
         self._port = GrpcPort(self._config, tls, self._door, self._health)
-        self._set_health(health_pb2.HealthCheckResponse.NOT_SERVING)
+        self._tell_health()
         warn_of_exposure(self._config)
         self._spans = open_window_spans(self._config.trace_to, self._config.trace_share)
         await self._start_ops()
@@ -154,8 +151,8 @@ class Application:
         self.metrics.free_share.set_function(lambda: self._manager.models.free_share)
         self.metrics.watch_service(self._service)
         self.metrics.prompts_waiting.set_function(lambda: self._factory.num_waiting_prompts)
-        self._set_health(health_pb2.HealthCheckResponse.SERVING)
         self._ready = True
+        self._tell_health()
         for model in self._manager.kept:
             _log.info("serving %s (weights: %s) on port %d, ops on port %d, with %s",
                       model.model_id, model.licence, self.grpc_port, self.ops_port, self._engines)  # fmt: skip
@@ -227,7 +224,9 @@ class Application:
         if self._admin is not None:
             await self._admin.stop(None)
 
-    def _set_health(self, status: int) -> None:
+    def _tell_health(self) -> None:
+        """By gRPC what /readyz says: proxies ask for the one or the other."""
+        status = HealthCheckResponse.SERVING if self._is_ready() else HealthCheckResponse.NOT_SERVING
         for name in ("", SERVICE_NAME):
             self._health.set(name, status)
 
@@ -255,6 +254,7 @@ class Application:
         """Return when asked to stop, or when nothing can be served any more."""
         while not self._stop.is_set() and self._manager.failure is None:
             self._manager.look_after()
+            self._tell_health()
             if not self._door.is_open and self._engine_is_well(HEARTBEAT_LIMIT_S):
                 await self._let_in_again()
             if self._freed.is_due(is_busy=(is_busy := self._service.num_streams > 0)):
@@ -269,7 +269,7 @@ class Application:
         config = self._config
         _log.info("draining")
         self._ready = False
-        self._set_health(health_pb2.HealthCheckResponse.NOT_SERVING)
+        self._tell_health()
         # Balancers see the changed health only some time later: until then, whoever they send is served.
         hurry = asyncio.create_task(self._hurry.wait())
         await asyncio.wait({hurry}, timeout=config.drain_wait_s)

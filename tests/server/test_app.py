@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import asyncio
+import math
 
 import grpc
 import grpc.aio
@@ -17,6 +18,7 @@ from motiongen_server.addresses import join_address
 from motiongen_server.app import SERVICE_NAME
 from motiongen_server.engine.scheduling.device import Device
 from motiongen_server.engine_process.model_loading import build_engine, load_model, record_graphs
+from motiongen_server.models.manager import ModelManager
 from motiongen_server.settings import SettingError
 from tests.server.application import NOT_SERVING, SERVING, SlowLoad, application_of, config, get, running
 from tests.server.engine.fakes import FakeRunner, RealTime
@@ -81,6 +83,24 @@ async def test_health_reflection_and_metrics_are_served() -> None:
         metrics = (await get(application, "/metrics")).text
         assert 'motiongen_build_info{model="fake",rig="fake"} 1.0' in metrics
         assert "motiongen_engine_heartbeat_age_seconds" in metrics
+
+
+async def test_health_says_what_readyz_says_while_the_engine_hangs(monkeypatch: pytest.MonkeyPatch) -> None:
+    async with (
+        running(config()) as application,
+        grpc.aio.insecure_channel(f"127.0.0.1:{application.grpc_port}") as channel,
+    ):
+        serving = asyncio.create_task(application.serve())
+        watch = health_pb2_grpc.HealthStub(channel).Watch(health_pb2.HealthCheckRequest(service=SERVICE_NAME))
+        assert (await watch.read()).status == SERVING
+        with monkeypatch.context() as hung:
+            hung.setattr(ModelManager, "heartbeat_at", -math.inf)
+            assert (await watch.read()).status == NOT_SERVING
+            assert (await get(application, "/readyz")).status_code == 503
+        assert (await watch.read()).status == SERVING
+        watch.cancel()
+        application.ask_to_stop()
+        await serving
 
 
 async def test_limits_and_licence_of_the_settings_are_told() -> None:

@@ -41,6 +41,8 @@ class Health:
 
     def set(self, service: str, status: int) -> None:
         """Tell a status to all who ask or watch. Waits for none of them."""
+        if self._statuses.get(service) == status:
+            return
         self._statuses[service] = status
         changed, self._changed = self._changed, asyncio.Event()
         changed.set()

@@ -207,6 +207,7 @@ def clip_report(clip: Clip, constraints: Sequence[Constraint]) -> dict[str, Any]
             "position_m": _numbers(residual.position_m),
             "heading_rad": _numbers(residual.heading_rad),
             "rotation_rad": _numbers(residual.rotation_rad),
+            "met": residual.met,
         }
         for constraint, residual in zip(constraints, clip.residuals, strict=True)
     ]
@@ -226,14 +227,15 @@ def _numbers(deviation: Deviation | None) -> dict[str, float] | None:
 
 
 def residual_table(clips: Sequence[Clip], constraints: Sequence[Constraint]) -> Any:
-    """How near the worst sample came to each constraint."""
-    table = make_table("", "constraint, worst of all samples", "position", "heading", "rotation")
+    """How near the worst sample came to each constraint, and how many of them met it."""
+    table = make_table("", "constraint, worst of all samples", "position", "heading", "rotation", "met")
     for index, constraint in enumerate(constraints):
         residuals = [clip.residuals[index] for clip in clips]
         metres = _worst([one.position_m for one in residuals])
         angles = [_worst([getattr(one, kind) for one in residuals]) for kind in ("heading_rad", "rotation_rad")]
         told = ["-" if metres is None else f"{100 * metres:.1f} cm"]
         told += ["-" if angle is None else f"{angle:.3f} rad" for angle in angles]
+        told.append(f"{sum(one.met for one in residuals)} of {len(residuals)}")
         table.add_row(describe(constraint), *told)
     return table
 

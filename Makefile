@@ -73,7 +73,7 @@ view: $(READY) viewer ## see and steer characters in a browser, with a server of
 # ---- check
 
 .PHONY: check
-check: lint types proto-check test tidy ## style, types, protos, all tests that install nothing, and clang-tidy
+check: lint types proto-check test tidy ## style, types, protos, all tests that need no system but a C++ toolchain (which it installs, by apt; CPP=no: none), and clang-tidy
 
 .PHONY: test
 test: $(READY) cpp-packages ## run all tests that need no GPU, in JOBS=2 processes; CPP=no leaves out those of the C++ client

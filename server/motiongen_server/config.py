@@ -74,7 +74,9 @@ class ServerConfig:
     )
     max_rows: int = setting(64, "most windows in one denoising step", 1, 4096)
     max_step_ms: int = setting(35, "what a denoising step may be expected to take, where smaller ones pay", 1, 60_000)
-    cuda_graphs: bool = setting(True, "replay the model's layers as CUDA graphs; has no effect on a processor")
+    cuda_graphs: bool = setting(
+        True, "record work of the usual sizes as CUDA graphs and replay it; has no effect on a processor"
+    )
     profile_s: float = setting(8.0, "longest time that measuring the model takes at the start", 0, 600)
     admit_load: float | None = setting(
         None,

@@ -33,7 +33,7 @@ class EncoderConfig:
     max_characters: int = setting(10_000, "length of a text", 1, 1_000_000)
     max_waiting: int = setting(1024, "texts that may wait for the encoder", 1, 1_000_000)
     peer_texts_per_second: float = setting(
-        1000.0, "texts that are not known, of one address or tenant; more wait", 0.1, 1e9
+        1000.0, "texts that are not known, of one address or tenant; more are refused for a while", 0.1, 1e9
     )
     peer_calls_per_second: float = setting(1000.0, "requests of one address or tenant", 0.1, 1e9)
     timeout_s: float = setting(60.0, "longest that a request waits for the encoder", 0.01, 3600)

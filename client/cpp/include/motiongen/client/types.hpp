@@ -107,7 +107,7 @@ struct Placement {
 
 // What the server chose for a session.
 struct Opened {
-  std::string session_id;  // in the server's logs
+  std::string session_id;  // unique among all servers; in their traces
   std::string model_id;
   std::string rig_id;
   std::uint64_t seed = 0;

@@ -86,6 +86,7 @@ class ComposeHere:
         """A text of the compose file with the paths and addresses that it has on this machine."""
         text = text.replace("/run/secrets/", f"{self.secrets}/")
         text = text.replace("encoder:50052", f"localhost:{self.port['encoder']}")
+        text = text.replace("encoder:9465", f"localhost:{self.ops_port['encoder']}")
         return text.replace("@redis:6379", f"@localhost:{self.port['redis']}")
 
     def server_settings(self, name: str) -> dict[str, str]:

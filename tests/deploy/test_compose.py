@@ -10,6 +10,7 @@ from pathlib import Path
 from typing import Any
 
 import pytest
+import yaml
 
 from motiongen_server.config import parse_config
 from motiongen_server.text.encoder.config import ENCODER
@@ -118,3 +119,12 @@ def test_the_format_allows_it() -> None:
     command = [sys.executable, "-m", "check_jsonschema", "--builtin-schema", "vendor.compose-spec"]
     done = subprocess.run([*command, str(DEPLOY / "compose.yaml")], capture_output=True, text=True)
     assert done.returncode == 0, done.stdout + done.stderr
+
+
+def test_prometheus_is_told_of_all_that_have_metrics() -> None:
+    content = yaml.safe_load((DEPLOY / "prometheus" / "compose.yaml").read_text(encoding="utf-8"))
+    targets = {job["job_name"]: job["static_configs"][0]["targets"] for job in content["scrape_configs"]}
+    assert targets == {
+        "motiongen": [f"{name}:{parse_config([], {}).ops_port}" for name in SERVERS],
+        "encoder": [f"encoder:{ENCODER.parse([], {}).ops_port}"],
+    }

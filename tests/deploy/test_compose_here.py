@@ -52,7 +52,7 @@ async def test_who_shows_no_token_is_turned_away(here: ComposeHere) -> None:
             await stranger.open("a person walks")
 
 
-@pytest.mark.parametrize("name", SERVERS)
+@pytest.mark.parametrize("name", [*SERVERS, "encoder"])
 def test_metrics_are_for_prometheus_alone(here: ComposeHere, name: str) -> None:
     files = {who: here.secrets / f"{who}.token" for who in ("prometheus", "player")}
     tokens = {who: file.read_text(encoding="utf-8").strip() for who, file in files.items()}
@@ -61,11 +61,12 @@ def test_metrics_are_for_prometheus_alone(here: ComposeHere, name: str) -> None:
     assert here.status(name, "/metrics") == 401
 
 
-def test_prometheus_reads_both_servers_with_its_token(here: ComposeHere, tmp_path: Path) -> None:
+def test_prometheus_reads_both_servers_and_the_encoder_with_its_token(here: ComposeHere, tmp_path: Path) -> None:
     configuration = tmp_path / "compose.yaml"
     configuration.write_text(here.here((DEPLOY / "prometheus" / "compose.yaml").read_text(encoding="utf-8")))
     with Prometheus(tmp_path, [here.ops_port[name] for name in SERVERS], configuration=configuration) as prometheus:
         assert len(prometheus.query("motiongen_build_info")) == 2
+        assert len(prometheus.query('motiongen_encoder_waiting{job="encoder"}')) == 1
 
 
 def test_prometheus_takes_the_flags_of_its_command(here: ComposeHere) -> None:

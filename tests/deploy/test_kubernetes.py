@@ -35,6 +35,10 @@ def container_of(kinds: dict[str, Any]) -> dict[str, Any]:
     return dict(container)
 
 
+def devices_in(container: dict[str, Any]) -> list[str]:
+    return [each["value"] for each in container["env"] if each["name"] == "MOTIONGEN_DEVICES"]
+
+
 @pytest.mark.parametrize("version", VERSIONS)
 @pytest.mark.parametrize("folder", FOLDERS)
 def test_kubernetes_knows_every_field(folder: str, version: str) -> None:
@@ -63,6 +67,11 @@ def test_the_server_takes_the_settings_and_is_protected(folder: str) -> None:
     assert config.tls_certificate
     assert config.tenants
     assert config.ops_tls
+
+
+def test_there_are_as_many_engines_as_cores_are_asked_for() -> None:
+    container = container_of(built("base"))
+    assert devices_in(container) == [f"cpu:{container['resources']['requests']['cpu']}"]
 
 
 def test_files_that_settings_name_are_mounted() -> None:
@@ -105,6 +114,7 @@ def test_the_overlays_change_what_they_are_for() -> None:
     gpu = container_of(built("overlays/gpu"))
     assert gpu["image"] == "motiongen-server:cuda"
     assert gpu["resources"]["limits"]["nvidia.com/gpu"] == 1
+    assert devices_in(gpu) == ["cuda:all"]
     scaled = built("overlays/autoscaling")
     assert "replicas" not in scaled["Deployment"]["spec"], "two would say how many servers there are"
     scaler = scaled["HorizontalPodAutoscaler"]["spec"]

@@ -22,7 +22,7 @@ CONFIGURATION = REPOSITORY / "deploy" / "prometheus" / "scrape.yaml"
 
 
 class Prometheus:
-    """Use as `with Prometheus(folder, ports) as prometheus`. Its targets and its interval alone are changed."""
+    """Use as `with Prometheus(folder, ports) as prometheus`. Its servers and its interval alone are changed."""
 
     def __init__(
         self, folder: Path, ops_ports: Sequence[int], interval: str = "1s", configuration: Path = CONFIGURATION
@@ -32,6 +32,7 @@ class Prometheus:
         self._targets = [f"localhost:{port}" for port in ops_ports]
         self._interval = interval
         self._configuration = configuration
+        self._num_others = 0  # targets that are no servers
         self._process: subprocess.Popen[bytes] | None = None
 
     def __enter__(self) -> Prometheus:
@@ -40,8 +41,9 @@ class Prometheus:
         content = yaml.safe_load(self._configuration.read_text(encoding="utf-8"))
         content["global"].update(scrape_interval=self._interval, evaluation_interval=self._interval)
         content["rule_files"] = [str(CONFIGURATION.parent / name) for name in content["rule_files"]]
-        (job,) = content["scrape_configs"]
-        job["static_configs"] = [{"targets": self._targets}]
+        servers, *others = content["scrape_configs"]
+        servers["static_configs"] = [{"targets": self._targets}]
+        self._num_others = sum(len(each["targets"]) for job in others for each in job["static_configs"])
         configuration = self._folder / "prometheus.yaml"
         configuration.write_text(yaml.safe_dump(content), encoding="utf-8")
         with (self._folder / "prometheus.log").open("ab") as log:
@@ -75,7 +77,8 @@ class Prometheus:
             urllib.request.urlopen(f"http://127.0.0.1:{self._port}/-/ready", timeout=30).close()
         except OSError:  # nobody listens yet, or it still reads what it has stored
             return False
-        return len([each for each in self.query("up") if each["value"][1] == "1"]) == len(self._targets)
+        up = [each for each in self.query("up") if each["value"][1] == "1"]
+        return len(up) == len(self._targets) + self._num_others
 
     def query(self, expression: str) -> list[dict[str, Any]]:
         """The series of an expression now. Raises ValueError with what Prometheus finds wrong with it."""

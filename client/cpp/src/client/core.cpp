@@ -219,7 +219,9 @@ void ClientCore::take_update(const wire::Update& update, double now) {
     const std::string& reason = message.outcome().reason();
     if (reason == "UNKNOWN_MODEL" || reason == "UNKNOWN_RIG") wants_catalog_ = true;
     // models come and go while the server runs; without its rig the session cannot begin, so it is waited for here
-    if (message.has_opened() && !knows_rig_of(message.opened())) static_cast<void>(fetch_catalog(kAskTimeoutS));
+    if (message.has_opened() && !knows_rig_of(message.opened()) && is_opening(*state)) {
+      static_cast<void>(fetch_catalog(kAskTimeoutS));
+    }
   }
   {
     const std::lock_guard<std::mutex> lock(state->mutex);
@@ -247,6 +249,11 @@ void ClientCore::take_update(const wire::Update& update, double now) {
   if (!over) return;
   const std::lock_guard<std::mutex> lock(mutex_);
   sessions_.erase(update.session);
+}
+
+bool ClientCore::is_opening(const SessionState& state) {
+  const std::lock_guard<std::mutex> lock(state.mutex);
+  return state.phase == Phase::opening;
 }
 
 bool ClientCore::knows_rig_of(const v1::SessionOpened& opened) const {

@@ -118,6 +118,7 @@ class ClientCore final : public CallUser, public std::enable_shared_from_this<Cl
   void take_goodbye(const v1::Goodbye& goodbye);
   void drop_call(const Status& status);
   void take_update(const wire::Update& update, double now);
+  static bool is_opening(const SessionState& state);
   bool knows_rig_of(const v1::SessionOpened& opened) const;
   std::vector<std::shared_ptr<SessionState>> sessions() const;
   void open_waiting(double now);

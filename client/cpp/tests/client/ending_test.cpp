@@ -1,4 +1,4 @@
-// What ends while something else begins: a client while it opens, and one that its own callback destroys.
+// What ends while something else begins, on a server that chooses the moment.
 #include <gtest/gtest.h>
 
 #include <atomic>

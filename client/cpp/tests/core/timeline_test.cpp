@@ -206,6 +206,42 @@ TEST(Timeline, AnotherSessionGoesOnAfterWhatIsHeld) {
   EXPECT_EQ(first_number(timeline, 10), 1010);
 }
 
+// So many bytes that nobody takes.
+class Nothing final : public RowSource {
+ public:
+  explicit Nothing(std::size_t bytes) : bytes_(bytes) {}
+  std::size_t num_bytes() const override { return bytes_; }
+  void take(std::size_t, void*) override { ADD_FAILURE() << "it was to be refused before"; }
+
+ private:
+  std::size_t bytes_;
+};
+
+TEST(Timeline, HoldsNoMoreAheadThanThereIsMemoryFor) {
+  Timeline timeline = small_timeline();
+  ASSERT_TRUE(timeline.announce_plan(1, 0, false));
+  const std::uint32_t most = Timeline::kMostAheadBytes / 8;
+  Nothing rows(8 * (std::size_t{most} + 1));
+  EXPECT_EQ(timeline.add_chunk({1, 0, most + 1, 0}, rows).reason(), "PROTOCOL_VIOLATION");
+  EXPECT_TRUE(add(timeline, 1, 0, 4));
+}
+
+TEST(Timeline, CountsNoFartherThanTheContract) {
+  TimelineOptions options;
+  options.row_width = 2;
+  options.start_frame = kLastFrame - 4;
+  auto made = Timeline::make(options);
+  ASSERT_TRUE(made);
+  Timeline timeline = std::move(made).value();
+  EXPECT_EQ(timeline.announce_plan(1, kLastFrame + 1, false).reason(), "PROTOCOL_VIOLATION");
+  ASSERT_TRUE(timeline.announce_plan(1, kLastFrame - 4, false));
+  EXPECT_EQ(add(timeline, 1, kLastFrame - 4, 1, kLastFrame + 1).reason(), "PROTOCOL_VIOLATION");
+  EXPECT_EQ(add(timeline, 1, kLastFrame - 4, 5, kLastFrame).reason(), "PROTOCOL_VIOLATION");
+  EXPECT_TRUE(add(timeline, 1, kLastFrame - 4, 4, kLastFrame - 4));
+  options.start_frame = kLastFrame + 1;
+  EXPECT_EQ(Timeline::make(options).status().code(), Code::invalid_argument);
+}
+
 TEST(Timeline, RefusesOptionsThatMakeNoSense) {
   TimelineOptions options;
   EXPECT_EQ(Timeline::make(options).status().code(), Code::invalid_argument);

@@ -1,4 +1,4 @@
-"""A server that wishes nobody back for a while is heeded for as long as the application is patient, and an hour at most."""
+"""A server that wishes nobody back for a while is heeded as long as the application is patient, an hour at most."""
 
 from __future__ import annotations
 

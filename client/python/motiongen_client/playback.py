@@ -22,6 +22,9 @@ from motiongen_client.errors import InvalidInput, ProtocolViolation
 
 Rows = NDArray[np.float32]
 
+MOST_AHEAD_BYTES = 2**28
+"""Of frames ahead of the playhead, which no credit asks for."""
+
 # Playback works in multiples of a frame time that no binary fraction holds: a frame due at 0.15 s is due at 0.1499999.
 _EARLY_FRAMES = 1e-6
 
@@ -130,7 +133,7 @@ class Playback:
         """Take consecutive frames. rows: (T, D) float32, row 0 being frame `first_frame`.
 
         Raises ProtocolViolation when they do not belong to the latest plan, do not follow on the frames received so
-        far, have another width, or take a commitment back.
+        far, have another width, take a commitment back, or are more than are held ahead of the playhead.
         """
         if plan != self.plan:
             raise ProtocolViolation(f"a chunk of plan {plan} arrived, but the latest plan is {self.plan}")
@@ -140,6 +143,12 @@ class Playback:
             raise ProtocolViolation(f"a chunk has shape {rows.shape}; rows of {self.row_width} numbers were announced")
         if committed_to < self.committed_to:
             raise ProtocolViolation(f"committed_to fell from {self.committed_to} to {committed_to}")
+        most = MOST_AHEAD_BYTES // (4 * self.row_width)
+        if first_frame + len(rows) - self.playhead > most:
+            raise ProtocolViolation(
+                f"frame {first_frame + len(rows) - 1} came while {self.playhead} is played; at most {most} frames are "
+                "held ahead"
+            )
         self.committed_to = committed_to
         already_shown = self.buffered_to - first_frame
         self._rows.extend(rows[already_shown:])

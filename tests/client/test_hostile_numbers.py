@@ -19,7 +19,7 @@ from motiongen_client import (
     convert,
 )
 from motiongen_client.convert.frames import FrameReader
-from motiongen_client.playback import MOST_AHEAD_BYTES
+from motiongen_client.playback import MOST_AHEAD_BYTES, MOST_CUTS_AHEAD
 from motiongen_client.types import FrameFormat
 from tests.client.fake_server import FakeServer, FakeStream
 from tests.client.synthetic import HORIZON, ROW_WIDTH, catalog, rig
@@ -211,6 +211,19 @@ def test_no_more_is_held_ahead_than_there_is_memory_for() -> None:
     with pytest.raises(ProtocolViolation, match="held ahead"):
         playback.add_chunk(1, 0, too_many, 0)
     playback.add_chunk(1, 0, np.zeros((4, 2), np.float32), 0)
+
+
+def test_no_more_cuts_are_announced_ahead_than_anyone_makes() -> None:
+    playback = Playback(20, 2)
+    for plan in range(1, MOST_CUTS_AHEAD + 1):
+        playback.announce_plan(plan, 100 + plan, is_cut=True)
+    with pytest.raises(ProtocolViolation, match="64 cuts"):
+        playback.announce_plan(65, 1000, is_cut=True)
+    playback.announce_plan(65, 110, is_cut=True)  # it takes the place of those behind it
+    assert playback.is_cut(109)
+    assert not playback.is_cut(111)
+    assert playback.cut_before(110) == 109
+    assert playback.cut_before(101) is None
 
 
 def test_a_chunk_that_unpacks_to_more_than_is_held_is_not_unpacked() -> None:

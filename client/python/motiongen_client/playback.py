@@ -14,6 +14,7 @@ Time comes in as `now_s`, seconds of any clock that never goes back.
 from __future__ import annotations
 
 import math
+from bisect import bisect_left, bisect_right
 
 import numpy as np
 from numpy.typing import NDArray
@@ -24,6 +25,8 @@ Rows = NDArray[np.float32]
 
 MOST_AHEAD_BYTES = 2**28
 """Of frames ahead of the playhead, which no credit asks for."""
+MOST_CUTS_AHEAD = 64
+"""Whose frames are still to come."""
 
 # Playback works in multiples of a frame time that no binary fraction holds: a frame due at 0.15 s is due at 0.1499999.
 _EARLY_FRAMES = 1e-6
@@ -57,7 +60,7 @@ class Playback:
         self._rows: list[Rows] = []
         self._first_kept = start_frame
         self._received_to = start_frame  # where the next chunk must begin; below buffered_to only after a late plan
-        self._cuts: list[int] = []
+        self._cuts: list[int] = []  # rising
         self._started = False
         self._playing = True
         self._due_s: float | None = None  # when the frame after the playhead is due; None: the clock starts anew
@@ -97,8 +100,12 @@ class Playback:
             raise ProtocolViolation(
                 f"plan {plan} replaces frames from {valid_from}, but frames below {self.committed_to} are committed"
             )
+        replaced = bisect_left(self._cuts, valid_from)
+        if is_cut and replaced - bisect_right(self._cuts, self._received_to, hi=replaced) >= MOST_CUTS_AHEAD:
+            raise ProtocolViolation(f"more than {MOST_CUTS_AHEAD} cuts were announced before their frames")
         self.plan, self.plan_from = plan, valid_from
-        self._cuts = [frame for frame in self._cuts if self._first_kept < frame < valid_from]
+        del self._cuts[replaced:]
+        del self._cuts[: bisect_right(self._cuts, self._first_kept)]
         if is_cut:
             self._cuts.append(valid_from)
         if valid_from > self._received_to:
@@ -113,11 +120,13 @@ class Playback:
 
     def is_cut(self, frame: int) -> bool:
         """Whether a frame does not continue the one before it: nothing is to be blended there."""
-        return frame in self._cuts
+        place = bisect_left(self._cuts, frame)
+        return place < len(self._cuts) and self._cuts[place] == frame
 
     def cut_before(self, frame: int) -> int | None:
         """The newest such frame below one; None where there is none, or it is not kept."""
-        return next((cut for cut in reversed(self._cuts) if cut < frame), None)
+        place = bisect_left(self._cuts, frame)
+        return self._cuts[place - 1] if place else None
 
     @property
     def received_to(self) -> int:

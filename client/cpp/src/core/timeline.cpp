@@ -1,7 +1,9 @@
 // What comes from the server, and what is held of it.
 #include <algorithm>
 #include <cmath>
+#include <cstddef>
 #include <cstring>
+#include <iterator>
 #include <utility>
 
 #include "timeline_state.hpp"
@@ -10,6 +12,7 @@ namespace motiongen {
 namespace {
 
 constexpr std::uint32_t kMostReserved = 1 << 20;
+constexpr std::ptrdiff_t kMostCutsAhead = 64;                     // whose frames are still to come
 constexpr std::size_t kMostReservedBytes = std::size_t{1} << 26;  // more is asked for as frames come
 
 #if defined(__BYTE_ORDER__) && __BYTE_ORDER__ != __ORDER_LITTLE_ENDIAN__
@@ -63,9 +66,13 @@ Status Timeline::announce_plan(std::uint32_t plan, std::uint64_t valid_from, boo
     return violation("plan " + number(plan) + " begins at frame " + number(valid_from) +
                      "; frames are numbered up to " + number(kLastFrame));
   }
+  const auto replaced = std::lower_bound(s.cuts.begin(), s.cuts.end(), valid_from);
+  if (is_cut && replaced - std::upper_bound(s.cuts.begin(), replaced, s.received_to) >= kMostCutsAhead) {
+    return violation("more than " + std::to_string(kMostCutsAhead) + " cuts were announced before their frames");
+  }
   s.plan = plan;
-  const auto is_gone = [&](std::uint64_t frame) { return frame <= s.first_kept || frame >= valid_from; };
-  s.cuts.erase(std::remove_if(s.cuts.begin(), s.cuts.end(), is_gone), s.cuts.end());
+  s.cuts.erase(replaced, s.cuts.end());
+  s.cuts.erase(s.cuts.begin(), std::upper_bound(s.cuts.begin(), s.cuts.end(), s.first_kept));
   if (is_cut) s.cuts.push_back(valid_from);
   if (valid_from > s.received_to) return {};  // frames before it that are still to come will carry this plan's number
   s.received_to = valid_from;
@@ -134,9 +141,9 @@ bool Timeline::is_cut(std::uint64_t frame) const { return state_->is_cut(frame);
 
 std::optional<std::uint64_t> Timeline::cut_before(std::uint64_t frame) const {
   const auto& cuts = state_->cuts;
-  const auto found = std::find_if(cuts.rbegin(), cuts.rend(), [frame](std::uint64_t cut) { return cut < frame; });
-  if (found == cuts.rend()) return std::nullopt;
-  return *found;
+  const auto after = std::lower_bound(cuts.begin(), cuts.end(), frame);
+  if (after == cuts.begin()) return std::nullopt;
+  return *std::prev(after);
 }
 
 bool Timeline::started() const { return state_->started; }

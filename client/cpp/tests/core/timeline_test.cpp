@@ -242,6 +242,17 @@ TEST(Timeline, CountsNoFartherThanTheContract) {
   EXPECT_EQ(Timeline::make(options).status().code(), Code::invalid_argument);
 }
 
+TEST(Timeline, NoMoreCutsAreAnnouncedAheadThanAnyoneMakes) {
+  Timeline timeline = small_timeline();
+  for (std::uint32_t plan = 1; plan <= 64; ++plan) ASSERT_TRUE(timeline.announce_plan(plan, 100 + plan, true));
+  EXPECT_EQ(timeline.announce_plan(65, 1000, true).reason(), "PROTOCOL_VIOLATION");
+  EXPECT_TRUE(timeline.announce_plan(65, 110, true)) << "it takes the place of those behind it";
+  EXPECT_TRUE(timeline.is_cut(109));
+  EXPECT_FALSE(timeline.is_cut(111));
+  EXPECT_EQ(timeline.cut_before(110), 109U);
+  EXPECT_EQ(timeline.cut_before(101), std::nullopt);
+}
+
 TEST(Timeline, RefusesOptionsThatMakeNoSense) {
   TimelineOptions options;
   EXPECT_EQ(Timeline::make(options).status().code(), Code::invalid_argument);

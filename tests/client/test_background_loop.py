@@ -9,7 +9,7 @@ from concurrent.futures import ThreadPoolExecutor
 
 import pytest
 
-from motiongen_client import SessionEnded
+from motiongen_client import MotiongenError, SessionEnded
 from motiongen_client.background_loop import BackgroundLoop
 
 
@@ -84,3 +84,16 @@ def test_one_may_be_left_on_the_thread_of_the_loop(loop: BackgroundLoop) -> None
 def test_what_is_raised_there_is_raised_here(loop: BackgroundLoop) -> None:
     with pytest.raises(ZeroDivisionError):
         loop.call(lambda: 1 // 0)
+
+
+def test_on_its_own_thread_nobody_waits_for_it(loop: BackgroundLoop) -> None:
+    async def wait_inside() -> list[str]:
+        said = []
+        for ask in (lambda: loop.call(lambda: 1), loop.stop):
+            with pytest.raises(MotiongenError) as raised:
+                ask()
+            said.append(str(raised.value))
+        return said
+
+    assert all("own thread" in each for each in loop.run(wait_inside()))
+    assert loop.call(lambda: 1) == 1

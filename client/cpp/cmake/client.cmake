@@ -37,6 +37,7 @@ add_library(motiongen_client
   src/client/client.cpp
   src/client/client_options.cpp
   src/client/clip.cpp
+  src/client/clip_sample.cpp
   src/client/connection.cpp
   src/client/moving.cpp
   src/client/convert.cpp

@@ -9,9 +9,10 @@ from concurrent.futures import CancelledError, Future
 from contextlib import suppress
 from typing import Any, TypeVar
 
-from motiongen_client.errors import SessionEnded
+from motiongen_client.errors import MotiongenError, SessionEnded
 
 T = TypeVar("T")
+_ON_ITS_THREAD = "this is the client's own thread, which cannot wait for itself: use the client on another one"
 
 
 class BackgroundLoop:
@@ -27,8 +28,12 @@ class BackgroundLoop:
     def run(self, work: Coroutine[Any, Any, T]) -> T:
         """Run a coroutine on the loop and wait for what it returns.
 
-        Raises SessionEnded once the client is closed, also in threads that wait here at that moment.
+        Raises SessionEnded once the client is closed, also in threads that wait here at that moment, and MotiongenError
+        on the loop's own thread, where functions of the application are called: it would wait for itself.
         """
+        if threading.current_thread() is self._thread:
+            work.close()
+            raise MotiongenError(_ON_ITS_THREAD)
         waiting = self._begin(work)
         if waiting is None:
             raise SessionEnded("client", "the client was closed")
@@ -65,7 +70,9 @@ class BackgroundLoop:
         self._begin(work())  # after the end, which has closed it, there is nothing to do
 
     def stop(self) -> None:
-        """End what still runs on the loop, and the thread. May be called again."""
+        """End what still runs on the loop, and the thread. May be called again. Raises MotiongenError as `run` does."""
+        if threading.current_thread() is self._thread:
+            raise MotiongenError(_ON_ITS_THREAD)
         with self._lock:
             if self._is_ending:
                 return

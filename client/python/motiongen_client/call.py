@@ -130,6 +130,9 @@ class Call:
         except ProtocolViolation as violation:
             failure = violation
             _log.error("%s; giving the stream up", violation)
+        except Exception as fault:  # of what nobody thought a server would say; silent, it would be taken for a loss
+            failure = ProtocolViolation(f"what the server said cannot be taken: {fault!r}")
+            _log.exception("%s; giving the stream up", failure)
         except asyncio.CancelledError:
             task = asyncio.current_task()
             if task is not None and task.cancelling() and not self._is_closing and self._failure is None:

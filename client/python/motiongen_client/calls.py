@@ -202,14 +202,15 @@ class Calls:
         self._recovering = asyncio.create_task(self._recover(failure), name="motiongen-recover")
 
     async def _recover(self, failure: MotiongenError) -> None:
-        """Try for another call until there is one, or the time for it is over."""
+        """Try for another call until there is one, or the time for it is over; at its end too, whatever was asked."""
         time, most_s = asyncio.get_running_loop().time, self._policy.recover_s
         await self._wanted.wait()  # a stream that carries nothing is ended by the server, for nothing
         began_s, asked_s = time(), self.reconnect_after_s
         if self._route is not None and self._route.follow(self.other_servers):
             asked_s = 0.0  # that is when the server itself is back
         while most_s is None or time() - began_s < most_s:
-            await asyncio.sleep(self._backoff.next_s(asked_s))
+            delay_s = self._backoff.next_s(asked_s)
+            await asyncio.sleep(delay_s if most_s is None else min(delay_s, began_s + most_s - time()))
             asked_s = 0.0
             try:
                 await self._make_call()

@@ -32,15 +32,27 @@ class _Sample:
     opened: Opened | None = None
     residuals: tuple[Residual, ...] | None = None
 
-    def take(self, response: service_pb2.GenerateClipResponse, reader: convert.FrameReader) -> None:
+    def take(self, response: service_pb2.GenerateClipResponse, reader: convert.FrameReader, num_frames: int) -> None:
+        """num_frames: that were asked for. Raises ProtocolViolation for a part out of order, and for more frames."""
+        if self.residuals is not None:
+            raise ProtocolViolation("a part of a clip came after its summary")
         match response.WhichOneof("part"):
             case "opened":
                 self.opened = convert.opened(response.opened)
-                convert.check_outputs(self.opened.outputs, list(reader.rig.outputs))
+                convert.check_outputs(self.opened.outputs, list(reader.rig.outputs), reader.rig.with_outputs({}))
+                if self.opened.outputs != reader.rig.outputs:
+                    raise ProtocolViolation(
+                        f"a clip has the outputs {self.opened.outputs}, its model {reader.rig.outputs}"
+                    )
             case "chunk":
+                if self.opened is None:
+                    raise ProtocolViolation("a chunk of a clip came before it was opened")
                 if response.chunk.first_frame != self.num_frames:
                     given = f"frame {response.chunk.first_frame} of a clip came after {self.num_frames} frames"
                     raise ProtocolViolation(given)
+                if response.chunk.frame_count > num_frames - self.num_frames:
+                    given = f"{response.chunk.frame_count} frames of a clip came after {self.num_frames}"
+                    raise ProtocolViolation(f"{given}; {num_frames} were asked for")
                 self.rows.append(reader.rows(response.chunk, self.rows[-1][-1] if self.rows else None))
                 self.num_frames += len(self.rows[-1])
             case "summary":
@@ -81,16 +93,18 @@ async def generate_clip(
     targets = [convert.constraint(number, target) for number, target in enumerate(constraints, 1)]
     request = convert.generate_clip(convert.open_session(options, spans, targets), num_frames, num_samples)
     samples, reader = [_Sample() for _ in range(num_samples)], convert.FrameReader(rig, options.frame_format)
+    call = stub.GenerateClip(request, timeout=timeout_s)
     try:
-        call = stub.GenerateClip(request, timeout=timeout_s)
         while isinstance(response := await answer_of(call.read()), service_pb2.GenerateClipResponse):
             if response.sample >= num_samples:
                 raise ProtocolViolation(f"sample {response.sample} came of {num_samples}")
-            samples[response.sample].take(response, reader)
+            samples[response.sample].take(response, reader, num_frames)
     except grpc.aio.AioRpcError as failure:
         if failure.code() is grpc.StatusCode.DEADLINE_EXCEEDED:
             raise DeadlineExceeded("the clip", timeout_s) from None
         raise error_of(failure, "the clip", address) from None
+    finally:
+        call.cancel()  # one that broke a rule sends on; where it has ended this does nothing
     clips = [sample.clip(rig, num_frames, len(constraints)) for sample in samples]
     for warning in clips[0].warnings:  # the others have the same
         _log.warning("%s", warning.message)

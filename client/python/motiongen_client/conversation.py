@@ -140,22 +140,24 @@ class Conversation(Recovery):
         kind = update.WhichOneof("update")
         if kind in ("plan", "chunk") and self._line is not Line.OPEN:
             raise ProtocolViolation(f"a {kind} came before the session was opened")
+        if kind == "service_level" and self._line is Line.OPENING:
+            raise ProtocolViolation("a service level came before the session was opened")
         match kind:
             case "opened":
                 self._hear_opened(convert.opened(update.opened), update.opened.session_token)
             case "plan":
-                valid_from = update.plan.valid_from + self._offset
+                valid_from = convert.frame(update.plan.valid_from, self._offset)
                 is_cut = update.plan.cause == session_pb2.PLAN_CAUSE_CUT
                 self.playback.announce_plan(update.plan.plan, valid_from, is_cut=is_cut)
                 self._num_plans += 1
                 self._edits.plan(update.plan.event_seqs, valid_from)
             case "chunk":
                 chunk, offset = update.chunk, self._offset
-                first = chunk.first_frame + offset
+                first = convert.frame(chunk.first_frame, offset)
                 held = self.playback.held_rows(first - 1, first)
                 rows = self._reader.rows(chunk, held[0] if held else None)
-                self.playback.add_chunk(chunk.plan, chunk.first_frame + offset, rows, chunk.committed_to + offset)
-                self._note_frames(len(rows), chunk.first_frame + offset + len(rows))
+                self.playback.add_chunk(chunk.plan, first, rows, convert.frame(chunk.committed_to, offset))
+                self._note_frames(len(rows), first + len(rows))
             case "outcome":
                 self._hear_outcome(update.outcome)
             case "constraint_reached":
@@ -191,10 +193,11 @@ class Conversation(Recovery):
         self._wishes.place(opened.placements)
         self.service_level = ServiceLevel("full", opened.denoise_steps)
         try:
-            self.rig = self._catalog.rig(opened.rig_id).with_outputs(opened.outputs)
+            rig = self._catalog.rig(opened.rig_id)
         except UnknownName as unknown:
             raise ProtocolViolation(f"a session was opened on a rig the catalogue does not have: {unknown}") from None
-        convert.check_outputs(opened.outputs, self._options.outputs)
+        convert.check_outputs(opened.outputs, self._options.outputs, rig)
+        self.rig = rig.with_outputs(opened.outputs)
         self.playback = Playback(
             self.rig.frame_rate_hz,
             self.rig.row_width,

@@ -11,9 +11,10 @@ from motiongen_client.errors import InvalidInput
 class LinePolicy:
     """What a stream does when the line to its server is lost, and when it takes it for lost.
 
-    recover_s: for how long a new call is tried for after one was lost; None: for ever; 0: not at all, and the sessions
-    fail with StreamLost. hello_timeout_s: how long a server may take to say hello. ping_s: how often it is asked for a
-    sign of life, which must come within pong_timeout_s: else the call is given up as lost.
+    recover_s: for how long a new call is tried for after one was lost, also where the server wishes nobody back for
+    longer; None: for ever; 0: not at all, and the sessions fail with StreamLost. hello_timeout_s: how long a server may
+    take to say hello. ping_s: how often it is asked for a sign of life, which must come within pong_timeout_s: else the
+    call is given up as lost.
     """
 
     recover_s: float | None = None

@@ -14,6 +14,7 @@ Time comes in as `now_s`, seconds of any clock that never goes back.
 from __future__ import annotations
 
 import math
+from bisect import bisect_left, bisect_right
 
 import numpy as np
 from numpy.typing import NDArray
@@ -21,6 +22,11 @@ from numpy.typing import NDArray
 from motiongen_client.errors import InvalidInput, ProtocolViolation
 
 Rows = NDArray[np.float32]
+
+MOST_AHEAD_BYTES = 2**28
+"""Of frames ahead of the playhead, which no credit asks for."""
+MOST_CUTS_AHEAD = 64
+"""Whose frames are still to come."""
 
 # Playback works in multiples of a frame time that no binary fraction holds: a frame due at 0.15 s is due at 0.1499999.
 _EARLY_FRAMES = 1e-6
@@ -54,7 +60,7 @@ class Playback:
         self._rows: list[Rows] = []
         self._first_kept = start_frame
         self._received_to = start_frame  # where the next chunk must begin; below buffered_to only after a late plan
-        self._cuts: list[int] = []
+        self._cuts: list[int] = []  # rising
         self._started = False
         self._playing = True
         self._due_s: float | None = None  # when the frame after the playhead is due; None: the clock starts anew
@@ -94,8 +100,12 @@ class Playback:
             raise ProtocolViolation(
                 f"plan {plan} replaces frames from {valid_from}, but frames below {self.committed_to} are committed"
             )
+        replaced = bisect_left(self._cuts, valid_from)
+        if is_cut and replaced - bisect_right(self._cuts, self._received_to, hi=replaced) >= MOST_CUTS_AHEAD:
+            raise ProtocolViolation(f"more than {MOST_CUTS_AHEAD} cuts were announced before their frames")
         self.plan, self.plan_from = plan, valid_from
-        self._cuts = [frame for frame in self._cuts if self._first_kept < frame < valid_from]
+        del self._cuts[replaced:]
+        del self._cuts[: bisect_right(self._cuts, self._first_kept)]
         if is_cut:
             self._cuts.append(valid_from)
         if valid_from > self._received_to:
@@ -110,11 +120,13 @@ class Playback:
 
     def is_cut(self, frame: int) -> bool:
         """Whether a frame does not continue the one before it: nothing is to be blended there."""
-        return frame in self._cuts
+        place = bisect_left(self._cuts, frame)
+        return place < len(self._cuts) and self._cuts[place] == frame
 
     def cut_before(self, frame: int) -> int | None:
         """The newest such frame below one; None where there is none, or it is not kept."""
-        return next((cut for cut in reversed(self._cuts) if cut < frame), None)
+        place = bisect_left(self._cuts, frame)
+        return self._cuts[place - 1] if place else None
 
     @property
     def received_to(self) -> int:
@@ -130,7 +142,7 @@ class Playback:
         """Take consecutive frames. rows: (T, D) float32, row 0 being frame `first_frame`.
 
         Raises ProtocolViolation when they do not belong to the latest plan, do not follow on the frames received so
-        far, have another width, or take a commitment back.
+        far, have another width, take a commitment back, or are more than are held ahead of the playhead.
         """
         if plan != self.plan:
             raise ProtocolViolation(f"a chunk of plan {plan} arrived, but the latest plan is {self.plan}")
@@ -140,6 +152,12 @@ class Playback:
             raise ProtocolViolation(f"a chunk has shape {rows.shape}; rows of {self.row_width} numbers were announced")
         if committed_to < self.committed_to:
             raise ProtocolViolation(f"committed_to fell from {self.committed_to} to {committed_to}")
+        most = MOST_AHEAD_BYTES // (4 * self.row_width)
+        if first_frame + len(rows) - self.playhead > most:
+            raise ProtocolViolation(
+                f"frame {first_frame + len(rows) - 1} came while {self.playhead} is played; at most {most} frames are "
+                "held ahead"
+            )
         self.committed_to = committed_to
         already_shown = self.buffered_to - first_frame
         self._rows.extend(rows[already_shown:])

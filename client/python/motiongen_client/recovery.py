@@ -197,7 +197,8 @@ class Recovery(Direction):
         else:
             patch = max(model.patch_frames, 1)
             asked = self._options.history_frames or model.default_history_frames
-            wanted = max(asked // patch, 1) * patch
+            most = max(self._catalog.limits.max_request_bytes * 9 // 10 // (4 * self.rig.own_width), 1)
+            wanted = min(max(min(asked, most) // patch, 1) * patch, most)  # in a message that the server takes
         first = max(end_frame - wanted, self.playback.first_kept, self.playback.cut_before(end_frame) or 0)
         rows = self.playback.rows(first, end_frame)
         missing = wanted - len(rows)
@@ -235,8 +236,9 @@ class Recovery(Direction):
         self._carrier.report_soon()
 
     def _go_on_anew(self, opened: Opened) -> None:
-        fits = opened.rig_id == self.opened.rig_id and opened.outputs == self.opened.outputs
-        if not fits or self._catalog.rig(opened.rig_id).own_width != self.rig.own_width:
+        known = {rig.rig_id: rig.own_width for rig in self._catalog.rigs}
+        is_same = opened.rig_id == self.opened.rig_id and opened.outputs == self.opened.outputs
+        if not is_same or known.get(opened.rig_id) != self.rig.own_width:
             self.fail(SessionEnded("model_unloaded", f"its rig, {self.opened.rig_id}, is not served any more"))
             return
         self._line, self.opened = Line.OPEN, opened

@@ -14,6 +14,11 @@ class Backoff {
   // While what a character holds may last, it shall not lose another second to a server that is back.
   static constexpr double kSoonS = 3;
   static constexpr double kMostSoonS = 0.25;
+  // The most that a server can be set to ask for.
+  static constexpr double kMostAskedS = 3600;
+
+  // Seconds that are waited where a server asks for some: one that says a century shall not be lost for good.
+  static double bounded_s(double asked_s) { return std::clamp(asked_s, 0.0, kMostAskedS); }
 
   void begin_call() { num_pongs_ = 0; }
   void note_pong() { ++num_pongs_; }

@@ -1,7 +1,5 @@
 // Clips: one call each, its parts sorted by sample.
-#include <cmath>
-#include <cstring>
-
+#include "client/clip_sample.hpp"
 #include "client/convert.hpp"
 #include "client/core.hpp"
 #include "client/status_details.hpp"
@@ -59,69 +57,6 @@ v1::GenerateClipRequest request_of(const ClipOptions& options) {
   return request;
 }
 
-// The bytes of a chunk that is a message.
-class ChunkBytes final : public RowSource {
- public:
-  explicit ChunkBytes(const std::string& data) : data_(data) {}
-  std::size_t num_bytes() const override { return data_.size() - taken_; }
-  void take(std::size_t count, void* to) override {
-    if (to != nullptr) std::memcpy(to, data_.data() + taken_, count);
-    taken_ += count;
-  }
-
- private:
-  const std::string& data_;
-  std::size_t taken_ = 0;
-};
-
-// One sample as it comes.
-struct Sample {
-  Clip clip;
-  std::optional<FrameDecoder> decoder;
-  bool is_whole = false;
-
-  Status take(const v1::GenerateClipResponse& part, const Catalog& catalog, const ClipOptions& options) {
-    if (part.has_opened()) return take_opened(part.opened(), catalog, options);
-    if (part.has_chunk()) return take_chunk(part.chunk(), options);
-    if (!part.has_summary()) return {};
-    for (const auto& each : part.summary().residuals()) clip.residuals.push_back(convert::residual(each));
-    is_whole = true;
-    return {};
-  }
-
-  Status take_opened(const v1::SessionOpened& message, const Catalog& catalog, const ClipOptions& options) {
-    auto rig = convert::session_rig(catalog, message, options.outputs);
-    if (!rig) return rig.status();
-    clip.opened = convert::opened(message);
-    clip.rig = std::move(rig).value();
-    decoder.emplace(clip.rig, options.frame_format);
-    return {};
-  }
-
-  Status take_chunk(const v1::FrameChunk& chunk, const ClipOptions& options) {
-    if (!decoder) return violation("a chunk of a clip came before it was opened");
-    if (chunk.first_frame() != clip.num_frames) {
-      return violation("frame " + std::to_string(chunk.first_frame()) + " of a clip came after " +
-                       std::to_string(clip.num_frames) + " frames");
-    }
-    if (static_cast<int>(chunk.scalar_type()) != static_cast<int>(options.frame_format)) {
-      return violation("a chunk of a clip has scalar type " + std::to_string(chunk.scalar_type()) + "; " +
-                       std::to_string(static_cast<int>(options.frame_format)) + " was asked for");
-    }
-    const std::size_t held = clip.rows.size();
-    const Span<const float> origin(chunk.root_origin_m().data(), static_cast<std::size_t>(chunk.root_origin_m_size()));
-    const Span<const float> before =
-        held == 0 ? Span<const float>() : Span<const float>(&clip.rows[held - clip.rig.row_width], clip.rig.row_width);
-    ChunkBytes bytes(chunk.data());
-    Status begun = decoder->begin(bytes, chunk.frame_count(), origin, before);
-    if (!begun) return begun;
-    clip.rows.resize(held + std::size_t{chunk.frame_count()} * clip.rig.row_width);
-    decoder->take(decoder->num_bytes(), clip.rows.data() + held);
-    clip.num_frames += chunk.frame_count();
-    return {};
-  }
-};
-
 }  // namespace
 
 Result<std::vector<Clip>> ClientCore::generate_clip(const ClipOptions& options) {
@@ -135,7 +70,7 @@ Result<std::vector<Clip>> ClientCore::generate_clip(const ClipOptions& options) 
   if (!call.made) return call.made;
   const auto stub = v1::MotionService::NewStub(server().channel);
   const auto reader = stub->GenerateClip(&call.context, request_of(options));
-  std::vector<Sample> samples(options.num_samples);
+  std::vector<ClipSample> samples(options.num_samples);
   v1::GenerateClipResponse part;
   Status broken;
   while (broken && reader->Read(&part)) {
@@ -148,13 +83,10 @@ Result<std::vector<Clip>> ClientCore::generate_clip(const ClipOptions& options) 
   if (!broken) return broken;
   if (!status.ok()) return status_of(status);
   std::vector<Clip> clips;
-  for (Sample& each : samples) {
-    if (!each.is_whole || each.clip.num_frames != options.num_frames ||
-        each.clip.residuals.size() != options.targets.size()) {
-      return violation("a clip of " + std::to_string(options.num_frames) + " frames and " +
-                       std::to_string(options.targets.size()) + " targets ended after " +
-                       std::to_string(each.clip.num_frames) + " frames and " +
-                       std::to_string(each.clip.residuals.size()) + " residuals");
+  for (ClipSample& each : samples) {
+    if (!each.is_whole || each.clip.num_frames != options.num_frames) {
+      return violation("a clip of " + std::to_string(options.num_frames) + " frames ended after " +
+                       std::to_string(each.clip.num_frames) + (each.is_whole ? "" : ", without a summary"));
     }
     clips.push_back(std::move(each.clip));
   }

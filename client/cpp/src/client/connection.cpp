@@ -142,7 +142,7 @@ double ClientCore::choose_server(bool was_connected, const Status& why) {
   if (route_.follow(convert::other_servers(goodbye.other_servers()))) return 0;
   // the server that was lost is asked first: it may have kept the sessions; one that goes away has not
   const bool goes_away = goodbye_ && goodbye.reason() != v1::GOODBYE_REASON_CREDENTIALS_EXPIRING;
-  if (!goes_away || servers_.size() == 1) return convert::seconds(goodbye.reconnect_after());
+  if (!goes_away || servers_.size() == 1) return Backoff::bounded_s(convert::seconds(goodbye.reconnect_after()));
   route_.next();
   return 0;
 }

@@ -9,6 +9,8 @@
 namespace motiongen::convert {
 namespace {
 
+constexpr std::size_t kMostOtherServers = 3;  // as the contract has it; each may be called in turn
+
 Code code_of(int number) {
   return number >= 0 && number <= static_cast<int>(Code::unauthenticated) ? static_cast<Code>(number) : Code::unknown;
 }
@@ -157,8 +159,10 @@ Opened opened(const v1::SessionOpened& message) {
 
 std::vector<OtherServer> other_servers(const google::protobuf::RepeatedPtrField<v1::OtherServer>& messages) {
   std::vector<OtherServer> made;
-  made.reserve(static_cast<std::size_t>(messages.size()));
-  for (const v1::OtherServer& each : messages) made.push_back({each.address(), each.routing_key()});
+  for (const v1::OtherServer& each : messages) {
+    if (made.size() == kMostOtherServers) break;
+    made.push_back({each.address(), each.routing_key()});
+  }
   return made;
 }
 

@@ -6,6 +6,9 @@
 namespace motiongen::convert {
 namespace {
 
+// Whatever a server says that it takes: what is said to it is put together here first.
+constexpr std::uint32_t kMostRequestBytes = std::uint32_t{1} << 26;
+
 Result<Rig> rig(const v1::Rig& message) {
   Rig made;
   made.rig_id = message.rig_id();
@@ -70,7 +73,7 @@ Limits limits(const v1::Limits& message) {
   made.default_lookahead_frames = message.default_lookahead_frames();
   made.max_trajectory_frames = message.max_trajectory_frames();
   made.max_held_trajectory_frames = message.max_held_trajectory_frames();
-  made.max_request_bytes = message.max_request_bytes();
+  made.max_request_bytes = std::min(message.max_request_bytes(), kMostRequestBytes);
   made.max_hold_frames = message.max_hold_frames();
   made.max_speed_mps = message.max_speed_mps();
   made.max_coordinate_m = message.max_coordinate_m();

@@ -64,14 +64,7 @@ Result<std::shared_ptr<SessionState>> ClientCore::open(const SessionOptions& opt
   if (!checked) return checked;
   auto opening = opening_of(options);
   if (!opening) return opening.status();
-  std::shared_ptr<SessionState> state;
-  {
-    const std::lock_guard<std::mutex> lock(mutex_);
-    if (closing_ || (call_ == nullptr && !is_lost_)) {
-      return Status(Code::failed_precondition, "CLIENT_CLOSED", "the client is closed: " + failure_.message());
-    }
-    state = std::make_shared<SessionState>(next_session_++, options, std::move(opening).value(), options_.reconnect);
-  }
+  auto state = std::make_shared<SessionState>(next_session_++, options, std::move(opening).value(), options_.reconnect);
   for (std::size_t prompt = 0; prompt < options.later_prompts.size(); ++prompt) {
     static_cast<void>(state->book.take_prompt_id());
   }
@@ -81,7 +74,11 @@ Result<std::shared_ptr<SessionState>> ClientCore::open(const SessionOptions& opt
   Status fits = convert::check_size("the session", state->book.opening(), catalog()->limits);
   if (!fits) return fits;
   {
+    // looked at where the session comes in: whoever ends the client ends those that are there, and it alone
     const std::lock_guard<std::mutex> lock(mutex_);
+    if (closing_ || (call_ == nullptr && !is_lost_)) {
+      return Status(Code::failed_precondition, "CLIENT_CLOSED", "the client is closed: " + failure_.message());
+    }
     sessions_.emplace(state->id, state);
   }
   {
@@ -222,7 +219,9 @@ void ClientCore::take_update(const wire::Update& update, double now) {
     const std::string& reason = message.outcome().reason();
     if (reason == "UNKNOWN_MODEL" || reason == "UNKNOWN_RIG") wants_catalog_ = true;
     // models come and go while the server runs; without its rig the session cannot begin, so it is waited for here
-    if (message.has_opened() && !knows_rig_of(message.opened())) static_cast<void>(fetch_catalog(kAskTimeoutS));
+    if (message.has_opened() && !knows_rig_of(message.opened()) && is_opening(*state)) {
+      static_cast<void>(fetch_catalog(kAskTimeoutS));
+    }
   }
   {
     const std::lock_guard<std::mutex> lock(state->mutex);
@@ -250,6 +249,11 @@ void ClientCore::take_update(const wire::Update& update, double now) {
   if (!over) return;
   const std::lock_guard<std::mutex> lock(mutex_);
   sessions_.erase(update.session);
+}
+
+bool ClientCore::is_opening(const SessionState& state) {
+  const std::lock_guard<std::mutex> lock(state.mutex);
+  return state.phase == Phase::opening;
 }
 
 bool ClientCore::knows_rig_of(const v1::SessionOpened& opened) const {

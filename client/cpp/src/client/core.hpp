@@ -118,6 +118,7 @@ class ClientCore final : public CallUser, public std::enable_shared_from_this<Cl
   void take_goodbye(const v1::Goodbye& goodbye);
   void drop_call(const Status& status);
   void take_update(const wire::Update& update, double now);
+  static bool is_opening(const SessionState& state);
   bool knows_rig_of(const v1::SessionOpened& opened) const;
   std::vector<std::shared_ptr<SessionState>> sessions() const;
   void open_waiting(double now);
@@ -142,6 +143,7 @@ class ClientCore final : public CallUser, public std::enable_shared_from_this<Cl
   std::atomic<bool> ever_connected_{false};
   std::atomic<bool> closing_{false};
   std::atomic<bool> wants_catalog_{false};  // the server has refused a model or a rig that its catalogue has
+  std::atomic<std::uint32_t> next_session_{1};
   std::atomic<std::uint64_t> num_messages_{0};
   std::atomic<std::uint64_t> num_bytes_{0};
   std::atomic<std::uint64_t> num_chunks_{0};
@@ -158,7 +160,6 @@ class ClientCore final : public CallUser, public std::enable_shared_from_this<Cl
   std::vector<std::shared_ptr<Call>> ended_calls_;  // once `wait_ended`, to be let go by the next one, or with this
   std::set<grpc::ClientContext*> short_calls_;      // at work, so that closing need not wait
   std::unordered_map<std::uint32_t, std::shared_ptr<SessionState>> sessions_;
-  std::uint32_t next_session_ = 1;
   std::string replica_id_;              // of the server of the present call
   std::optional<v1::Goodbye> goodbye_;  // of the present call
   std::set<std::string> asked_;         // servers that had no room, since a session was opened

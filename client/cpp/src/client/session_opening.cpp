@@ -7,7 +7,8 @@
 namespace motiongen {
 namespace {
 
-constexpr double kRetryS = 1.0;  // after the server has given a session up
+constexpr double kRetryS = 1.0;                    // after the server has given a session up
+constexpr std::uint32_t kMostLookahead = 1 << 16;  // frames; servers grant 10,000 at most
 
 bool same_rows(const Rig& a, const Rig& b) {
   return a.row_width == b.row_width && a.joint_names == b.joint_names && a.frame_rate_hz == b.frame_rate_hz &&
@@ -21,7 +22,11 @@ std::uint32_t SessionState::prior_rows(const Catalog& catalog, std::uint64_t end
   if (!timeline || model == nullptr || end <= timeline->first_kept() || end > timeline->buffered_to()) return 0;
   const std::uint64_t patch = std::max<std::uint64_t>(model->patch_frames, 1);
   const std::uint64_t asked = options.history_frames != 0 ? options.history_frames : model->default_history_frames;
-  const std::uint64_t wanted = std::max<std::uint64_t>(asked / patch, 1) * patch;  // as many as a window sees
+  // as many as a window sees, in a message that the server takes
+  const std::uint64_t row_bytes = rig.own_width * sizeof(float);
+  const std::uint64_t most = Outbox::most_event_bytes(catalog.limits.max_request_bytes) / row_bytes / patch;
+  const std::uint64_t wanted = std::min(std::max<std::uint64_t>(asked / patch, 1), most) * patch;
+  if (wanted == 0) return 0;
   std::uint64_t first = std::max(timeline->first_kept(), end < wanted ? 0 : end - wanted);
   const auto cut = timeline->cut_before(end);  // what was before it is elsewhere
   if (cut) first = std::max(first, *cut);
@@ -182,7 +187,13 @@ Status SessionState::begin(const Rig& of, std::uint64_t start_frame, const Catal
   made.start_frame = start_frame;
   made.keep_frames = options.keep_frames;
   const Model* model = convert::find_model(catalog, opened.model_id);
-  made.reserve_frames = 2 * opened.lookahead_frames + (model != nullptr ? model->horizon_frames : 0);
+  if (start_frame > kLastFrame || opened.lookahead_frames > kMostLookahead) {
+    return violation("a session was opened at frame " + std::to_string(start_frame) + " with a lookahead of " +
+                     std::to_string(opened.lookahead_frames) + "; at most " + std::to_string(kLastFrame) + " and " +
+                     std::to_string(kMostLookahead) + " can be");
+  }
+  const std::uint32_t horizon = model != nullptr ? std::min(model->horizon_frames, kMostLookahead) : 0;
+  made.reserve_frames = 2 * opened.lookahead_frames + horizon;
   auto timeline_made = Timeline::make(made);
   if (!timeline_made) return timeline_made.status();
   rig = of;

@@ -3,6 +3,7 @@
 #include <algorithm>
 #include <limits>
 
+#include "client/backoff.hpp"
 #include "client/convert.hpp"
 #include "client/frame_shift.hpp"
 
@@ -159,7 +160,7 @@ void SessionState::take_outcome(const v1::EditOutcome& message, double now_s, Ev
     }
     if (!has_no_room || (!was_open_ && outcome.other_servers.empty())) return end(std::move(outcome), events);
     phase = Phase::waiting;
-    retry_at_s = now_s + outcome.retry_after_s.value_or(kRetryS);
+    retry_at_s = now_s + Backoff::bounded_s(outcome.retry_after_s.value_or(kRetryS));
     refusal = std::move(outcome);
     return;
   }

@@ -116,7 +116,8 @@ void FrameDecoder::decode_halves() {
   }
   std::size_t column = rig_.own_width;
   for (const Block& output : rig_.outputs) {
-    const std::size_t places = output.name == kPositions ? output.width : output.name == kRobotPose ? 3 : 0;
+    const std::size_t wanted = output.name == kPositions ? output.width : output.name == kRobotPose ? 3 : 0;
+    const std::size_t places = std::min<std::size_t>(wanted, output.width);  // of a rig that nobody has checked
     // forward, left and up of the robot are our z, x and y
     const std::size_t turned = output.name == kRobotPose ? 2 : 0;
     for (std::size_t place = 0; place < places; ++place) row_[column + place] += origin_m_[(place + turned) % 3];

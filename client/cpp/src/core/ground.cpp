@@ -54,7 +54,8 @@ Result<Leg> leg_of(const Rig& rig, std::size_t foot) {
   leg.hip = static_cast<std::size_t>(rig.parents[leg.knee]);
   const double thigh = length(place_of(&rig.offsets_m[3 * leg.knee]));
   const double shin = length(place_of(&rig.offsets_m[3 * leg.ankle]));
-  if (leg.hip == 0 || std::min(thigh, shin) < 0.5 * std::max(thigh, shin)) return refused;
+  const double shorter = std::min(thigh, shin);
+  if (leg.hip == 0 || !(shorter > 0 && shorter >= 0.5 * std::max(thigh, shin))) return refused;
   leg.bones_m = thigh + shin;
   leg.stands_at = kSoleM + std::max(-double{rig.offsets_m[3 * leg.toes + 1]}, 0.0);
   return leg;

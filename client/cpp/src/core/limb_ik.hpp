@@ -43,7 +43,8 @@ inline std::pair<Rotation, Rotation> two_bone(const Place& hip, const Place& kne
   const double upper = length(thigh);
   const double lower = length(shin);
   const Place reach = goal - hip;
-  const double distance = std::clamp(length(reach), std::abs(upper - lower) + kTiny, upper + lower - kTiny);
+  // of a leg of no length the lower bound is above the upper one, which std::clamp must not be given
+  const double distance = std::max(std::min(length(reach), upper + lower - kTiny), std::abs(upper - lower) + kTiny);
   const Place toward = direction(reach);
   const Rotation swung = rotation_between(ankle - hip, reach);
   const Place bent = rotate(swung, thigh);

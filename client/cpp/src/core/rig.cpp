@@ -1,11 +1,13 @@
 #include "motiongen/core/rig.hpp"
 
 #include <algorithm>
+#include <cmath>
+#include <utility>
 
 namespace motiongen {
 namespace {
 
-constexpr std::uint32_t kWidestRow = 1 << 20;
+constexpr std::uint32_t kWidestRow = 1 << 14;  // of kMostJoints, with every output there is, 7246
 
 // The column at which a block of a width begins, or a violation.
 Result<std::uint32_t> find_column(const Rig& rig, const char* name, std::uint32_t width) {
@@ -31,6 +33,8 @@ Status Rig::check() {
     return violation(rig + std::to_string(joints) + " joints, but " + std::to_string(parents.size()) + " parents and " +
                      std::to_string(offsets_m.size()) + " offset numbers");
   }
+  const auto is_finite = [](float number) { return std::isfinite(number); };
+  if (!std::all_of(offsets_m.begin(), offsets_m.end(), is_finite)) return violation(rig + "an offset is not finite");
   for (std::size_t index = 0; index < joints; ++index) {
     const std::int64_t parent = parents[index];
     if (parent < -1 || parent >= static_cast<std::int64_t>(index) || (parent < 0) != (index == 0)) {
@@ -47,6 +51,18 @@ Status Rig::check() {
     if (part == &blocks) own_width = row_width;
   }
   const auto wide = static_cast<std::uint32_t>(joints);
+  const std::pair<const char*, std::uint32_t> known[] = {{"joint_positions_m", 3 * wide},
+                                                         {"joint_global_rotation_quat_wxyz", 4 * wide},
+                                                         {"joint_velocities_mps", 3 * wide},
+                                                         {"g1_qpos", 36},
+                                                         {"g1_qvel", 35}};
+  for (const Block& output : outputs) {
+    for (const auto& [name, width] : known) {
+      if (output.name != name || output.width == width) continue;
+      return violation(rig + "output " + name + " has width " + std::to_string(output.width) + ", not " +
+                       std::to_string(width));
+    }
+  }
   const auto root = find_column(*this, "root_translation_m", 3);
   if (!root) return root.status();
   const auto rotation = find_column(*this, "joint_rotation_quat_wxyz", 4 * wide);

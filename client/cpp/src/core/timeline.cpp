@@ -1,7 +1,9 @@
 // What comes from the server, and what is held of it.
 #include <algorithm>
 #include <cmath>
+#include <cstddef>
 #include <cstring>
+#include <iterator>
 #include <utility>
 
 #include "timeline_state.hpp"
@@ -10,6 +12,8 @@ namespace motiongen {
 namespace {
 
 constexpr std::uint32_t kMostReserved = 1 << 20;
+constexpr std::ptrdiff_t kMostCutsAhead = 64;                     // whose frames are still to come
+constexpr std::size_t kMostReservedBytes = std::size_t{1} << 26;  // more is asked for as frames come
 
 #if defined(__BYTE_ORDER__) && __BYTE_ORDER__ != __ORDER_LITTLE_ENDIAN__
 #error "rows are copied from the wire as they are, and the wire is little endian"
@@ -39,8 +43,12 @@ Result<Timeline> Timeline::make(const TimelineOptions& options) {
     return invalid("keep_frames, reserve_frames", number(options.keep_frames) + ", " + number(options.reserve_frames),
                    "up to " + number(kMostReserved) + " frames, or kKeepAll");
   }
+  if (options.start_frame > kLastFrame) {
+    return invalid("start_frame", number(options.start_frame), "at most " + number(kLastFrame));
+  }
   const std::size_t kept = options.keep_frames == TimelineOptions::kKeepAll ? 0 : options.keep_frames;
-  auto state = std::make_unique<State>(options, kept + options.reserve_frames + 1);
+  const std::size_t most = kMostReservedBytes / (options.row_width * sizeof(float));
+  auto state = std::make_unique<State>(options, std::min(kept + options.reserve_frames, most) + 1);
   state->playhead = state->committed_to = state->first_kept = state->received_to = options.start_frame;
   return Timeline(std::move(state));
 }
@@ -54,9 +62,17 @@ Status Timeline::announce_plan(std::uint32_t plan, std::uint64_t valid_from, boo
     return violation("plan " + number(plan) + " replaces frames from " + number(valid_from) + ", but frames below " +
                      number(s.committed_to) + " are committed");
   }
+  if (valid_from > kLastFrame) {
+    return violation("plan " + number(plan) + " begins at frame " + number(valid_from) +
+                     "; frames are numbered up to " + number(kLastFrame));
+  }
+  const auto replaced = std::lower_bound(s.cuts.begin(), s.cuts.end(), valid_from);
+  if (is_cut && replaced - std::upper_bound(s.cuts.begin(), replaced, s.received_to) >= kMostCutsAhead) {
+    return violation("more than " + std::to_string(kMostCutsAhead) + " cuts were announced before their frames");
+  }
   s.plan = plan;
-  const auto is_gone = [&](std::uint64_t frame) { return frame <= s.first_kept || frame >= valid_from; };
-  s.cuts.erase(std::remove_if(s.cuts.begin(), s.cuts.end(), is_gone), s.cuts.end());
+  s.cuts.erase(replaced, s.cuts.end());
+  s.cuts.erase(s.cuts.begin(), std::upper_bound(s.cuts.begin(), s.cuts.end(), s.first_kept));
   if (is_cut) s.cuts.push_back(valid_from);
   if (valid_from > s.received_to) return {};  // frames before it that are still to come will carry this plan's number
   s.received_to = valid_from;
@@ -86,11 +102,21 @@ Status Timeline::add_chunk(const ChunkHeader& header, RowSource& rows) {
   if (header.committed_to < s.committed_to) {
     return violation("committed_to fell from " + number(s.committed_to) + " to " + number(header.committed_to));
   }
+  const std::uint64_t end = header.first_frame + header.num_frames;
+  if (end > kLastFrame || header.committed_to > kLastFrame) {
+    return violation("a chunk has frames up to " + number(end) + ", committed up to " + number(header.committed_to) +
+                     "; frames are numbered up to " + number(kLastFrame));
+  }
+  const std::uint64_t ahead = end > s.playhead ? end - s.playhead : 0;
+  if (ahead > kMostAheadBytes / row_bytes) {
+    return violation("frame " + number(end - 1) + " came while " + number(s.playhead) + " is played; at most " +
+                     number(kMostAheadBytes / row_bytes) + " frames are held ahead");
+  }
   s.committed_to = header.committed_to;
   const std::uint64_t shown = std::min<std::uint64_t>(s.buffered_to() - header.first_frame, header.num_frames);
   if (shown > 0) rows.take(shown * row_bytes, nullptr);
   for (std::uint64_t row = shown; row < header.num_frames; ++row) rows.take(row_bytes, s.rows.push());
-  s.received_to = header.first_frame + header.num_frames;
+  s.received_to = end;
   return {};
 }
 
@@ -115,9 +141,9 @@ bool Timeline::is_cut(std::uint64_t frame) const { return state_->is_cut(frame);
 
 std::optional<std::uint64_t> Timeline::cut_before(std::uint64_t frame) const {
   const auto& cuts = state_->cuts;
-  const auto found = std::find_if(cuts.rbegin(), cuts.rend(), [frame](std::uint64_t cut) { return cut < frame; });
-  if (found == cuts.rend()) return std::nullopt;
-  return *found;
+  const auto after = std::lower_bound(cuts.begin(), cuts.end(), frame);
+  if (after == cuts.begin()) return std::nullopt;
+  return *std::prev(after);
 }
 
 bool Timeline::started() const { return state_->started; }

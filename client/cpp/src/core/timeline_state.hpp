@@ -44,7 +44,7 @@ struct Timeline::State {
   double due_s = kNever;  // when the frame after the playhead is due; unset: the clock starts anew
   double held_since_s = kNever;
   std::uint64_t held_frames = 0;
-  std::vector<std::uint64_t> cuts;  // kept frames that do not continue the one before
+  std::vector<std::uint64_t> cuts;  // kept frames that do not continue the one before, rising
 
   // ---- what `sample` showed last
   float blend = 0;  // of the frame after the playhead
@@ -59,7 +59,7 @@ struct Timeline::State {
 
   std::uint64_t buffered_to() const { return first_kept + rows.size(); }
   double frame_s() const { return 1 / pace_hz; }
-  bool is_cut(std::uint64_t frame) const { return std::find(cuts.begin(), cuts.end(), frame) != cuts.end(); }
+  bool is_cut(std::uint64_t frame) const { return std::binary_search(cuts.begin(), cuts.end(), frame); }
   Span<const float> row(std::uint64_t frame) const { return {rows.row(frame - first_kept), options.row_width}; }
 
   void start(std::uint64_t frame) {

@@ -34,6 +34,12 @@ TEST(Backoff, BeginsAnewAfterACallThatProvedItself) {
   for (int call = 0; call < 30; ++call) EXPECT_LE(backoff.next_s(202), Backoff::kMostSoonS);
 }
 
+TEST(Backoff, WaitsForWhatAServerAsksUpToAnHour) {
+  EXPECT_EQ(Backoff::bounded_s(7.5), 7.5);
+  EXPECT_EQ(Backoff::bounded_s(-7.5), 0);
+  EXPECT_EQ(Backoff::bounded_s(1e18), 3600);
+}
+
 TEST(Timeouts, AreBoundedByWhatAClockCanCount) {
   EXPECT_EQ(bounded_s(HUGE_VAL), kLongestS);
   EXPECT_EQ(bounded_s(1e300), kLongestS);

@@ -92,6 +92,20 @@ TEST(FrameFormat, ReadsEveryHalf) {
   for (std::size_t place = 0; place < 4; ++place) EXPECT_EQ(row[15 + place], expected[3 + place]);
 }
 
+TEST(FrameFormat, WritesNoFartherThanTheRowOfARigThatNobodyHasChecked) {
+  Rig rig = testing::golden_rig();
+  rig.outputs = {{"g1_qpos", 1}};
+  rig.row_width = rig.own_width + 1;
+  FrameDecoder decoder(rig, FrameFormat::f16);
+  Bytes one_row(std::string(4 * rig.row_width, '0'));
+  const float origin[] = {7, 8, 9};
+  ASSERT_TRUE(decoder.begin(one_row, 1, {origin, 3}, {}));
+  std::vector<float> row(rig.row_width + 2, 5);
+  decoder.take(rig.row_width * sizeof(float), row.data());
+  EXPECT_EQ(row[rig.own_width], 9) << "forward is z";
+  EXPECT_EQ(row[rig.row_width], 5);
+}
+
 TEST(FrameFormat, SaysWhatIsWrong) {
   const Rig rig = testing::golden_rig();
   FrameDecoder decoder(rig, FrameFormat::f16);

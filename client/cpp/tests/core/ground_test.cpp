@@ -157,6 +157,8 @@ TEST(Ground, SaysWhatIsWrong) {
   Rig odd = walk.rig;
   odd.offsets_m[3 * 3 + 1] = -0.1F;  // a shin much shorter than the thigh
   EXPECT_EQ(Ground::make(odd, heights_called("level")).status().code(), Code::invalid_argument);
+  odd.offsets_m.assign(odd.offsets_m.size(), 0);  // legs of no length
+  EXPECT_EQ(Ground::make(odd, heights_called("level")).status().code(), Code::invalid_argument);
   Ground ground = walk.on("level");
   std::vector<float> rows = walk.rows;
   rows.pop_back();

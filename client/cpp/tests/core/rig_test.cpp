@@ -2,6 +2,8 @@
 
 #include <gtest/gtest.h>
 
+#include <cmath>
+
 #include "core/rows.hpp"
 
 namespace motiongen {
@@ -40,8 +42,24 @@ TEST(Rig, RefusesCountsThatContradictEachOther) {
   EXPECT_TRUE(broken([](Rig& rig) { rig.blocks[2].width = 11; }));
   EXPECT_TRUE(broken([](Rig& rig) { rig.blocks.pop_back(); }));
   EXPECT_TRUE(broken([](Rig& rig) { rig.blocks.push_back({"huge", 0xFFFFFFFF}); }));
+  EXPECT_TRUE(broken([](Rig& rig) { rig.blocks.push_back({"wide", 1 << 14}); }));
   EXPECT_TRUE(broken([](Rig& rig) { rig.joint_names.clear(); }));
+  EXPECT_TRUE(broken([](Rig& rig) { rig.offsets_m[4] = HUGE_VALF; }));
   EXPECT_FALSE(broken([](Rig&) {}));
+}
+
+TEST(Rig, RefusesOutputsOfAnotherWidthThanTheirName) {
+  const auto checked = [](const char* name, std::uint32_t width) {
+    Rig rig = chain_rig();
+    rig.outputs = {{name, width}};
+    return rig.check().code();
+  };
+  EXPECT_EQ(checked("g1_qpos", 36), Code::ok);
+  EXPECT_EQ(checked("g1_qpos", 1), Code::internal);
+  EXPECT_EQ(checked("joint_positions_m", 9), Code::ok);
+  EXPECT_EQ(checked("joint_positions_m", 10), Code::internal);
+  EXPECT_EQ(checked("joint_global_rotation_quat_wxyz", 11), Code::internal);
+  EXPECT_EQ(checked("of_a_later_version", 1), Code::ok);
 }
 
 }  // namespace

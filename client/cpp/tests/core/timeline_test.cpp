@@ -206,6 +206,53 @@ TEST(Timeline, AnotherSessionGoesOnAfterWhatIsHeld) {
   EXPECT_EQ(first_number(timeline, 10), 1010);
 }
 
+// So many bytes that nobody takes.
+class Nothing final : public RowSource {
+ public:
+  explicit Nothing(std::size_t bytes) : bytes_(bytes) {}
+  std::size_t num_bytes() const override { return bytes_; }
+  void take(std::size_t, void*) override { ADD_FAILURE() << "it was to be refused before"; }
+
+ private:
+  std::size_t bytes_;
+};
+
+TEST(Timeline, HoldsNoMoreAheadThanThereIsMemoryFor) {
+  Timeline timeline = small_timeline();
+  ASSERT_TRUE(timeline.announce_plan(1, 0, false));
+  const std::uint32_t most = Timeline::kMostAheadBytes / 8;
+  Nothing rows(8 * (std::size_t{most} + 1));
+  EXPECT_EQ(timeline.add_chunk({1, 0, most + 1, 0}, rows).reason(), "PROTOCOL_VIOLATION");
+  EXPECT_TRUE(add(timeline, 1, 0, 4));
+}
+
+TEST(Timeline, CountsNoFartherThanTheContract) {
+  TimelineOptions options;
+  options.row_width = 2;
+  options.start_frame = kLastFrame - 4;
+  auto made = Timeline::make(options);
+  ASSERT_TRUE(made);
+  Timeline timeline = std::move(made).value();
+  EXPECT_EQ(timeline.announce_plan(1, kLastFrame + 1, false).reason(), "PROTOCOL_VIOLATION");
+  ASSERT_TRUE(timeline.announce_plan(1, kLastFrame - 4, false));
+  EXPECT_EQ(add(timeline, 1, kLastFrame - 4, 1, kLastFrame + 1).reason(), "PROTOCOL_VIOLATION");
+  EXPECT_EQ(add(timeline, 1, kLastFrame - 4, 5, kLastFrame).reason(), "PROTOCOL_VIOLATION");
+  EXPECT_TRUE(add(timeline, 1, kLastFrame - 4, 4, kLastFrame - 4));
+  options.start_frame = kLastFrame + 1;
+  EXPECT_EQ(Timeline::make(options).status().code(), Code::invalid_argument);
+}
+
+TEST(Timeline, NoMoreCutsAreAnnouncedAheadThanAnyoneMakes) {
+  Timeline timeline = small_timeline();
+  for (std::uint32_t plan = 1; plan <= 64; ++plan) ASSERT_TRUE(timeline.announce_plan(plan, 100 + plan, true));
+  EXPECT_EQ(timeline.announce_plan(65, 1000, true).reason(), "PROTOCOL_VIOLATION");
+  EXPECT_TRUE(timeline.announce_plan(65, 110, true)) << "it takes the place of those behind it";
+  EXPECT_TRUE(timeline.is_cut(109));
+  EXPECT_FALSE(timeline.is_cut(111));
+  EXPECT_EQ(timeline.cut_before(110), 109U);
+  EXPECT_EQ(timeline.cut_before(101), std::nullopt);
+}
+
 TEST(Timeline, RefusesOptionsThatMakeNoSense) {
   TimelineOptions options;
   EXPECT_EQ(Timeline::make(options).status().code(), Code::invalid_argument);

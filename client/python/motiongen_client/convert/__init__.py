@@ -3,6 +3,7 @@
 from motiongen_client.convert.answers import (
     code_name,
     constraint_reached,
+    frame,
     opened,
     other_servers,
     outcome,
@@ -26,7 +27,7 @@ from motiongen_client.convert.requests import (
 )
 
 __all__ = [
-    "FrameReader", "catalog", "check_outputs", "code_name", "constraint", "constraint_reached", "generate_clip",
-    "open_session", "opened", "other_servers", "outcome", "ping", "prompt_span", "residual", "rig", "seconds", "seek",
-    "service_level", "session_end", "set_options", "warnings",
+    "FrameReader", "catalog", "check_outputs", "code_name", "constraint", "constraint_reached", "frame",
+    "generate_clip", "open_session", "opened", "other_servers", "outcome", "ping", "prompt_span", "residual", "rig",
+    "seconds", "seek", "service_level", "session_end", "set_options", "warnings",
 ]  # fmt: skip

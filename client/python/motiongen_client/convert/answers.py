@@ -3,11 +3,12 @@
 from __future__ import annotations
 
 from collections.abc import Iterable
+from itertools import islice
 
 from google.protobuf.duration_pb2 import Duration
 
 from motiongen.v1 import motion_pb2, service_pb2, session_pb2
-from motiongen_client.errors import EventRefused, OtherServer
+from motiongen_client.errors import EventRefused, OtherServer, ProtocolViolation
 from motiongen_client.types import (
     ConstraintReached,
     Deviation,
@@ -20,12 +21,26 @@ from motiongen_client.types import (
     SessionEnd,
 )
 
+MOST_FRAME = 2**53
+"""The greatest number that a frame can have."""
+_MOST_OTHER_SERVERS = 3  # as the contract has it; each may be called in turn
+
+
+def frame(number: int, offset: int = 0) -> int:
+    """A frame of the server's as the client counts it. offset: of the client's frame numbers over the server's.
+
+    Raises ProtocolViolation for a number that no frame has.
+    """
+    if number > MOST_FRAME:
+        raise ProtocolViolation(f"frame {number} was told of; frames are numbered up to {MOST_FRAME}")
+    return number + offset
+
 
 def opened(message: session_pb2.SessionOpened) -> Opened:
     return Opened(
         session_id=message.session_id,
         seed=message.seed,
-        start_frame=message.start_frame,
+        start_frame=frame(message.start_frame),
         rig_id=message.rig_id,
         model_id=message.model_id,
         frame_rate_hz=message.frame_rate,
@@ -43,10 +58,10 @@ def placements(messages: Iterable[motion_pb2.ConstraintPlacement], offset: int =
     return tuple(
         Placement(
             constraint_id=each.constraint_id,
-            first_frame=each.first_frame + offset,
-            last_frame=each.last_frame + offset,
-            arrival_frame=each.arrival_frame + offset,
-            anchor_frame=each.anchor_frame + offset,
+            first_frame=frame(each.first_frame, offset),
+            last_frame=frame(each.last_frame, offset),
+            arrival_frame=frame(each.arrival_frame, offset),
+            anchor_frame=frame(each.anchor_frame, offset),
             anchor_x_m=each.anchor_x,
             anchor_z_m=each.anchor_z,
             anchor_heading_rad=each.anchor_heading,
@@ -60,13 +75,13 @@ def warnings(messages: Iterable[session_pb2.EventWarning]) -> tuple[ModelWarning
 
 
 def other_servers(messages: Iterable[session_pb2.OtherServer]) -> tuple[OtherServer, ...]:
-    return tuple(OtherServer(each.address, each.routing_key) for each in messages)
+    return tuple(OtherServer(each.address, each.routing_key) for each in islice(messages, _MOST_OTHER_SERVERS))
 
 
 def outcome(message: session_pb2.EditOutcome, event: str, offset: int = 0) -> Outcome | EventRefused:
     """What became of an event; `event` says in words what it was, `offset` which of our frames is the server's 0."""
     if message.code == 0:
-        effective_frame = message.effective_frame + offset if message.HasField("effective_frame") else None
+        effective_frame = frame(message.effective_frame, offset) if message.HasField("effective_frame") else None
         placed = placements(message.placements, offset)
         return Outcome(message.event_seq, effective_frame, warnings(message.warnings), placed)
     retry_after_s = seconds(message.retry_after) if message.HasField("retry_after") else None
@@ -93,7 +108,7 @@ def constraint_reached(message: session_pb2.ConstraintReached, offset: int = 0) 
     return ConstraintReached(
         constraint_id=message.constraint_id,
         met=message.met,
-        frame=message.frame + offset,
+        frame=frame(message.frame, offset),
         position_error_m=message.position_error_m if message.HasField("position_error_m") else None,
         rotation_error_rad=message.rotation_error_rad if message.HasField("rotation_error_rad") else None,
     )

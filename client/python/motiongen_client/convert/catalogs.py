@@ -5,6 +5,7 @@ from __future__ import annotations
 import numpy as np
 
 from motiongen.v1 import motion_pb2, service_pb2
+from motiongen_client.convert.outputs import WIDEST_ROW
 from motiongen_client.errors import ProtocolViolation
 from motiongen_client.motion import CONTACT_BLOCK, ROOT_BLOCK, ROTATION_BLOCK, Rig
 from motiongen_client.types import (
@@ -13,6 +14,9 @@ from motiongen_client.types import (
     LocomotionPreset,
     Model,
 )
+
+_MOST_REQUEST_BYTES = 8 * 1024 * 1024
+"""Whatever a server says that it takes: what is said to it is put together here first."""
 
 
 def catalog(message: service_pb2.GetCatalogResponse) -> Catalog:
@@ -59,7 +63,7 @@ def catalog(message: service_pb2.GetCatalogResponse) -> Catalog:
             max_prompts=limits.max_prompts,
             max_prompt_characters=limits.max_prompt_characters,
             max_trajectory_frames=limits.max_trajectory_frames,
-            max_request_bytes=limits.max_request_bytes,
+            max_request_bytes=min(limits.max_request_bytes, _MOST_REQUEST_BYTES),
             default_lookahead_frames=limits.default_lookahead_frames,
             max_lookahead_frames=limits.max_lookahead_frames,
             max_coordinate_m=limits.max_coordinate_m,
@@ -77,13 +81,18 @@ def catalog(message: service_pb2.GetCatalogResponse) -> Catalog:
 
 
 def rig(message: motion_pb2.Rig) -> Rig:
-    """A rig. Raises ProtocolViolation when its counts do not fit together or a block this package reads is missing."""
+    """A rig. Raises ProtocolViolation when its counts do not fit together or a block this package reads is missing.
+
+    So it does for a row that is wider than any of a skeleton, and for offsets that are not finite.
+    """
     num_joints = len(message.joints)
     blocks = {block.name: block.width for block in message.blocks}
     widths = {ROOT_BLOCK: 3, ROTATION_BLOCK: 4 * num_joints, CONTACT_BLOCK: 4}
     for name, width in widths.items():
         if blocks.get(name) != width:
             raise ProtocolViolation(f"rig {message.rig_id}: block {name} has width {blocks.get(name)}, not {width}")
+    if not num_joints or sum(blocks.values()) > WIDEST_ROW:
+        raise ProtocolViolation(f"rig {message.rig_id}: {num_joints} joints in rows of {sum(blocks.values())} numbers")
     if len(message.parents) != num_joints or len(message.neutral_offsets_m) != 3 * num_joints:
         raise ProtocolViolation(
             f"rig {message.rig_id}: {num_joints} joints, but {len(message.parents)} parents and "
@@ -94,6 +103,8 @@ def rig(message: motion_pb2.Rig) -> Rig:
     named = [*message.hip_joints, *(joint for limb in message.limbs for joint in limb.joints)]
     if any(joint >= num_joints for joint in named) or len(message.hip_joints) not in (0, 2):
         raise ProtocolViolation(f"rig {message.rig_id}: its hips or limbs are no joints of {num_joints}: {named}")
+    if not np.isfinite(message.neutral_offsets_m).all():
+        raise ProtocolViolation(f"rig {message.rig_id}: an offset is not finite")
     hips = (message.hip_joints[0], message.hip_joints[1]) if message.hip_joints else None
     if message.frame_rate < 1:
         raise ProtocolViolation(f"rig {message.rig_id}: frame rate {message.frame_rate}")

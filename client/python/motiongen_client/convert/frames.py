@@ -19,6 +19,8 @@ SCALAR_TYPES = {
     FrameFormat.F16: motion_pb2.SCALAR_TYPE_F16_LE,
     FrameFormat.QUANTISED: motion_pb2.SCALAR_TYPE_QUANTISED,
 }
+MOST_CHUNK_BYTES = 2**28
+"""Of the rows of one chunk as float32: quantised ones may have blocks that take no bytes on the wire."""
 _PLACE_BYTES = 12
 
 
@@ -43,6 +45,8 @@ class FrameReader:
             raise ProtocolViolation(
                 f"a chunk of {count} frames has {len(message.data)} bytes, not the {expected} of its rig"
             )
+        if count * self.rig.row_width * 4 > MOST_CHUNK_BYTES:
+            raise ProtocolViolation(f"a chunk has {count} frames of {self.rig.row_width} numbers, more than are held")
         if self.frame_format is FrameFormat.QUANTISED:
             return self._continued(self._quantised(np.frombuffer(message.data, np.uint8).reshape(count, -1)), before)
         if self.frame_format is FrameFormat.F16:

@@ -18,11 +18,25 @@ from motiongen_client.motion import (
     Rig,
 )
 
+_NUMBERS_OF_A_JOINT = {POSITIONS_BLOCK: 3, GLOBAL_ROTATION_BLOCK: 4, "joint_velocities_mps": 3}
+_NUMBERS_OF_A_ROBOT = {QPOS_BLOCK: 36, "g1_qvel": 35}
+WIDEST_ROW = 2**14
+"""Numbers in a frame row, with its outputs; one of 512 joints with every output there is has 7246."""
 
-def check_outputs(given: Mapping[str, int], asked: Sequence[str]) -> None:
-    """Raise ProtocolViolation unless these are the outputs, name -> width, that were asked for, in their order."""
+
+def check_outputs(given: Mapping[str, int], asked: Sequence[str], rig: Rig) -> None:
+    """Raise ProtocolViolation unless these are the outputs, name -> width, that were asked for, in their order.
+
+    rig: whose joints they are of; those whose names are known have a width by it.
+    """
     if list(given) != list(asked):
         raise ProtocolViolation(f"frames have the outputs {list(given)}; {list(asked)} were asked for")
+    known = {name: each * rig.num_joints for name, each in _NUMBERS_OF_A_JOINT.items()} | _NUMBERS_OF_A_ROBOT
+    for name, width in given.items():
+        if known.get(name, width) != width:
+            raise ProtocolViolation(f"rig {rig.rig_id}: output {name} has width {width}, not {known[name]}")
+    if rig.own_width + sum(given.values()) > WIDEST_ROW:
+        raise ProtocolViolation(f"rig {rig.rig_id}: a row with {dict(given)} is wider than {WIDEST_ROW} numbers")
 
 
 def make_absolute(rows: Float32, rig: Rig, origin: Float32) -> None:

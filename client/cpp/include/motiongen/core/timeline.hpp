@@ -45,6 +45,9 @@ class MOTIONGEN_API RowSpan final : public RowSource {
   std::size_t taken_ = 0;
 };
 
+// The greatest number that a frame can have.
+inline constexpr std::uint64_t kLastFrame = std::uint64_t{1} << 53;
+
 // Consecutive frames of a plan, as they come from the wire.
 struct ChunkHeader {
   std::uint32_t plan = 0;
@@ -73,6 +76,9 @@ struct FrameRange {
 
 class MOTIONGEN_API Timeline {
  public:
+  // As much of frames ahead of the playhead is held, in bytes; more is a violation, which no credit asks for.
+  static constexpr std::uint64_t kMostAheadBytes = std::uint64_t{1} << 28;
+
   // INVALID_ARGUMENT for a frame rate or a row width of 0.
   static Result<Timeline> make(const TimelineOptions& options);
 

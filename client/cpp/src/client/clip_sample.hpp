@@ -1,0 +1,26 @@
+// One sample of a clip as it comes, part by part.
+#pragma once
+
+#include <optional>
+
+#include "motiongen/client/clip.hpp"
+#include "motiongen/core/frame_format.hpp"
+#include "motiongen/v1/service.pb.h"
+
+namespace motiongen {
+
+struct ClipSample {
+  Clip clip;
+  std::optional<FrameDecoder> decoder;  // of the rig that it was opened with; it reads that of `clip`
+  bool is_whole = false;
+
+  // A violation where a part is out of order, or there is more of it than was asked for.
+  Status take(const v1::GenerateClipResponse& part, const Catalog& catalog, const ClipOptions& options);
+
+ private:
+  Status take_opened(const v1::SessionOpened& message, const Catalog& catalog, const ClipOptions& options);
+  Status take_chunk(const v1::FrameChunk& chunk, const ClipOptions& options);
+  Status take_summary(const v1::ClipSummary& summary, const ClipOptions& options);
+};
+
+}  // namespace motiongen

@@ -1,0 +1,91 @@
+// What ends while something else begins, on a server that chooses the moment.
+#include <gtest/gtest.h>
+
+#include <atomic>
+#include <cmath>
+#include <future>
+#include <optional>
+#include <thread>
+#include <utility>
+#include <vector>
+
+#include "scripted_server.hpp"
+
+namespace motiongen {
+namespace {
+
+constexpr double kLimitS = 60;
+
+// So many targets take a while to be made into a message.
+SessionOptions big() {
+  SessionOptions options;
+  for (std::uint64_t frame = 0; frame < 5000; ++frame) options.targets.emplace_back(Waypoint{frame, 0, 0, {}, {}});
+  return options;
+}
+
+TEST(Ending, ASessionThatOpensWhileTheLineIsLostForGoodEndsTooOrIsRefused) {
+  const SessionOptions wanted = big();
+  for (int trial = 0; trial < 10; ++trial) {
+    ScriptedServer server;
+    ClientOptions options = server.options();
+    options.reconnect = false;
+    auto client = Client::connect(options);
+    ASSERT_TRUE(client) << client.status().message();
+    std::atomic<int> num_opened{0};
+    std::vector<Session> sessions;
+    std::thread opening([&] {
+      for (auto session = client->open(wanted); session; session = client->open(wanted)) {
+        sessions.push_back(std::move(session).value());
+        ++num_opened;
+      }
+    });
+    while (num_opened == 0) std::this_thread::yield();
+    server.end();
+    opening.join();
+    for (Session& session : sessions) {
+      const auto told = session.wait_open(kLimitS);
+      ASSERT_FALSE(told);
+      ASSERT_NE(told.status().reason(), "TIMEOUT") << "nobody ends it";
+    }
+    EXPECT_EQ(client->open(wanted).status().reason(), "CLIENT_CLOSED");
+  }
+}
+
+TEST(Ending, AClientMayBeDestroyedWhileItReconnectsAndOthersWaitOnItsSessions) {
+  for (int trial = 0; trial < 10; ++trial) {
+    ScriptedServer server;
+    server.hear = [](const v1::SessionEvent& event, ScriptedServer::Stream& stream) {
+      if (!event.has_open()) return;
+      v1::StreamMotionResponse said;
+      said.add_updates()->set_session(event.session());
+      said.mutable_updates()->rbegin()->mutable_opened()->set_rig_id("r");
+      said.mutable_updates()->rbegin()->mutable_opened()->set_model_id("m");
+      stream.Write(said);
+    };
+    std::promise<void> lost;
+    ClientOptions options = server.options();
+    options.on_event = [&lost, told = false](const Event& event) mutable {
+      if (event.kind == EventKind::connection_lost && !std::exchange(told, true)) lost.set_value();
+    };
+    std::optional<Client> client(std::move(Client::connect(options)).value());
+    std::vector<Session> sessions;
+    for (int number = 0; number < 4; ++number) {
+      sessions.push_back(std::move(client->open({})).value());
+      ASSERT_TRUE(sessions.back().wait_open(kLimitS));
+    }
+    server.end();
+    lost.get_future().wait();
+    std::vector<std::thread> threads;
+    for (std::size_t number = 0; number < 3; ++number) {
+      threads.emplace_back(
+          [&session = sessions[number]] { EXPECT_EQ(session.wait_frame(1'000'000, HUGE_VAL).reason(), "CLIENT"); });
+    }
+    threads.emplace_back([&sessions] { EXPECT_TRUE(sessions[3].close()); });
+    client.reset();
+    for (std::thread& thread : threads) thread.join();
+    EXPECT_FALSE(sessions[0].set_velocity(0, 1, 1));
+  }
+}
+
+}  // namespace
+}  // namespace motiongen

@@ -1,0 +1,117 @@
+// A server in the test's own process that says what the test wants, for what happens at a moment that only it can
+// choose.
+#pragma once
+
+#include <grpcpp/grpcpp.h>
+
+#include <atomic>
+#include <condition_variable>
+#include <functional>
+#include <memory>
+#include <mutex>
+#include <string>
+#include <thread>
+#include <utility>
+
+#include "motiongen/client/client.hpp"
+#include "motiongen/v1/service.grpc.pb.h"
+
+namespace motiongen {
+
+// Says hello, answers pings, and hands every event to `hear`, which may say something on the stream.
+class ScriptedServer final : public v1::MotionService::Service {
+ public:
+  using Stream = grpc::ServerReaderWriter<v1::StreamMotionResponse, v1::StreamMotionRequest>;
+
+  // Called on the thread of a stream; set before there is one.
+  std::function<void(const v1::SessionEvent& event, Stream& stream)> hear;
+  std::atomic<int> num_catalogs{0};
+
+  ScriptedServer() {
+    catalog_.add_rigs()->CopyFrom(rig());
+    auto* model = catalog_.add_models();
+    model->set_model_id("m");
+    model->set_rig_id("r");
+    catalog_.mutable_limits()->set_max_request_bytes(1 << 26);
+    catalog_.mutable_limits()->set_max_lookahead_frames(80);
+    grpc::ServerBuilder builder;
+    builder.AddListeningPort("127.0.0.1:0", grpc::InsecureServerCredentials(), &port_);
+    builder.SetMaxReceiveMessageSize(1 << 26);
+    builder.RegisterService(this);
+    server_ = builder.BuildAndStart();
+  }
+
+  ~ScriptedServer() override {
+    end();
+    server_->Shutdown();
+  }
+
+  static v1::Rig rig() {
+    v1::Rig made;
+    made.set_rig_id("r");
+    made.add_joints("Hips");
+    made.add_parents(-1);
+    for (int axis = 0; axis < 3; ++axis) made.add_neutral_offsets_m(0);
+    made.set_frame_rate(20);
+    const std::pair<const char*, std::uint32_t> blocks[] = {
+        {"root_translation_m", 3}, {"joint_rotation_quat_wxyz", 4}, {"foot_contact", 4}};
+    for (const auto& [name, width] : blocks) {
+      made.add_blocks()->set_name(name);
+      made.mutable_blocks()->rbegin()->set_width(width);
+    }
+    return made;
+  }
+
+  ClientOptions options() const {
+    ClientOptions made;
+    made.address = "127.0.0.1:" + std::to_string(port_);
+    return made;
+  }
+
+  // Break off the streams there are and those that come.
+  void end() {
+    const std::lock_guard<std::mutex> lock(mutex_);
+    ended_ = true;
+    changed_.notify_all();
+  }
+
+  grpc::Status GetCatalog(grpc::ServerContext* /*context*/, const v1::GetCatalogRequest* /*request*/,
+                          v1::GetCatalogResponse* response) override {
+    ++num_catalogs;
+    *response = catalog_;
+    return grpc::Status::OK;
+  }
+
+  grpc::Status StreamMotion(grpc::ServerContext* context, Stream* stream) override {
+    std::thread reader([this, stream] { read(*stream); });
+    {
+      std::unique_lock<std::mutex> lock(mutex_);
+      changed_.wait(lock, [this] { return ended_; });
+    }
+    context->TryCancel();  // else the reader waits for what the client says next
+    reader.join();
+    return grpc::Status::CANCELLED;
+  }
+
+ private:
+  void read(Stream& stream) {
+    v1::StreamMotionRequest request;
+    while (stream.Read(&request)) {
+      v1::StreamMotionResponse response;
+      if (request.has_hello()) response.mutable_hello()->set_replica_id("scripted");
+      if (request.has_ping()) response.mutable_pong()->set_client_time_ns(request.ping().client_time_ns());
+      if (request.has_hello() || request.has_ping()) stream.Write(response);
+      if (!hear) continue;
+      for (const v1::SessionEvent& event : request.events()) hear(event, stream);
+    }
+  }
+
+  v1::GetCatalogResponse catalog_;
+  int port_ = 0;
+  std::mutex mutex_;
+  std::condition_variable changed_;
+  bool ended_ = false;
+  std::unique_ptr<grpc::Server> server_;
+};
+
+}  // namespace motiongen

@@ -1,0 +1,64 @@
+"""A server that wishes nobody back for a while is heeded as long as the application is patient, an hour at most."""
+
+from __future__ import annotations
+
+import asyncio
+
+import grpc
+import pytest
+
+from motiongen.v1 import service_pb2
+from motiongen_client import LinePolicy, MotionClient, Session, StreamLost
+from motiongen_client.backoff import LONGEST_ASKED_S, Backoff
+from tests.client.conftest import ManualClock
+from tests.client.fake_server import FakeServer
+from tests.client.waiting import until
+
+PATIENT = LinePolicy(recover_s=60.0, ping_s=1e6, pong_timeout_s=1e6)
+
+
+class Loading(grpc.Status):
+    """How a server refuses a stream that cannot serve yet."""
+
+    code = grpc.StatusCode.UNAVAILABLE
+    details = "it loads its model"
+    trailing_metadata = ()
+
+
+async def go_away(client: MotionClient, server: FakeServer, session: Session) -> None:
+    """The server says goodbye for an hour, and ends the stream."""
+    goodbye = service_pb2.Goodbye(reason=service_pb2.GOODBYE_REASON_DRAINING)
+    goodbye.reconnect_after.FromSeconds(3600)
+    server.stream.outgoing.put(service_pb2.StreamMotionResponse(goodbye=goodbye))
+    server.stream.end()
+    await until(lambda: session.is_away)
+    for _ in range(10):  # what tries for another call has begun to wait
+        await asyncio.sleep(0)
+
+
+async def test_the_last_attempt_is_made_when_the_patience_ends(clock: ManualClock, server: FakeServer) -> None:
+    async with MotionClient(server.address, policy=PATIENT) as client:
+        session = await client.open("walk")
+        await go_away(client, server, session)
+        clock.advance(59)
+        for _ in range(10):
+            await asyncio.sleep(0)
+        assert len(server.streams) == 1, "it is not to come back yet"
+        clock.advance(1.5)
+        await until(lambda: session.reopenings)
+        assert len(server.streams) == 2
+
+
+async def test_that_it_came_to_nothing_is_told_then(clock: ManualClock, server: FakeServer) -> None:
+    async with MotionClient(server.address, policy=PATIENT) as client:
+        session = await client.open("walk")
+        server.turned_away = [Loading()] * 9
+        await go_away(client, server, session)
+        clock.advance(60.5)
+        with pytest.raises(StreamLost, match="it loads its model"):
+            await session.constraint_reached(1)
+
+
+def test_nobody_waits_longer_than_a_server_can_be_set_to_ask_for() -> None:
+    assert Backoff().next_s(60.0) == 60.0
+    assert Backoff().next_s(1e18) == LONGEST_ASKED_S == 3600.0

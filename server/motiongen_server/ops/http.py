@@ -8,7 +8,7 @@ import logging
 import ssl
 from collections import OrderedDict
 from collections.abc import Callable, Iterator
-from typing import Any, ClassVar
+from typing import ClassVar
 
 import uvicorn
 from prometheus_client import CONTENT_TYPE_LATEST, CollectorRegistry, generate_latest
@@ -70,11 +70,9 @@ def _answer(well: bool) -> Response:
     return PlainTextResponse("ok\n" if well else "not ok\n", status_code=200 if well else 503)
 
 
-class _ClientsMistakes(logging.LoggerAdapter[logging.Logger]):
+def _is_for_operators(record: logging.LogRecord) -> bool:
     """uvicorn warns of each request that is none, as often as clients like; faults of the server's own are errors."""
-
-    def warning(self, msg: object, *args: Any, **kwargs: Any) -> None:
-        self.debug(msg, *args, **kwargs)
+    return record.levelno != logging.WARNING
 
 
 class BoundedConnection(H11Protocol):
@@ -88,7 +86,6 @@ class BoundedConnection(H11Protocol):
 
     def connection_made(self, transport: asyncio.Transport) -> None:  # type: ignore[override]
         super().connection_made(transport)
-        self.logger = _ClientsMistakes(self.logger, {})  # type: ignore[assignment]  # of which it asks no more
         self._end = self.loop.call_later(LIFE_S, transport.abort)
         self.open_ones[self] = None
         if len(self.open_ones) > MOST_CONNECTIONS:
@@ -106,6 +103,7 @@ class OpsServer(uvicorn.Server):
 
     def __init__(self, app: Starlette, host: str, port: int, context: ssl.SSLContext | None = None) -> None:
         """context: of TLS; None: plain text."""
+        logging.getLogger("uvicorn.error").addFilter(_is_for_operators)
         super().__init__(
             uvicorn.Config(
                 app,

@@ -83,7 +83,7 @@ class EachTextEncoder(NamedTextEncoder, ABC):
         vectors = np.zeros((len(texts), self._width), np.float32)
         for row, text in enumerate(texts):
             if not is_blank(text):
-                vectors[row] = self.encode_one(text)
+                vectors[row] = checked_vector(self.encode_one(text), self._width)
         return vectors
 
     @abstractmethod

@@ -182,7 +182,7 @@ def test_graphs_are_recorded_of_the_sizes_that_may_be_served() -> None:
         ({"denoise_steps": 11}, "denoise_steps is 11; fake takes 2 to 10"),
         ({"lookahead_frames": 20}, "lookahead_frames is 20; fake needs at least 40"),
         ({"max_lookahead_frames": 36}, "max_lookahead_frames is 36; fake needs at least 40"),
-        ({"history_frames": 400}, "history_crop is 400"),
+        ({"history_frames": 400}, "history_frames is 400; fake takes at most 160"),
         ({"host": "256.0.0.1", "insecure": True}, "cannot listen on 256.0.0.1:0"),
     ],
 )

@@ -35,6 +35,12 @@ class PromptNotEncoded(TextEncoderUnavailable):
     retry_after_s = None
 
 
+class TextRefused(TextEncoderUnavailable):
+    """Raised for a text that an encoder elsewhere does not take, one that is too long for it above all."""
+
+    retry_after_s = None
+
+
 class TextEncoderChanged(TextEncoderUnavailable):
     """Raised when an encoder elsewhere is another than it was, or answers what it never should."""
 

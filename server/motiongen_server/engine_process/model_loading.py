@@ -164,6 +164,10 @@ def check_fit(config: ServerConfig, facts: ModelFacts) -> None:
     ):
         if given < facts.horizon:
             raise SettingError(f"{name} is {given}; {facts.model_id} needs at least {facts.horizon}")
+    if facts.whole_patches(config.history_frames) > facts.max_history:
+        raise SettingError(
+            f"history_frames is {config.history_frames}; {facts.model_id} takes at most {facts.max_history}"
+        )
 
 
 def build_engine(

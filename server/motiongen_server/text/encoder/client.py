@@ -8,7 +8,7 @@ import grpc
 import numpy as np
 
 from motiongen.v1 import encoder_pb2, motion_pb2
-from motiongen_ardy.text import TextEncoderChanged, TextEncoderUnavailable, UnknownTextEncoder, Vectors
+from motiongen_ardy.text import TextEncoderChanged, TextEncoderUnavailable, TextRefused, UnknownTextEncoder, Vectors
 from motiongen_ardy.text.encoder import NamedTextEncoder, checked_vector, is_blank
 
 OPTIONS = (
@@ -42,7 +42,8 @@ class RemoteEncoder(NamedTextEncoder):
 
         known: identity and width that it is to have, where it is not to be asked at the start. credentials: of TLS;
         None: plain text. token: the one that says who calls, asked for before every call. Raises UnknownTextEncoder for
-        what cannot be an address, TextEncoderUnavailable when nobody answers there, or it lets nobody in.
+        what cannot be an address, or answers without saying what it is; TextEncoderUnavailable when nobody answers
+        there, or it lets nobody in.
         """
         if ":" not in address or not address.rpartition(":")[2].isdigit():
             raise UnknownTextEncoder(f"{address!r} is no address of an encoder service; such as localhost:50052")
@@ -72,6 +73,9 @@ class RemoteEncoder(NamedTextEncoder):
         except grpc.RpcError as error:
             self._channel.close()
             raise TextEncoderUnavailable(f"{NO_ANSWER} ({_reason(error)})") from error
+        if not found.text_encoder or not found.width:
+            self._channel.close()
+            raise UnknownTextEncoder(f"what answers at {address} does not say which text encoder it is, and how wide")
         super().__init__(str(found.text_encoder), int(found.width))
         self._max_texts = max(1, int(found.max_texts))
 
@@ -96,6 +100,8 @@ class RemoteEncoder(NamedTextEncoder):
                 raise TextEncoderChanged(
                     f"{error.details()}; this server began with {self._identity!r} and must be restarted to change"
                 ) from error
+            if error.code() is grpc.StatusCode.INVALID_ARGUMENT:
+                raise TextRefused(f"the text encoder does not take it: {error.details()!s:.200}") from error
             raise TextEncoderUnavailable(f"{NO_ANSWER} ({_reason(error)})") from error
         except ValueError as error:  # the channel has been closed
             raise TextEncoderUnavailable(f"{NO_ANSWER}: the server is shutting down") from error

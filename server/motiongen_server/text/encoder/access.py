@@ -7,7 +7,7 @@ from pathlib import Path
 
 import grpc
 
-from motiongen_server.addresses import is_local
+from motiongen_server.addresses import host_of, is_local
 from motiongen_server.config import ServerConfig
 from motiongen_server.identity.tls import check_authorities
 from motiongen_server.identity.watched import Watched
@@ -30,7 +30,7 @@ def encoder_token(config: ServerConfig, address: str, by_tls: bool) -> Callable[
     path = config.text_encoder_token
     if not path:
         return None
-    if not by_tls and not is_local(address.rpartition(":")[0].strip("[]")):
+    if not by_tls and not is_local(host_of(address)):
         raise SettingError("text_encoder_token would cross the network in plain text; give grpcs:HOST:PORT")
     try:
         watched = Watched("text encoder's token", [path], lambda: _read_token(Path(path)))

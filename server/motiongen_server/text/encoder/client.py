@@ -10,6 +10,7 @@ import numpy as np
 from motiongen.v1 import encoder_pb2, motion_pb2
 from motiongen_ardy.text import TextEncoderChanged, TextEncoderUnavailable, TextRefused, UnknownTextEncoder, Vectors
 from motiongen_ardy.text.encoder import NamedTextEncoder, checked_vector, is_blank
+from motiongen_server.addresses import proxy_options
 
 OPTIONS = (
     # An encoder that comes back is found within two seconds, not within gRPC's two minutes.
@@ -49,10 +50,11 @@ class RemoteEncoder(NamedTextEncoder):
             raise UnknownTextEncoder(f"{address!r} is no address of an encoder service; such as localhost:50052")
         self._timeout_s = timeout_s
         self._token = token
+        options = (*OPTIONS, *proxy_options(address))
         if credentials is None:
-            self._channel = grpc.insecure_channel(address, OPTIONS)
+            self._channel = grpc.insecure_channel(address, options)
         else:
-            self._channel = grpc.secure_channel(address, credentials, OPTIONS)
+            self._channel = grpc.secure_channel(address, credentials, options)
         describe = self._channel.unary_unary(
             PATH + "GetTextEncoder",
             request_serializer=encoder_pb2.GetTextEncoderRequest.SerializeToString,

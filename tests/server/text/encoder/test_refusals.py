@@ -90,3 +90,13 @@ def test_other_refusals_still_may_pass() -> None:
     encoder.close()
     assert not isinstance(away.value, TextRefused)
     assert away.value.retry_after_s is not None
+
+
+@pytest.mark.parametrize("host", ["127.0.0.1", "localhost"])
+def test_a_service_of_this_machine_is_asked_by_no_proxy(host: str, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setenv("http_proxy", "http://127.0.0.1:9")
+    monkeypatch.delenv("no_proxy", raising=False)
+    with service() as address:
+        encoder = RemoteEncoder(address.replace("127.0.0.1", host), LIMIT_S)
+        np.testing.assert_array_equal(encoder.encode(["walk"]), [[1] * 4])
+        encoder.close()

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import asyncio
 import math
+from dataclasses import replace
 
 import grpc
 import grpc.aio
@@ -21,7 +22,7 @@ from motiongen_server.engine_process.model_loading import build_engine, load_mod
 from motiongen_server.models.manager import ModelManager
 from motiongen_server.settings import SettingError
 from tests.server.application import NOT_SERVING, SERVING, SlowLoad, application_of, config, get, running
-from tests.server.engine.fakes import FakeRunner, RealTime
+from tests.server.engine.fakes import FACTS, FakeRunner, RealTime
 from tests.waiting import LIMIT_S
 
 
@@ -162,7 +163,7 @@ def test_model_device_steps_and_precision_reach_the_runner(monkeypatch: pytest.M
 
     def remember(*given: object) -> FakeRunner:
         asked.append(given)
-        return FakeRunner(RealTime())
+        return FakeRunner(RealTime(), facts=replace(FACTS, embedding_dim=256))  # as the model's prompt domain
 
     monkeypatch.setattr("motiongen_server.runner.load_runner", remember)
     load_model(config(denoise_steps=5, precision="bfloat16", cuda_graphs=True), BUILT_IN_MODEL)

@@ -131,9 +131,20 @@ def load_model(config: ServerConfig, source: str, kind: str = "cpu", threads: in
         folder = model_folder(source)
         card = read_model_card(folder)
         abilities = as_abilities(read_capabilities(folder))
+        check_domain(abilities, runner.facts)
     except (ValueError, RuntimeError) as error:
         raise SettingError(f"cannot serve model {source!r}: {error}") from error
     return RunnerOfModel(runner, card.licence, abilities)
+
+
+def check_domain(abilities: Abilities, facts: ModelFacts) -> None:
+    """Raise SettingError where prompts of the model could not be compared with those that it was trained with."""
+    domain = abilities.domain
+    if domain is not None and len(domain.mean) != facts.embedding_dim:
+        raise SettingError(
+            f"the prompt domain of {facts.model_id} is of vectors of {len(domain.mean)} numbers, but the model takes "
+            f"{facts.embedding_dim}; leave prompt_domain.safetensors out, or make it anew"
+        )
 
 
 def record_graphs(config: ServerConfig, runner: Runner, device: Device) -> None:

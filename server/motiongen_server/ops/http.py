@@ -73,6 +73,11 @@ def _answer(well: bool) -> Response:
 class _ClientsMistakes(logging.LoggerAdapter[logging.Logger]):
     """uvicorn warns of each request that is none, as often as clients like; faults of the server's own are errors."""
 
+    @property
+    def level(self) -> int:
+        """Which uvicorn asks for whenever a connection ends, and an adapter has not by itself."""
+        return self.logger.level
+
     def warning(self, msg: object, *args: Any, **kwargs: Any) -> None:
         self.debug(msg, *args, **kwargs)
 

@@ -10,6 +10,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 Vectors = NDArray[np.float32]
+MAX_ABSOLUTE_VALUE = 1e4
+"""Of a number in a vector; encoders stay below a hundred, and what is far beyond overflows in a model's products."""
 
 
 class UnknownTextEncoder(ValueError):
@@ -118,6 +120,8 @@ def checked_vector(vector: np.ndarray, width: int) -> Vectors:
             f"the text encoder answered with an array of shape {vector.shape}; it must be ({width},) or (1, {width})"
         )
     flat = np.array(vector.reshape(width), np.float32)
-    if not np.isfinite(flat).all():
-        raise TextEncoderChanged("the text encoder answered with numbers that are not finite")
+    if not bool((np.abs(flat) <= MAX_ABSOLUTE_VALUE).all()):
+        raise TextEncoderChanged(
+            f"the text encoder answered with numbers that are not finite, or beyond {MAX_ABSOLUTE_VALUE:,.0f}"
+        )
     return flat

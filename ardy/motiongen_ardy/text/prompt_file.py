@@ -16,6 +16,7 @@ from pathlib import Path
 import numpy as np
 
 from motiongen_ardy.text.encoder import (
+    MAX_ABSOLUTE_VALUE,
     EachTextEncoder,
     PromptNotEncoded,
     TextEncoder,
@@ -48,8 +49,10 @@ class PromptFile:
             raise PromptFileError(
                 f"{len(self.ids)} ids, {len(self.texts)} texts and vectors of shape {self.vectors.shape} do not fit"
             )
-        if self.vectors.dtype != np.float32 or not np.isfinite(self.vectors).all():
-            raise PromptFileError("the vectors must be finite numbers in float32")
+        if self.vectors.dtype != np.float32 or not bool((np.abs(self.vectors) <= MAX_ABSOLUTE_VALUE).all()):
+            raise PromptFileError(
+                f"the vectors must be finite numbers in float32, at most {MAX_ABSOLUTE_VALUE:,.0f} in absolute value"
+            )
         check_prompts(self.ids, self.texts)
 
 

@@ -117,10 +117,19 @@ class Lying(EachTextEncoder):
     """Of some texts it makes what it never should."""
 
     def encode_one(self, text: str) -> Vectors:
-        return np.full(4, np.nan, np.float32) if text == "nothing" else np.ones(len(text), np.float32)
+        numbers = {"nothing": np.nan, "endless": -np.inf, "far": -1e30}
+        return np.full(4, numbers[text], np.float32) if text in numbers else np.ones(len(text), np.float32)
 
 
-@pytest.mark.parametrize(("text", "said"), [("nothing", "not finite"), ("a", r"shape \(1,\); it must be \(4,\)")])
+@pytest.mark.parametrize(
+    ("text", "said"),
+    [
+        ("nothing", "not finite"),
+        ("endless", "not finite"),
+        ("far", "beyond 10,000"),
+        ("a", r"shape \(1,\); it must be \(4,\)"),
+    ],
+)
 def test_what_an_encoder_of_this_process_makes_is_checked_too(text: str, said: str) -> None:
     encoder = Lying("lying", 4)
     np.testing.assert_array_equal(encoder.encode(["walk", " "]), [[1] * 4, [0] * 4])

@@ -144,6 +144,7 @@ GOOD = {"format": FORMAT, "text_encoder": "e", "ids": '["a", "b"]', "texts": '["
         ({}, np.zeros(2, np.float32), "do not fit"),
         ({}, np.zeros((2, 3), np.float64), "float32"),
         ({}, np.full((2, 3), np.inf, np.float32), "finite"),
+        ({}, np.full((2, 3), -1e30, np.float32), "at most 10,000"),
     ],
 )
 def test_a_file_that_does_not_fit_together_is_refused(

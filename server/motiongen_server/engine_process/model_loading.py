@@ -78,7 +78,7 @@ def prepare(begin: Begin) -> tuple[BuildEngine, LoadText, FreeUnused]:
         config = begin.config
         try:
             return load_text_encoder(config.text_encoder, width, config.text_device, config.text_precision)
-        except (ValueError, RuntimeError, ConnectionError) as error:
+        except (ValueError, RuntimeError, OSError) as error:
             raise SettingError(f"cannot serve text encoder {config.text_encoder!r}: {error}") from error
 
     def free_unused() -> None:
@@ -132,7 +132,7 @@ def load_model(config: ServerConfig, source: str, kind: str = "cpu", threads: in
         card = read_model_card(folder)
         abilities = as_abilities(read_capabilities(folder))
         check_domain(abilities, runner.facts)
-    except (ValueError, RuntimeError) as error:
+    except (ValueError, RuntimeError, OSError) as error:
         raise SettingError(f"cannot serve model {source!r}: {error}") from error
     return RunnerOfModel(runner, card.licence, abilities)
 

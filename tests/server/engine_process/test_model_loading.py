@@ -117,3 +117,8 @@ def test_a_prompt_domain_of_another_width_than_the_model_s_is_refused_at_the_sta
         load_model(parse_config([], {}), str(folder))
     write_domain(folder / DOMAIN_FILE, make_domain("hashed-32", np.eye(32, dtype=np.float32), 4))
     assert load_model(parse_config([], {}), str(folder)).abilities.known_motions == ("walking",)
+
+
+def test_a_folder_that_cannot_be_looked_into_is_a_wrong_setting() -> None:
+    with pytest.raises(SettingError, match=r"cannot serve model 'aaa.*File name too long"):
+        load_model(parse_config([], {}), "a" * 300)

@@ -10,7 +10,7 @@ import numpy as np
 from motiongen.v1 import encoder_pb2, motion_pb2
 from motiongen_ardy.text import TextEncoderChanged, TextEncoderUnavailable, TextRefused, UnknownTextEncoder, Vectors
 from motiongen_ardy.text.encoder import NamedTextEncoder, checked_vector, is_blank
-from motiongen_server.addresses import proxy_options
+from motiongen_server.addresses import host_of, proxy_options
 
 OPTIONS = (
     # An encoder that comes back is found within two seconds, not within gRPC's two minutes.
@@ -46,7 +46,8 @@ class RemoteEncoder(NamedTextEncoder):
         what cannot be an address, or answers without saying what it is; TextEncoderUnavailable when nobody answers
         there, or it lets nobody in.
         """
-        if ":" not in address or not address.rpartition(":")[2].isdigit():
+        port = address.rpartition(":")[2]
+        if not host_of(address) or not port.isdecimal() or len(port) > 5 or not 0 < int(port) <= 65535:
             raise UnknownTextEncoder(f"{address!r} is no address of an encoder service; such as localhost:50052")
         self._timeout_s = timeout_s
         self._token = token

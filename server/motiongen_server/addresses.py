@@ -17,6 +17,11 @@ def join_address(host: str, port: int) -> str:
     return f"[{host}]:{port}" if ":" in host else f"{host}:{port}"
 
 
+def host_of(address: str) -> str:
+    """The host of host:port, without the brackets of IPv6."""
+    return address.rpartition(":")[0].removeprefix("[").removesuffix("]")
+
+
 def is_local(host: str) -> bool:
     """Whether only programs of this machine reach what listens there. host: a name, an IP address, or unix:PATH.
 
@@ -40,3 +45,11 @@ def check_exposure(setting: str, host: str, lacking: Sequence[str], insecure: bo
             f"{setting} is {host!r}, which other machines reach, without {' and without '.join(lacking)}; give that, "
             "listen on a loopback address, or say --insecure where the network itself keeps others away"
         )
+
+
+def proxy_options(address: str) -> tuple[tuple[str, int], ...]:
+    """Options of a gRPC channel to host:port: to this machine itself never by a proxy that the environment names.
+
+    gRPC would go by `http_proxy` there too, which may lie elsewhere, where it finds another machine, or nobody.
+    """
+    return (("grpc.enable_http_proxy", 0),) if is_local(host_of(address)) else ()

@@ -165,6 +165,7 @@ class ServerConfig:
         if self.admin_listen:
             check_admin_address(self.admin_listen)
         check_protection(self)
+        check_encoder_access(self.text_encoder, self.text_encoder_ca, self.text_encoder_token)
         check_collector(self.trace_to)
         if self.advertise_address:
             check_advertised(self.advertise_address)
@@ -178,6 +179,19 @@ class ServerConfig:
     def lookahead_for(self, horizon: int) -> int:
         """Frames sent beyond the playhead of a session that does not say, of a model with that horizon."""
         return self.lookahead_frames or max(min(DEFAULT_LOOKAHEAD_FRAMES, self.max_lookahead_frames), horizon)
+
+
+def check_encoder_access(encoder: str, authorities: str, token: str) -> None:
+    """Raise SettingError for what would prove nobody: an encoder that is reached without it."""
+    if authorities and not encoder.startswith("grpcs:"):
+        raise SettingError(
+            f"text_encoder_ca is given, and text_encoder is {encoder!r}; only grpcs:HOST:PORT is reached by TLS"
+        )
+    if token and not encoder.startswith(("grpc:", "grpcs:")):
+        raise SettingError(
+            f"text_encoder_token is given, and text_encoder is {encoder!r}; a token is shown to grpc:HOST:PORT and "
+            "grpcs:HOST:PORT only"
+        )
 
 
 def check_advertised(given: str) -> None:

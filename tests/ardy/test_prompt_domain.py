@@ -14,6 +14,7 @@ from motiongen_ardy.data.phrases import MANNERS
 from motiongen_ardy.text import load_text_encoder
 from motiongen_ardy.text.domain import (
     DOMAIN_FILE,
+    FORMAT,
     DomainError,
     PromptDomain,
     best_threshold,
@@ -24,6 +25,7 @@ from motiongen_ardy.text.domain import (
 from motiongen_ardy.text.encoder import TextEncoder
 from motiongen_ardy.text.static import built_in_text_folder
 from motiongen_ardy.train.prompt_domain import CONFIGS, MOST_KEPT, known_captions, main, read_prompts
+from tests.ardy.safetensors_bytes import safetensors_of
 
 PROMPTS = Path(__file__).resolve().parents[1] / "data" / "prompts"
 SIDED = ("walk-{}", "walk-turn-{}", "wave-{}-hand", "raise-up-{}-hand", "lower-{}-hand", "hold-up-{}-hand")
@@ -155,6 +157,16 @@ class _Part:
     captions: tuple[str, ...]
     segments: tuple[_Part, ...] = ()
     derived_from: str = ""
+
+
+@pytest.mark.parametrize(("mean", "directions"), [("BF16", "I8"), ("F32", "F8_E4M3"), ("F32", "U8"), ("F64", "I8")])
+def test_numbers_of_another_type_are_refused_by_its_name(tmp_path: Path, mean: str, directions: str) -> None:
+    path = tmp_path / "domain.safetensors"
+    size = {"BF16": 2, "F32": 4, "F64": 8}[mean]
+    tensors = {"mean": (mean, [3], bytes(3 * size)), "directions": (directions, [1, 3], b"\1\1\1")}
+    path.write_bytes(safetensors_of(tensors, {"format": FORMAT, "text_encoder": "e", "threshold": "1"}))
+    with pytest.raises(DomainError, match=f"of the types {mean} and {directions}; they must be F32 and I8"):
+        read_domain(path)
 
 
 def test_labels_with_few_clips_do_not_count() -> None:

@@ -92,7 +92,8 @@ ROOMS = (
     room(f"{SERVER}/text/presets.py", "~.engine.types"),
     room(f"{SERVER}/text/event_errors.py", "~.engine.types ~.errors"),
     room(f"{SERVER}/text/ports.py", "numpy", never="asyncio"),
-    room(f"{SERVER}/text/prompts.py", "~.errors ~.text.event_errors ~.text.ports ~.text.turns"),
+    room(f"{SERVER}/text/kept.py", "~.text.ports"),
+    room(f"{SERVER}/text/prompts.py", "~.errors ~.text.event_errors ~.text.kept ~.text.ports ~.text.turns"),
     room(
         f"{SERVER}/text/encoder",
         f"{GRPC} google motiongen motiongen_ardy.text numpy prometheus_client torch"
@@ -105,7 +106,9 @@ ROOMS = (
     room(f"{SERVER}/models", "grpc google motiongen numpy ~"),
     room(f"{SERVER}/ops/http.py", "starlette uvicorn prometheus_client ~.ops.pace"),
     room(f"{SERVER}/ops/port.py", "starlette ~.ops ~.addresses ~.settings"),
-    room(f"{SERVER}/ops/tracing.py", "opentelemetry ~.engine.types ~.settings ~.collector", never="asyncio"),
+    room(
+        f"{SERVER}/ops/tracing.py", "opentelemetry ~.engine.types ~.addresses ~.collector ~.settings", never="asyncio"
+    ),
     room(f"{SERVER}/ops", "prometheus_client ~.ops ~.engine"),
     room(
         f"{SERVER}/config.py {SERVER}/devices.py {SERVER}/settings.py {SERVER}/addresses.py {SERVER}/protection.py"

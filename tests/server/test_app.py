@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import asyncio
 import math
+from dataclasses import replace
 
 import grpc
 import grpc.aio
@@ -21,7 +22,7 @@ from motiongen_server.engine_process.model_loading import build_engine, load_mod
 from motiongen_server.models.manager import ModelManager
 from motiongen_server.settings import SettingError
 from tests.server.application import NOT_SERVING, SERVING, SlowLoad, application_of, config, get, running
-from tests.server.engine.fakes import FakeRunner, RealTime
+from tests.server.engine.fakes import FACTS, FakeRunner, RealTime
 from tests.waiting import LIMIT_S
 
 
@@ -162,7 +163,7 @@ def test_model_device_steps_and_precision_reach_the_runner(monkeypatch: pytest.M
 
     def remember(*given: object) -> FakeRunner:
         asked.append(given)
-        return FakeRunner(RealTime())
+        return FakeRunner(RealTime(), facts=replace(FACTS, embedding_dim=256))  # as the model's prompt domain
 
     monkeypatch.setattr("motiongen_server.runner.load_runner", remember)
     load_model(config(denoise_steps=5, precision="bfloat16", cuda_graphs=True), BUILT_IN_MODEL)
@@ -182,7 +183,7 @@ def test_graphs_are_recorded_of_the_sizes_that_may_be_served() -> None:
         ({"denoise_steps": 11}, "denoise_steps is 11; fake takes 2 to 10"),
         ({"lookahead_frames": 20}, "lookahead_frames is 20; fake needs at least 40"),
         ({"max_lookahead_frames": 36}, "max_lookahead_frames is 36; fake needs at least 40"),
-        ({"history_frames": 400}, "history_crop is 400"),
+        ({"history_frames": 400}, "history_frames is 400; fake takes at most 160"),
         ({"host": "256.0.0.1", "insecure": True}, "cannot listen on 256.0.0.1:0"),
     ],
 )

@@ -209,3 +209,21 @@ def test_metrics_that_other_machines_reach_need_tenants() -> None:
 def test_tls_settings_that_do_not_fit_together_are_refused(settings: dict[str, str], said: str) -> None:
     with pytest.raises(SettingError, match=said):
         ServerConfig(**settings)  # type: ignore[arg-type]
+
+
+@pytest.mark.parametrize(
+    ("settings", "said"),
+    [
+        ({"text_encoder": "grpc:encoder:1", "text_encoder_ca": "ca.pem"}, "only grpcs:HOST:PORT is reached by TLS"),
+        ({"text_encoder_ca": "ca.pem"}, "text_encoder is 'static'; only grpcs:"),
+        (
+            {"text_encoder": "gradio:http://encoder", "text_encoder_token": "token"},
+            "shown to grpc:HOST:PORT and grpcs:",
+        ),
+    ],
+)
+def test_what_would_prove_no_text_encoder_and_nobody_to_it_is_refused(settings: dict[str, str], said: str) -> None:
+    with pytest.raises(SettingError, match=said):
+        ServerConfig(**settings)  # type: ignore[arg-type]
+    both = ServerConfig(text_encoder="grpcs:encoder:1", text_encoder_ca="ca.pem", text_encoder_token="token")
+    assert both.text_encoder_token

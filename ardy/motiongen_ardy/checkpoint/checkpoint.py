@@ -219,7 +219,7 @@ def _prepare(
     for name in file.entries:
         ours = name_of(name)
         if ours in stored:
-            problems.append(f"{name!r} and {stored[ours]!r} are both {ours}")
+            problems.append(f"{name[:200]!r} and {stored[ours][:200]!r} are both {ours[:200]!r}")
         elif ours is not None:
             stored[ours] = name
     expected = {name: tuple(tensor.shape) for name, tensor in module.state_dict().items()}
@@ -228,7 +228,7 @@ def _prepare(
         if shape is None:
             problems.append(f"missing {name} {expected[name]}")
         elif name not in expected:
-            problems.append(f"extra {name[:200]} {shape}")
+            problems.append(f"extra {name[:200]!r} {shape}")
         elif shape != expected[name]:
             problems.append(f"{name} is {shape}, expected {expected[name]}")
     if problems:

@@ -7,7 +7,7 @@ import math
 import stat
 import struct
 from collections import Counter
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path, PurePosixPath
 from typing import TYPE_CHECKING, Any
@@ -24,6 +24,10 @@ if TYPE_CHECKING:
 MAX_CONFIG_BYTES = 64 << 10
 MAX_CONFIG_NODES = 10_000
 MAX_CONFIG_DEPTH = 32
+MAX_CONFIG_CHARACTERS = 4 * MAX_CONFIG_BYTES
+"""Of all texts and numbers, as often as anchors repeat them."""
+MAX_INTEGER_CHARACTERS = 64
+INTEGER_TAG = "tag:yaml.org,2002:int"
 MAX_HEADER_BYTES = 1 << 20
 WEIGHT_TYPES = {"F64": torch.float64, "F32": torch.float32, "F16": torch.float16, "BF16": torch.bfloat16}
 
@@ -83,8 +87,9 @@ def file_size(path: Path) -> int:
 def read_yaml(path: Path) -> object:
     """The content of a YAML file: mappings, lists and scalars. Anchors are fine, tags other than YAML's own are not.
 
-    Raises CheckpointError for what is not YAML, for keys given twice, for a file that grows beyond MAX_CONFIG_NODES
-    when its anchors are followed, and for one that contains itself.
+    Raises CheckpointError for what is not YAML, for keys given twice or that are no scalars, for a file that grows
+    beyond MAX_CONFIG_NODES or MAX_CONFIG_CHARACTERS when its anchors are followed, for one that contains itself, for
+    whole numbers of more than MAX_INTEGER_CHARACTERS, and for halves of surrogate pairs, which no text can hold.
     """
     return parse_yaml(read_bytes(path, MAX_CONFIG_BYTES), path)
 
@@ -115,27 +120,54 @@ def parse_yaml(text: str | bytes, path: Path) -> object:
 
 
 def _check_nodes(root: yaml.Node, path: Path) -> None:
-    """Count nodes as often as anchors repeat them, before anything is built from them."""
-    from yaml import MappingNode, SequenceNode
+    """Count nodes and characters as often as anchors repeat them, before anything is built from them."""
+    from yaml import MappingNode, ScalarNode, SequenceNode
 
-    budget = MAX_CONFIG_NODES
+    nodes, characters = MAX_CONFIG_NODES, MAX_CONFIG_CHARACTERS
     pending: list[tuple[yaml.Node, int]] = [(root, 1)]
     while pending:
         node, depth = pending.pop()
-        budget -= 1
-        if budget < 0 or depth > MAX_CONFIG_DEPTH:
+        nodes -= 1
+        characters -= len(node.value) if isinstance(node, ScalarNode) else 0
+        if nodes < 0 or characters < 0 or depth > MAX_CONFIG_DEPTH:
             raise CheckpointError(
-                f"{path} is too large when its anchors are followed (more than {MAX_CONFIG_NODES} entries or "
-                f"{MAX_CONFIG_DEPTH} levels); that is not a model configuration"
+                f"{path} is too large when its anchors are followed (more than {MAX_CONFIG_NODES} entries, "
+                f"{MAX_CONFIG_CHARACTERS} characters or {MAX_CONFIG_DEPTH} levels); that is not a model configuration"
             )
-        if isinstance(node, SequenceNode):
+        if isinstance(node, ScalarNode):
+            _check_scalar(node, path)
+        elif isinstance(node, SequenceNode):
             pending += [(child, depth + 1) for child in node.value]
         elif isinstance(node, MappingNode):
-            keys = Counter(str(key.value) for key, _ in node.value)
-            twice = sorted(key[:60] for key, count in keys.items() if count > 1)
-            if twice:
-                raise CheckpointError(f"{path} gives the keys {', '.join(twice)} twice in one mapping")
+            _check_keys([key for key, _ in node.value], path)
             pending += [(child, depth + 1) for pair in node.value for child in pair]
+
+
+def _check_keys(keys: Sequence[yaml.Node], path: Path) -> None:
+    """Of one mapping. Raises CheckpointError before a key of others' anchors is written out, which multiplies."""
+    from yaml import ScalarNode
+
+    if not all(isinstance(key, ScalarNode) for key in keys):
+        raise CheckpointError(f"{path} has a list or a mapping as a key; keys are words")
+    counted = Counter(str(key.value) for key in keys)
+    twice = sorted(key[:60] for key, count in counted.items() if count > 1)
+    if twice:
+        raise CheckpointError(f"{path} gives the keys {', '.join(map(repr, twice))} twice in one mapping")
+
+
+def _check_scalar(node: yaml.ScalarNode, path: Path) -> None:
+    """Raise CheckpointError for a value that Python reads, but can neither write nor send."""
+    if node.tag == INTEGER_TAG and len(node.value) > MAX_INTEGER_CHARACTERS:
+        raise CheckpointError(
+            f"{path} has a whole number of {len(node.value)} characters, {node.value[:20]}...; "
+            f"at most {MAX_INTEGER_CHARACTERS} are read"
+        )
+    try:
+        node.value.encode()
+    except UnicodeEncodeError as error:
+        raise CheckpointError(
+            f"{path} has a text with half of a surrogate pair, {node.value[error.start]!r}; write the character itself"
+        ) from error
 
 
 # ---- safetensors ----------------------------------------------------------------------------------------------------

@@ -10,6 +10,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 Vectors = NDArray[np.float32]
+MAX_ABSOLUTE_VALUE = 1e4
+"""Of a number in a vector; encoders stay below a hundred, and what is far beyond overflows in a model's products."""
 
 
 class UnknownTextEncoder(ValueError):
@@ -31,6 +33,12 @@ class TextEncoderUnavailable(ConnectionError):
 
 class PromptNotEncoded(TextEncoderUnavailable):
     """Raised for a prompt that was not encoded beforehand, where there is no encoder."""
+
+    retry_after_s = None
+
+
+class TextRefused(TextEncoderUnavailable):
+    """Raised for a text that an encoder elsewhere does not take, one that is too long for it above all."""
 
     retry_after_s = None
 
@@ -83,7 +91,7 @@ class EachTextEncoder(NamedTextEncoder, ABC):
         vectors = np.zeros((len(texts), self._width), np.float32)
         for row, text in enumerate(texts):
             if not is_blank(text):
-                vectors[row] = self.encode_one(text)
+                vectors[row] = checked_vector(self.encode_one(text), self._width)
         return vectors
 
     @abstractmethod
@@ -112,6 +120,8 @@ def checked_vector(vector: np.ndarray, width: int) -> Vectors:
             f"the text encoder answered with an array of shape {vector.shape}; it must be ({width},) or (1, {width})"
         )
     flat = np.array(vector.reshape(width), np.float32)
-    if not np.isfinite(flat).all():
-        raise TextEncoderChanged("the text encoder answered with numbers that are not finite")
+    if not bool((np.abs(flat) <= MAX_ABSOLUTE_VALUE).all()):
+        raise TextEncoderChanged(
+            f"the text encoder answered with numbers that are not finite, or beyond {MAX_ABSOLUTE_VALUE:,.0f}"
+        )
     return flat

@@ -65,7 +65,7 @@ class Llm2VecEncoder(EachTextEncoder):
             raise UnknownTextEncoder(f"{MISSING} ({error})") from error
         except UnknownTextEncoder:
             raise
-        except (OSError, ValueError, KeyError, RuntimeError) as error:
+        except Exception as error:  # the readers of its files have no error in common, one raises Exception
             raise UnknownTextEncoder(f"cannot load llm2vec from {folders.llama}: {error}") from error
         self._device = device
         self._model.to(device)  # type: ignore[arg-type]
@@ -122,7 +122,7 @@ def _load(folders: Llm2VecFolders, dtype: torch.dtype) -> tuple[PreTrainedTokeni
 
     # The first adapter's own tokenizer, where it has one, is the one it was trained with.
     with_tokenizer = next((each for each in folders.adapters if (each / "tokenizer.json").is_file()), folders.llama)
-    tokenizer = AutoTokenizer.from_pretrained(with_tokenizer, local_files_only=True)
+    tokenizer = AutoTokenizer.from_pretrained(with_tokenizer, local_files_only=True, trust_remote_code=False)
     model: Any
     model, report = LlamaModel.from_pretrained(
         folders.llama, dtype=dtype, local_files_only=True, use_safetensors=True, output_loading_info=True

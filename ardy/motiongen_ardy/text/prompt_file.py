@@ -16,6 +16,7 @@ from pathlib import Path
 import numpy as np
 
 from motiongen_ardy.text.encoder import (
+    MAX_ABSOLUTE_VALUE,
     EachTextEncoder,
     PromptNotEncoded,
     TextEncoder,
@@ -48,8 +49,10 @@ class PromptFile:
             raise PromptFileError(
                 f"{len(self.ids)} ids, {len(self.texts)} texts and vectors of shape {self.vectors.shape} do not fit"
             )
-        if self.vectors.dtype != np.float32 or not np.isfinite(self.vectors).all():
-            raise PromptFileError("the vectors must be finite numbers in float32")
+        if self.vectors.dtype != np.float32 or not bool((np.abs(self.vectors) <= MAX_ABSOLUTE_VALUE).all()):
+            raise PromptFileError(
+                f"the vectors must be finite numbers in float32, at most {MAX_ABSOLUTE_VALUE:,.0f} in absolute value"
+            )
         check_prompts(self.ids, self.texts)
 
 
@@ -64,6 +67,11 @@ def check_prompts(ids: Sequence[str], texts: Sequence[str]) -> None:
             raise PromptFileError(f"the id {identifier[:80]!r} must have 1 to {MAX_ID_CHARACTERS} characters")
     if any(is_blank(text) for text in texts):
         raise PromptFileError("a prompt is blank; no prompt at all means the same")
+    for value in (*ids, *texts):
+        try:
+            value.encode()
+        except UnicodeEncodeError:  # JSON may say it by an escape; no message can carry it
+            raise PromptFileError(f"an id or a text has half of a surrogate pair: {value[:80]!r}") from None
 
 
 def id_of(text: str) -> str:
@@ -111,12 +119,16 @@ def read_prompt_file(path: Path) -> PromptFile:
     from safetensors import SafetensorError, safe_open
 
     try:
+        if path.exists() and not path.is_file():  # a pipe would be waited for
+            raise PromptFileError(f"{path} cannot be read: it is no regular file")
         if path.stat().st_size > MAX_FILE_BYTES:
             raise PromptFileError(f"{path} has more than {MAX_FILE_BYTES} bytes")
         with safe_open(path, framework="numpy") as file:
             metadata = file.metadata() or {}
             if metadata.get("format") != FORMAT or list(file.keys()) != ["vectors"]:
                 raise PromptFileError(f"{path} is no file of prompts; make one with python -m motiongen_ardy.text")
+            if (kind := file.get_slice("vectors").get_dtype()) != "F32":  # of which numpy knows not all
+                raise PromptFileError(f"the vectors of {path} are {kind}; they must be finite numbers in float32")
             vectors = file.get_tensor("vectors")
         ids, texts = (_strings(metadata.get(name, ""), name) for name in ("ids", "texts"))
         return PromptFile(metadata.get("text_encoder", ""), ids, texts, vectors)

@@ -29,7 +29,12 @@ class StaticTextEncoder(NamedTextEncoder):
 
         try:
             self._model: StaticModel = StaticModel.from_pretrained(folder)
-        except (OSError, ValueError, KeyError) as error:
+            if not all(np.isfinite(numbers).all() for numbers in (self._model.embedding, self._model.weights)
+                       if numbers is not None):  # fmt: skip
+                raise UnknownTextEncoder(f"{folder} holds vectors that are not finite; none of a prompt would be")
+        except UnknownTextEncoder:
+            raise
+        except Exception as error:  # the readers of its three files have no error in common, one raises Exception
             raise UnknownTextEncoder(f"{folder} is not a model2vec folder: {error}") from error
         digest = hashlib.sha256((folder / "model.safetensors").read_bytes()).hexdigest()[:12]
         super().__init__(f"static-{digest}", int(self._model.dim))

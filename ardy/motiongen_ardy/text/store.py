@@ -22,6 +22,8 @@ COUNT_SHARE = 0.01
 """Of what it may hold, the vectors written between two counts: SQLite counts by reading the whole file."""
 TOUCH_S = 3600.0
 """How exactly the time of the last use is known; noting each would make every reading a writing."""
+BROKEN = (sqlite3.Error, ValueError, TypeError)
+"""What comes of a file that something else wrote to: SQLite holds to no column's type, and Python's numbers do."""
 CREATE = (
     """
     CREATE TABLE IF NOT EXISTS vectors (
@@ -40,9 +42,9 @@ def known_encoder(path: Path, name: str) -> tuple[str, int] | None:
     try:
         with contextlib.closing(sqlite3.connect(path, timeout=LOCK_WAIT_S)) as connection:
             row = connection.execute("SELECT identity, width FROM encoders WHERE name = ?", (name,)).fetchone()
-    except sqlite3.Error:
+        return None if row is None else (str(row[0]), int(row[1]))
+    except BROKEN:
         return None
-    return None if row is None else (str(row[0]), int(row[1]))
 
 
 class VectorStore:
@@ -68,7 +70,7 @@ class VectorStore:
         with self._lock:
             try:
                 return self._get(text)
-            except sqlite3.Error as error:
+            except BROKEN as error:
                 self._warn(error)
                 return None
 
@@ -77,7 +79,7 @@ class VectorStore:
         with self._lock:
             try:
                 self._put(text, vector)
-            except sqlite3.Error as error:
+            except BROKEN as error:
                 self._warn(error)
 
     def note_encoder(self, name: str) -> None:
@@ -89,7 +91,7 @@ class VectorStore:
                         self._connection.execute(
                             "INSERT OR REPLACE INTO encoders VALUES (?, ?, ?)", (name, self._identity, self._width)
                         )
-            except sqlite3.Error as error:
+            except BROKEN as error:
                 self._warn(error)
 
     def close(self) -> None:

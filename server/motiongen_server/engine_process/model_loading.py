@@ -78,7 +78,7 @@ def prepare(begin: Begin) -> tuple[BuildEngine, LoadText, FreeUnused]:
         config = begin.config
         try:
             return load_text_encoder(config.text_encoder, width, config.text_device, config.text_precision)
-        except (ValueError, RuntimeError, ConnectionError) as error:
+        except (ValueError, RuntimeError, OSError) as error:
             raise SettingError(f"cannot serve text encoder {config.text_encoder!r}: {error}") from error
 
     def free_unused() -> None:
@@ -131,9 +131,20 @@ def load_model(config: ServerConfig, source: str, kind: str = "cpu", threads: in
         folder = model_folder(source)
         card = read_model_card(folder)
         abilities = as_abilities(read_capabilities(folder))
-    except (ValueError, RuntimeError) as error:
+        check_domain(abilities, runner.facts)
+    except (ValueError, RuntimeError, OSError) as error:
         raise SettingError(f"cannot serve model {source!r}: {error}") from error
     return RunnerOfModel(runner, card.licence, abilities)
+
+
+def check_domain(abilities: Abilities, facts: ModelFacts) -> None:
+    """Raise SettingError where prompts of the model could not be compared with those that it was trained with."""
+    domain = abilities.domain
+    if domain is not None and len(domain.mean) != facts.embedding_dim:
+        raise SettingError(
+            f"the prompt domain of {facts.model_id} is of vectors of {len(domain.mean)} numbers, but the model takes "
+            f"{facts.embedding_dim}; leave prompt_domain.safetensors out, or make it anew"
+        )
 
 
 def record_graphs(config: ServerConfig, runner: Runner, device: Device) -> None:
@@ -164,6 +175,10 @@ def check_fit(config: ServerConfig, facts: ModelFacts) -> None:
     ):
         if given < facts.horizon:
             raise SettingError(f"{name} is {given}; {facts.model_id} needs at least {facts.horizon}")
+    if facts.whole_patches(config.history_frames) > facts.max_history:
+        raise SettingError(
+            f"history_frames is {config.history_frames}; {facts.model_id} takes at most {facts.max_history}"
+        )
 
 
 def build_engine(

@@ -50,7 +50,7 @@ def load_encoder(
         return load_text_encoder(name, width, config.text_device, config.text_precision, timeout_s)
     except SettingError:
         raise
-    except (ValueError, RuntimeError, ConnectionError) as error:
+    except (ValueError, RuntimeError, OSError) as error:
         raise SettingError(f"cannot serve {facts.model_id} with text encoder {name!r}: {error}") from error
 
 

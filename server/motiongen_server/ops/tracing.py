@@ -10,6 +10,7 @@ import threading
 import time
 from typing import TYPE_CHECKING
 
+from motiongen_server.addresses import proxy_options
 from motiongen_server.collector import PLAIN, TLS
 from motiongen_server.engine.types.tracing import WindowTrace
 from motiongen_server.settings import SettingError
@@ -95,7 +96,9 @@ def open_window_spans(address: str, share: float) -> WindowSpans | None:
         raise _not_installed() from error
     is_plain = address.startswith(PLAIN)
     endpoint = address.removeprefix(PLAIN if is_plain else TLS)
-    return WindowSpans(OTLPSpanExporter(endpoint=endpoint, insecure=is_plain), share)
+    options = proxy_options(endpoint)
+    exporter = OTLPSpanExporter(endpoint=endpoint, insecure=is_plain, channel_options=options)  # type: ignore[arg-type]
+    return WindowSpans(exporter, share)
 
 
 def _not_installed() -> SettingError:

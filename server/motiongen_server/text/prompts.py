@@ -12,6 +12,7 @@ from concurrent.futures import ThreadPoolExecutor
 
 from motiongen_server.errors import EventRefused
 from motiongen_server.text.event_errors import encoder_away, encoder_busy, encoder_slow
+from motiongen_server.text.kept import KeptPrompts
 from motiongen_server.text.ports import Answer, Closeable, Embedding, Store, TextEncoder, answers_to
 from motiongen_server.text.turns import Asker, Place, PlaceLost, Turns
 
@@ -51,14 +52,15 @@ class PromptEncoder:
         """observe: told the seconds that each text took. timeout_s: longest that one who asks waits for a text.
 
         max_waiting: texts that may be at the encoder or wait for it; one more is refused, or the newest of the peer
-        that has most. count: told where each text that was not in memory came from ("store", "encoder"), or the reason
-        for which it did not come. clock: seconds since any moment.
+        that has most. So many calls of the store may wait too; who finds no place there goes on without it. count: told
+        where each text that was not in memory came from ("store", "encoder"), or the reason for which it did not come.
+        clock: seconds since any moment.
         """
         self._count = count or (lambda what: None)
         self._encoder = encoder
         self._cache_size = cache_size
         self._observe = observe
-        self._store = store
+        self._kept = None if store is None else KeptPrompts(store, max_waiting, self._complain)
         self._timeout_s = timeout_s
         self._max_waiting = max_waiting
         self._cache: OrderedDict[str, Embedding] = OrderedDict()
@@ -68,8 +70,6 @@ class PromptEncoder:
         self._together = 1  # texts in the next call
         self._turns = Turns(ENCODING_THREADS, max_waiting)
         self._workers = ThreadPoolExecutor(ENCODING_THREADS, thread_name_prefix="prompts")
-        # Its own, so that what is on the disk does not wait behind what has to be encoded.
-        self._manager = ThreadPoolExecutor(1, thread_name_prefix="prompt-store")
         self._quiet_until = -math.inf
 
     @property
@@ -150,10 +150,10 @@ class PromptEncoder:
 
     async def _encode(self, answers: Mapping[str, asyncio.Future[Embedding]], place: Place) -> None:
         """Answer each, whatever happens."""
-        loop, texts = asyncio.get_running_loop(), tuple(answers)
+        texts = tuple(answers)
         try:
-            if self._store is not None:
-                kept = await loop.run_in_executor(self._manager, _kept_in, self._store, texts)
+            if self._kept is not None:
+                kept = await self._kept.find(texts)
                 self._tell(kept, answers, "store")
                 texts = tuple(text for text in texts if text not in kept)
             if texts:
@@ -177,7 +177,8 @@ class PromptEncoder:
             said, call_s = await loop.run_in_executor(self._workers, self._call, texts)
         finally:
             self._turns.give_back()
-        self._together = min(max(1, int(TOGETHER_S * len(texts) / max(call_s, 1e-9))), MOST_TOGETHER)
+        if not any(isinstance(vector, Exception) for vector in said.values()):  # failing is quick, and says nothing
+            self._together = min(max(1, int(TOGETHER_S * len(texts) / max(call_s, 1e-9))), MOST_TOGETHER)
         if self._observe is not None:
             took_s = self._clock() - started
             for vector in said.values():
@@ -206,8 +207,8 @@ class PromptEncoder:
             self._count(source)
             self.remember(text, vector)
             answers[text].set_result(vector)
-            if self._store is not None and source == "encoder":
-                self._manager.submit(self._store.put, text, vector)
+        if self._kept is not None and source == "encoder":
+            self._kept.keep({text: vector for text, vector in said.items() if not isinstance(vector, Exception)})
 
     def _refusal_for(self, error: Exception) -> Exception:
         """What those who asked are told; what is no encoder's own word is a fault, as it is."""
@@ -236,15 +237,8 @@ class PromptEncoder:
         if isinstance(self._encoder, Closeable):
             self._encoder.close()
         self._workers.shutdown(wait=True, cancel_futures=True)
-        self._manager.shutdown(wait=True)
-        if self._store is not None:
-            self._store.close()
-
-
-def _kept_in(store: Store, texts: Sequence[str]) -> dict[str, Embedding]:
-    """Those of the texts that it knows."""
-    kept = {text: store.get(text) for text in texts}
-    return {text: embedding for text, embedding in kept.items() if embedding is not None}
+        if self._kept is not None:
+            self._kept.close()
 
 
 def _retrieve(answer: asyncio.Future[Embedding]) -> None:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import json
 import os
 import pickle
 import tempfile
@@ -16,6 +17,8 @@ from hypothesis import strategies as st
 
 from motiongen_ardy.checkpoint.checkpoint import CheckpointError, load_checkpoint
 from motiongen_ardy.checkpoint.npy import NpyError, read_npy
+from motiongen_ardy.model.config import ConfigError
+from motiongen_ardy.model.sampling.options import SamplingOptions
 from tests.ardy.broken_checkpoints import (
     BROKEN_FOLDERS,
     FILES,
@@ -95,6 +98,54 @@ def test_aliases_that_multiply_are_refused(tmp_path: Path) -> None:
     lines = ["a0: &a0 [x, x, x, x, x, x, x, x, x, x]"]
     lines += [f"a{level}: &a{level} [{', '.join([f'*a{level - 1}'] * 10)}]" for level in range(1, 12)]
     assert "too large when its anchors are followed" in refusal(tmp_path, {"config.yaml": "\n".join(lines).encode()})
+
+
+def test_aliases_that_multiply_in_a_key_are_refused_unseen(tmp_path: Path) -> None:
+    lines = ["? &a0 [x, x, x, x, x, x, x, x, x, x]", ": 1"]
+    for level in range(1, 5):  # written out, as many as would take a second; a few more would take all memory
+        lines += [f"? &a{level} [{', '.join([f'*a{level - 1}'] * 10)}]", ": 1"]
+    assert "a list or a mapping as a key" in refusal(tmp_path, {"config.yaml": "\n".join(lines).encode()})
+
+
+def test_aliases_that_multiply_a_long_text_are_refused(tmp_path: Path) -> None:
+    text = f"a: &a {'x' * 30_000}\nb: [{', '.join(['*a'] * 9)}]"
+    assert "too large when its anchors are followed" in refusal(tmp_path, {"config.yaml": text.encode()})
+
+
+HUGE = "0x" + "f" * 5000  # Python writes out no number of so many digits
+
+
+@pytest.mark.parametrize(
+    ("name", "text", "said"),
+    [
+        ("config.yaml", f"gen_horizon_len: {HUGE}", "whole number of 5002 characters"),
+        ("config.yaml", 'cfg_type: "\\ud800"', "half of a surrogate pair"),
+        ("config.yaml", '"\\udfff": 1', "half of a surrogate pair"),
+        ("sampling.yaml", f"approach_frames: {'9' * 400}", "whole number of 400 characters"),
+    ],
+)
+def test_yaml_that_could_be_neither_written_nor_sent_is_refused(
+    tmp_path: Path, name: str, text: str, said: str
+) -> None:
+    assert said in refusal(tmp_path, {name: text.encode()})
+
+
+def test_a_whole_number_beyond_every_float_is_out_of_range() -> None:
+    with pytest.raises(ConfigError, match="from 0 to 100"):
+        SamplingOptions(approach_frames=10**400)
+
+
+def test_names_of_tensors_that_nobody_can_send_are_told_all_the_same(tmp_path: Path) -> None:
+    content = FILES["denoiser.safetensors"]
+    length = int.from_bytes(content[:8], "little")
+    header = json.loads(content[8 : 8 + length])
+    header["denoiser.\ud800\nsurplus"] = {"dtype": "F32", "shape": [0], "data_offsets": [0, 0]}
+    written = json.dumps(header).encode()
+    text = refusal(
+        tmp_path, {"denoiser.safetensors": len(written).to_bytes(8, "little") + written + content[8 + length :]}
+    )
+    assert r"extra '\ud800\nsurplus'" in text
+    assert text.encode().isascii()
 
 
 @pytest.mark.parametrize(

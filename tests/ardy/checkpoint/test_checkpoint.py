@@ -82,7 +82,7 @@ def test_missing_extra_and_misshapen_tensors_are_all_listed(folder: Path) -> Non
         load_checkpoint(folder)
     for words in (
         "missing future_constraints_proj.bias",
-        "extra surplus",
+        "extra 'surplus'",
         "global_root_hybrid_proj.bias is (2,)",
     ):
         assert words in str(caught.value)

@@ -13,8 +13,9 @@ import pytest
 import torch
 from hypothesis import given
 from hypothesis import strategies as st
+from safetensors import SafetensorError
 
-from motiongen_ardy.text import UnknownTextEncoder, load_text_encoder
+from motiongen_ardy.text import UnknownTextEncoder, llm2vec, load_text_encoder
 from motiongen_ardy.text.llm2vec import (
     FIRST_ADAPTER,
     MAX_TEXT_TOKENS,
@@ -112,3 +113,15 @@ def test_without_its_libraries_it_says_what_to_install(home: Path, monkeypatch: 
 def test_a_precision_it_has_not_is_refused(home: Path) -> None:
     with pytest.raises(UnknownTextEncoder, match=r"'int8'.*float32 or bfloat16"):
         load_text_encoder("llm2vec", 4096, precision="int8")
+
+
+@pytest.mark.parametrize("error", [SafetensorError("the header is too small"), Exception("expected value at line 1")])
+def test_files_that_its_libraries_cannot_read_are_refused_by_their_folder(
+    home: Path, monkeypatch: pytest.MonkeyPatch, error: Exception
+) -> None:
+    def load(folders: Llm2VecFolders, dtype: torch.dtype) -> None:
+        raise error
+
+    monkeypatch.setattr(llm2vec, "_load", load)
+    with pytest.raises(UnknownTextEncoder, match=f"cannot load llm2vec from {home / LLAMA}: {error}"):
+        load_text_encoder("llm2vec", 4096)

@@ -2,22 +2,27 @@
 
 from __future__ import annotations
 
+import shutil
 from pathlib import Path
 
 import numpy as np
 import pytest
 from hypothesis import given
 from hypothesis import strategies as st
+from safetensors.numpy import load_file, save_file
 
 from motiongen_ardy.text import (
     HashedTextEncoder,
     StaticTextEncoder,
     TextEncoder,
+    TextEncoderChanged,
     TextWidthMismatch,
     UnknownTextEncoder,
     built_in_text_folder,
     load_text_encoder,
 )
+from motiongen_ardy.text.encoder import EachTextEncoder, Vectors
+from tests.ardy.safetensors_bytes import safetensors_of
 
 STATIC = StaticTextEncoder(built_in_text_folder())
 ENCODERS: list[TextEncoder] = [HashedTextEncoder(7), STATIC]
@@ -78,3 +83,55 @@ def test_a_folder_with_other_weights_is_refused(tmp_path: Path) -> None:
     (tmp_path / "model.safetensors").write_bytes(b"nothing")
     with pytest.raises(UnknownTextEncoder, match=r"no.* model2vec folder"):
         load_text_encoder(str(tmp_path), 8)
+
+
+@pytest.mark.parametrize(
+    ("name", "content"),
+    [
+        ("tokenizer.json", b"nothing"),
+        ("tokenizer.json", b"{}"),
+        ("model.safetensors", b"nothing"),
+        ("model.safetensors", safetensors_of({"other": ("F32", [1], bytes(4))}, {})),
+        ("config.json", b"nothing"),
+        ("config.json", b"[]"),
+    ],
+    ids=["no tokenizer", "an empty tokenizer", "no tensors", "other tensors", "no JSON", "another JSON"],
+)
+def test_a_folder_with_a_file_that_cannot_be_read_is_refused(tmp_path: Path, name: str, content: bytes) -> None:
+    folder = shutil.copytree(built_in_text_folder(), tmp_path / "text")
+    (folder / name).write_bytes(content)
+    with pytest.raises(UnknownTextEncoder, match=f"{folder} is not a model2vec folder"):
+        load_text_encoder(str(folder), STATIC.width)
+
+
+def test_a_folder_with_vectors_that_are_not_finite_is_refused(tmp_path: Path) -> None:
+    folder = shutil.copytree(built_in_text_folder(), tmp_path / "text")
+    vectors = load_file(folder / "model.safetensors")["embeddings"].astype(np.float32)
+    vectors[-1, 3] = np.nan
+    save_file({"embeddings": vectors}, folder / "model.safetensors")
+    with pytest.raises(UnknownTextEncoder, match="not finite"):
+        load_text_encoder(str(folder), STATIC.width)
+
+
+class Lying(EachTextEncoder):
+    """Of some texts it makes what it never should."""
+
+    def encode_one(self, text: str) -> Vectors:
+        numbers = {"nothing": np.nan, "endless": -np.inf, "far": -1e30}
+        return np.full(4, numbers[text], np.float32) if text in numbers else np.ones(len(text), np.float32)
+
+
+@pytest.mark.parametrize(
+    ("text", "said"),
+    [
+        ("nothing", "not finite"),
+        ("endless", "not finite"),
+        ("far", "beyond 10,000"),
+        ("a", r"shape \(1,\); it must be \(4,\)"),
+    ],
+)
+def test_what_an_encoder_of_this_process_makes_is_checked_too(text: str, said: str) -> None:
+    encoder = Lying("lying", 4)
+    np.testing.assert_array_equal(encoder.encode(["walk", " "]), [[1] * 4, [0] * 4])
+    with pytest.raises(TextEncoderChanged, match=said):
+        encoder.encode(["walk", text])

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+import os
 from collections.abc import Sequence
 from pathlib import Path
 
@@ -14,6 +15,7 @@ from motiongen_ardy.text import HashedTextEncoder, TextWidthMismatch, load_text_
 from motiongen_ardy.text.__main__ import main
 from motiongen_ardy.text.encoder import PromptNotEncoded, Vectors
 from motiongen_ardy.text.prompt_file import FORMAT, PromptFileError, encode_prompts, read_prompt_file, write_prompt_file
+from tests.ardy.safetensors_bytes import safetensors_of
 
 PROMPTS = [("wave", "a person waves"), ("walk", "a person walks, déjà vu")]
 
@@ -135,11 +137,14 @@ GOOD = {"format": FORMAT, "text_encoder": "e", "ids": '["a", "b"]', "texts": '["
         ({"ids": "[1, 2]"}, np.zeros((2, 3), np.float32), "no list of strings"),
         ({"ids": "["}, np.zeros((2, 3), np.float32), "no JSON"),
         ({"ids": "[" * 100_000}, np.zeros((2, 3), np.float32), "no JSON"),
+        ({"ids": '["a", "\\ud800"]'}, np.zeros((2, 3), np.float32), "half of a surrogate pair"),
+        ({"texts": '["A", "\\udfff"]'}, np.zeros((2, 3), np.float32), "half of a surrogate pair"),
         ({"texts": '["A"]'}, np.zeros((2, 3), np.float32), "do not fit"),
         ({}, np.zeros((3, 3), np.float32), "do not fit"),
         ({}, np.zeros(2, np.float32), "do not fit"),
         ({}, np.zeros((2, 3), np.float64), "float32"),
         ({}, np.full((2, 3), np.inf, np.float32), "finite"),
+        ({}, np.full((2, 3), -1e30, np.float32), "at most 10,000"),
     ],
 )
 def test_a_file_that_does_not_fit_together_is_refused(
@@ -157,6 +162,20 @@ def test_what_is_no_safetensors_file_is_refused(content: bytes, tmp_path: Path) 
     path.write_bytes(content)
     with pytest.raises(PromptFileError, match="no safetensors file"):
         read_prompt_file(path)
+
+
+@pytest.mark.parametrize(("kind", "size"), [("BF16", 2), ("F8_E4M3", 1), ("F64", 8)])
+def test_vectors_of_another_type_are_refused_by_its_name(kind: str, size: int, tmp_path: Path) -> None:
+    path = tmp_path / "prompts.safetensors"
+    path.write_bytes(safetensors_of({"vectors": (kind, [2, 3], bytes(6 * size))}, GOOD))
+    with pytest.raises(PromptFileError, match=f"are {kind}; they must be finite numbers in float32"):
+        read_prompt_file(path)
+
+
+def test_a_pipe_is_refused_and_not_waited_for(tmp_path: Path) -> None:
+    os.mkfifo(tmp_path / "prompts.safetensors")
+    with pytest.raises(PromptFileError, match="no regular file"):
+        read_prompt_file(tmp_path / "prompts.safetensors")
 
 
 def test_a_file_that_is_not_there_is_refused(tmp_path: Path) -> None:

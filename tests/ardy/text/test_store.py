@@ -134,6 +134,21 @@ def test_what_is_damaged_inside_is_not_found(path: Path) -> None:
     manager.close()
 
 
+def test_what_is_of_another_type_is_not_found_and_told_of_once(path: Path, caplog: pytest.LogCaptureFixture) -> None:
+    manager = store(path)
+    manager.put("walk", VECTOR)
+    manager.note_encoder("grpc:here")
+    with sqlite3.connect(path) as other:
+        other.execute("UPDATE vectors SET used_at = 'never'")
+        other.execute("UPDATE encoders SET width = 'wide'")
+    other.close()
+    assert [manager.get("walk"), manager.get("walk"), known_encoder(path, "grpc:here")] == [None] * 3
+    assert caplog.text.count("cannot be used") == 1
+    manager.put("walk", VECTOR)
+    assert manager.get("walk") is not None
+    manager.close()
+
+
 def test_one_that_another_version_wrote_is_left_alone(path: Path, caplog: pytest.LogCaptureFixture) -> None:
     store(path).close()
     with sqlite3.connect(path) as other:

@@ -3,11 +3,15 @@
 from __future__ import annotations
 
 import math
+import shutil
 from collections import Counter
 from collections.abc import Callable
+from pathlib import Path
 
+import numpy as np
 import pytest
 
+from motiongen_ardy.text.domain import DOMAIN_FILE, make_domain, write_domain
 from motiongen_server.config import parse_config
 from motiongen_server.engine.config import EngineConfig
 from motiongen_server.engine.scheduling.costs import CostTable
@@ -16,7 +20,9 @@ from motiongen_server.engine.scheduling.quota_share import QuotaAccount
 from motiongen_server.engine.scheduling.scheduler import Scheduler
 from motiongen_server.engine.types import Priority, ServiceTier
 from motiongen_server.engine_process import model_loading
-from motiongen_server.engine_process.model_loading import admit_loads, build_engine, quota_account
+from motiongen_server.engine_process.model_loading import admit_loads, build_engine, load_model, quota_account
+from motiongen_server.settings import SettingError
+from tests.ardy.broken_checkpoints import TINY
 from tests.server.engine.fakes import FakeClock, FakeRunner
 from tests.server.engine.stage import Stage
 
@@ -100,3 +106,19 @@ def test_a_model_that_is_loaded_beside_one_at_work_is_not_measured_with_its_wait
     )
     assert engine.windows.prices().step_s == pytest.approx(0.0003 + 0.001 / 8, rel=0.01)
     assert engine.windows.prices().window_s == pytest.approx(0.0, abs=1e-6)
+
+
+def test_a_prompt_domain_of_another_width_than_the_model_s_is_refused_at_the_start(tmp_path: Path) -> None:
+    """Else every prompt failed once it was compared."""
+    folder = shutil.copytree(TINY, tmp_path / "tiny")
+    write_domain(folder / DOMAIN_FILE, make_domain("hashed-7", np.eye(7, dtype=np.float32), 4))
+    (folder / "capabilities.yaml").write_text("knows: [walking]")
+    with pytest.raises(SettingError, match=rf"'{folder}'.*vectors of 7 numbers, but the model takes 32"):
+        load_model(parse_config([], {}), str(folder))
+    write_domain(folder / DOMAIN_FILE, make_domain("hashed-32", np.eye(32, dtype=np.float32), 4))
+    assert load_model(parse_config([], {}), str(folder)).abilities.known_motions == ("walking",)
+
+
+def test_a_folder_that_cannot_be_looked_into_is_a_wrong_setting() -> None:
+    with pytest.raises(SettingError, match=r"cannot serve model 'aaa.*File name too long"):
+        load_model(parse_config([], {}), "a" * 300)

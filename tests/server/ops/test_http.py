@@ -88,6 +88,8 @@ async def test_clients_mistakes_are_not_logged_and_faults_are(caplog: pytest.Log
                 assert b"500" in await answer(b"GET /livez HTTP/1.1\r\nHost: ops\r\n\r\n")
                 (logged,) = [record for record in caplog.records if record.name.startswith("uvicorn")]
                 assert logged.levelname == "ERROR"
+                await until_true(lambda: not http.BoundedConnection.open_ones)
+                assert not [record for record in caplog.records if record.name == "asyncio"], "nor their ends"
         finally:
             server.should_exit = True
             await serving

@@ -108,6 +108,17 @@ def test_a_collector_is_sent_them() -> None:
         assert [event.name for event in collector.spans[0].events] == ["scheduled", "first step", "planned"]
 
 
+def test_a_collector_of_this_machine_is_sent_them_by_no_proxy(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setenv("http_proxy", "http://127.0.0.1:9")
+    monkeypatch.delenv("no_proxy", raising=False)
+    with Collector() as collector:
+        spans = open_window_spans(f"grpc:127.0.0.1:{collector.port}", 1.0)
+        assert spans is not None
+        spans.record(WINDOW)
+        spans.close()
+        assert len(collector.spans) == 1
+
+
 def test_where_no_collector_is_nobody_waits(monkeypatch: pytest.MonkeyPatch) -> None:
     """More than may be kept are recorded; some are dropped, and no call comes to wait for the network."""
     monkeypatch.setattr(tracing, "END_S", 0.1)

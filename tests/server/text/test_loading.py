@@ -55,6 +55,7 @@ def test_presets_of_another_encoder_or_width_are_refused_with_both(tmp_path: Pat
         ("gradio:nowhere", "no address"),
         ("prompts:nowhere", "cannot be read"),
         ("abacus", "static, hashed, llm2vec"),
+        ("a" * 300, "File name too long"),
     ],
 )
 def test_an_encoder_that_cannot_be_is_a_wrong_setting(name: str, said: str) -> None:

@@ -100,6 +100,19 @@ async def test_an_encoder_that_is_away_is_asked_once_for_all_of_them() -> None:
     prompts.close()
 
 
+async def test_an_encoder_that_is_back_is_not_taken_for_quick_because_it_failed_at_once() -> None:
+    encoder = Timed(TOGETHER_S)
+    prompts = encoder.prompts()
+    await prompts.encode("first")
+    encoder.text_s, encoder.errors = 1e-6, {"second": TextEncoderUnavailable("nobody is there")}
+    with pytest.raises(EventRefused, match="nobody is there"):
+        await prompts.encode("second")
+    encoder.text_s, encoder.errors = TOGETHER_S, {}
+    await prompts.encode_all(NUMBERS[:3])
+    assert encoder.calls[2:] == [(text,) for text in NUMBERS[:3]]
+    prompts.close()
+
+
 async def test_those_that_the_store_knows_are_not_asked_for_and_the_others_are_kept_there() -> None:
     encoder = Timed(1e-6)
     store = DictStore(**{NUMBERS[1]: np.array([7], np.float32)})

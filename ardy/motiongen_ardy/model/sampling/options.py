@@ -6,7 +6,6 @@ apart, 2 and 2, and nothing planned or corrected.
 
 from __future__ import annotations
 
-import math
 from dataclasses import dataclass, field, fields
 from typing import Any, Literal
 
@@ -32,7 +31,7 @@ class CheckedOptions:
             if "least" in one.metadata:
                 least, most, whole = one.metadata["least"], one.metadata["most"], isinstance(one.default, int)
                 known = isinstance(value, int) if whole else isinstance(value, (int, float))
-                if isinstance(value, bool) or not known or not math.isfinite(value) or not least <= value <= most:
+                if isinstance(value, bool) or not known or not least <= value <= most:
                     kind = "a whole number" if whole else "a number"
                     problems.append(f"{one.name} is {value!r}; it must be {kind} from {least:g} to {most:g}")
             elif isinstance(one.default, bool) and not isinstance(value, bool):

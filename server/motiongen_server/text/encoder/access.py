@@ -7,7 +7,7 @@ from pathlib import Path
 
 import grpc
 
-from motiongen_server.addresses import is_local
+from motiongen_server.addresses import host_of, is_local
 from motiongen_server.config import ServerConfig
 from motiongen_server.identity.tls import check_authorities
 from motiongen_server.identity.watched import Watched
@@ -30,10 +30,10 @@ def encoder_token(config: ServerConfig, address: str, by_tls: bool) -> Callable[
     path = config.text_encoder_token
     if not path:
         return None
-    if not by_tls and not is_local(address.rpartition(":")[0].strip("[]")):
+    if not by_tls and not is_local(host_of(address)):
         raise SettingError("text_encoder_token would cross the network in plain text; give grpcs:HOST:PORT")
     try:
-        watched = Watched("text encoder's token", [path], lambda: Path(path).read_text(encoding="utf-8").strip())
+        watched = Watched("text encoder's token", [path], lambda: _read_token(Path(path)))
     except (ValueError, OSError) as error:
         raise SettingError(f"text_encoder_token cannot be read: {error}") from error
 
@@ -42,3 +42,11 @@ def encoder_token(config: ServerConfig, address: str, by_tls: bool) -> Callable[
         return watched.value
 
     return present
+
+
+def _read_token(path: Path) -> str:
+    """Raises ValueError for what no call can carry, as of a file that is just being written, and OSError."""
+    token = path.read_text(encoding="utf-8").strip()
+    if not token or not token.isascii() or not token.isprintable() or " " in token:
+        raise ValueError("it must be one word of ASCII characters")
+    return token

@@ -148,7 +148,7 @@ def load(config: EncoderConfig) -> TextEncoder:
         return load_text_encoder(
             config.text_encoder, config.width or None, config.device, config.precision, config.timeout_s
         )
-    except (ValueError, RuntimeError, ConnectionError) as error:
+    except (ValueError, RuntimeError, OSError) as error:
         raise SettingError(f"cannot serve text encoder {config.text_encoder!r}: {error}") from error
 
 

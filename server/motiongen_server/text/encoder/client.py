@@ -8,8 +8,9 @@ import grpc
 import numpy as np
 
 from motiongen.v1 import encoder_pb2, motion_pb2
-from motiongen_ardy.text import TextEncoderChanged, TextEncoderUnavailable, UnknownTextEncoder, Vectors
+from motiongen_ardy.text import TextEncoderChanged, TextEncoderUnavailable, TextRefused, UnknownTextEncoder, Vectors
 from motiongen_ardy.text.encoder import NamedTextEncoder, checked_vector, is_blank
+from motiongen_server.addresses import host_of, proxy_options
 
 OPTIONS = (
     # An encoder that comes back is found within two seconds, not within gRPC's two minutes.
@@ -42,16 +43,19 @@ class RemoteEncoder(NamedTextEncoder):
 
         known: identity and width that it is to have, where it is not to be asked at the start. credentials: of TLS;
         None: plain text. token: the one that says who calls, asked for before every call. Raises UnknownTextEncoder for
-        what cannot be an address, TextEncoderUnavailable when nobody answers there, or it lets nobody in.
+        what cannot be an address, or answers without saying what it is; TextEncoderUnavailable when nobody answers
+        there, or it lets nobody in.
         """
-        if ":" not in address or not address.rpartition(":")[2].isdigit():
+        port = address.rpartition(":")[2]
+        if not host_of(address) or not port.isdecimal() or len(port) > 5 or not 0 < int(port) <= 65535:
             raise UnknownTextEncoder(f"{address!r} is no address of an encoder service; such as localhost:50052")
         self._timeout_s = timeout_s
         self._token = token
+        options = (*OPTIONS, *proxy_options(address))
         if credentials is None:
-            self._channel = grpc.insecure_channel(address, OPTIONS)
+            self._channel = grpc.insecure_channel(address, options)
         else:
-            self._channel = grpc.secure_channel(address, credentials, OPTIONS)
+            self._channel = grpc.secure_channel(address, credentials, options)
         describe = self._channel.unary_unary(
             PATH + "GetTextEncoder",
             request_serializer=encoder_pb2.GetTextEncoderRequest.SerializeToString,
@@ -72,6 +76,9 @@ class RemoteEncoder(NamedTextEncoder):
         except grpc.RpcError as error:
             self._channel.close()
             raise TextEncoderUnavailable(f"{NO_ANSWER} ({_reason(error)})") from error
+        if not found.text_encoder or not found.width:
+            self._channel.close()
+            raise UnknownTextEncoder(f"what answers at {address} does not say which text encoder it is, and how wide")
         super().__init__(str(found.text_encoder), int(found.width))
         self._max_texts = max(1, int(found.max_texts))
 
@@ -96,6 +103,8 @@ class RemoteEncoder(NamedTextEncoder):
                 raise TextEncoderChanged(
                     f"{error.details()}; this server began with {self._identity!r} and must be restarted to change"
                 ) from error
+            if error.code() is grpc.StatusCode.INVALID_ARGUMENT:
+                raise TextRefused(f"the text encoder does not take it: {error.details()!s:.200}") from error
             raise TextEncoderUnavailable(f"{NO_ANSWER} ({_reason(error)})") from error
         except ValueError as error:  # the channel has been closed
             raise TextEncoderUnavailable(f"{NO_ANSWER}: the server is shutting down") from error

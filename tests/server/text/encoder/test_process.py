@@ -115,7 +115,20 @@ def test_where_nobody_answers_the_client_gives_up(hashed: EncoderProcess) -> Non
         RemoteEncoder(hashed.address, 0.2)
 
 
-@pytest.mark.parametrize("address", ["localhost", "localhost:", "localhost:http", ""])
+@pytest.mark.parametrize(
+    "address",
+    [
+        "localhost",
+        "localhost:",
+        "localhost:http",
+        "",
+        ":50052",
+        "localhost:0",
+        "localhost:65536",
+        "localhost:111111",
+        "localhost:\u00b2",
+    ],
+)
 def test_what_is_no_address_is_refused(address: str) -> None:
     with pytest.raises(UnknownTextEncoder, match="no address"):
         RemoteEncoder(address)
@@ -127,6 +140,7 @@ def test_what_is_no_address_is_refused(address: str) -> None:
         (["--text-encoder", "hashed"], "any width"),
         (["--text-encoder", "static", "--width", "4096"], "takes 4096"),
         (["--text-encoder", "gradio:nowhere"], "no address"),
+        (["--text-encoder", "a" * 300], "File name too long"),
         (["--precision", "int8"], "precision is 'int8'"),
         (["--colour", "red"], "python -m motiongen_server.text.encoder --help"),
     ],

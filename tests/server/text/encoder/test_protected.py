@@ -24,7 +24,9 @@ def test_it_serves_those_that_show_a_token_by_tls(tmp_path: Path) -> None:
     token = tenants.one("roles = ['text']")
     (tmp_path / "token").write_text("mg_old\n")
     options = ("--text-encoder", "hashed", "--width", "16", "--tls-certificate", certificate, "--tls-key", key)
-    settings = ServerConfig(text_encoder_ca=AUTHORITY, text_encoder_token=str(tmp_path / "token"))
+    settings = ServerConfig(
+        text_encoder="grpcs:x:1", text_encoder_ca=AUTHORITY, text_encoder_token=str(tmp_path / "token")
+    )
     credentials = encoder_credentials(settings)
     with EncoderProcess(tmp_path / "log.txt", *options, "--tenants", str(tenants.path)) as process:
         present = encoder_token(settings, process.address, by_tls=True)
@@ -53,7 +55,7 @@ def test_what_other_machines_reach_needs_protection(host: str) -> None:
 
 def test_a_token_crosses_no_network_in_plain_text(tmp_path: Path) -> None:
     (tmp_path / "token").write_text("mg_1")
-    settings = ServerConfig(text_encoder_token=str(tmp_path / "token"))
+    settings = ServerConfig(text_encoder="grpc:x:1", text_encoder_token=str(tmp_path / "token"))
     with pytest.raises(SettingError, match="plain text; give grpcs:"):
         encoder_token(settings, "encoder.example:50052", by_tls=False)
     present = encoder_token(settings, "[::1]:50052", by_tls=False)
@@ -64,6 +66,21 @@ def test_a_token_crosses_no_network_in_plain_text(tmp_path: Path) -> None:
 def test_files_that_are_not_there_are_refused(tmp_path: Path) -> None:
     nowhere = str(tmp_path / "nowhere")
     with pytest.raises(SettingError, match="text_encoder_ca"):
-        encoder_credentials(ServerConfig(text_encoder_ca=nowhere))
+        encoder_credentials(ServerConfig(text_encoder="grpcs:x:1", text_encoder_ca=nowhere))
     with pytest.raises(SettingError, match="text_encoder_token"):
-        encoder_token(ServerConfig(text_encoder_token=nowhere), "localhost:1", by_tls=True)
+        encoder_token(ServerConfig(text_encoder="grpc:x:1", text_encoder_token=nowhere), "localhost:1", by_tls=True)
+
+
+@pytest.mark.parametrize("content", ["", "\n", "mg_1 mg_2", "mg_1\nmg_2", "\ufeffmg_1", "mg_\u00e9", "mg_\0"])
+def test_a_token_that_no_call_can_carry_is_refused_and_the_one_before_holds(tmp_path: Path, content: str) -> None:
+    path = tmp_path / "token"
+    settings = ServerConfig(text_encoder="grpc:x:1", text_encoder_token=str(path))
+    path.write_text("mg_before\n")
+    present = encoder_token(settings, "localhost:1", by_tls=False)
+    assert present is not None
+    path.write_text(content, encoding="utf-8")
+    assert present() == "mg_before"
+    with pytest.raises(SettingError, match="text_encoder_token cannot be read: it must be one word of ASCII"):
+        encoder_token(settings, "localhost:1", by_tls=False)
+    path.write_text("mg_after\n")
+    assert present() == "mg_after"

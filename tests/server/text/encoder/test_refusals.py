@@ -1,0 +1,102 @@
+"""What the client makes of an encoder service that refuses a text, or does not say what it is."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from concurrent import futures
+from contextlib import contextmanager
+from typing import Any
+
+import grpc
+import numpy as np
+import pytest
+
+from motiongen.v1 import encoder_pb2, motion_pb2
+from motiongen_ardy.text import TextEncoderUnavailable, TextRefused, UnknownTextEncoder
+from motiongen_server.text.encoder.client import RemoteEncoder
+from motiongen_server.text.ports import answers_to
+from tests.waiting import LIMIT_S
+
+MOST_CHARACTERS = 8
+TOO_LONG = "the text has 9 characters; at most 8 are allowed"
+
+
+@contextmanager
+def service(name: str = "ones", width: int = 4, most_texts: int = 8) -> Iterator[str]:
+    """The address of one that takes short texts only, and no more at once than it says by now: two."""
+
+    def describe(request: Any, call: grpc.ServicerContext) -> encoder_pb2.GetTextEncoderResponse:
+        return encoder_pb2.GetTextEncoderResponse(text_encoder=name, width=width, max_texts=most_texts)
+
+    def encode(request: Any, call: grpc.ServicerContext) -> encoder_pb2.EncodeTextsResponse:
+        if len(request.texts) > 2:
+            call.abort(grpc.StatusCode.INVALID_ARGUMENT, f"there are {len(request.texts)} texts; it must be 1 to 2")
+        if any(len(text) > MOST_CHARACTERS for text in request.texts):
+            call.abort(grpc.StatusCode.INVALID_ARGUMENT, TOO_LONG)
+        vector = motion_pb2.TextEmbedding(text_encoder=name, values=[1.0] * width)
+        return encoder_pb2.EncodeTextsResponse(embeddings=[vector] * len(request.texts))
+
+    server = grpc.server(futures.ThreadPoolExecutor(2))
+    handlers = {
+        "GetTextEncoder": grpc.unary_unary_rpc_method_handler(
+            describe, encoder_pb2.GetTextEncoderRequest.FromString, encoder_pb2.GetTextEncoderResponse.SerializeToString
+        ),
+        "EncodeTexts": grpc.unary_unary_rpc_method_handler(
+            encode, encoder_pb2.EncodeTextsRequest.FromString, encoder_pb2.EncodeTextsResponse.SerializeToString
+        ),
+    }
+    server.add_generic_rpc_handlers(
+        (grpc.method_handlers_generic_handler("motiongen.v1.TextEncoderService", handlers),)
+    )
+    port = server.add_insecure_port("127.0.0.1:0")
+    server.start()
+    try:
+        yield f"127.0.0.1:{port}"
+    finally:
+        server.stop(None).wait()
+
+
+def test_a_text_that_is_refused_is_told_with_the_reason_and_costs_no_other_its_vector() -> None:
+    with service() as address:
+        encoder = RemoteEncoder(address, LIMIT_S)
+        said = answers_to(["walk", "x" * 9], encoder)
+        encoder.close()
+    np.testing.assert_array_equal(said["walk"], [1] * 4)  # type: ignore[arg-type]
+    refused = said["x" * 9]
+    assert isinstance(refused, TextRefused)
+    assert TOO_LONG in str(refused)
+    assert refused.retry_after_s is None
+
+
+def test_a_service_that_takes_fewer_texts_than_at_the_start_is_asked_for_each() -> None:
+    with service() as address:
+        encoder = RemoteEncoder(address, LIMIT_S)
+        said = answers_to(["walk", "wave", "jump"], encoder)
+        encoder.close()
+    assert [isinstance(answer, Exception) for answer in said.values()] == [False] * 3
+
+
+def test_what_has_no_name_or_no_width_is_no_encoder() -> None:
+    for name, width in (("", 4), ("ones", 0)):
+        with service(name, width) as address, pytest.raises(UnknownTextEncoder, match="does not say which"):
+            RemoteEncoder(address, LIMIT_S)
+
+
+def test_other_refusals_still_may_pass() -> None:
+    with service() as address:
+        encoder = RemoteEncoder(address, LIMIT_S)
+    with pytest.raises(TextEncoderUnavailable) as away:
+        encoder.encode(["walk"])
+    encoder.close()
+    assert not isinstance(away.value, TextRefused)
+    assert away.value.retry_after_s is not None
+
+
+@pytest.mark.parametrize("host", ["127.0.0.1", "localhost"])
+def test_a_service_of_this_machine_is_asked_by_no_proxy(host: str, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setenv("http_proxy", "http://127.0.0.1:9")
+    monkeypatch.delenv("no_proxy", raising=False)
+    with service() as address:
+        encoder = RemoteEncoder(address.replace("127.0.0.1", host), LIMIT_S)
+        np.testing.assert_array_equal(encoder.encode(["walk"]), [[1] * 4])
+        encoder.close()

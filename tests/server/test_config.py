@@ -40,6 +40,19 @@ def test_the_encoder_service_has_settings_of_its_own_in_the_same_environment() -
         ENCODER.parse(["--port", "70000"], {})
 
 
+@pytest.mark.parametrize("name", ["MOTIONGEN_Port", "MOTIONGEN_port"])
+def test_a_name_of_the_environment_that_nobody_reads_is_refused(name: str) -> None:
+    with pytest.raises(SettingError, match=f"unknown environment settings {name}"):
+        parse_config([], {name: "1111"})
+
+
+def test_what_is_no_text_is_refused_by_its_setting() -> None:
+    undecodable = b"/models/\xe9".decode("utf-8", "surrogateescape")
+    for words, environment in ((["--model", undecodable], {}), ([], {"MOTIONGEN_MODEL": undecodable})):
+        with pytest.raises(SettingError, match=r"model is '/models/\\udce9'; it must be text in UTF-8"):
+            parse_config(words, environment)
+
+
 def test_a_flag_wins_over_the_environment_and_that_over_the_default() -> None:
     environment = {"MOTIONGEN_PORT": "1111", "MOTIONGEN_MAX_ROWS": "7", "PATH": "/bin"}
     config = parse_config(["--port", "2222"], environment)

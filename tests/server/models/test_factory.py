@@ -86,9 +86,10 @@ async def test_a_model_that_fails_after_it_was_loaded_is_let_go(broken: str, mon
     factory, loads = ModelFactory(ServerConfig(), metrics), Loads(metrics)
     factory.use(cast(Engines, loads))
     labels = {"model": FACTS.model_id, "rig": FACTS.rig.rig_id}
-    with monkeypatch.context() as patched, pytest.raises(ValueError, match=broken):
+    with monkeypatch.context() as patched:
         patched.setattr(f"motiongen_server.models.factory.{broken}", fail)
-        await factory.load("fake")
+        with pytest.raises(ValueError, match=broken):
+            await factory.load("fake")
     assert loads.made[0].is_stopped, "else every engine process would hold it for good"
     assert metrics.registry.get_sample_value("motiongen_build_info", labels) is None
     await factory.load("fake")

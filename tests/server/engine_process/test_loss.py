@@ -249,3 +249,25 @@ def test_when_the_gateway_is_killed_its_engine_ends_too() -> None:
         gateway.kill()
         gateway.wait()
     until(lambda: is_gone(engine))
+
+
+def test_a_link_that_fails_itself_counts_as_a_failed_engine() -> None:
+    with remote() as there:
+        there.engine.submit(opening())
+        there.audience.wait_for_frames(40)
+        process, pid = there.pool.processes[0], there.pid()
+        assert pid is not None
+
+        def fail() -> None:
+            raise ZeroDivisionError("whoever is told of a loss")
+
+        process.serve_text(lambda message: None, tuple, fail)
+        os.kill(pid, signal.SIGKILL)
+        assert there.audience.wait_for_end().reason is CloseReason.ENGINE_FAULT
+        until(lambda: there.engine.failure is not None)  # so that the server ends, and is started anew
+        assert isinstance(there.engine.failure, ZeroDivisionError)
+        refusal = there.engine.submit(opening())
+        assert refusal is not None
+        assert refusal.reason == "ENGINE_RESTARTING"
+        with pytest.raises(EngineLost, match="has failed: whoever is told"):
+            there.pool.load("fake")

@@ -50,8 +50,6 @@ STOP_GRACE_S = 2.0
 LAST_CALLS_S = 0.5
 """For calls that have been answered to be told so; one that only watches the health does not hold the end up longer."""
 
-FAULT = CloseReason.ENGINE_FAULT
-
 T = TypeVar("T")
 
 MakeEngines = Callable[[ServerConfig, Deliver, Metrics], Engines]
@@ -179,7 +177,8 @@ class Application:
 
     def _deliver(self, outputs: Sequence[Output]) -> None:
         self._service.deliver(outputs)
-        if self._others_go_on and any(isinstance(each, Closed) and each.reason is FAULT for each in outputs):
+        lost = (isinstance(each, Closed) and each.reason is CloseReason.ENGINE_FAULT for each in outputs)
+        if self._others_go_on and any(lost):
             with contextlib.suppress(RuntimeError):  # the loop has been closed: the process is on its way out
                 self._loop.call_soon_threadsafe(self._without_engines)
 
@@ -202,6 +201,7 @@ class Application:
             _log.error("%s; it is tried again", error)
         else:
             self._door.open(self._service)
+            self._without_engines()  # it may have been lost again meanwhile, of which a shut door has nobody told
 
     async def _start_ops(self) -> None:
         refusal_of = partial(self._callers.metrics_refusal, self._config.ops_host)

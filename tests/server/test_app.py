@@ -103,6 +103,22 @@ async def test_health_says_what_readyz_says_while_the_engine_hangs(monkeypatch: 
         await serving
 
 
+async def test_an_engine_that_is_lost_again_while_its_port_is_opened_shuts_it_again(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    async with running(config()) as application:
+        with monkeypatch.context() as lost:
+            lost.setattr(ModelManager, "heartbeat_at", -math.inf)
+            application._without_engines()
+            assert not application._port.is_open
+            await application._let_in_again()
+            assert not application._port.is_open, "clients would come who could go on elsewhere"
+            assert not application._door.is_open
+        await application._let_in_again()
+        assert application._port.is_open
+        assert application._door.is_open
+
+
 async def test_limits_and_licence_of_the_settings_are_told() -> None:
     settings = config(max_prompt_characters=77, max_sessions_per_stream=5, text_guidance=1.25)
     async with (

@@ -215,13 +215,12 @@ def test_slots_are_loaded_and_unloaded_and_what_comes_late_for_one_is_dropped(pr
 
 def test_a_model_of_which_cannot_be_told_leaves_the_others_alone(process: Process) -> None:
     process.load()
-    seats = process.unspeakable.device.num_seats
+    assert process.unspeakable.device.num_seats == 1
     process.tell(Load(2, "unspeakable"))
     told = process.hear()
     assert isinstance(told, Unloaded)
-    assert (told.slot, told.is_setting) == (2, True)
-    assert "what the model's folder says of it" in told.error
-    assert (seats, process.unspeakable.device.num_seats) == (1, 0), "it takes no turns on the device"
+    assert (told.slot, told.is_setting, "what the model's folder says of it" in told.error) == (2, True, True)
+    assert process.unspeakable.device.num_seats == 0, "it takes no turns on the device"
     process.tell(Load(3, "odd name: "))
     assert process.hear() == Unloaded(3, "OSError:  name: \\udcff"), "spelled out, as no message could hold it"
     process.tell(Events(1, 1, (opening(),)))

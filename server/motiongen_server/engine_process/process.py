@@ -274,6 +274,7 @@ class EngineProcess:
             link.end(error)
         for link in self._control:
             link.lose(CloseReason.ENGINE_FAULT, "the server's engine was lost; open a new session")
+        self._deliver(())  # after its sessions, and where it had none: that it is gone
         self._on_loss()
         self._close()
 

@@ -9,13 +9,14 @@ import os
 import signal
 import subprocess
 import sys
+from collections.abc import Sequence
 from pathlib import Path
 
 import pytest
 
 from motiongen_server.config import ServerConfig
 from motiongen_server.devices import EngineDevice
-from motiongen_server.engine.types import Chunk, Closed, CloseReason, Opened, Priority, ServiceTier, SessionKey
+from motiongen_server.engine.types import Chunk, Closed, CloseReason, Opened, Output, Priority, ServiceTier, SessionKey
 from motiongen_server.engine_process.connection import EngineLost
 from motiongen_server.engine_process.group import EngineGroup
 from motiongen_server.engine_process.pool import EnginePool
@@ -75,6 +76,17 @@ def test_a_killed_engine_ends_its_sessions_and_another_takes_its_place() -> None
         assert there.pid() != first
         assert engine.failure is None
         assert there.pool.processes[0].num_restarts == 1
+
+
+def test_that_an_engine_is_lost_is_told_also_where_it_had_no_sessions(monkeypatch: pytest.MonkeyPatch) -> None:
+    with remote() as there:
+        told: list[Sequence[Output]] = []
+        monkeypatch.setattr(there.pool.processes[0], "_deliver", told.append)
+        pid = there.pid()
+        assert pid is not None
+        os.kill(pid, signal.SIGKILL)
+        until(lambda: told)
+        assert told == [()]
 
 
 def test_a_lost_engine_has_no_sessions_and_no_load_until_another_reports() -> None:

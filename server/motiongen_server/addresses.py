@@ -35,6 +35,11 @@ def is_local(host: str) -> bool:
         return False
 
 
+def is_port(text: str) -> bool:
+    """Whether it is a port's number, 0 too, in the digits that everybody reads."""
+    return text.isascii() and text.isdecimal() and len(text) <= 5 and int(text) <= 65535
+
+
 def check_exposure(setting: str, host: str, lacking: Sequence[str], insecure: bool) -> None:
     """Raise SettingError where others reach a listener without the protection that it lacks, unless that is meant.
 

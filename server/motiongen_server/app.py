@@ -18,7 +18,7 @@ from grpc_health.v1.health_pb2 import HealthCheckResponse
 from motiongen_server.background import start_in_background
 from motiongen_server.config import ServerConfig
 from motiongen_server.engine.ports import Deliver
-from motiongen_server.engine.types import Closed, CloseReason, Output
+from motiongen_server.engine.types import Output
 from motiongen_server.engine_process.pool import start_engine_processes
 from motiongen_server.grpc_port import GrpcPort
 from motiongen_server.identity.setup import listen, make_callers, make_ops_context, make_tls, warn_of_exposure
@@ -50,10 +50,7 @@ STOP_GRACE_S = 2.0
 LAST_CALLS_S = 0.5
 """For calls that have been answered to be told so; one that only watches the health does not hold the end up longer."""
 
-FAULT = CloseReason.ENGINE_FAULT
-
 T = TypeVar("T")
-
 MakeEngines = Callable[[ServerConfig, Deliver, Metrics], Engines]
 """Makes what computes, on a thread of its own. Raises SettingError."""
 
@@ -178,8 +175,9 @@ class Application:
             await start_in_background(self._engines.join, "stopping")
 
     def _deliver(self, outputs: Sequence[Output]) -> None:
-        self._service.deliver(outputs)
-        if self._others_go_on and any(isinstance(each, Closed) and each.reason is FAULT for each in outputs):
+        if outputs:
+            self._service.deliver(outputs)
+        elif self._others_go_on:  # nothing: an engine process has been lost, whose sessions have been told
             with contextlib.suppress(RuntimeError):  # the loop has been closed: the process is on its way out
                 self._loop.call_soon_threadsafe(self._without_engines)
 
@@ -202,6 +200,7 @@ class Application:
             _log.error("%s; it is tried again", error)
         else:
             self._door.open(self._service)
+            self._without_engines()  # it may have been lost again meanwhile, of which a shut door has nobody told
 
     async def _start_ops(self) -> None:
         refusal_of = partial(self._callers.metrics_refusal, self._config.ops_host)

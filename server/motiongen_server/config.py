@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 
-from motiongen_server.addresses import UNIX, is_local
+from motiongen_server.addresses import UNIX, is_local, is_port
 from motiongen_server.collector import check_collector
 from motiongen_server.devices import check_devices
 from motiongen_server.protection import check_protection
@@ -197,7 +197,7 @@ def check_encoder_access(encoder: str, authorities: str, token: str) -> None:
 def check_advertised(given: str) -> None:
     """Raise SettingError unless clients can be told it."""
     host, _, port = given.rpartition(":")
-    if not host or not port.isdecimal() or not 0 < int(port) <= 65535 or len(given) > 256:
+    if not host or not is_port(port) or not int(port) or len(given) > 256:
         raise SettingError(
             f"advertise_address is {given!r}; it must be host:port as clients reach this server, such as "
             "motion-3.example.com:50051"
@@ -207,10 +207,9 @@ def check_advertised(given: str) -> None:
 def check_admin_address(given: str) -> None:
     """Raise SettingError unless it is an address of this machine that others cannot reach."""
     host, _, port = given.rpartition(":")
-    has_port = port.isdecimal() and int(port) <= 65535
     if given.startswith(UNIX) and given != UNIX:
         return
-    if not is_local(host.removeprefix("[").removesuffix("]")) or not has_port:
+    if not is_local(host.removeprefix("[").removesuffix("]")) or not is_port(port):
         raise SettingError(
             f"admin_listen is {given!r}; it must be a loopback host and a port, such as 127.0.0.1:50052, or unix:PATH: "
             "who reaches it may load any folder"

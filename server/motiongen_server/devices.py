@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import logging
 import math
 import os
 import re
@@ -14,6 +15,8 @@ from pathlib import Path
 
 from motiongen_server.processor_quota import quota_cores, quota_use
 from motiongen_server.settings import SettingError
+
+_log = logging.getLogger(__name__)
 
 MOST_BY_DEFAULT = 8
 """Engines that are started on a processor where nobody says how many; each holds every model."""
@@ -186,8 +189,13 @@ def count_cuda_devices() -> int:
         return 0
     try:
         done = subprocess.run(
-            [sys.executable, "-c", _PROBE], capture_output=True, text=True, timeout=_PROBE_S, check=False
+            [sys.executable, "-c", _PROBE], capture_output=True, text=True, timeout=_PROBE_S, check=True
         )
-        return int(done.stdout) if done.returncode == 0 else 0
-    except (OSError, ValueError, subprocess.TimeoutExpired):
-        return 0
+        return int(done.stdout)
+    except subprocess.CalledProcessError as error:
+        said = (error.stderr or "").strip().rpartition("\n")[2]
+        why = f"it ended with exit code {error.returncode}: {said[:200]}"
+    except (OSError, ValueError, subprocess.TimeoutExpired) as error:
+        why = str(error)
+    _log.warning("whether torch can use the CUDA devices of this machine is not known, so none is used: %s", why)
+    return 0

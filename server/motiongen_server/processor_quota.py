@@ -29,7 +29,7 @@ class _Group:
             else:
                 quota, period = ((self.folder / name).read_text(encoding="ascii") for name in _FIRST_VERSION)
             return math.inf if quota == "max" or int(quota) <= 0 else int(quota) / int(period)
-        except (OSError, ValueError):  # no such group, or none that says so
+        except (OSError, ValueError, ZeroDivisionError):  # no such group, or none that says so
             return math.inf
 
 
@@ -82,9 +82,10 @@ def _used_s(account: Path) -> float | None:
 
 def _groups(groups: Path, membership: Path) -> Iterator[_Group]:
     try:
-        lines = [line.split(":", 2) for line in membership.read_text(encoding="utf-8").splitlines()]
+        said = membership.read_text(encoding="utf-8", errors="surrogateescape")  # names may be any bytes
     except OSError:  # not Linux
         return
+    lines = [line.split(":", 2) for line in said.split("\n") if line.count(":") >= 2]
     paths = {controller: path for _, controllers, path in lines for controller in controllers.split(",")}
     for _, controllers, path in lines:
         if controllers and "cpu" not in controllers.split(","):

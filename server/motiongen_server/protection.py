@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from typing import Protocol
 
-from motiongen_server.addresses import check_exposure
+from motiongen_server.addresses import UNIX, check_exposure
 from motiongen_server.settings import SettingError
 
 
@@ -44,6 +44,12 @@ def check_protection(config: Protection) -> None:
         raise SettingError("tls_client_ca is given, and no tls_certificate; clients show theirs within TLS only")
     if config.ops_tls and not config.tls_certificate:
         raise SettingError("ops_tls is given, and no tls_certificate; the port of operations shows that of gRPC")
+    if config.host == UNIX:
+        raise SettingError(f"host is {config.host!r}; give the path of a socket with it, such as unix:/run/motion.sock")
+    if config.ops_host.startswith(UNIX):
+        raise SettingError(
+            f"ops_host is {config.ops_host!r}; it must be an address or a name: HTTP is not served on unix sockets"
+        )
     check_exposure("host", config.host, lacks(config), config.insecure)
     check_exposure("ops_host", config.ops_host, ops_lacks(config), config.insecure)
 

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import asyncio
+import contextlib
 import logging
 import os
 import signal
@@ -66,5 +67,7 @@ def leave(exit_code: int) -> NoReturn:
     """
     logging.shutdown()
     for stream in (sys.stdout, sys.stderr):
-        stream.flush()
+        if stream is not None:  # it was started without
+            with contextlib.suppress(OSError, ValueError):  # full, closed, or nobody reads it: that is no fault of ours
+                stream.flush()
     os._exit(exit_code)

@@ -70,7 +70,8 @@ class Program(Generic[Config]):
         """The configuration that flags and environment ask for. Raises SettingError; --help exits."""
         known = {each.name: each for each in fields(self.kind)}
         given_by_environment = self._own(os.environ if environment is None else environment)
-        unknown = sorted(name for name in given_by_environment if name.removeprefix(self.prefix).lower() not in known)
+        names = {self.environment_name(name) for name in known}  # in capitals: others are read by nobody
+        unknown = sorted(name for name in given_by_environment if name not in names)
         if unknown:
             raise SettingError(f"unknown environment settings {', '.join(unknown)}; `{self.command} --help` lists all")
         flags = vars(self._parser().parse_args(list(arguments)))
@@ -138,11 +139,23 @@ def _converted(name: str, given: str, kind: type) -> Any:
         if given.lower() not in words:
             raise SettingError(f"{name} is {given!r}; it must be true or false")
         return words[given.lower()]
+    if kind is str and not _is_text(given):
+        raise SettingError(f"{name} is {given!r}; it must be text in UTF-8")
     try:
         return kind(given)
     except ValueError:
         what = "a whole number" if kind is int else "a number"
         raise SettingError(f"{name} is {given!r}; it must be {what}") from None
+
+
+def _is_text(given: str) -> bool:
+    """Whether it is text throughout: bytes that are no UTF-8, which a system lets through, other processes cannot be
+    told."""
+    try:
+        given.encode()
+    except UnicodeEncodeError:
+        return False
+    return True
 
 
 class _Parser(argparse.ArgumentParser):

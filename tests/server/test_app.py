@@ -23,7 +23,7 @@ from motiongen_server.models.manager import ModelManager
 from motiongen_server.settings import SettingError
 from tests.server.application import NOT_SERVING, SERVING, SlowLoad, application_of, config, get, running
 from tests.server.engine.fakes import FACTS, FakeRunner, RealTime
-from tests.waiting import LIMIT_S
+from tests.waiting import LIMIT_S, until_true
 
 
 async def test_while_it_loads_it_is_alive_and_not_ready() -> None:
@@ -102,6 +102,35 @@ async def test_health_says_what_readyz_says_while_the_engine_hangs(monkeypatch: 
         watch.cancel()
         application.ask_to_stop()
         await serving
+
+
+async def test_an_engine_that_is_lost_again_while_its_port_is_opened_shuts_it_again(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    async with running(config()) as application:
+        with monkeypatch.context() as lost:
+            lost.setattr(ModelManager, "heartbeat_at", -math.inf)
+            application._without_engines()
+            assert not application._port.is_open
+            await application._let_in_again()
+            assert not application._port.is_open, "clients would come who could go on elsewhere"
+            assert not application._door.is_open
+        await application._let_in_again()
+        assert application._port.is_open
+        assert application._door.is_open
+
+
+async def test_an_engine_that_is_lost_while_nobody_plays_shuts_the_port_too(monkeypatch: pytest.MonkeyPatch) -> None:
+    async with running(config()) as application:
+        with monkeypatch.context() as lost:
+            lost.setattr(application, "_others_go_on", True)
+            application._deliver(())  # as when a model is unloaded: there is an engine still
+            await asyncio.sleep(0)
+            assert application._port.is_open
+            lost.setattr(ModelManager, "heartbeat_at", -math.inf)
+            await asyncio.to_thread(application._deliver, ())
+            await until_true(lambda: not application._port.is_open)
+        await application._let_in_again()
 
 
 async def test_limits_and_licence_of_the_settings_are_told() -> None:

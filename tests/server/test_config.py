@@ -40,6 +40,34 @@ def test_the_encoder_service_has_settings_of_its_own_in_the_same_environment() -
         ENCODER.parse(["--port", "70000"], {})
 
 
+@pytest.mark.parametrize("name", ["MOTIONGEN_Port", "MOTIONGEN_port"])
+def test_a_name_of_the_environment_that_nobody_reads_is_refused(name: str) -> None:
+    with pytest.raises(SettingError, match=f"unknown environment settings {name}"):
+        parse_config([], {name: "1111"})
+
+
+@pytest.mark.parametrize(
+    ("words", "named"),
+    [
+        (["--host", "unix:"], "host is 'unix:'; give the path"),
+        (["--ops-host", "unix:/run/ops.sock"], "ops_host is 'unix:/run/ops.sock'; it must be an address"),
+        (["--advertise-address", "a:\u0665\u0660"], "advertise_address is 'a:\u0665\u0660'; it must be host:port"),
+        (["--admin-listen", "localhost:\u0665"], "admin_listen is 'localhost:\u0665'; it must be a loopback host"),
+        (["--admin-listen", "localhost:" + "1" * 5000], "it must be a loopback host and a port"),
+    ],
+)
+def test_addresses_that_none_can_listen_on_or_be_told_are_refused(words: list[str], named: str) -> None:
+    with pytest.raises(SettingError, match=named):
+        parse_config(words, {})
+
+
+def test_what_is_no_text_is_refused_by_its_setting() -> None:
+    undecodable = b"/models/\xe9".decode("utf-8", "surrogateescape")
+    for words, environment in ((["--model", undecodable], {}), ([], {"MOTIONGEN_MODEL": undecodable})):
+        with pytest.raises(SettingError, match=r"model is '/models/\\udce9'; it must be text in UTF-8"):
+            parse_config(words, environment)
+
+
 def test_a_flag_wins_over_the_environment_and_that_over_the_default() -> None:
     environment = {"MOTIONGEN_PORT": "1111", "MOTIONGEN_MAX_ROWS": "7", "PATH": "/bin"}
     config = parse_config(["--port", "2222"], environment)
@@ -164,9 +192,10 @@ def test_models_that_cannot_be_served_together_are_refused(settings: dict[str, o
 TLS = {"tls_certificate": "a.pem", "tls_key": "a.key"}
 
 
-@pytest.mark.parametrize("host", ["127.0.0.1", "127.8.8.8", "localhost", "::1", "unix:motion.sock"])
+@pytest.mark.parametrize("host", ["127.0.0.1", "127.8.8.8", "localhost", "::1"])
 def test_what_only_this_machine_reaches_needs_no_protection(host: str) -> None:
     assert ServerConfig(host=host, ops_host=host).host == host
+    assert ServerConfig(host="unix:motion.sock", ops_host=host).host == "unix:motion.sock"
 
 
 @pytest.mark.parametrize("host", ["0.0.0.0", "::", "10.0.0.7", "motion.example", ""])

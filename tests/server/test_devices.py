@@ -169,6 +169,23 @@ def test_what_is_used_of_a_quota_is_counted_and_needs_less_of_a_margin(monkeypat
         assert admit_load_for(devices_of(f"cpu:{engines}", lambda: 0)) == load
 
 
+@pytest.mark.parametrize(
+    ("probe", "why"),
+    [
+        ("import sys; sys.exit('libcudart is missing')", "exit code 1: libcudart is missing"),
+        ("print('two')", "'two\\n'"),
+    ],
+)
+def test_that_torch_cannot_be_asked_is_told(
+    probe: str, why: str, monkeypatch: pytest.MonkeyPatch, caplog: pytest.LogCaptureFixture
+) -> None:
+    monkeypatch.setattr("motiongen_server.devices.Path.glob", lambda self, pattern: iter((self,)))
+    monkeypatch.setattr("motiongen_server.devices._PROBE", probe)
+    assert count_cuda_devices() == 0
+    assert "so none is used" in caplog.text
+    assert why in caplog.text
+
+
 def test_without_a_driver_torch_is_not_asked(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr("motiongen_server.devices.Path.glob", lambda self, pattern: iter(()))
     monkeypatch.setattr("motiongen_server.devices.Path.exists", lambda self: False)

@@ -1,6 +1,7 @@
 """The quota of the processor, as control groups of both versions tell it."""
 
 import math
+import os
 from pathlib import Path
 
 import pytest
@@ -16,7 +17,13 @@ def membership(tmp_path: Path, text: str) -> Path:
 
 @pytest.mark.parametrize(
     ("told", "cores"),
-    [("70000 100000", 0.7), ("max 100000", math.inf), ("nonsense", math.inf), ("-1 100000", math.inf)],
+    [
+        ("70000 100000", 0.7),
+        ("max 100000", math.inf),
+        ("nonsense", math.inf),
+        ("-1 100000", math.inf),
+        ("50000 0", math.inf),
+    ],
 )
 def test_the_second_version(tmp_path: Path, told: str, cores: float) -> None:
     groups = tmp_path / "groups"
@@ -31,6 +38,22 @@ def test_the_least_of_a_group_and_of_those_above_counts(tmp_path: Path) -> None:
         (groups / path).mkdir(parents=True, exist_ok=True)
         (groups / path / "cpu.max").write_text(told)
     assert quota_cores(groups, membership(tmp_path, "0::/pod/one\n")) == 1.5
+
+
+@pytest.mark.parametrize("said", [b"0::/pod\n\n", b"nonsense\n0::/pod\n", b"7:name=\xe9:/\xe9\n0::/pod\n"])
+def test_lines_that_say_nothing_of_groups_are_passed_over(tmp_path: Path, said: bytes) -> None:
+    (tmp_path / "groups/pod").mkdir(parents=True)
+    (tmp_path / "groups/pod/cpu.max").write_text("150000 100000")
+    (tmp_path / "cgroup").write_bytes(said)
+    assert quota_cores(tmp_path / "groups", tmp_path / "cgroup") == 1.5
+
+
+def test_a_group_whose_name_is_no_text(tmp_path: Path) -> None:
+    name = os.fsdecode(b"groups/pod-\xe9")
+    (tmp_path / name).mkdir(parents=True)
+    (tmp_path / name / "cpu.max").write_text("150000 100000")
+    (tmp_path / "cgroup").write_bytes(b"0::/pod-\xe9\n")
+    assert quota_cores(tmp_path / "groups", tmp_path / "cgroup") == 1.5
 
 
 def test_the_first_version(tmp_path: Path) -> None:

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import asyncio
+import socket
 import ssl
 
 import pytest
@@ -32,6 +33,30 @@ async def test_it_says_what_the_server_says(ready: bool) -> None:
     finally:
         await port.stop()
     assert await exit_code(port.port) == 1, "nobody listens any more"
+
+
+async def test_a_proxy_of_the_environment_is_not_asked(monkeypatch: pytest.MonkeyPatch) -> None:
+    with socket.socket() as nobody:
+        nobody.bind(("127.0.0.1", 0))  # and does not listen
+        monkeypatch.setattr("urllib.request._opener", None)  # as in a process that has asked nobody before
+        monkeypatch.setenv("http_proxy", f"http://127.0.0.1:{nobody.getsockname()[1]}")
+        for name in ("no_proxy", "NO_PROXY"):
+            monkeypatch.delenv(name, raising=False)
+        port = OpsPort(ops_app(CollectorRegistry(), lambda: True, lambda: True), "127.0.0.1", 0)
+        await port.start()
+        try:
+            assert await exit_code(port.port) == 0
+        finally:
+            await port.stop()
+
+
+async def test_what_speaks_something_else_is_not_ready() -> None:
+    async def answer(_: asyncio.StreamReader, writer: asyncio.StreamWriter) -> None:
+        writer.write(b"SSH-2.0\r\n\r\n")
+        writer.close()
+
+    async with await asyncio.start_server(answer, "127.0.0.1", 0) as other:
+        assert await exit_code(other.sockets[0].getsockname()[1]) == 1
 
 
 async def test_a_server_with_https_is_asked_by_https() -> None:

@@ -113,7 +113,14 @@ def how_it_ended(code: int | None) -> str:
     """code: an exit code, or below 0 the number of a signal; None: not known."""
     if code is None:
         return "has died"
-    return f"killed by {signal.Signals(-code).name}" if code < 0 else f"ended with exit code {code}"
+    return f"killed by {_signal_name(-code)}" if code < 0 else f"ended with exit code {code}"
+
+
+def _signal_name(number: int) -> str:
+    try:
+        return signal.Signals(number).name
+    except ValueError:  # one of those for real time, most of which have no name
+        return f"signal {number}"
 
 
 def left_behind(pid: int) -> str:

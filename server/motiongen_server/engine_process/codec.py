@@ -78,6 +78,11 @@ class Codec(Generic[Message]):
         return message
 
 
+def sendable(text: str) -> str:
+    """A text as any message can hold it: what is no character, as in a file's name that is no UTF-8, is spelled out."""
+    return text.encode("utf-8", "backslashreplace").decode()
+
+
 def _pack_number(value: object) -> object:
     """What msgpack does not know: numpy's numbers."""
     if isinstance(value, np.generic):

@@ -13,9 +13,10 @@ import zmq
 
 from motiongen_server.engine.types import Float32Array
 from motiongen_server.engine_process.bell import Bell
-from motiongen_server.engine_process.codec import CodecError
+from motiongen_server.engine_process.codec import CodecError, sendable
 from motiongen_server.engine_process.messages import (
     TO_ENGINE,
+    TO_GATEWAY,
     CloseAhead,
     Encoded,
     EncoderReady,
@@ -31,7 +32,7 @@ from motiongen_server.engine_process.messages import (
     Unloaded,
 )
 from motiongen_server.engine_process.outlet import Outlet, Wire
-from motiongen_server.engine_process.slot import BuildEngine, Slot
+from motiongen_server.engine_process.slot import BuildEngine, Built, Slot
 from motiongen_server.engine_process.sockets import EngineEnd, poller_of
 from motiongen_server.ops.memory import FreedMemory, free_garbage, give_back_freed_memory, settle_again
 from motiongen_server.settings import SettingError
@@ -128,22 +129,23 @@ class EngineHost:
         slot = Slot(job.slot, outlet.deliver)
         try:
             built = self._build(job.source, outlet.deliver, outlet.observe, slot.inbox)
+            ready = _encoded(Ready(job.slot, built.facts, built.licence, built.abilities), built)
         except SettingError as error:
-            self._wire.say(Unloaded(job.slot, str(error), is_setting=True))
+            self._wire.say(Unloaded(job.slot, sendable(str(error)), is_setting=True))
         except Exception as error:
             _log.exception("loading %r failed", job.source)
-            self._wire.say(Unloaded(job.slot, f"{type(error).__name__}: {error}"))
+            self._wire.say(Unloaded(job.slot, sendable(f"{type(error).__name__}: {error}")))
         else:
             settle_again()  # before anybody waits for the engine
             self._slots[job.slot] = slot
             slot.start(built.engine, self._ended)
-            self._wire.say(Ready(job.slot, built.facts, built.licence, built.abilities))
+            self._wire.send(ready)
 
     def _load_encoder(self, job: LoadEncoder) -> None:
         try:
             encoder = self._load_text(job.width)
         except SettingError as error:
-            self._wire.say(EncoderReady("", 0, str(error)))
+            self._wire.say(EncoderReady("", 0, sendable(str(error))))
             return
         threading.Thread(target=self._encode, args=(encoder,), name="text", daemon=True).start()
         self._wire.say(EncoderReady(encoder.identity, job.width, ""))
@@ -157,7 +159,8 @@ class EngineHost:
                 self._wire.say(Encoded(job.number, encoder.encode(job.texts), ""))
             except Exception as error:
                 _log.exception("encoding a prompt failed")
-                self._wire.say(Encoded(job.number, np.zeros((0, 0), np.float32), f"{type(error).__name__}: {error}"))
+                why = sendable(f"{type(error).__name__}: {error}")
+                self._wire.say(Encoded(job.number, np.zeros((0, 0), np.float32), why))
 
     # ---- an engine's thread -----------------------------------------------------------------------------------------
 
@@ -228,3 +231,12 @@ class EngineHost:
         except zmq.Again:
             return None
         return TO_ENGINE.decode(data)
+
+
+def _encoded(ready: Ready, built: Built) -> bytes:
+    """What the gateway is told of a model. Raises SettingError where a folder says of it what is no text."""
+    try:
+        return TO_GATEWAY.encode(ready)
+    except CodecError as error:
+        built.engine.lease.leave()
+        raise SettingError(f"what the model's folder says of it cannot be told: {error}") from error

@@ -13,7 +13,7 @@ from pathlib import Path
 import zmq
 
 from motiongen_server.engine_process import signals
-from motiongen_server.engine_process.codec import CodecError
+from motiongen_server.engine_process.codec import CodecError, sendable
 from motiongen_server.engine_process.host import EngineHost, FreeUnused, LoadText
 from motiongen_server.engine_process.messages import GREETING, SCHEMA, TO_ENGINE, Begin, Ended, Greeting, Joined
 from motiongen_server.engine_process.outlet import Wire
@@ -49,7 +49,7 @@ def run(folder: Path, prepare: Prepare) -> int:
     except Exception as error:
         _log.exception("the engine process failed")
         failure = error
-    wire.say(Ended("" if failure is None else f"{type(failure).__name__}: {failure}"))
+    wire.say(Ended("" if failure is None else sendable(f"{type(failure).__name__}: {failure}")))
     wire.finish()
     end.close()
     return 0 if failure is None else 1

@@ -145,7 +145,8 @@ class ModelLink:
         self.silent_s = 0.0
         with self._lock:
             settled = self._ledger.settle(outputs)
-        self._deliver(settled)
+        if settled:
+            self._deliver(settled)
 
     def take_pulse(self, pulse: Pulse) -> None:
         """Note that the engine is well, and what it did."""

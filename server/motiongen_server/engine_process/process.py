@@ -71,7 +71,6 @@ class EngineProcess:
         self._take_text: TakeText | None = None
         self._on_loss: Callable[[], None] = lambda: None
         self._stopping = threading.Event()
-        self._is_draining = False
         self._restarts = Restarts(rest_s)
         self._failure: BaseException | None = None
         self._connection: Connection | None = None
@@ -148,13 +147,8 @@ class EngineProcess:
         self._bell.ring()
         return is_taken
 
-    def drain(self) -> None:
-        """Start no more engine processes."""
-        self._is_draining = True
-
     def stop(self) -> None:
         """End the engine process: at once while it loads its first model, else after its last words."""
-        self._is_draining = True
         self._stopping.set()
         self._control.stop()
         if self._control.is_loading:
@@ -174,7 +168,18 @@ class EngineProcess:
     # ---- the thread -------------------------------------------------------------------------------------------------
 
     def _run(self) -> None:
-        """Serve one engine process after the other until stopped."""
+        try:
+            self._serve_one_after_the_other()
+        except Exception as unexpected:  # of this thread itself: without it nobody would be answered any more
+            _log.exception("the link to engine process %s has ended", self.name)
+            self._failure = unexpected
+            self._kill()
+            for link in self._control.close():
+                link.end(unexpected)
+            self._close()
+
+    def _serve_one_after_the_other(self) -> None:
+        """Until stopped."""
         error: Exception | None = None
         while not self._stopping.is_set():
             try:
@@ -269,21 +274,18 @@ class EngineProcess:
             link.end(error)
         for link in self._control:
             link.lose(CloseReason.ENGINE_FAULT, "the server's engine was lost; open a new session")
+        self._deliver(())  # after its sessions, and where it had none: that it is gone
         self._on_loss()
         self._close()
 
     def _may_start_again(self, error: Exception) -> bool:
         """Wait for as long as is wise before another process is started. False where there is to be none."""
-        if self._is_draining:
-            self._failure = EngineLost("the engine process was lost while the server was draining")
-            return False
         now = time.monotonic()
         wait_s = self._restarts.lose(now)
         if self._restarts.has_failed(now):
             self._failure = EngineLost(f"engine process {self.name} was lost again and again, lastly as {error}")
             _log.error("%s; it rests for %g s", self._failure, wait_s)
-        self._stopping.wait(wait_s)
-        return not self._is_draining
+        return not self._stopping.wait(wait_s)
 
     def _kill(self) -> None:
         if (connection := self._connection) is not None:

@@ -80,13 +80,22 @@ class ModelFactory:
     async def load(self, source: str) -> LoadedModel:
         """Load a model. Raises SettingError, or whatever else goes wrong with its engine."""
         parts = await start_in_background(lambda: self._load(source), "loading")
+        try:
+            served = self._joined(source, parts)
+        except Exception:
+            self._give_up(parts.engine)
+            raise
         facts = parts.engine.facts
+        self._served.add(facts.model_id)
+        self._metrics.build.labels(facts.model_id, facts.rig.rig_id).set(1)
+        return served
+
+    def _joined(self, source: str, parts: _Parts) -> LoadedModel:
+        facts = parts.engine.facts
+        catalog = make_catalog(self._config, facts, parts.engine.licence, parts.encoder.identity, parts.repertoire)
         prompts = self._prompts_for(parts.encoder, facts)
         for preset in parts.repertoire.presets:
             prompts.remember(preset.text, preset.embedding)
-        self._served.add(facts.model_id)
-        self._metrics.build.labels(facts.model_id, facts.rig.rig_id).set(1)
-        catalog = make_catalog(self._config, facts, parts.engine.licence, parts.encoder.identity, parts.repertoire)
         return LoadedModel(source, parts.engine, prompts, catalog, parts.engine.licence)
 
     def _load(self, source: str) -> _Parts:
@@ -101,10 +110,14 @@ class ModelFactory:
             encoder = self._encoders[width]
             return _Parts(engine, encoder, load_repertoire(self._config, encoder, engine.facts, engine.abilities))
         except Exception:
-            engine.stop()
-            if engine.facts.model_id not in self._served:  # else its metrics are those of the one that is
-                self._metrics.forget_model(engine.facts.model_id)
+            self._give_up(engine)
             raise
+
+    def _give_up(self, engine: ModelEngine) -> None:
+        """Have a model let go that was loaded and cannot be served: nobody else would."""
+        engine.stop()
+        if engine.facts.model_id not in self._served:  # else its metrics are those of the one that is
+            self._metrics.forget_model(engine.facts.model_id)
 
     def forget(self, model: LoadedModel) -> None:
         """Measure nothing more of a model that has been unloaded."""

@@ -53,6 +53,7 @@ class ModelManager:
         self._loading: str | None = None
         self._models: ModelRegistry | None = None
         self._closer: Closer | None = None
+        self._is_draining = False
 
     # ---- the models -------------------------------------------------------------------------------------------------
 
@@ -186,6 +187,10 @@ class ModelManager:
         except SettingError as error:
             raise CannotKeep(Code.FAILED_PRECONDITION, "CANNOT_LOAD", str(error)) from error
         except Exception as error:
+            if self._is_draining:
+                _log.info("loading %r was broken off", source)
+                message = f"{source!r} is not loaded any more: the server is going away"
+                raise CannotKeep(Code.UNAVAILABLE, "DRAINING", message) from error
             _log.exception("loading %r failed", source)
             raise CannotKeep(Code.INTERNAL, "CANNOT_LOAD", f"loading {source!r} failed; the log says why") from error
         finally:
@@ -231,12 +236,17 @@ class ModelManager:
 
     @property
     def heartbeat_at(self) -> float:
-        """When the slowest of those that have not failed last went round, in monotonic seconds."""
-        beats = [kept.engine.heartbeat_at for kept in self._kept if kept.engine.failure is None]
+        """When the slowest of those that have not failed last went round, in monotonic seconds.
+
+        Of those that are being unloaded nobody waits for a sign of life: at their end they give none.
+        """
+        held = [kept.engine for kept in self._kept if kept.state is not ModelState.UNLOADING]
+        beats = [engine.heartbeat_at for engine in held if engine.failure is None]
         return min(beats, default=0.0)
 
     def drain(self) -> None:
-        """Let no engine take new sessions."""
+        """Let no engine take new sessions. What is being loaded will be broken off."""
+        self._is_draining = True
         for kept in self._kept:
             kept.engine.drain()
 

@@ -92,6 +92,11 @@ class RedisDirectory:
         self._client.close()
 
 
+def _can_be_told(text: str) -> bool:
+    """Whether a client can be told it. JSON may hold what is no text, with which no message could be made."""
+    return len(text) <= MOST_CHARACTERS and text.isprintable()
+
+
 def read_replica(name: str, text: bytes) -> Replica | None:
     """What another server has told; None where that is nothing of this kind, as from a later version."""
     if len(text) > MOST_BYTES:
@@ -102,7 +107,7 @@ def read_replica(name: str, text: bytes) -> Replica | None:
         shares = {str(model): float(share) for model, share in free.items()}
     except (ValueError, TypeError, KeyError, AttributeError, OverflowError, RecursionError):
         return None
-    if not all(isinstance(each, str) and len(each) <= MOST_CHARACTERS for each in (address, key)):
+    if not all(isinstance(each, str) and _can_be_told(each) for each in (address, key)) or not key.isascii():
         return None
     if not all(0.0 <= share <= 1.0 for share in shares.values()):
         return None

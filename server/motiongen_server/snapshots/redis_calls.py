@@ -21,6 +21,8 @@ def open_client(url: str) -> redis.Redis:
     """
     client = redis.Redis.from_url(url, socket_timeout=CALL_S, socket_connect_timeout=CALL_S, health_check_interval=0)
     pool = client.connection_pool
+    if pool.connection_kwargs.get("decode_responses"):  # by the address; "false" is given as that word
+        raise ValueError(f"{name_of(url)} is given decode_responses; leave it out: what is kept there are bytes")
     try:
         pool.connection_class(**pool.connection_kwargs)  # connects to nobody; else the first call would find out
     except (TypeError, redis.RedisError) as error:

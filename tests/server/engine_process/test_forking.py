@@ -67,6 +67,9 @@ def test_an_exit_code_and_a_signal_are_told(start: Callable[..., ForkedChild]) -
     child = start()
     os.kill(child.pid, signal.SIGUSR1)
     assert child.end(PATIENCE_S) == "killed by SIGUSR1"
+    child = start()
+    os.kill(child.pid, signal.SIGRTMIN + 6)
+    assert child.end(PATIENCE_S) == f"killed by signal {signal.SIGRTMIN + 6}", "it has no name"
 
 
 def test_who_does_not_end_in_time_is_killed(start: Callable[..., ForkedChild]) -> None:

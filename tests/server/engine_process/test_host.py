@@ -56,7 +56,8 @@ class Notebook:
     num_sessions = 0
 
     def __init__(self) -> None:
-        self.lease = Device().lease()
+        self.device = Device()
+        self.lease = self.device.lease()
         self.taken: list[Event] = []
         self.came = threading.Condition()
         self.stopped = threading.Event()
@@ -110,7 +111,7 @@ class Process:
         self.end = EngineEnd(self.gateway.folder)
         self.back = GatedSocket(self.end.back)
         self.wire = Wire(self.back)  # type: ignore[arg-type]
-        self.engine = Notebook()
+        self.engine, self.unspeakable = Notebook(), Notebook()
         self.freed = threading.Event()
         self.host = EngineHost(self.end, self.wire, self._build, lambda width: Stutterer(), self.freed.set)
         self.result: list[BaseException | None] = []
@@ -120,6 +121,10 @@ class Process:
     def _build(self, source: str, deliver: Deliver, observe: Observe, inbox: Inbox) -> Built:
         if source == "unsound":
             raise SettingError("it is unsound")
+        if source.startswith("odd"):
+            raise SettingError(source + "\udcff")  # which is not logged: no report of a test could hold it
+        if source == "unspeakable":
+            return Built(self.unspeakable, FACTS, "\ud800")  # type: ignore[arg-type]
         return Built(self.engine, FACTS, "CC0-1.0")  # type: ignore[arg-type]
 
     def tell(self, message: ToEngine) -> None:
@@ -206,6 +211,20 @@ def test_slots_are_loaded_and_unloaded_and_what_comes_late_for_one_is_dropped(pr
     process.tell(Stop())
     assert process.ended() is None
     assert process.engine.taken == []
+
+
+def test_a_model_of_which_cannot_be_told_leaves_the_others_alone(process: Process) -> None:
+    process.load()
+    assert process.unspeakable.device.num_seats == 1
+    process.tell(Load(2, "unspeakable"))
+    told = process.hear()
+    assert isinstance(told, Unloaded)
+    assert (told.slot, told.is_setting, "what the model's folder says of it" in told.error) == (2, True, True)
+    assert process.unspeakable.device.num_seats == 0, "it takes no turns on the device"
+    process.tell(Load(3, "odd name: "))
+    assert process.hear() == Unloaded(3, "odd name: \\udcff", is_setting=True), "spelled out, to be sent at all"
+    process.tell(Events(1, 1, (opening(),)))
+    assert seqs(process.engine.wait_for(1)) == [1]
 
 
 def test_texts_are_encoded_and_one_that_cannot_be_is_answered_too(process: Process) -> None:

@@ -9,13 +9,14 @@ import os
 import signal
 import subprocess
 import sys
+from collections.abc import Sequence
 from pathlib import Path
 
 import pytest
 
 from motiongen_server.config import ServerConfig
 from motiongen_server.devices import EngineDevice
-from motiongen_server.engine.types import Chunk, Closed, CloseReason, Opened, Priority, ServiceTier, SessionKey
+from motiongen_server.engine.types import Chunk, Closed, CloseReason, Opened, Output, Priority, ServiceTier, SessionKey
 from motiongen_server.engine_process.connection import EngineLost
 from motiongen_server.engine_process.group import EngineGroup
 from motiongen_server.engine_process.pool import EnginePool
@@ -75,6 +76,17 @@ def test_a_killed_engine_ends_its_sessions_and_another_takes_its_place() -> None
         assert there.pid() != first
         assert engine.failure is None
         assert there.pool.processes[0].num_restarts == 1
+
+
+def test_that_an_engine_is_lost_is_told_also_where_it_had_no_sessions(monkeypatch: pytest.MonkeyPatch) -> None:
+    with remote() as there:
+        told: list[Sequence[Output]] = []
+        monkeypatch.setattr(there.pool.processes[0], "_deliver", told.append)
+        pid = there.pid()
+        assert pid is not None
+        os.kill(pid, signal.SIGKILL)
+        until(lambda: told)
+        assert told == [()]
 
 
 def test_a_lost_engine_has_no_sessions_and_no_load_until_another_reports() -> None:
@@ -249,3 +261,25 @@ def test_when_the_gateway_is_killed_its_engine_ends_too() -> None:
         gateway.kill()
         gateway.wait()
     until(lambda: is_gone(engine))
+
+
+def test_a_link_that_fails_itself_counts_as_a_failed_engine() -> None:
+    with remote() as there:
+        there.engine.submit(opening())
+        there.audience.wait_for_frames(40)
+        process, pid = there.pool.processes[0], there.pid()
+        assert pid is not None
+
+        def fail() -> None:
+            raise ZeroDivisionError("whoever is told of a loss")
+
+        process.serve_text(lambda message: None, tuple, fail)
+        os.kill(pid, signal.SIGKILL)
+        assert there.audience.wait_for_end().reason is CloseReason.ENGINE_FAULT
+        until(lambda: there.engine.failure is not None)  # so that the server ends, and is started anew
+        assert isinstance(there.engine.failure, ZeroDivisionError)
+        refusal = there.engine.submit(opening())
+        assert refusal is not None
+        assert refusal.reason == "ENGINE_RESTARTING"
+        with pytest.raises(EngineLost, match="has failed: whoever is told"):
+            there.pool.load("fake")

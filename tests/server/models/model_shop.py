@@ -19,6 +19,7 @@ from motiongen.v1 import admin_pb2, admin_pb2_grpc, service_pb2, service_pb2_grp
 from motiongen_compliance.talk import Talk
 from motiongen_server.app import Application
 from motiongen_server.config import ServerConfig
+from motiongen_server.models.manager import ModelManager
 from tests.contract.local import LengthEncoder
 from tests.server.application import config
 from tests.server.engine.fakes import FACTS, FakeRunner, RealTime
@@ -59,6 +60,11 @@ class Stage:
         self._admin_channel = grpc.aio.insecure_channel(f"127.0.0.1:{application.admin_port}")
         self.stub = service_pb2_grpc.MotionServiceStub(self._channel)  # type: ignore[no-untyped-call]
         self.admin = admin_pb2_grpc.MotionAdminServiceStub(self._admin_channel)  # type: ignore[no-untyped-call]
+
+    @property
+    def manager(self) -> ModelManager:
+        """What the application holds its models by."""
+        return self.application._manager
 
     async def close(self) -> None:
         await self._channel.close(None)

@@ -75,3 +75,24 @@ async def test_a_model_whose_text_encoder_does_not_fit_leaves_no_metrics() -> No
     factory.forget(served)
     assert frames_sent() is None
     factory.close()
+
+
+@pytest.mark.parametrize("broken", ["open_store", "make_catalog"])
+async def test_a_model_that_fails_after_it_was_loaded_is_let_go(broken: str, monkeypatch: pytest.MonkeyPatch) -> None:
+    def fail(*_: object, **__: object) -> None:
+        raise ValueError(broken)
+
+    metrics = Metrics()
+    factory, loads = ModelFactory(ServerConfig(), metrics), Loads(metrics)
+    factory.use(cast(Engines, loads))
+    labels = {"model": FACTS.model_id, "rig": FACTS.rig.rig_id}
+    with monkeypatch.context() as patched:
+        patched.setattr(f"motiongen_server.models.factory.{broken}", fail)
+        with pytest.raises(ValueError, match=broken):
+            await factory.load("fake")
+    assert loads.made[0].is_stopped, "else every engine process would hold it for good"
+    assert metrics.registry.get_sample_value("motiongen_build_info", labels) is None
+    await factory.load("fake")
+    assert not loads.made[1].is_stopped
+    assert metrics.registry.get_sample_value("motiongen_build_info", labels) == 1
+    factory.close()

@@ -3,6 +3,8 @@
 from __future__ import annotations
 
 import asyncio
+import logging
+from typing import cast
 
 import grpc
 import grpc.aio
@@ -11,6 +13,9 @@ import pytest
 from motiongen.v1 import admin_pb2, admin_pb2_grpc, service_pb2, session_pb2
 from motiongen_server.app import Application
 from motiongen_server.config import ServerConfig
+from motiongen_server.engine.engine_port import EnginePort
+from motiongen_server.models.manager import CannotKeep
+from motiongen_server.models.registry import ModelState
 from motiongen_server.settings import SettingError
 from tests.contract.local import LengthEncoder
 from tests.server.in_process import in_process
@@ -70,6 +75,38 @@ async def test_a_load_that_fails_is_told_and_leaves_the_others_serving(
     del stage.shop.broken["three"]
     await stage.admin.LoadModel(load("three"))
     await talk.open(2, model_id="three")
+
+
+async def test_a_load_that_the_end_of_the_server_breaks_off_is_no_fault(
+    stage: Stage, caplog: pytest.LogCaptureFixture
+) -> None:
+    stage.shop.broken["three"] = RuntimeError("the engine process was killed")
+    stage.shop.go.clear()
+    loading = asyncio.ensure_future(stage.manager.load("three"))
+    await stage.until(lambda models: models[-1].state == admin_pb2.MODEL_STATE_LOADING)
+    stage.manager.drain()
+    stage.shop.go.set()
+    with pytest.raises(CannotKeep, match="the server is going away") as told:
+        await loading
+    assert (told.value.code.name, told.value.reason) == ("UNAVAILABLE", "DRAINING")
+    assert [line.getMessage() for line in caplog.records if line.levelno > logging.INFO] == []
+
+
+class Leaving:
+    """An engine that has been told to end, and whose end nobody has noted yet."""
+
+    failure = None
+    heartbeat_at = 7.0
+
+
+async def test_of_a_model_that_is_being_unloaded_no_sign_of_life_is_waited_for(stage: Stage) -> None:
+    kept = stage.manager.kept[1]
+    engine, kept.state = kept.engine, ModelState.UNLOADING
+    kept.engine = cast(EnginePort, Leaving())
+    assert stage.manager.heartbeat_at > 7.0, "the server would count as not ready"
+    kept.state = ModelState.SERVING
+    assert stage.manager.heartbeat_at == 7.0
+    kept.engine = engine
 
 
 async def test_two_models_of_one_name_are_not_held(stage: Stage) -> None:

@@ -144,6 +144,10 @@ def test_what_no_store_should_do_ends_nothing_and_is_logged_once(caplog: pytest.
         b'{"address": "", "key": "", "free": {"m": 1%s}}' % (b"0" * 400),
         b"[" * MOST_BYTES,
         json.dumps({"address": "a" * 257, "key": "", "free": {}}).encode(),
+        b'{"address": "\\ud800:1", "key": "", "free": {}}',
+        b'{"address": "a:1", "key": "\\udcff", "free": {}}',
+        b'{"address": "a:1\\n", "key": "", "free": {}}',
+        '{"address": "", "key": "\u00fc", "free": {}}'.encode(),
         json.dumps({"address": "", "key": "", "free": {}, "more": "a" * MOST_BYTES}).encode(),
     ],
 )

@@ -129,6 +129,7 @@ def test_a_call_that_is_at_work_when_the_store_is_closed_ends_as_it_would(tmp_pa
         "redis://localhost:port",
         "redis://localhost/0?timeout=3",
         "redis://localhost/0?ssl_cert_reqs=none",
+        "redis://localhost/0?decode_responses=true",
         "rediss://localhost/0?ssl_cert_reqs=bogus",
     ],
 )

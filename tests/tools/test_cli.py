@@ -16,6 +16,7 @@ from motiongen_tools.cli_stream import TimedWaypoint
 from motiongen_tools.console import make_console
 from motiongen_tools.npz import read_npz
 from tests.client.fake_server import FakeServer
+from tests.client.synthetic import catalog
 
 
 def test_prompts_take_the_time_before_them() -> None:
@@ -163,6 +164,17 @@ async def test_catalog_lists_models_rigs_and_limits(server: FakeServer, capsys: 
     assert await command("catalog", "--server", server.address) == 0
     printed = capsys.readouterr().out
     assert all(word in printed for word in ("synthetic", "stick9", "2.5 M", "max_prompts", "CC0-1.0"))
+
+
+async def test_texts_are_shown_as_they_are(
+    server: FakeServer, capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    offered = catalog(100)
+    offered.models[0].licence = "[/red] [bold]CC0 :car:"
+    monkeypatch.setattr("tests.client.fake_server.catalog", lambda _: offered)
+    monkeypatch.setenv("COLUMNS", "300")
+    assert await command("catalog", "--server", server.address) == 0
+    assert "[/red] [bold]CC0 :car:" in capsys.readouterr().out
 
 
 async def test_a_model_that_is_not_there_lists_those_that_are(

@@ -11,6 +11,7 @@ import webbrowser
 from pathlib import Path
 
 from motiongen_client.errors import InvalidInput, MissingExtra
+from motiongen_client.line_policy import LinePolicy
 from motiongen_tools.arguments import add_start_timeout
 from motiongen_tools.connection import client_of
 from motiongen_tools.console import make_console, starting
@@ -57,7 +58,7 @@ async def view(options: argparse.Namespace) -> int:
             with starting(make_console(), "starting a server with the built-in model") as tell:
                 own = ServerProcess([], ready_timeout_s=options.start_timeout, tell=tell)
                 address = stack.enter_context(own).address
-        bridge = Bridge(Line(lambda: client_of(options, address)))
+        bridge = Bridge(Line(lambda: client_of(options, address, LinePolicy())))
         settings = uvicorn.Config(
             web_app(bridge, access, three), ws="websockets-sansio", log_config=None, access_log=False, lifespan="off",
             ws_per_message_deflate=False, ws_max_size=1 << 20, timeout_graceful_shutdown=2,

@@ -83,7 +83,7 @@ class Connection:
         """What its files of TLS hold. Raises InvalidInput."""
         return Pem(
             *(
-                b"" if path is None else _read(name, path)
+                b"" if path is None else _read_pem(name, path)
                 for name, path in (
                     ("tls-ca", self.authorities), ("tls-certificate", self.certificate), ("tls-key", self.key),
                 )
@@ -135,6 +135,14 @@ def client_of(options: argparse.Namespace, address: str, policy: LinePolicy | No
 def read_token(path: Path | None) -> str | None:
     """What the file holds, less the space around it. Raises InvalidInput."""
     return None if path is None else Connection(token_file=path).token()
+
+
+def _read_pem(name: str, path: Path) -> bytes:
+    """gRPC would only say that it does not come through."""
+    data = _read(name, path)
+    if b"-----BEGIN " not in data:
+        raise InvalidInput(name, str(path), "a PEM file, which is text with a line that begins with -----BEGIN")
+    return data
 
 
 def _read(name: str, path: Path) -> bytes:

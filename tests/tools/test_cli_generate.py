@@ -52,6 +52,7 @@ def test_two_prompts_at_one_frame_are_refused(stick_rig: Rig) -> None:
         ("--rate-hz 50", "--rate-hz is for .controller.csv"),
         ("--history-hz 50", "--history-hz is for the CSV of a G1"),
         ("--history-hz 50 --history walk.bvh", "--history-hz is for the CSV of a G1"),
+        ("--history-hz 50 --history g1.controller.csv", "--history-hz is for the CSV of a G1 without a clock"),
     ],
 )
 def test_an_option_that_would_do_nothing_is_named(

@@ -34,7 +34,7 @@ from motiongen_tools.connection import client_of
 from motiongen_tools.console import make_console, make_table, starting
 from motiongen_tools.constraint_file import read_constraints
 from motiongen_tools.conversion import convert_file
-from motiongen_tools.out_files import check_out, out_path, sample_paths
+from motiongen_tools.out_files import check_out, is_without_clock, out_path, sample_paths
 from motiongen_tools.server_process import ServerProcess
 from motiongen_tools.whole_file import whole_file
 
@@ -153,7 +153,7 @@ def read_prior(path: Path, rig: Rig, rate_hz: float | None) -> Motion:
     """Motion of the rig from a file; what is not in ARDY's NPZ form goes through the converter."""
     with tempfile.TemporaryDirectory() as folder:
         converted = Path(folder) / "history.npz"
-        rate = ("--fps", str(rate_hz or rig.frame_rate_hz)) if path.suffix == ".csv" else ()
+        rate = ("--fps", str(rate_hz or rig.frame_rate_hz)) if is_without_clock(path) else ()
         convert_file(path, converted, *rate)
         return read_ardy_npz(converted, rig)
 

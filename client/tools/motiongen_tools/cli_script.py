@@ -9,6 +9,7 @@ from typing import Any
 from motiongen_client.errors import InvalidInput
 from motiongen_client.motion import Rig
 from motiongen_tools.cli_stream import parse_seconds
+from motiongen_tools.out_files import is_without_clock
 
 
 @dataclass
@@ -75,8 +76,8 @@ def check_generate(parser: argparse.ArgumentParser, options: argparse.Namespace)
         parser.error(f"{options.server_arguments[0]!r} is for a server that this starts: give --start-server too")
     if options.rate_hz is not None and not any(out.name.endswith(".controller.csv") for out in options.out or ()):
         parser.error("--rate-hz is for .controller.csv: give --out NAME.controller.csv too")
-    if options.history_hz is not None and (options.history is None or options.history.suffix != ".csv"):
-        parser.error("--history-hz is for the CSV of a G1: give --history FILE.csv too")
+    if options.history_hz is not None and (options.history is None or not is_without_clock(options.history)):
+        parser.error("--history-hz is for the CSV of a G1 without a clock: give --history FILE.csv too")
     _check_times(parser, options)
 
 

@@ -48,3 +48,8 @@ def sample_paths(path: Path, num_samples: int) -> list[Path]:
 def suffix_of(path: Path) -> str:
     """The end of the name that tells the format; none where it tells nothing."""
     return next((suffix for suffix in SUFFIXES if path.name.endswith(suffix)), "")
+
+
+def is_without_clock(path: Path) -> bool:
+    """Whether its rows a second have to be said: of a robot's qpos alone."""
+    return path.name.lower().endswith(".csv") and not path.name.lower().endswith(".controller.csv")

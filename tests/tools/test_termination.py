@@ -6,6 +6,7 @@ import os
 import signal
 import subprocess
 import sys
+import urllib.request
 from pathlib import Path
 
 import pytest
@@ -36,6 +37,15 @@ sys.exit(cli.run(["generate", "walk", "--start-server", "--out", sys.argv[2]]))
 """
 
 
+VIEWING = """
+import sys
+from motiongen_tools import cli
+
+sys.stdout.reconfigure(line_buffering=True)
+sys.exit(cli.run(sys.argv[1:]))
+"""
+
+
 def started(program: str, *arguments: str) -> subprocess.Popen[str]:
     return subprocess.Popen(
         [sys.executable, "-c", program, *arguments], stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True
@@ -63,3 +73,19 @@ def test_a_server_that_is_being_started_does_not_stay(tmp_path: Path) -> None:
     assert process.returncode == 143
     with pytest.raises(ProcessLookupError):
         os.kill(int((tmp_path / "pid").read_text()), 0)
+
+
+@pytest.mark.parametrize("number", [signal.SIGTERM, signal.SIGINT])
+def test_a_viewer_ends_without_a_word_too_many(number: signal.Signals, tmp_path: Path) -> None:
+    (tmp_path / "build").mkdir()
+    (tmp_path / "build" / "three.module.js").write_text("export {};")
+    view = ["view", "--server", "localhost:1", "--port", "0", "--three", str(tmp_path)]
+    with started(VIEWING, *view) as process:
+        assert process.stdout is not None
+        page = process.stdout.readline().split()[-1]
+        with urllib.request.urlopen(page) as answer:  # it listens from before it has said so
+            assert answer.status == 200
+        process.send_signal(number)
+        _, error = process.communicate()
+    said = "terminated\n" if number == signal.SIGTERM else "interrupted\n"
+    assert (process.returncode, error) == (128 + number, said)

@@ -23,6 +23,10 @@ mkdir -m 700 "$folder"
 cd "$folder"
 folder=$(pwd)
 trap 'status=$?; if [ $status -ne 0 ]; then cat openssl.log entry >&2 2> /dev/null; rm -rf "$folder"; fi' EXIT
+# Of themselves signals end some shells without the line above.
+trap 'exit 129' HUP
+trap 'exit 130' INT
+trap 'exit 143' TERM
 umask 022
 
 key="-newkey ec -pkeyopt ec_paramgen_curve:P-256 -noenc"

@@ -82,3 +82,9 @@ async def test_token_metadata_and_options_reach_grpc(server: FakeServer, monkeyp
     assert seen == dict(OPTIONS) | dict(options) | {"grpc.enable_http_proxy": 0}
     assert [heard["authorization"] for heard in server.metadata[:2]] == ["Bearer one", "Bearer two"]
     assert all(heard["x-route"] == "blue" for heard in server.metadata)
+
+
+@pytest.mark.parametrize("address", ["a:²", "a:" + "1" * 5000, "a\udcff:1", "unix:/a\udcff", "a\0:1"])
+def test_an_address_that_is_no_text_is_named(address: str) -> None:
+    with pytest.raises(InvalidInput, match="allowed is host:port"):
+        ChannelSettings(address)

@@ -47,3 +47,9 @@ def test_each_has_a_name_for_messages() -> None:
         prompt_name(each) for each in ("hop", Preset("bow"), TextEmbedding([1], "e", "bows"), TextEmbedding([1], "e"))
     ]
     assert names == ["the prompt 'hop'", "the preset 'bow'", "the embedding of 'bows'", "an embedding"]
+
+
+def test_a_text_that_utf_8_cannot_write_is_named() -> None:
+    for prompt in ("walk\udcff", TextEmbedding([1.0], "static-1", "\ud800")):
+        with pytest.raises(InvalidInput, match=r"text: .* allowed is a text that UTF-8 can write"):
+            prompt_span(1, prompt, None)

@@ -7,6 +7,7 @@ import builtins
 from pathlib import Path
 from typing import Any
 
+import grpc
 import pytest
 
 from motiongen_ardy.data.bvh import read_bvh
@@ -16,6 +17,8 @@ from motiongen_tools.cli_stream import TimedWaypoint
 from motiongen_tools.console import make_console
 from motiongen_tools.npz import read_npz
 from tests.client.fake_server import FakeServer
+from tests.client.synthetic import catalog
+from tests.waiting import until_true
 
 
 def test_prompts_take_the_time_before_them() -> None:
@@ -165,11 +168,49 @@ async def test_catalog_lists_models_rigs_and_limits(server: FakeServer, capsys: 
     assert all(word in printed for word in ("synthetic", "stick9", "2.5 M", "max_prompts", "CC0-1.0"))
 
 
+async def test_texts_are_shown_as_they_are(
+    server: FakeServer, capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    offered = catalog(100)
+    offered.models[0].licence = "[/red] [bold]CC0 :car:"
+    monkeypatch.setattr("tests.client.fake_server.catalog", lambda _: offered)
+    monkeypatch.setenv("COLUMNS", "300")
+    assert await command("catalog", "--server", server.address) == 0
+    assert "[/red] [bold]CC0 :car:" in capsys.readouterr().out
+
+
 async def test_a_model_that_is_not_there_lists_those_that_are(
     server: FakeServer, capsys: pytest.CaptureFixture[str]
 ) -> None:
     assert await command("stream", "--server", server.address, "--prompt", "walk", "--model", "big") == 1
     assert "no model is called 'big'; known are: synthetic" in capsys.readouterr().err
+
+
+async def test_a_server_that_stays_away_ends_the_command(
+    server: FakeServer, tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    monkeypatch.setattr("motiongen_tools.connection.RECOVER_S", 0)
+    script = ["--prompt", "walk", "--seconds", "100000", "--realtime", "--out", str(tmp_path / "walk.bvh")]
+    running = asyncio.create_task(command("stream", "--server", server.address, *script))
+    await until_true(lambda: server.streams and server.stream.received)
+    server.stream.fail(grpc.StatusCode.UNAVAILABLE)
+    assert await running == 1
+    assert capsys.readouterr().err.splitlines()[-1].startswith("error: ")
+
+
+@pytest.mark.parametrize(
+    ("line", "server", "token"),
+    [
+        ("admin list", "localhost:50052", None),
+        ("admin --server a:1 list", "a:1", None),
+        ("admin list --server a:1 --token-file t", "a:1", Path("t")),
+        ("admin --server a:1 --token-file t load g1", "a:1", Path("t")),
+        ("admin unload g1 --grace 3 --server a:1", "a:1", None),
+    ],
+)
+def test_where_to_may_stand_before_or_behind_the_deed(line: str, server: str, token: Path | None) -> None:
+    options = parse(line.split())
+    assert (options.server, options.token_file) == (server, token)
 
 
 async def test_a_refusal_is_one_line(server: FakeServer, capsys: pytest.CaptureFixture[str]) -> None:

@@ -117,3 +117,19 @@ def test_npz_that_is_something_else_is_named(data: bytes | None, tmp_path: Path)
         path.write_bytes(data)
     with pytest.raises(InvalidInput, match="as write_npz makes it"):
         read_npz(path)
+
+
+def test_dollars_in_a_text_are_no_formula(stick_motion: Motion, tmp_path: Path) -> None:
+    panel = Panel(r"for $5 $\frac{x$", stick_motion, notes=[(20, r"$_{$ and \$")])
+    write_picture(tmp_path / "sheet.png", [panel], num_poses=2)
+    assert (tmp_path / "sheet.png").stat().st_size > 1000
+
+
+def test_npz_that_unpacks_to_more_than_is_allowed_is_not_unpacked(
+    stick_motion: Motion, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    write_npz(tmp_path / "walk.npz", stick_motion)
+    packed = (tmp_path / "walk.npz").stat().st_size
+    monkeypatch.setattr("motiongen_tools.npz.MAX_BYTES", packed)
+    with pytest.raises(InvalidInput, match="arrays of at most 0 MiB together"):
+        read_npz(tmp_path / "walk.npz")

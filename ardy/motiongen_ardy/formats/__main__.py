@@ -8,7 +8,7 @@ from pathlib import Path
 
 from motiongen_ardy.core.skeleton import load_skeleton, skeleton_names
 from motiongen_ardy.formats.errors import FormatError
-from motiongen_ardy.formats.files import MOTION_FORMATS, ReadOptions, read_motion, write_motion
+from motiongen_ardy.formats.files import MOTION_FORMATS, ReadOptions, format_of, read_motion, write_motion
 from motiongen_ardy.formats.g1_csv import QPOS_FPS
 from motiongen_ardy.robot.g1 import RobotError
 
@@ -24,15 +24,28 @@ def parser() -> argparse.ArgumentParser:
     arguments.add_argument("--from", dest="source_format", choices=names, help="what IN is, if its name does not tell")
     arguments.add_argument("--to", dest="target_format", choices=names, help="what OUT is, if its name does not tell")
     arguments.add_argument("--skeleton", choices=skeleton_names(), help="of IN, where it does not follow from the file")
-    arguments.add_argument("--fps", type=float, default=QPOS_FPS, help="rows a second of a g1-csv IN (%(default)s)")
+    arguments.add_argument("--fps", type=float, help=f"rows a second of a g1-csv IN ({QPOS_FPS})")
     arguments.add_argument("--rate-hz", type=float, help="rows a second of a g1-controller-csv OUT (those of IN)")
     return arguments
+
+
+def _check_rates(given: argparse.Namespace) -> None:
+    """Raises FormatError for a rate that would be left aside."""
+    for option, rate, path, name, only in (
+        ("--fps", given.fps, given.source, given.source_format, "g1-csv"),
+        ("--rate-hz", given.rate_hz, given.target, given.target_format, "g1-controller-csv"),
+    ):
+        found = format_of(path, name).name
+        if rate is not None and found != only:
+            raise FormatError(path, f"a file of {found}, which has the rate of its motion", f"leave out {option}")
 
 
 def main(argv: list[str] | None = None) -> int:
     given = parser().parse_args(argv)
     try:
-        options = ReadOptions(load_skeleton(given.skeleton) if given.skeleton else None, given.fps)
+        _check_rates(given)
+        fps = QPOS_FPS if given.fps is None else given.fps
+        options = ReadOptions(load_skeleton(given.skeleton) if given.skeleton else None, fps)
         stored = read_motion(given.source, options, given.source_format)
         said = write_motion(given.target, stored, given.rate_hz, given.target_format)
     except (FormatError, RobotError, OSError) as error:

@@ -40,6 +40,7 @@ REPLICA_KEY = "x-motiongen-key"
 DRAWN_KEY = re.compile(r"[0-9a-f]{16}")
 """Those that are drawn here: they name nobody, so servers may tell them to others."""
 _UNIX = "unix:"
+_MOST_PORT_DIGITS = 5
 _PROXY = "grpc.enable_http_proxy"
 _KEY = re.compile(r"(?!grpc-)[0-9a-z_.-]+(?<!-bin)")
 _TEXT = re.compile(r"[\x20-\x7e]+")
@@ -203,10 +204,12 @@ def has_drawn_key(settings: ChannelSettings) -> bool:
 
 def _host_of(address: str) -> str:
     """Raises InvalidInput."""
-    if address.startswith(_UNIX) and address != _UNIX:
+    is_text = address.isprintable()  # half a pair of UTF-16, as bytes that are no UTF-8 come, is not
+    if is_text and address.startswith(_UNIX) and address != _UNIX:
         return address
     host, _, port = address.rpartition(":")
-    if not host or not port.isdigit() or not 0 < int(port) < 65536:
+    is_number = port.isascii() and port.isdecimal() and len(port) <= _MOST_PORT_DIGITS
+    if not is_text or not host or not is_number or not 0 < int(port) < 65536:
         allowed = "host:port with a port from 1 to 65535, such as localhost:50051, or unix:PATH"
         raise InvalidInput("address", address, allowed)
     if ":" in host and not (host.startswith("[") and host.endswith("]")):

@@ -19,6 +19,7 @@ from motiongen_client.kinematics import (
     quaternion_to_matrix,
 )
 from motiongen_client.motion import CONTACT_BLOCK, ROOT_BLOCK, ROTATION_BLOCK, Float32, Motion, Rig
+from motiongen_tools.whole_file import whole_file
 
 _READ = ("local_rot_mats", "root_positions", "fps")
 _ORTHOGONAL_WITHIN = 1e-2
@@ -30,7 +31,7 @@ def write_ardy_npz(path: Path | str, motion: Motion, text: str = "") -> None:
     quaternions = motion.joint_rotation_quat_wxyz.astype(np.float64)
     positions, rotations = forward_kinematics(rig.parents, rig.offsets_m, root.astype(np.float64), quaternions)
     facing = heading_rad(rotations[:, 0]) if rig.hip_joints is None else facing_rad(positions, rig.hip_joints)
-    with Path(path).open("wb") as file:
+    with whole_file(path) as part, part.open("wb") as file:
         np.savez(
             file,
             local_rot_mats=quaternion_to_matrix(quaternions).astype(np.float32),

@@ -15,6 +15,7 @@ from numpy.typing import NDArray
 from motiongen_client.errors import InvalidInput
 from motiongen_client.kinematics import Array, quaternion_to_matrix
 from motiongen_client.motion import Motion, Rig
+from motiongen_tools.whole_file import whole_file
 
 _END_SITE_M = 0.05  # how far a last joint is drawn, in the direction of its bone
 
@@ -29,7 +30,7 @@ def write_bvh(path: Path | str, motion: Motion, *, units_per_metre: float = 100.
     angles = np.degrees(euler_zxy(quaternion_to_matrix(motion.joint_rotation_quat_wxyz.astype(np.float64))))
     root = motion.root_translation_m.astype(np.float64) * units_per_metre
     order: list[int] = []
-    with Path(path).open("w", encoding="ascii", newline="\n") as file:
+    with whole_file(path) as part, part.open("w", encoding="utf-8", newline="\n") as file:
         file.write("HIERARCHY\n")
         _write_joint(file, rig, 0, 0, units_per_metre, order)
         file.write(f"MOTION\nFrames: {len(motion)}\nFrame Time: {1 / rig.frame_rate_hz:.8f}\n")

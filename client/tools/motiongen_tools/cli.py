@@ -6,6 +6,7 @@ import argparse
 import asyncio
 import contextlib
 import logging
+import re
 import sys
 from collections.abc import Iterator, Sequence
 from pathlib import Path
@@ -26,22 +27,26 @@ from motiongen_tools.cli_script import AtAction, PromptAction, Script, check_gen
 from motiongen_tools.connection import add_connection
 from motiongen_tools.demo import command
 from motiongen_tools.demo.script import PLACE_BOUND_M, STORY_S
+from motiongen_tools.termination import Terminated, terminating
 
 DEFAULT_SERVER = "localhost:50051"
 
 
 def run(arguments: Sequence[str]) -> int:
-    """Run one command. Returns 0, 1 when it failed, 2 for wrong arguments, 130 when interrupted."""
+    """Run one command. Returns 0, 1 when it failed, 2 for wrong arguments, 130 when interrupted, 143 by SIGTERM."""
     try:
         options = parse(arguments)
     except SystemExit as end:  # argparse has printed why, or the help
         return int(end.code or 0)
     try:
-        with warnings_shown():
+        with warnings_shown(), terminating():
             result: int = asyncio.run(options.command(options))
     except KeyboardInterrupt:
         print("interrupted", file=sys.stderr)
         return 130
+    except Terminated as end:
+        print("terminated", file=sys.stderr)
+        return int(end.code or 0)
     except (MotiongenError, OSError) as error:  # a disk that is full, a folder that is gone
         print(f"error: {error}", file=sys.stderr)
         return 1
@@ -65,6 +70,7 @@ def parse(arguments: Sequence[str]) -> argparse.Namespace:
     """The options of a command line. Exits with 2, and says why, where they make no sense."""
     parser = _parser()
     arguments, settings = _server_settings(list(arguments))
+    arguments = _with_places(arguments)
     options = parser.parse_args(arguments)
     if options.command is cli_generate.generate:
         options.server_arguments = settings
@@ -82,6 +88,17 @@ def _server_settings(arguments: list[str]) -> tuple[list[str], list[str]]:
         return arguments, []
     at = arguments.index("--")
     return arguments[:at], arguments[at + 1 :]
+
+
+def _with_places(arguments: list[str]) -> list[str]:
+    """`--waypoint -1,2@3` as one argument: argparse takes what begins with a dash for an option."""
+    joined: list[str] = []
+    for argument in arguments:
+        if joined and joined[-1] == "--waypoint" and re.match(r"-[\d.]", argument):
+            joined[-1] += f"={argument}"
+        else:
+            joined.append(argument)
+    return joined
 
 
 def _parser() -> argparse.ArgumentParser:

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import argparse
 from collections.abc import Callable
+from pathlib import Path
 
 from motiongen_client.admin import AdminClient, ModelStatus
 from motiongen_tools.connection import add_token, read_token
@@ -19,11 +20,13 @@ def add_arguments(parser: argparse.ArgumentParser, seconds: Callable[[str], floa
     )
     add_token(parser)
     deeds = parser.add_subparsers(required=True, metavar="DEED", dest="deed")
-    deeds.add_parser("list", help="which models it holds, and what they are doing")
+    listing = deeds.add_parser("list", help="which models it holds, and what they are doing")
     load = deeds.add_parser("load", help="one model more")
     load.add_argument("source", metavar="SOURCE", help="a name, a folder of its machine, or a hub's owner/name")
+    others = []
     for name, meaning in (("unload", "one model less"), ("reload", "the same model anew, from where it came")):
         deed = deeds.add_parser(name, help=meaning)
+        others.append(deed)
         deed.add_argument("model", metavar="MODEL", help="as the list names it")
         deed.add_argument(
             "--grace",
@@ -31,6 +34,10 @@ def add_arguments(parser: argparse.ArgumentParser, seconds: Callable[[str], floa
             metavar="SECONDS",
             help="how long its sessions may go on before they are closed (default: refused while any is open)",
         )
+    for each in (listing, load, *others):
+        # After the deed too, where many write them. Unless given there they stay as they were before it.
+        each.add_argument("--server", default=argparse.SUPPRESS, metavar="HOST:PORT", help=argparse.SUPPRESS)
+        each.add_argument("--token-file", default=argparse.SUPPRESS, type=Path, metavar="FILE", help=argparse.SUPPRESS)
 
 
 async def admin(options: argparse.Namespace) -> int:

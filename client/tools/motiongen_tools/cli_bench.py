@@ -103,7 +103,7 @@ async def bench(options: argparse.Namespace) -> int:
         seed=secrets.randbits(32) if options.seed is None else options.seed,
         denoise_steps=options.steps,
         connection=connection_of(options),
-        program=options.program,
+        program=options.program and options.program.absolute(),  # a bare name would be looked for in PATH
     )
     with contextlib.ExitStack() as stack:
         pid, ops_address = None, ""
@@ -139,7 +139,7 @@ async def bench(options: argparse.Namespace) -> int:
     if found is not None:
         console.print(terminal.describe_found(found), soft_wrap=True)
     for path in write_report(options.out, standard, result, found):
-        console.print(f"wrote {path}", soft_wrap=True, markup=False)
+        console.print(f"wrote {path}", soft_wrap=True)
     if found is not None:
         return VOID if found.limited_by_generator else 0
     return VOID if result is None or result.void_reasons() else 0

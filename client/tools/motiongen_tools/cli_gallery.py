@@ -60,14 +60,14 @@ async def gallery(options: argparse.Namespace) -> int:
                 for column, (name, steps) in enumerate(columns):
                     if name == model:
                         await _fill(page, column, client, asked, steps, options.seed)
-                        console.print(f"{names[column]}: done", soft_wrap=True, markup=False)
+                        console.print(f"{names[column]}: done", soft_wrap=True)
     for part, title, animation in evaluated:
         page.add(f"Evaluation: {part}", title, 0, animation.shown())
     write_gallery(options.out, page)
     num_rows = sum(len(rows) for rows in page.parts.values())
     size = options.out.stat().st_size / (1 << 20)
     told = f"wrote {options.out}: {num_rows} rows, {size:.1f} MiB; open it in a browser"
-    console.print(told, soft_wrap=True, markup=False)
+    console.print(told, soft_wrap=True)
     return 0
 
 

@@ -6,13 +6,14 @@ import argparse
 import asyncio
 import contextlib
 import json
+import sys
 import tempfile
 import time
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
 from pathlib import Path
 from typing import Any
 
-from motiongen_client.errors import InvalidInput
+from motiongen_client.errors import InvalidInput, MotiongenError
 from motiongen_client.motion import Motion, Rig
 from motiongen_client.types import (
     Clip,
@@ -26,17 +27,16 @@ from motiongen_client.types import (
     SessionOptions,
 )
 from motiongen_tools.ardy_npz import read_ardy_npz, write_ardy_npz
-from motiongen_tools.arguments import add_start_timeout, check_file_to_write
+from motiongen_tools.arguments import add_start_timeout
 from motiongen_tools.bvh import write_bvh
 from motiongen_tools.cli_stream import parse_seconds, parse_waypoint
 from motiongen_tools.connection import client_of
 from motiongen_tools.console import make_console, make_table, starting
 from motiongen_tools.constraint_file import read_constraints
 from motiongen_tools.conversion import convert_file
+from motiongen_tools.out_files import check_out, is_without_clock, out_path, sample_paths
 from motiongen_tools.server_process import ServerProcess
-
-# Longer ends first: the first that fits decides.
-SUFFIXES = (".controller.csv", ".csv", ".npz", ".bvh", ".glb", ".json")
+from motiongen_tools.whole_file import whole_file
 
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
@@ -77,8 +77,7 @@ async def generate(options: argparse.Namespace) -> int:
     console = make_console()
     outs = options.out or [Path("motion.npz")]
     for out in outs:
-        for path in [out] if out.name.endswith(".json") else sample_paths(out, options.samples):
-            check_file_to_write("--out", path)
+        check_out(out, options.samples)
     with contextlib.ExitStack() as stack:
         address = options.server
         if options.start_server:
@@ -94,7 +93,7 @@ async def generate(options: argparse.Namespace) -> int:
             if options.constraints is not None:
                 longest = catalog.limits.max_trajectory_frames
                 constraints += read_constraints(options.constraints, rig, num_frames, longest)
-            prompts = {rig.frames_in(at_s): text for at_s, text in options.script.prompts}
+            prompts = options.script.in_frames(rig, num_frames)
             opening = await asyncio.to_thread(session_options, options, model, rig)
             begun_s = time.monotonic()
             clips = await client.generate_clip(
@@ -107,9 +106,13 @@ async def generate(options: argparse.Namespace) -> int:
             )
             took_s = time.monotonic() - begun_s
     text = "; then ".join(prompts[frame] for frame in sorted(prompts))
+    failures: list[Exception] = []
     for out in outs:
-        for path, lines in write_clips(out, clips, constraints, text, options.rate_hz):
-            console.print("; ".join([f"wrote {path}", *lines]), soft_wrap=True, markup=False)
+        try:
+            for path, lines in write_clips(out, clips, constraints, text, options.rate_hz):
+                console.print("; ".join([f"wrote {path}", *lines]), soft_wrap=True)
+        except (MotiongenError, OSError) as failure:  # the other files are written all the same
+            failures.append(failure)
     samples = f"{options.samples} samples" if options.samples > 1 else "1 sample"
     console.print(
         f"{samples} of {num_frames / rig.frame_rate_hz:g} s in {took_s:.2f} s, seed {clips[0].seed}, "
@@ -119,7 +122,9 @@ async def generate(options: argparse.Namespace) -> int:
     if constraints:
         console.print(residual_table(clips, constraints))
     console.print(f"The weights of {model.model_id} are licensed {model.licence}.", soft_wrap=True)
-    return 0
+    for one in failures:
+        print(f"error: {one}", file=sys.stderr)
+    return 1 if failures else 0
 
 
 def session_options(options: argparse.Namespace, model: Model, rig: Rig) -> SessionOptions:
@@ -148,25 +153,25 @@ def read_prior(path: Path, rig: Rig, rate_hz: float | None) -> Motion:
     """Motion of the rig from a file; what is not in ARDY's NPZ form goes through the converter."""
     with tempfile.TemporaryDirectory() as folder:
         converted = Path(folder) / "history.npz"
-        rate = ("--fps", str(rate_hz or rig.frame_rate_hz)) if path.suffix == ".csv" else ()
+        rate = ("--fps", str(rate_hz or rig.frame_rate_hz)) if is_without_clock(path) else ()
         convert_file(path, converted, *rate)
         return read_ardy_npz(converted, rig)
 
 
 def write_clips(
     out: Path, clips: Sequence[Clip], constraints: Sequence[Constraint], text: str, rate_hz: float | None
-) -> list[tuple[Path, list[str]]]:
-    """Write every sample; returns the files, each with what its format could not keep."""
+) -> Iterator[tuple[Path, list[str]]]:
+    """Write every sample; gives the files as they are written, each with what its format could not keep."""
     if out.name.endswith(".json"):
         out.parent.mkdir(parents=True, exist_ok=True)
         report = [clip_report(clip, constraints) for clip in clips]
-        out.write_text(json.dumps({"prompt": text, "samples": report}, indent=2) + "\n", encoding="utf-8")
-        return [(out, [])]
-    written = []
+        with whole_file(out) as part:
+            part.write_text(json.dumps({"prompt": text, "samples": report}, indent=2) + "\n", encoding="utf-8")
+        yield out, []
+        return
     for path, clip in zip(sample_paths(out, len(clips)), clips, strict=True):
         path.parent.mkdir(parents=True, exist_ok=True)
-        written.append((path, write_motion(path, clip.motion, text, rate_hz)))
-    return written
+        yield path, write_motion(path, clip.motion, text, rate_hz)
 
 
 def write_motion(path: Path, motion: Motion, text: str, rate_hz: float | None) -> list[str]:
@@ -182,20 +187,6 @@ def write_motion(path: Path, motion: Motion, text: str, rate_hz: float | None) -
             is_controller = path.name.endswith(".controller.csv") and rate_hz is not None
             return convert_file(source, path, *(("--rate-hz", str(rate_hz)) if is_controller else ()))
     return []
-
-
-def sample_paths(path: Path, num_samples: int) -> list[Path]:
-    """Where samples go, as ARDY's command line has it: walk.npz alone, else walk/walk_00.npz and so on."""
-    if num_samples == 1:
-        return [path]
-    suffix = suffix_of(path)
-    stem = path.name.removesuffix(suffix)
-    return [path.parent / stem / f"{stem}_{index:02d}{suffix}" for index in range(num_samples)]
-
-
-def suffix_of(path: Path) -> str:
-    """The end of the name that tells the format; none where it tells nothing."""
-    return next((suffix for suffix in SUFFIXES if path.name.endswith(suffix)), "")
 
 
 def clip_report(clip: Clip, constraints: Sequence[Constraint]) -> dict[str, Any]:
@@ -256,14 +247,6 @@ def describe(constraint: Constraint) -> str:
         return f"{what} at frame {constraint.first_frame}" + (f" to {last}" if what == "path" else "")
     what = "keyframe" if isinstance(constraint, Keyframe) else type(constraint).__name__.lower()
     return f"{'joints' if what == 'jointtargets' else what} at frame {constraint.frame}"
-
-
-def out_path(text: str) -> Path:
-    """Raises ArgumentTypeError, which argparse prints, for a name that tells no format."""
-    path = Path(text)
-    if not suffix_of(path) or not path.name.removesuffix(suffix_of(path)):
-        raise argparse.ArgumentTypeError(f"{text!r} was given; allowed is a name that ends in {', '.join(SUFFIXES)}")
-    return path
 
 
 def _positive(text: str) -> float:

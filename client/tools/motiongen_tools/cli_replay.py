@@ -11,10 +11,11 @@ from motiongen_client.motion import Motion
 from motiongen_client.session import Session
 from motiongen_client.types import StartPose
 from motiongen_tools.arguments import check_file_to_write
-from motiongen_tools.cli_generate import out_path, write_motion
+from motiongen_tools.cli_generate import write_motion
 from motiongen_tools.connection import client_of
 from motiongen_tools.console import make_console
 from motiongen_tools.npz import write_npz
+from motiongen_tools.out_files import motion_path
 from motiongen_tools.view.commands import apply, read_prompt
 from motiongen_tools.view.rehearsal import Rehearsal, ToldAt
 from motiongen_tools.view.room import session_options
@@ -25,7 +26,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     """The options of the command, but for which server."""
     parser.add_argument("file", type=Path, metavar="FILE", help="that the viewer saved, or one like it")
     parser.add_argument(
-        "--out", type=out_path, action="append", metavar="FILE", help="again for more (default: replay.npz)"
+        "--out", type=motion_path, action="append", metavar="FILE", help="again for more (default: replay.npz)"
     )
 
 
@@ -46,11 +47,11 @@ async def replay(options: argparse.Namespace) -> int:
         await session.close()
     for path in outs:
         for line in [f"wrote {path}", *_write(path, motion)]:
-            console.print(line, soft_wrap=True, markup=False)
+            console.print(line, soft_wrap=True)
     others = [f"{edit.message['op']} at frame {edit.at_frame}: {said}" for edit, said in answers if said]
     console.print(f"{len(answers)} edits, {len(others)} of them took effect otherwise than then", soft_wrap=True)
     for line in others:
-        console.print(f"  {line}", soft_wrap=True, markup=False)
+        console.print(f"  {line}", soft_wrap=True)
     return 0
 
 

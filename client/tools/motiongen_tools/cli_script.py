@@ -6,7 +6,10 @@ import argparse
 from dataclasses import dataclass, field
 from typing import Any
 
+from motiongen_client.errors import InvalidInput
+from motiongen_client.motion import Rig
 from motiongen_tools.cli_stream import parse_seconds
+from motiongen_tools.out_files import is_without_clock
 
 
 @dataclass
@@ -15,6 +18,21 @@ class Script:
 
     prompts: list[tuple[float, str]] = field(default_factory=list)
     waiting_at_s: float | None = None
+
+    def in_frames(self, rig: Rig, num_frames: int) -> dict[int, str]:
+        """The prompts by frame, of num_frames frames: a time just before the end is nearest to one that there is not.
+
+        Raises InvalidInput for two at one frame: only one of them would be heard.
+        """
+        prompts: dict[int, str] = {}
+        for at_s, text in self.prompts:
+            frame = min(rig.frames_in(at_s), num_frames - 1)
+            if frame in prompts:
+                frame_s = 1 / rig.frame_rate_hz
+                allowed = f"a time of another frame than the prompt before it has: one is {frame_s:g} s long"
+                raise InvalidInput("--at", f"{at_s:g} s", allowed)
+            prompts[frame] = text
+        return prompts
 
 
 class PromptAction(argparse.Action):
@@ -56,6 +74,10 @@ def check_generate(parser: argparse.ArgumentParser, options: argparse.Namespace)
         parser.error("nothing to do: give a PROMPT, --waypoint, --constraints or --history")
     if options.server_arguments and not options.start_server:
         parser.error(f"{options.server_arguments[0]!r} is for a server that this starts: give --start-server too")
+    if options.rate_hz is not None and not any(out.name.endswith(".controller.csv") for out in options.out or ()):
+        parser.error("--rate-hz is for .controller.csv: give --out NAME.controller.csv too")
+    if options.history_hz is not None and (options.history is None or not is_without_clock(options.history)):
+        parser.error("--history-hz is for the CSV of a G1 without a clock: give --history FILE.csv too")
     _check_times(parser, options)
 
 

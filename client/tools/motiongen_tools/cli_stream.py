@@ -73,7 +73,7 @@ async def stream(options: argparse.Namespace) -> int:
         rig = catalog.rig(model.rig_id)
         num_frames = max(1, rig.frames_in(options.seconds))
         waypoints = [waypoint.in_frames(rig, num_frames) for waypoint in options.waypoint]
-        prompts = {rig.frames_in(at_s): text for at_s, text in options.script.prompts}
+        prompts = options.script.in_frames(rig, num_frames)
         session = await client.open(
             prompts.get(0),
             later_prompts={frame: text for frame, text in prompts.items() if frame > 0},
@@ -91,7 +91,7 @@ async def stream(options: argparse.Namespace) -> int:
     title = "; then ".join(prompts[frame] for frame in sorted(prompts)) or "no prompt"
     notes = [(frame, text) for frame, text in prompts.items() if frame > 0]
     for path in write_files(options.out, Panel(title, motion, waypoints, notes), npz=options.npz, png=options.png):
-        console.print(f"wrote {path}", soft_wrap=True, markup=False)
+        console.print(f"wrote {path}", soft_wrap=True)
     report = make_table("", "measured", "value")
     for name, value in measurements(session, motion, waypoints):
         report.add_row(name, value)

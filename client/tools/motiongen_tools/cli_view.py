@@ -6,15 +6,19 @@ import argparse
 import asyncio
 import contextlib
 import logging
+import signal
 import socket
 import webbrowser
 from pathlib import Path
+from types import FrameType
 
 from motiongen_client.errors import InvalidInput, MissingExtra
+from motiongen_client.line_policy import LinePolicy
 from motiongen_tools.arguments import add_start_timeout
 from motiongen_tools.connection import client_of
 from motiongen_tools.console import make_console, starting
 from motiongen_tools.server_process import ServerProcess
+from motiongen_tools.termination import Terminated
 
 DEFAULT_PORT = 8321
 
@@ -57,12 +61,19 @@ async def view(options: argparse.Namespace) -> int:
             with starting(make_console(), "starting a server with the built-in model") as tell:
                 own = ServerProcess([], ready_timeout_s=options.start_timeout, tell=tell)
                 address = stack.enter_context(own).address
-        bridge = Bridge(Line(lambda: client_of(options, address)))
+        bridge = Bridge(Line(lambda: client_of(options, address, LinePolicy())))
         settings = uvicorn.Config(
             web_app(bridge, access, three), ws="websockets-sansio", log_config=None, access_log=False, lifespan="off",
             ws_per_message_deflate=False, ws_max_size=1 << 20, timeout_graceful_shutdown=2,
         )  # fmt: skip
         server = uvicorn.Server(settings)
+        ended_by: list[int] = []
+
+        def note(sig: int, frame: FrameType | None) -> None:
+            ended_by.append(sig)
+            server.should_exit = True
+
+        server.handle_exit = note  # type: ignore[method-assign]  # its own would raise the signal again, in its task
         _say_where(listening, access.control_token, access.watch_token, address, options.open)
         logging.getLogger("uvicorn").setLevel(logging.WARNING)
         running = asyncio.create_task(bridge.run())
@@ -75,6 +86,8 @@ async def view(options: argparse.Namespace) -> int:
             running.cancel()
             with contextlib.suppress(asyncio.CancelledError):
                 await running  # raises why it ended, if it did so by itself
+    if ended_by:
+        raise KeyboardInterrupt if ended_by[0] == signal.SIGINT else Terminated(128 + ended_by[0])
     return 0
 
 

@@ -12,7 +12,11 @@ import grpc.aio
 
 from motiongen_client.client import MotionClient
 from motiongen_client.errors import InvalidInput
+from motiongen_client.line_policy import LinePolicy
 from motiongen_tools.arguments import number_above_zero
+
+RECOVER_S = 30.0
+"""How long a command tries to reach a server that it has lost: nobody may be there to end one that waits for ever."""
 
 
 @dataclass(frozen=True)
@@ -40,14 +44,21 @@ class Connection:
     token_file: Path | None = None
     connect_timeout_s: float = 10.0
 
-    def client(self, address: str) -> MotionClient:
-        """A client for a server, not connected yet. Raises InvalidInput."""
+    def client(self, address: str, policy: LinePolicy | None = None) -> MotionClient:
+        """A client for a server, not connected yet. Raises InvalidInput.
+
+        policy: by default it fails where its line was lost and none is to be had for RECOVER_S.
+        """
         token = None
         if self.token_file is not None:
             self.token()  # a file that is not there is told now
             token = self.token
         return MotionClient(
-            address, credentials=self.credentials(), token=token, connect_timeout_s=self.connect_timeout_s
+            address,
+            credentials=self.credentials(),
+            token=token,
+            connect_timeout_s=self.connect_timeout_s,
+            policy=policy or LinePolicy(recover_s=RECOVER_S),
         )
 
     def channel(self, address: str, options: Sequence[tuple[str, int]]) -> grpc.aio.Channel:
@@ -72,7 +83,7 @@ class Connection:
         """What its files of TLS hold. Raises InvalidInput."""
         return Pem(
             *(
-                b"" if path is None else _read(name, path)
+                b"" if path is None else _read_pem(name, path)
                 for name, path in (
                     ("tls-ca", self.authorities), ("tls-certificate", self.certificate), ("tls-key", self.key),
                 )
@@ -116,14 +127,22 @@ def connection_of(options: argparse.Namespace) -> Connection:
     return Connection(tls, options.tls_ca, certificate, key, options.token_file, options.connect_timeout)
 
 
-def client_of(options: argparse.Namespace, address: str) -> MotionClient:
-    """A client for a server, not connected yet. Raises InvalidInput."""
-    return connection_of(options).client(address)
+def client_of(options: argparse.Namespace, address: str, policy: LinePolicy | None = None) -> MotionClient:
+    """As Connection.client. Raises InvalidInput."""
+    return connection_of(options).client(address, policy)
 
 
 def read_token(path: Path | None) -> str | None:
     """What the file holds, less the space around it. Raises InvalidInput."""
     return None if path is None else Connection(token_file=path).token()
+
+
+def _read_pem(name: str, path: Path) -> bytes:
+    """gRPC would only say that it does not come through."""
+    data = _read(name, path)
+    if b"-----BEGIN " not in data:
+        raise InvalidInput(name, str(path), "a PEM file, which is text with a line that begins with -----BEGIN")
+    return data
 
 
 def _read(name: str, path: Path) -> bytes:

@@ -15,12 +15,15 @@ if TYPE_CHECKING:
 
 
 def make_console() -> Console:
-    """A console on standard output. Raises MissingExtra without rich."""
+    """A console on standard output, which shows texts as they are: servers and files have brackets in names, too.
+
+    Raises MissingExtra without rich.
+    """
     try:
         from rich.console import Console
     except ImportError:
         raise MissingExtra("the command line", "rich", "cli") from None
-    return Console(highlight=False)
+    return Console(highlight=False, markup=False, emoji=False)
 
 
 def make_progress(console: Console) -> Progress:

@@ -10,6 +10,7 @@ import sys
 from pathlib import Path
 
 from motiongen_client.errors import MotiongenError
+from motiongen_tools.whole_file import whole_file
 
 
 class ConversionFailed(MotiongenError):
@@ -17,13 +18,19 @@ class ConversionFailed(MotiongenError):
 
 
 def convert_file(source: Path, target: Path, *options: str) -> list[str]:
-    """Convert a motion file to what the target's name says; returns what could not be kept, or had to change."""
-    command = [sys.executable, "-m", "motiongen_ardy.formats", *options, str(source), str(target)]
-    done = subprocess.run(command, capture_output=True, text=True, check=False)
-    if done.returncode == 0:
-        return [line.strip() for line in done.stdout.splitlines()[1:]]
-    said = done.stderr.strip().splitlines()
-    reason = said[-1].removeprefix("error: ") if said else f"exit code {done.returncode}"
-    if "No module named" in reason:
-        reason = "it is not installed here: install motiongen-ardy, or write .npz or .bvh, which need none"
-    raise ConversionFailed(f"{target.name}: the converter failed: {reason}")
+    """Convert a motion file to what the target's name says; returns what could not be kept, or had to change.
+
+    Raises ConversionFailed, and OSError where the target's folder cannot be written.
+    """
+    with whole_file(target) as part:
+        # whole paths: a name that begins with a dash would be read as an option
+        files = (str(source.absolute()), str(part))
+        command = [sys.executable, "-m", "motiongen_ardy.formats", *options, *files]
+        done = subprocess.run(command, capture_output=True, text=True, errors="replace", check=False)
+        if done.returncode != 0:
+            said = done.stderr.strip().splitlines()
+            reason = said[-1].removeprefix("error: ") if said else f"exit code {done.returncode}"
+            if "No module named" in reason:
+                reason = "it is not installed here: install motiongen-ardy, or write .npz or .bvh, which need none"
+            raise ConversionFailed(f"{target.name}: the converter failed: {reason.replace(str(part), str(target))}")
+    return [line.strip() for line in done.stdout.splitlines()[1:]]

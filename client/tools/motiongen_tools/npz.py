@@ -10,8 +10,11 @@ import numpy as np
 
 from motiongen_client.errors import InvalidInput
 from motiongen_client.motion import Motion, Rig
+from motiongen_tools.whole_file import whole_file
 
 _FORMAT = "motiongen-motion-1"
+MAX_BYTES = 512 << 20
+"""Of all arrays of a file that is read: a small one can be packed from any number of zeros."""
 
 
 def write_npz(path: Path | str, motion: Motion) -> None:
@@ -22,7 +25,7 @@ def write_npz(path: Path | str, motion: Motion) -> None:
     and rows (T, D), from which `read_npz` makes the same motion again.
     """
     rig = motion.rig
-    with Path(path).open("wb") as file:
+    with whole_file(path) as part, part.open("wb") as file:
         np.savez_compressed(
             file,
             format=_FORMAT,
@@ -49,11 +52,14 @@ def read_npz(path: Path | str) -> Motion:
         return _read(path, allowed)
     except InvalidInput:
         raise
-    except (ValueError, LookupError, TypeError, EOFError, zipfile.BadZipFile, zlib.error) as error:
+    except (ValueError, LookupError, TypeError, EOFError, MemoryError, zipfile.BadZipFile, zlib.error) as error:
         raise InvalidInput("path", str(path), f"{allowed}: {error}") from None
 
 
 def _read(path: Path | str, allowed: str) -> Motion:
+    with zipfile.ZipFile(path) as packed:
+        if sum(entry.file_size for entry in packed.infolist()) > MAX_BYTES:
+            raise InvalidInput("path", str(path), f"arrays of at most {MAX_BYTES >> 20} MiB together")
     with Path(path).open("rb") as file, np.load(file, allow_pickle=False) as data:
         if "format" not in data or str(data["format"]) != _FORMAT:
             raise InvalidInput("path", str(path), allowed)

@@ -16,7 +16,9 @@ from numpy.typing import NDArray
 from motiongen_client.errors import InvalidInput, MissingExtra
 from motiongen_client.motion import Motion
 from motiongen_client.types import Waypoint
+from motiongen_tools.picture_text import as_written
 from motiongen_tools.poses import GOAL, GROUND, HEADROOM_M, QUIET, SLOT_M, draw_poses, draw_way, frame_ground
+from motiongen_tools.whole_file import whole_file
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
@@ -48,7 +50,8 @@ def write_picture(path: Path | str, panels: Sequence[Panel], *, num_poses: int =
     for row, panel in enumerate(panels):
         _draw_path(figure.add_subplot(grid[row, 0]), panel)
         _draw_strip(figure.add_subplot(grid[row, 1]), panel, num_poses)
-    figure.savefig(path, format="png")
+    with whole_file(path) as part:
+        figure.savefig(part, format="png")
 
 
 def _draw_path(axes: Axes, panel: Panel) -> None:
@@ -75,7 +78,7 @@ def _draw_strip(axes: Axes, panel: Panel, num_poses: int) -> None:
         axes.text(place, -0.06, f"{seconds:.1f} s", ha="center", va="top", fontsize=6.5, color=QUIET)
     axes.axhline(0, color=GROUND, linewidth=1, zorder=0)
     _write_notes(axes, panel, rows)
-    axes.set_title(panel.title, loc="left", fontsize=9.5, color="#111111", pad=3)
+    axes.set_title(as_written(panel.title), loc="left", fontsize=9.5, color="#111111", pad=3)
     axes.set_xlim(-0.8, (num_poses - 1) * SLOT_M + 0.8)
     axes.set_ylim(-0.3, HEADROOM_M)
     axes.set_aspect("equal", anchor="W")
@@ -87,4 +90,4 @@ def _write_notes(axes: Axes, panel: Panel, rows: NDArray[np.int_]) -> None:
     for frame, text in panel.notes:
         slot = np.interp(frame, frames, np.arange(len(rows)))
         axes.plot([slot * SLOT_M] * 2, [0, HEADROOM_M - 0.05], color=GOAL, linewidth=1, linestyle=(0, (4, 3)))
-        axes.text(slot * SLOT_M + 0.05, HEADROOM_M - 0.02, text, fontsize=8, color=GOAL, va="top")
+        axes.text(slot * SLOT_M + 0.05, HEADROOM_M - 0.02, as_written(text), fontsize=8, color=GOAL, va="top")

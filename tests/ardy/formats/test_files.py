@@ -80,6 +80,11 @@ def test_the_clock_of_a_file_without_one_can_be_told(tmp_path: Path, walk: Store
         (("walk.csv", "out.xyz"), "the name tells no format"),
         (("walk.csv", "out.controller.csv", "--rate-hz", "0"), "the rate is 0.0 Hz"),
         (("walk.csv", "out.npz", "--fps", "0.5"), "give a whole number"),
+        (
+            ("walk.csv", "out.npz", "--rate-hz", "50"),
+            "leave out --rate-hz",
+        ),
+        (("walk.npz", "out.bvh", "--fps", "50"), "leave out --fps"),
         (("walk.csv", "out.npz", "--from", "npz"), "not a readable NPZ"),
     ],
 )

@@ -4,14 +4,18 @@ from __future__ import annotations
 
 import json
 import re
+from dataclasses import replace
 from html.parser import HTMLParser
 from pathlib import Path
 
 from hdrh.histogram import HdrHistogram
 
+from motiongen_tools.bench import terminal
 from motiongen_tools.bench.report import write_report
 from motiongen_tools.bench.result import Standard
+from motiongen_tools.bench.scenario import load_scenario
 from motiongen_tools.bench.search import Found, judge
+from motiongen_tools.console import make_console
 from tests.tools.bench.made_up import make_result
 
 PNG = b"\x89PNG\r\n\x1a\n"
@@ -61,6 +65,20 @@ def test_a_run_is_written_whole(tmp_path: Path) -> None:
     assert "a <fast> one" in page.text
     assert "VOID" not in page.text
     assert written[2].read_bytes().startswith(PNG)
+
+
+def test_names_are_shown_as_they_are(tmp_path: Path) -> None:
+    played = load_scenario("mixed")
+    groups = tuple(replace(group, name=rf"$\frac{{{group.name}$ [/red]") for group in played.groups)
+    result = make_result(scenario=replace(played, name="$_{$ <b>[/b]", groups=groups), lag_ms=9.0)
+    written = write_report(tmp_path, Standard(), result)
+    assert "$_{$ <b>[/b], 10 characters" in Page(written[1].read_text()).text
+    console = make_console()
+    with console.capture() as captured:
+        console.print(terminal.describe(result.load), soft_wrap=True)
+        terminal.print_result(console, result)
+    assert "$_{$ <b>[/b] (revision" in captured.get()
+    assert "[/red]" in captured.get()
 
 
 def pytest_fail(name: str) -> None:

@@ -130,3 +130,17 @@ def test_every_number_of_characters_has_the_shares(weights: list[int], num_chara
     for index, group in enumerate(groups):
         assert abs(chosen.count(index) - group.share * num_characters) <= len(groups)
     assert dataclasses.replace(read(document()), groups=groups).group_indices(num_characters + 1)[:-1] == chosen
+
+
+def nested_lists(depth: int) -> str:
+    """A list of ten lists of ten lists, in a few lines."""
+    lines = ["a0: &a0 [x, x, x, x, x, x, x, x, x, x]"]
+    lines += [f"a{level}: &a{level} [{', '.join([f'*a{level - 1}'] * 10)}]" for level in range(1, depth)]
+    return "\n".join([*lines, f"format: *a{depth - 1}"])
+
+
+@pytest.mark.parametrize("content", ["[" * 5000, "format: " + "9" * 5000, "format: 2020-99-99", nested_lists(30)])
+def test_what_no_reader_can_stand_is_refused_in_words(content: str) -> None:
+    with pytest.raises(InvalidScenario, match=r"small\.yaml: ") as refusal:
+        read_scenario(content.encode(), "small.yaml")
+    assert len(str(refusal.value)) < 400

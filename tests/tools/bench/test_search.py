@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+from dataclasses import replace
 
 import pytest
 from hypothesis import given, settings
@@ -13,6 +14,7 @@ from motiongen_tools.bench.load import Load
 from motiongen_tools.bench.result import Result
 from motiongen_tools.bench.scenario import load_scenario
 from motiongen_tools.bench.search import Found, Trial, find_most
+from motiongen_tools.bench.terminal import describe_found
 from tests.tools.bench.made_up import make_result
 
 LONG = 30
@@ -152,6 +154,9 @@ async def test_an_answer_that_there_is_no_time_to_confirm_is_told_as_such() -> N
     machine = Hurried(serves=400, serves_long=0)
     found = await machine.search_within(130.0)
     assert (found.out_of_time, found.result) == (True, None)
+    assert describe_found(replace(found, characters=8)).endswith("in the time given; that was not confirmed.")
+    late = replace(found, characters=8, limited_by_generator=True)
+    assert "At least 8 characters are served in full; that was not confirmed; with more" in describe_found(late)
 
 
 async def test_a_search_with_time_is_as_ever() -> None:

@@ -5,6 +5,7 @@ from __future__ import annotations
 import json
 from collections.abc import Iterator
 from pathlib import Path
+from urllib.parse import quote
 
 import httpx
 import numpy as np
@@ -142,12 +143,29 @@ async def test_takes_are_downloaded(bridge: Bridge, room: Room, three: Path, tmp
         motion = read_npz(tmp_path / "walk.npz")
         assert (motion.first_frame, len(motion)) == (1, 3)
         assert (await site.get(f"/take/main/{number}/walk.bvh")).text.startswith("HIERARCHY")
+        for name in ("日本.npz", 'a".npz'):
+            named = await site.get(f"/take/main/{number}/{quote(name)}")
+            assert named.headers["content-disposition"] == f"attachment; filename*=UTF-8''{quote(name)}"
+        assert (await site.get(f"/take/main/{number}/walk.bvh?first={'1' * 5000}")).status_code == 200
         session = (await site.get(f"/take/main/{number}/walk.session.json")).json()
         assert session["opening"]["text"] == "a person stands"
         for wrong in (f"/take/main/{number}/walk.exe", "/take/main/9/walk.npz", f"/take/main/{number}/a.npz?first=999"):
             refused = await site.get(wrong)
             assert refused.status_code == 400
             assert "allowed" in refused.json()["error"]
+
+
+async def test_a_session_file_says_what_a_long_take_has_lost(
+    bridge: Bridge, room: Room, three: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr("motiongen_tools.view.edit_log.MOST_KEPT", 2)
+    (number,) = await room.add({"text": "a person stands"})
+    async with await site_of(bridge, three) as site:
+        for text, lost in (("walk", ""), ("run", ""), ("sit", "the first 1 edits"), ("bow", "the first 2 edits")):
+            room.character(number).tell({"op": "set_prompt", "text": text})
+            answer = await site.get(f"/take/main/{number}/walk.session.json")
+            assert answer.headers["x-warnings"].startswith(lost)
+            assert bool(answer.headers["x-warnings"]) is bool(lost)
 
 
 async def test_a_session_file_with_a_mistake_is_refused_when_it_is_opened(bridge: Bridge, three: Path) -> None:
@@ -167,7 +185,13 @@ async def test_motion_files_are_opened(bridge: Bridge, three: Path, tmp_path: Pa
         opened = await site.post("/motion?name=walk.npz", content=(tmp_path / "walk.npz").read_bytes())
         rows = np.frombuffer(opened.content[-stick_motion.rows.nbytes :], "<f4")
         np.testing.assert_array_equal(rows.reshape(stick_motion.rows.shape), stick_motion.rows)
-        for name, content in (("walk.npz", b"junk"), ("walk", b"junk"), ("walk.bvh", b"")):
+        for name, content in (
+            ("walk.npz", b"junk"),
+            ("walk", b"junk"),
+            ("walk.bvh", b""),
+            ("a.%00npz", b"junk"),
+            ("a." + 300 * "b", b"junk"),
+        ):
             refused = await site.post(f"/motion?name={name}", content=content)
             assert refused.status_code == 400, name
         big = await site.post("/motion?name=a.npz", content=b"", headers={"content-length": str(MAX_BYTES + 1)})

@@ -8,6 +8,7 @@ import numpy as np
 
 from motiongen.v1 import motion_pb2, service_pb2, session_pb2
 from motiongen_client.convert.frames import SCALAR_TYPES
+from motiongen_client.errors import InvalidInput
 from motiongen_client.motion import Motion
 from motiongen_client.prompts import Preset, Prompt, TextEmbedding
 from motiongen_client.types import (
@@ -112,18 +113,28 @@ def generate_clip(
 def prompt_span(
     prompt_id: int, prompt: Prompt, start_frame: int | None, end_frame: int | None = None
 ) -> motion_pb2.PromptSpan:
-    """A prompt that holds from a frame on, or as soon as possible, and up to another frame or to the end."""
+    """A prompt that holds from a frame on, or as soon as possible, and up to another frame or to the end.
+
+    Raises InvalidInput for a text that UTF-8 cannot write.
+    """
     span = motion_pb2.PromptSpan(prompt_id=prompt_id, start_frame=start_frame or 0, end_frame=end_frame or 0)
     match prompt:
         case Preset():
             span.preset_id = prompt.preset_id
         case TextEmbedding():
-            span.text = prompt.text
+            span.text = _writable(prompt.text)
             span.embedding.text_encoder = prompt.text_encoder
             span.embedding.values.extend(np.asarray(prompt.values, np.float32).tolist())
         case _:
-            span.text = prompt
+            span.text = _writable(prompt)
     return span
+
+
+def _writable(text: str) -> str:
+    """A text as protobuf takes it. Bytes of a terminal that are no UTF-8 come as half a pair of UTF-16."""
+    if any("\ud800" <= sign <= "\udfff" for sign in text):
+        raise InvalidInput("text", text, "a text that UTF-8 can write")
+    return text
 
 
 def constraint(constraint_id: int, asked: Constraint) -> motion_pb2.Constraint:

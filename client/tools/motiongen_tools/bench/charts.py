@@ -16,6 +16,7 @@ from motiongen_tools.bench.recorder import ALL, ANSWER, EVENT, GENERATOR, GENERA
 from motiongen_tools.bench.result import Result
 from motiongen_tools.bench.search import Found
 from motiongen_tools.bench.terminal import LATENCY_NAMES
+from motiongen_tools.picture_text import as_written
 
 if TYPE_CHECKING:
     from hdrh.histogram import HdrHistogram
@@ -46,7 +47,7 @@ def draw_run(result: Result) -> Figure:
     axes.axvline(_place(99), color=_RED, linewidth=1, linestyle=(0, (4, 3)))
     _by_second(figure.add_subplot(grid[2, :]), result)
     void = "VOID, the load was late.  " if result.void_reasons() else ""
-    figure.suptitle(void + result.headline(), x=0.01, ha="left", fontsize=13, color=_RED if void else _INK)
+    figure.suptitle(as_written(void + result.headline()), x=0.01, ha="left", fontsize=13, color=_RED if void else _INK)
     return figure
 
 
@@ -118,7 +119,7 @@ def _percentiles(axes: Axes, title: str, named: Sequence[tuple[str, HdrHistogram
         values = [value_at[percentile] / 1000 for percentile in known]
         places = [_place(percentile) for percentile in known]
         top = max(top, places[-1])
-        label = f"{name} ({count:,})"
+        label = as_written(f"{name} ({count:,})")
         shade = _INK if name == ALL else colour
         axes.plot(places, values, color=shade, linewidth=1.6, label=label)
         axes.plot(places[-1:], [histogram.get_max_value() / 1000], "o", color=shade, markersize=3.5)

@@ -160,9 +160,9 @@ def _access(connection: Connection) -> dict[str, Any]:
     pem = connection.pem()
     return {
         "tls": connection.tls,
-        "root_certificates": pem.authorities.decode(),
-        "certificate_chain": pem.certificate.decode(),
-        "private_key": pem.key.decode(),
+        "root_certificates": pem.authorities.decode(errors="replace"),
+        "certificate_chain": pem.certificate.decode(errors="replace"),
+        "private_key": pem.key.decode(errors="replace"),
         "token": "" if connection.token_file is None else connection.token(),
     }
 

@@ -13,6 +13,7 @@ from typing import TYPE_CHECKING, Any
 from motiongen_tools.bench import charts, terminal
 from motiongen_tools.bench.result import Result, Standard
 from motiongen_tools.bench.search import Found
+from motiongen_tools.whole_file import whole_file
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
@@ -53,13 +54,15 @@ def write_report(out: Path, standard: Standard, result: Result | None, found: Fo
     """
     out.mkdir(parents=True, exist_ok=True)
     figures = _draw(standard, result, found)
-    written = [out / "result.json", out / "report.html"]
-    written[0].write_text(json.dumps(document(result, found), indent=1) + "\n", encoding="utf-8")
-    written[1].write_text(_page(result, found, figures.values()), encoding="utf-8")
-    for name, figure in figures.items():
-        written.append(out / f"{name}.png")
-        written[-1].write_bytes(charts.as_png(figure))
-    return written
+    contents = {
+        "result.json": (json.dumps(document(result, found), indent=1) + "\n").encode(),
+        "report.html": _page(result, found, figures.values()).encode(),
+        **{f"{name}.png": charts.as_png(figure) for name, figure in figures.items()},
+    }
+    for name, content in contents.items():
+        with whole_file(out / name) as part:
+            part.write_bytes(content)
+    return [out / name for name in contents]
 
 
 def document(result: Result | None, found: Found | None) -> dict[str, Any]:

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import hashlib
 import math
+import reprlib
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass
 from importlib import resources
@@ -125,7 +126,7 @@ def read_scenario(content: bytes, where: str) -> Scenario:
         raise MissingExtra("reading a scenario", "pyyaml", "bench") from None
     try:
         document = yaml.safe_load(content)
-    except yaml.YAMLError as error:
+    except (yaml.YAMLError, ValueError, RecursionError) as error:  # a number of thousands of digits
         raise InvalidScenario(f"{where}: not YAML or JSON: {' '.join(str(error).split())}") from None
     top = _Fields(document, where, "")
     given = top.take("format", _whole(1))
@@ -247,8 +248,12 @@ class _NotAllowed(ValueError):
     """A value outside what is allowed, which the message names."""
 
 
+_SHORT = reprlib.Repr()
+_SHORT.maxlevel, _SHORT.maxstring, _SHORT.maxlong, _SHORT.maxother = 3, 60, 60, 60
+
+
 def _shown(value: object) -> str:
-    text = repr(value)
+    text = _SHORT.repr(value)  # of what holds itself many times over, the whole would have no end
     return text if len(text) <= 60 else text[:57] + "..."
 
 

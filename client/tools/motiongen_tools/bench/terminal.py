@@ -79,7 +79,7 @@ def print_result(console: Console, result: Result) -> None:
     for shortfall in result.shortfalls():
         console.print(f"Not served in full: {shortfall}.", soft_wrap=True)
     for reason in result.void_reasons():
-        console.print(f"[bold red]VOID[/]: {reason}. These figures do not count.", soft_wrap=True)
+        console.print(f"VOID: {reason}. These figures do not count.", style="bold red", soft_wrap=True)
 
 
 def describe_trial(trial: Trial) -> str:
@@ -94,13 +94,13 @@ def describe_trial(trial: Trial) -> str:
 
 def describe_found(found: Found) -> str:
     """The answer of a search."""
+    sure = "" if found.result is not None or found.characters == 0 else "; that was not confirmed"
     if found.limited_by_generator:
         return (
-            f"At least {found.characters} characters are served in full; with more the run is void, because the load "
-            "itself was late. Use more --processes, or a machine of its own for the load."
+            f"At least {found.characters} characters are served in full{sure}; with more the run is void, because the "
+            "load itself was late. Use more --processes, or a machine of its own for the load."
         )
     if found.out_of_time:
-        sure = "" if found.result is not None else "; that was not confirmed"
         return f"{found.characters} characters are served in full, as far as was found out in the time given{sure}."
     if found.characters == 0:
         return "Not one character was served in full."

@@ -13,6 +13,7 @@ import numpy as np
 
 from motiongen_client.client import MotionClient
 from motiongen_client.errors import MissingExtra, MotiongenError
+from motiongen_tools.arguments import check_folder_to_write
 from motiongen_tools.bvh import write_bvh
 from motiongen_tools.connection import PLAIN, connection_of
 from motiongen_tools.console import make_console, make_progress, starting
@@ -29,6 +30,7 @@ if TYPE_CHECKING:
 async def demo(options: argparse.Namespace) -> int:
     """Run it all. Returns 0 if every frame came, every waypoint was reached and the server behaved, else 1."""
     console = make_console()
+    check_folder_to_write("--out", options.out)
     with contextlib.ExitStack() as stack:
         address, problems, connection = options.server, [], connection_of(options)
         if address is None:
@@ -59,7 +61,7 @@ async def demo(options: argparse.Namespace) -> int:
         found = [problem] if problem else missed_places(take, options.bound)
         problems += [f"{take.role.name}: {each}" for each in found]
     for problem in problems:
-        console.print(f"[red]problem:[/red] {problem}", soft_wrap=True)
+        console.print(f"problem: {problem}", style="red", soft_wrap=True)
     return 1 if problems else 0
 
 

@@ -17,6 +17,7 @@ from motiongen_tools.poses import headings_rad
 
 if TYPE_CHECKING:
     from rich.console import Console
+    from rich.text import Text
 
 
 @dataclass(frozen=True)
@@ -87,13 +88,15 @@ def print_report(takes: Sequence[Take], place_m: float, console: Console) -> Non
     _print_figures(takes, console)
 
 
-def _goal_cells(goal: Goal, reached: Reached | None, frame_rate_hz: int) -> tuple[str, str, str]:
+def _goal_cells(goal: Goal, reached: Reached | None, frame_rate_hz: int) -> tuple[str, str | Text, str]:
+    from rich.text import Text
+
     due = f"{(goal.frames.stop - 1) / frame_rate_hz:.1f} s"
     if reached is None:
         return due, "not due yet", "-"
     off = f"{reached.error:.{0 if goal.unit == 'cm' else 1}f} {goal.unit}"
     since = "never" if reached.reached_s is None else f"{reached.reached_s:.1f} s"
-    return due, off if reached.is_within else f"[red]{off}[/red]", since
+    return due, off if reached.is_within else Text(off, style="red"), since
 
 
 def _print_figures(takes: Sequence[Take], console: Console) -> None:

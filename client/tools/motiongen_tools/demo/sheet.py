@@ -15,6 +15,7 @@ from motiongen_client.motion import Motion
 from motiongen_tools.demo.goals import Goal
 from motiongen_tools.demo.ground import draw_ground
 from motiongen_tools.demo.strip import draw_strip
+from motiongen_tools.whole_file import whole_file
 
 _DPI = 100
 
@@ -64,4 +65,5 @@ def _write(path: Path | str, scenes: Sequence[Scene], every_s: float, row_s: flo
             from_s, to_s = row * row_s, (row + 1) * row_s
             draw_strip(strip, scene.motion, scene.prompts, scene.goals, from_s=from_s, to_s=to_s, every_s=every_s)
         above += count
-    figure.savefig(path, format="png")
+    with whole_file(path) as part:
+        figure.savefig(part, format="png")

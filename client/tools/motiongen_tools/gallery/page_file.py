@@ -9,6 +9,8 @@ from html import escape
 from pathlib import Path
 from typing import Any
 
+from motiongen_tools.whole_file import whole_file
+
 PAGE = Path(__file__).with_name("page")
 
 
@@ -49,7 +51,8 @@ def write_gallery(path: Path, gallery: Gallery, made_at: datetime | None = None)
         assert mark, f"the page has no place for {name}"
         page = head + text + tail
     path.parent.mkdir(parents=True, exist_ok=True)
-    path.write_text(page, encoding="utf-8")
+    with whole_file(path) as part:
+        part.write_text(page, encoding="utf-8")
 
 
 def _text(name: str) -> str:

@@ -52,6 +52,7 @@ class EditLog:
 
     def __init__(self) -> None:
         self.entries: list[Entry] = []
+        self.num_forgotten = 0  # the first ones of a long session
         self._undoable: list[Entry] = []
         self._unshown: list[Entry] = []
         self._answering: set[asyncio.Task[None]] = set()
@@ -72,6 +73,7 @@ class EditLog:
         entry = Entry(self._next, message, what, at_frame, edit, takes_back, can_be_undone)
         self._next += 1
         self.entries.append(entry)
+        self.num_forgotten += max(len(self.entries) - MOST_KEPT, 0)
         del self.entries[:-MOST_KEPT]
         task = asyncio.create_task(self._await_answer(entry, on_answer))
         self._answering.add(task)
@@ -92,6 +94,7 @@ class EditLog:
         on_answer(entry)
         if entry.state == "accepted" and entry.takes_back and entry.can_be_undone:
             self._undoable.append(entry)
+            del self._undoable[:-MOST_KEPT]
 
     def look(self) -> bool:
         """Whether an edit's first frame has come since the last look."""

@@ -17,6 +17,8 @@ from motiongen_tools.npz import read_npz
 
 MAX_BYTES = 64 << 20
 MOST_FRAMES = 20_000
+MOST_SIGNS = 60
+"""Of the end of a name, which a file gets here: what systems take is 255 bytes."""
 
 
 def read_upload(name: str, data: bytes, rigs: Sequence[Rig]) -> Motion:
@@ -24,7 +26,7 @@ def read_upload(name: str, data: bytes, rigs: Sequence[Rig]) -> Motion:
 
     Raises InvalidInput or ConversionFailed.
     """
-    suffixes = "".join(Path(name).suffixes[-2:]).lower()
+    suffixes = "".join(Path(name).suffixes[-2:]).lower().replace("\0", "")[-MOST_SIGNS:]
     if not data or not suffixes:
         raise InvalidInput("file", name or "nothing", "a motion file with a name, such as walk.bvh or walk.npz")
     with tempfile.TemporaryDirectory(prefix="motiongen-view-") as folder:

@@ -30,7 +30,9 @@ async def write_take(
     if suffix is None:
         raise InvalidInput("name", name, f"a name that ends in {', '.join(SUFFIXES)}")
     if suffix == ".session.json":
-        return write_session(session_of(character)).encode(), JSON, []
+        gone = character.edits.num_forgotten
+        said = [f"the first {gone} edits are not kept, and are not in the file"] if gone else []
+        return write_session(session_of(character)).encode(), JSON, said
     if not character.session.playback.started:
         raise InvalidInput("frames", "none", "a character that has played a frame")
     take = character.session.motion(first_frame, end_frame)

@@ -5,6 +5,7 @@ from __future__ import annotations
 import asyncio
 from collections.abc import Awaitable, Callable
 from pathlib import Path
+from urllib.parse import quote
 
 from starlette.applications import Starlette
 from starlette.middleware import Middleware
@@ -33,6 +34,9 @@ UNKNOWN_ROOM = 4400
 """Close code of one whose room cannot be had. Pages take both as final, and show the reason."""
 MOST_REASON_BYTES = 123
 """Of a close frame; a longer reason is an error of the protocol."""
+MOST_HEADER_SIGNS = 800
+MOST_DIGITS = 15
+"""Of a frame; Python refuses to read thousands."""
 MARGIN_FRAMES = 12
 """What may be committed while a list of constraints is under way, and is computed."""
 
@@ -62,9 +66,12 @@ def web_app(bridge: Bridge, access: Access, three: Path) -> Starlette:
         character = room.character(request.path_params["character"])
         name = request.path_params["name"]
         query = request.query_params
-        first, end = (int(query[key]) if query.get(key, "").isdecimal() else None for key in ("first", "end"))
+        first, end = (_frame(query.get(key, "")) for key in ("first", "end"))
         data, media_type, warnings = await write_take(character, name, first, end)
-        told = {"Content-Disposition": f'attachment; filename="{name}"', "X-Warnings": " ".join(warnings)[:800]}
+        told = {
+            "Content-Disposition": f"attachment; filename*=UTF-8''{quote(name, safe='')}",
+            "X-Warnings": _header(" ".join(warnings)),
+        }
         return Response(data, media_type=media_type, headers=told)
 
     async def open_motion(request: Request) -> Response:
@@ -112,6 +119,15 @@ def web_app(bridge: Bridge, access: Access, three: Path) -> Starlette:
         ],
         middleware=[Middleware(_Guard, access=access)],
     )
+
+
+def _frame(text: str) -> int | None:
+    return int(text) if text.isdecimal() and len(text) <= MOST_DIGITS else None
+
+
+def _header(text: str) -> str:
+    """A text as headers may have it: in one line of ASCII, and not of any length."""
+    return " ".join(text.encode("ascii", "replace").decode().split())[:MOST_HEADER_SIGNS]
 
 
 def _first_free(character: Character) -> int:

@@ -1,0 +1,91 @@
+"""A command that is told to end puts in order what is under way, and leaves no server behind."""
+
+from __future__ import annotations
+
+import os
+import signal
+import subprocess
+import sys
+import urllib.request
+from pathlib import Path
+
+import pytest
+
+from tests.waiting import until
+
+UNDER_WAY = """
+import asyncio, sys
+from motiongen_tools import cli, cli_catalog
+
+async def work(options):
+    try:
+        print("under way", flush=True)
+        await asyncio.Event().wait()
+    finally:
+        print("put in order", flush=True)
+
+cli_catalog.catalog = work
+sys.exit(cli.run(["catalog"]))
+"""
+
+STARTING = """
+import sys
+from motiongen_tools import cli
+
+sys.executable = sys.argv[1]
+sys.exit(cli.run(["generate", "walk", "--start-server", "--out", sys.argv[2]]))
+"""
+
+
+VIEWING = """
+import sys
+from motiongen_tools import cli
+
+sys.stdout.reconfigure(line_buffering=True)
+sys.exit(cli.run(sys.argv[1:]))
+"""
+
+
+def started(program: str, *arguments: str) -> subprocess.Popen[str]:
+    return subprocess.Popen(
+        [sys.executable, "-c", program, *arguments], stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True
+    )
+
+
+@pytest.mark.parametrize("number", [signal.SIGTERM, signal.SIGHUP])
+def test_what_is_under_way_is_put_in_order(number: signal.Signals) -> None:
+    with started(UNDER_WAY) as process:
+        assert process.stdout is not None
+        assert process.stdout.readline() == "under way\n"
+        process.send_signal(number)
+        out, error = process.communicate()
+    assert (process.returncode, out, error) == (128 + number, "put in order\n", "terminated\n")
+
+
+def test_a_server_that_is_being_started_does_not_stay(tmp_path: Path) -> None:
+    pretended = tmp_path / "python"
+    pretended.write_text(f"#!/bin/sh\necho $$ > {tmp_path}/new && mv {tmp_path}/new {tmp_path}/pid\nexec sleep 1000\n")
+    pretended.chmod(0o755)
+    with started(STARTING, str(pretended), str(tmp_path / "walk.npz")) as process:
+        until((tmp_path / "pid").exists)
+        process.send_signal(signal.SIGTERM)
+        process.communicate()
+    assert process.returncode == 143
+    with pytest.raises(ProcessLookupError):
+        os.kill(int((tmp_path / "pid").read_text()), 0)
+
+
+@pytest.mark.parametrize("number", [signal.SIGTERM, signal.SIGINT])
+def test_a_viewer_ends_without_a_word_too_many(number: signal.Signals, tmp_path: Path) -> None:
+    (tmp_path / "build").mkdir()
+    (tmp_path / "build" / "three.module.js").write_text("export {};")
+    view = ["view", "--server", "localhost:1", "--port", "0", "--three", str(tmp_path)]
+    with started(VIEWING, *view) as process:
+        assert process.stdout is not None
+        page = process.stdout.readline().split()[-1]
+        with urllib.request.urlopen(page) as answer:  # it listens from before it has said so
+            assert answer.status == 200
+        process.send_signal(number)
+        _, error = process.communicate()
+    said = "terminated\n" if number == signal.SIGTERM else "interrupted\n"
+    assert (process.returncode, error) == (128 + number, said)

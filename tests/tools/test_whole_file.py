@@ -1,0 +1,85 @@
+"""Files are there whole or as they were before."""
+
+from __future__ import annotations
+
+import os
+import sys
+from collections.abc import Callable
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from motiongen_client import Motion
+from motiongen_tools import ardy_npz, bvh, npz
+from motiongen_tools.conversion import ConversionFailed, convert_file
+from motiongen_tools.whole_file import whole_file
+
+
+def fail(*_: object, **__: object) -> None:
+    raise OSError(28, "No space left on device")
+
+
+@pytest.mark.parametrize(
+    ("write", "name", "last"),
+    [
+        (npz.write_npz, "walk.npz", "savez_compressed"),
+        (ardy_npz.write_ardy_npz, "walk.npz", "savez"),
+        (bvh.write_bvh, "walk.bvh", "savetxt"),
+    ],
+)
+def test_a_full_disk_leaves_what_was_there(
+    write: Callable[[Path, Motion], None], name: str, last: str,
+    stick_motion: Motion, tmp_path: Path, monkeypatch: pytest.MonkeyPatch,
+) -> None:  # fmt: skip
+    (tmp_path / name).write_text("of yesterday")
+    monkeypatch.setattr(np, last, fail)
+    with pytest.raises(OSError, match="No space left"):
+        write(tmp_path / name, stick_motion)
+    assert [(path.name, path.read_text()) for path in tmp_path.iterdir()] == [(name, "of yesterday")]
+
+
+def test_a_converter_that_fails_leaves_what_was_there(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    pretended = tmp_path / "python"
+    fails = 'echo half > "$last"; echo "error: $last: full" >&2; exit 1'
+    pretended.write_text(f"#!/bin/sh\nfor last; do :; done\n{fails}\n")
+    pretended.chmod(0o755)
+    monkeypatch.setattr(sys, "executable", str(pretended))
+    target = tmp_path / "walk.glb"
+    target.write_text("of yesterday")
+    with pytest.raises(ConversionFailed) as failure:
+        convert_file(tmp_path / "walk.npz", target)
+    assert str(failure.value) == f"walk.glb: the converter failed: {target}: full"
+    assert target.read_text() == "of yesterday"
+
+
+@pytest.mark.parametrize("name", ["-walk.bvh", "--fps.bvh", "日本 walk.bvh"])
+def test_a_name_is_no_option_of_the_converter(name: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    pretended = tmp_path / "python"
+    pretended.write_text('#!/bin/sh\nfor last; do :; done\nfor each; do printf "%s\\n" "$each"; done > "$last"\n')
+    pretended.chmod(0o755)
+    monkeypatch.setattr(sys, "executable", str(pretended))
+    monkeypatch.chdir(tmp_path)
+    assert convert_file(Path("-in.npz"), Path(name)) == []
+    source, target = Path(name).read_text().splitlines()[2:]
+    assert source == str(tmp_path / "-in.npz")
+    assert Path(target).is_absolute()
+    assert Path(target).name == name
+
+
+def test_a_link_goes_on_pointing_and_a_file_keeps_its_mode(tmp_path: Path) -> None:
+    (tmp_path / "real").write_text("old")
+    (tmp_path / "real").chmod(0o600)
+    (tmp_path / "link").symlink_to("real")
+    with whole_file(tmp_path / "link") as part:
+        part.write_text("new")
+    assert (tmp_path / "link").is_symlink()
+    assert (tmp_path / "real").read_text() == "new"
+    assert (tmp_path / "real").stat().st_mode & 0o777 == 0o600
+
+
+def test_what_is_no_file_is_written_as_it_is(tmp_path: Path) -> None:
+    os.mkfifo(tmp_path / "pipe")
+    with whole_file(tmp_path / "pipe") as part:
+        assert part == tmp_path / "pipe"
+    assert (tmp_path / "pipe").is_fifo()

@@ -117,6 +117,8 @@ def streaming_method(
             except StreamRefused as refusal:
                 # Without what it was raised through, which would keep the request until the status is taken.
                 status = refusal.with_traceback(None).status()
+            except grpc.aio.InternalError as error:  # of a write whose client has gone meanwhile: no fault of ours
+                raise asyncio.CancelledError from error
             if status is not None:
                 await call.abort_with_status(status)
         finally:

@@ -6,9 +6,10 @@ import asyncio
 from typing import Any
 
 import grpc.aio
+import pytest
 
 from motiongen.v1 import service_pb2
-from motiongen_server.rpc.call_context import CallContext, unary_method
+from motiongen_server.rpc.call_context import CallContext, streaming_method, unary_method
 from motiongen_server.rpc.requests import Requests, parsed_as
 from tests.waiting import LIMIT_S
 
@@ -62,3 +63,16 @@ async def test_a_request_that_is_refused_is_let_go_before_the_status_is_taken() 
             stuck.takes.set()
             await serving
         assert stuck.code is grpc.StatusCode.INVALID_ARGUMENT
+
+
+async def test_a_client_that_goes_while_it_is_written_to_is_no_fault() -> None:
+    class Gone(Stuck):
+        async def write(self, _: object) -> None:
+            raise grpc.aio.InternalError("nobody is there")
+
+    async def told(call: CallContext) -> None:
+        await call.write(service_pb2.GetCatalogResponse())
+
+    handler = streaming_method(told, Requests()).stream_stream
+    with pytest.raises(asyncio.CancelledError):  # which gRPC does not log
+        await handler(None, Gone())

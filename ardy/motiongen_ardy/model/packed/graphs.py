@@ -8,7 +8,8 @@ that fill up may be anything. What comes too seldom for a graph is called.
 from __future__ import annotations
 
 from bisect import bisect_left
-from collections.abc import Callable, Hashable
+from collections.abc import Callable, Hashable, Sequence
+from functools import partial
 from typing import TypeAlias
 
 import torch
@@ -35,10 +36,13 @@ class GraphedRows:
 
     def __call__(self, *rows: Tensor) -> tuple[Tensor, ...]:
         """What the function gives for tensors (B, ...). It is to be taken before anything else is replayed."""
-        return self.of(None, self._work, *rows)
+        return self._done(None, self._work, rows)
 
-    def of(self, kind: Hashable, work: RowWork, *rows: Tensor) -> tuple[Tensor, ...]:
-        """The same by another function for each kind of rows."""
+    def of(self, kind: Hashable, *rows: Tensor) -> tuple[Tensor, ...]:
+        """The same by a function that is given a kind of rows before them."""
+        return self._done(kind, partial(self._work, kind), rows)
+
+    def _done(self, kind: Hashable, work: RowWork, rows: Sequence[Tensor]) -> tuple[Tensor, ...]:
         count = len(rows[0])
         shapes = tuple(torch.Size((filled_size(count), *part.shape[1:])) for part in rows)
 

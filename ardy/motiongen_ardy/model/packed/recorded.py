@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Sequence
-from functools import partial
 
 import torch
 from torch import Tensor
@@ -82,7 +81,7 @@ class RecordedSequences:
         for slot in batch.slots:
             chosen = slice(slot.first, slot.end)
             given = *(part[chosen] for part in (noisy, step, *roots, *acting)), *batch.alike(slot, self._root_width)
-            [predicted] = self._rows.of(slot.history, partial(self._recorded, slot.history), *given)
+            [predicted] = self._rows.of(slot.history, *given)
             result[chosen].copy_(predicted)  # before the next replay
         return result
 

@@ -22,7 +22,10 @@ MOST_BY_DEFAULT = 8
 """Engines that are started on a processor where nobody says how many; each holds every model."""
 MOST_ENGINES = 64
 MOST_THREADS = 256
-FORMS = "cuda:0,cuda:1 (these), cuda:all, cpu:2 (two engines of a thread each), cpu:2x4 (two of four threads)"
+FORMS = (
+    "cuda:0,cuda:1 (these), cuda:0x3 (three engines on it), cuda:all, cuda:allx3, cpu:2 (two engines of a thread each), "
+    "cpu:2x4 (two of four threads)"
+)
 ADMIT_LOAD = 0.87
 ADMIT_LOAD_QUOTA = 0.9
 ADMIT_LOAD_SCANT = 0.86
@@ -39,7 +42,7 @@ product in 0.3 ms, a description in 0.02. Both are full after some minutes, so t
 """
 CUDA_VISIBLE = "CUDA_VISIBLE_DEVICES"
 _CPU = re.compile(r"cpu:(\d{1,4})(?:x(\d{1,4}))?")
-_CUDA = re.compile(r"cuda:(\d{1,3}|all)")
+_CUDA = re.compile(r"cuda:(\d{1,3}|all)(?:x(\d{1,4}))?")
 _PROBE = "import torch; print(torch.cuda.device_count() if torch.cuda.is_available() else 0)"
 _PROBE_S = 120.0
 
@@ -114,6 +117,7 @@ def _visible_cuda() -> tuple[str, ...] | None:
 
 def _parsed(given: str, count_cuda: Callable[[], int]) -> tuple[EngineDevice, ...]:
     devices: list[EngineDevice] = []
+    named: list[int] = []
     for part in given.split(",") if given else ():
         cpu, cuda = _CPU.fullmatch(part.strip()), _CUDA.fullmatch(part.strip())
         if cpu is not None:
@@ -124,18 +128,21 @@ def _parsed(given: str, count_cuda: Callable[[], int]) -> tuple[EngineDevice, ..
                     f"{MOST_THREADS} threads"
                 )
             devices += [EngineDevice("cpu", 0, threads)] * engines
-        elif cuda is not None and cuda[1] == "all":
-            num_devices = count_cuda()
-            if not num_devices:
-                raise SettingError(f"devices has {part.strip()!r}, but torch finds no CUDA device here; use cpu:1")
-            devices += [EngineDevice("cuda", index, 1) for index in range(num_devices)]
         elif cuda is not None:
-            devices.append(EngineDevice("cuda", int(cuda[1]), 1))
+            engines = int(cuda[2] or 1)
+            if not 1 <= engines <= MOST_ENGINES:
+                raise SettingError(f"devices has {part.strip()!r}; a device may have 1 to {MOST_ENGINES} engines")
+            indices = range(count_cuda()) if cuda[1] == "all" else [int(cuda[1])]
+            if not indices:
+                raise SettingError(f"devices has {part.strip()!r}, but torch finds no CUDA device here; use cpu:1")
+            named += indices
+            devices += [EngineDevice("cuda", index, 1) for index in indices for _ in range(engines)]
         else:
             raise SettingError(f"devices is {given!r}; it must be of {FORMS}, or several of these with commas")
-    on_cuda = [device.index for device in devices if device.kind == "cuda"]
-    if len(set(on_cuda)) < len(on_cuda):
-        raise SettingError(f"devices is {given!r}; give each CUDA device once")
+    if len(set(named)) < len(named):
+        raise SettingError(
+            f"devices is {given!r}; give each CUDA device once: cuda:{named[0]}x2 has two engines on one"
+        )
     if len(devices) > MOST_ENGINES:
         raise SettingError(f"devices is {given!r}, {len(devices)} engines; there may be {MOST_ENGINES}")
     return tuple(devices)

@@ -33,6 +33,9 @@ from motiongen_server.settings import SettingError
         ("cuda:0, cuda:2", [("cuda", 0, 1), ("cuda", 2, 1)]),
         ("cuda:all", [("cuda", 0, 1), ("cuda", 1, 1), ("cuda", 2, 1)]),
         ("cuda:0,cpu:1x2", [("cuda", 0, 1), ("cpu", 0, 2)]),
+        ("cuda:2x3", [("cuda", 2, 1)] * 3),
+        ("cuda:0x2,cuda:1", [("cuda", 0, 1), ("cuda", 0, 1), ("cuda", 1, 1)]),
+        ("cuda:allx2", [("cuda", index, 1) for index in (0, 0, 1, 1, 2, 2)]),
         ("", [("cuda", 0, 1), ("cuda", 1, 1), ("cuda", 2, 1)]),
     ],
 )
@@ -55,7 +58,10 @@ def test_without_cuda_each_core_has_an_engine_up_to_eight(monkeypatch: pytest.Mo
         ("cpu:65", "1 to 64 engines"),
         ("cpu:1x0", "1 to 256"),
         ("cpu:2,", "it must be of"),
-        ("cuda:0,cuda:0", "each CUDA device once"),
+        ("cuda:0,cuda:0", "each CUDA device once: cuda:0x2 has two"),
+        ("cuda:1x2,cuda:1", "each CUDA device once"),
+        ("cuda:0x0", "1 to 64 engines"),
+        ("cuda:0x65", "1 to 64 engines"),
         ("cpu:40,cpu:40", "80 engines"),
     ],
 )

@@ -8,6 +8,7 @@ import os
 import re
 import subprocess
 import sys
+from collections import Counter
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from itertools import takewhile
@@ -151,9 +152,11 @@ def _parsed(given: str, count_cuda: Callable[[], int]) -> tuple[EngineDevice, ..
 def admit_load_for(devices: Sequence[EngineDevice]) -> float:
     """The share of what was measured up to which sessions are let in where nobody says.
 
-    Engines that share cores stand still for each other, longer than their margin where they are nearly full. Under a
+    Engines that share cores, or a GPU, wait for each other, longer than their margin where they are nearly full. Under a
     quota all processes do, the gateway too; engines count what it uses where that is told (`quota_use`).
     """
+    if any(count > 1 for device, count in Counter(devices).items() if device.kind == "cuda"):
+        return ADMIT_LOAD_SHARED
     threads = sum(device.threads for device in engines_at_work(devices) if device.kind == "cpu")
     quota = quota_cores()
     if threads >= quota and quota_use() is None:

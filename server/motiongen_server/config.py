@@ -60,7 +60,8 @@ class ServerConfig:
     devices: str = setting(
         "",
         "an engine process for each: cpu:2 (two of a thread each), cpu:2x4 (two of four threads), cuda:0,cuda:1, "
-        "cuda:all; none: cuda:all where there is CUDA, else cpu: and the number of cores, at most 8",
+        "cuda:0x3 (three on it), cuda:all; none: cuda:all where there is CUDA, else cpu: and the number of cores, at "
+        "most 8",
         many=True,
     )
     precision: str = setting(

@@ -24,8 +24,8 @@ MOST_BY_DEFAULT = 8
 MOST_ENGINES = 64
 MOST_THREADS = 256
 FORMS = (
-    "cuda:0,cuda:1 (these), cuda:0x3 (three engines on it), cuda:all, cuda:allx3, cpu:2 (two engines of a thread each), "
-    "cpu:2x4 (two of four threads)"
+    "cuda:0,cuda:1 (these), cuda:0x3 (three engines on it), cuda:all, cuda:allx3, "
+    "cpu:2 (two engines of a thread each), cpu:2x4 (two of four threads)"
 )
 ADMIT_LOAD = 0.87
 ADMIT_LOAD_QUOTA = 0.9
@@ -152,8 +152,8 @@ def _parsed(given: str, count_cuda: Callable[[], int]) -> tuple[EngineDevice, ..
 def admit_load_for(devices: Sequence[EngineDevice]) -> float:
     """The share of what was measured up to which sessions are let in where nobody says.
 
-    Engines that share cores, or a GPU, wait for each other, longer than their margin where they are nearly full. Under a
-    quota all processes do, the gateway too; engines count what it uses where that is told (`quota_use`).
+    Engines that share cores, or a GPU, wait for each other, longer than their margin where they are nearly full. Under
+    a quota all processes do, the gateway too; engines count what it uses where that is told (`quota_use`).
     """
     if any(count > 1 for device, count in Counter(devices).items() if device.kind == "cuda"):
         return ADMIT_LOAD_SHARED

@@ -24,6 +24,8 @@ from motiongen_server.engine.types import (
     Playhead,
     Priority,
     Prompt,
+    ServiceLevel,
+    ServiceTier,
     SessionKey,
     SessionSpec,
     SetConstraints,
@@ -62,7 +64,7 @@ class Crowd:
         clock: BenchClock,
     ) -> None:
         self.playbacks = [Playback(fps) for _ in range(characters)]
-        self.num_refused_opens = 0
+        self.num_refused_opens = self.num_told_of_less = 0
         self._habits = habits
         self._embeddings = embeddings
         self._model_id = model_id
@@ -178,3 +180,4 @@ class Crowd:
         for output in outputs:
             self.playbacks[output.session.handle].hear(output, now)
             self.num_refused_opens += isinstance(output, Outcome) and output.field == "open"
+            self.num_told_of_less += isinstance(output, ServiceLevel) and output.tier is not ServiceTier.FULL

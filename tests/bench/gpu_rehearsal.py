@@ -11,9 +11,13 @@ from __future__ import annotations
 import argparse
 import sys
 import time
+from dataclasses import replace
 
 import numpy as np
 
+from motiongen_server.engine.config import EngineConfig
+from motiongen_server.engine.own_time import own_time_s
+from motiongen_server.engine.scheduling.device import Device
 from motiongen_server.engine.scheduling.profile import profile
 from motiongen_server.engine.scheduling.scheduler import Scheduler
 from motiongen_server.ops.memory import settled_objects
@@ -42,16 +46,27 @@ class CountingClock(VirtualClock):
         self.time_s += seconds
 
 
-def rehearse(characters: int, slower: float, max_rows: int) -> Trial:
-    """A trial of the engine's table."""
+def rehearse(
+    characters: int, slower: float, max_rows: int, config: EngineConfig | None = None, measured_s: float = MEASURED_S
+) -> Trial:
+    """A trial of the engine's table. config: of the engine; None: it lets everybody in, and gives nobody less."""
     clock = CountingClock(slower)
-    runner, config = CostedRunner(clock, ON_AN_H200), contest_config(max_rows)
+    runner, config = CostedRunner(clock, ON_AN_H200), config or contest_config(max_rows)
     costs = profile(runner, clock, max_rows, HISTORY_FRAMES).costs
+    costs.own_each_s = slower * own_time_s(runner.facts, config)  # as an engine process has it
     one = Contestant("GPU", "in virtual time", runner, lambda: Scheduler(costs, max_rows, max_step_s=config.max_step_s))
     embeddings = null_embeddings(runner)
     with settled_objects():
         return run_trial(
-            one, characters, Habits(), embeddings, config, warm_up_s=WARM_UP_S, measure_s=MEASURED_S, clock=clock
+            one,
+            characters,
+            Habits(),
+            embeddings,
+            config,
+            warm_up_s=WARM_UP_S,
+            measure_s=measured_s,
+            clock=clock,
+            lease=Device(counts_own=True).lease(),
         )
 
 
@@ -62,15 +77,22 @@ def main() -> int:
         "--slower", type=float, nargs="+", default=[1.5, 2.0, 3.0], help="the engine's own time counts so often"
     )
     parser.add_argument("--rows", type=int, default=128, help="most rows of a step (default: %(default)s)")
+    parser.add_argument("--seconds", type=float, default=MEASURED_S, help="measured (default: %(default)s)")
+    parser.add_argument(
+        "--admission", action="store_true", help="let in as many as a server would, and give less where it would"
+    )
     options = parser.parse_args()
-    print("| characters | own time | missed | windows/s | rows a step | edits p50 / p90 / p99 |")
-    print("|---:|---:|---:|---:|---:|---:|")
+    config = replace(EngineConfig(max_sessions=1 << 16), max_rows=options.rows) if options.admission else None
+    print("| characters | own time | let in | less | missed | windows/s | rows a step | edits p50 / p90 / p99 |")
+    print("|---:|---:|---:|---:|---:|---:|---:|---:|")
     for characters in options.characters:
         for slower in options.slower:
-            found = rehearse(characters, slower, options.rows)
+            found = rehearse(characters, slower, options.rows, config, options.seconds)
             edits = " / ".join(f"{1000 * each:.0f}" for each in np.percentile(found.latencies_s or [0.0], [50, 90, 99]))
             of_steps = f"{found.windows_per_s:.0f} | {found.rows:.1f}"
-            print(f"| {characters} | {slower:g} times | {found.missed:.2%} | {of_steps} | {edits} ms |", flush=True)
+            let_in = f"{characters - found.refused} | {found.less}"
+            row = f"{let_in} | {found.missed:.2%} | {of_steps} | {edits} ms"
+            print(f"| {characters} | {slower:g} times | {row} |", flush=True)
     return 0
 
 

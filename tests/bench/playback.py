@@ -24,6 +24,7 @@ class Playback:
     latencies_s: list[float] = field(default_factory=list)
     shown_after_s: list[float] = field(default_factory=list)
     num_refused: int = 0
+    let_in: bool = True
     broken: int = 0
     stalls: list[tuple[float, float]] = field(default_factory=list)
     _meant_at: dict[int, float] = field(default_factory=dict)
@@ -67,6 +68,7 @@ class Playback:
         """Take an edit's outcome."""
         if outcome.code is not Code.OK:
             self.num_refused += 1
+            self.let_in &= outcome.field != "open"
             self._meant_at.pop(outcome.event_seq, None)
         elif outcome.effective_frame is not None and outcome.event_seq in self._meant_at:
             self._effective[outcome.event_seq] = outcome.effective_frame

@@ -9,6 +9,7 @@ from dataclasses import dataclass, replace
 from motiongen_server.engine.config import EngineConfig
 from motiongen_server.engine.engine import Engine
 from motiongen_server.engine.ports import Runner
+from motiongen_server.engine.scheduling.device import DeviceLease
 from motiongen_server.engine.scheduling.policy import SchedulingPolicy
 from motiongen_server.engine.types import Float32Array
 from motiongen_tools.bench.bracket import Bracket
@@ -32,9 +33,10 @@ class Contestant:
 
 @dataclass(frozen=True)
 class Trial:
-    """What came of it. missed: the share of frame times without a frame. busy: of the machine, by others than us.
+    """What came of it. missed: the share of frame times without a frame, of those who were let in.
 
-    rows: mean rows of a step. latencies_s: of the edits that were meant while it was measured, or before.
+    rows: mean rows of a step. latencies_s: of the edits that were meant while it was measured, or before. refused: of
+    those who asked. less: how often anybody was told of less. others_share: of the machine, by others than us.
     """
 
     characters: int
@@ -46,6 +48,7 @@ class Trial:
     latencies_s: tuple[float, ...]
     broken: int
     refused: int
+    less: int
     others_share: float
 
     @property
@@ -88,12 +91,17 @@ def run_trial(
     warm_up_s: float,
     measure_s: float,
     clock: BenchClock,
+    lease: DeviceLease | None = None,
 ) -> Trial:
-    """Open all characters within half a second, let them settle, and count what each is short of from then on."""
+    """Open all characters within half a second, let them settle, and count what each is short of from then on.
+
+    lease: of the device that the engine is at, where it is no ordinary one.
+    """
     facts = contestant.runner.facts
     gc.collect()
     crowd = Crowd(characters, habits, embeddings, facts.model_id, facts.fps, clock)
-    engine = Engine(contestant.runner, clock, crowd.deliver, config, inbox=crowd, scheduler=contestant.make_policy())
+    policy = contestant.make_policy()
+    engine = Engine(contestant.runner, clock, crowd.deliver, config, inbox=crowd, scheduler=policy, lease=lease)
     begin = clock.now() + warm_up_s
     end = begin + measure_s
     windows = discarded = steps = rows = 0
@@ -111,12 +119,13 @@ def run_trial(
     ended_at = clock.now()
     others_share = share()
     measured_s = ended_at - begin
-    held_s = sum(playback.held_between(begin, ended_at) for playback in crowd.playbacks)
+    served = [playback for playback in crowd.playbacks if playback.let_in]
+    held_s = sum(playback.held_between(begin, ended_at) for playback in served)
     crowd.leave()
     engine.step()
     return Trial(
         characters,
-        held_s / (measured_s * characters),
+        held_s / (measured_s * max(1, len(served))),
         windows / measured_s,
         discarded,
         rows / max(1, steps),
@@ -124,6 +133,7 @@ def run_trial(
         tuple(latency for playback in crowd.playbacks for latency in playback.latencies_s),
         sum(playback.broken for playback in crowd.playbacks),
         crowd.num_refused_opens,
+        crowd.num_told_of_less,
         others_share,
     )
 

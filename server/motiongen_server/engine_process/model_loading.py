@@ -12,11 +12,13 @@ from motiongen_server.config import ServerConfig
 from motiongen_server.devices import ADMIT_LOAD
 from motiongen_server.engine.config import EngineConfig
 from motiongen_server.engine.engine import Engine
+from motiongen_server.engine.own_time import own_time_s
 from motiongen_server.engine.ports import Deliver, Inbox, Observe, Runner
 from motiongen_server.engine.scheduling.device import Device, InTurns
 from motiongen_server.engine.scheduling.profile import profile
 from motiongen_server.engine.scheduling.quota_share import QuotaAccount
 from motiongen_server.engine.scheduling.scheduler import Scheduler
+from motiongen_server.engine.scheduling.trial_jobs import usual_passes
 from motiongen_server.engine.scheduling.warm_up import warm_up
 from motiongen_server.engine.types import ModelFacts
 from motiongen_server.engine_process.host import FreeUnused, LoadText, TextEncoder
@@ -61,7 +63,8 @@ class RunnerOfModel:
 
 def prepare(begin: Begin) -> tuple[BuildEngine, LoadText, FreeUnused]:
     """The loaders of an engine process, and what frees its kernels. Models that it holds take turns on its device."""
-    device = Device(quota_account(begin.engines, begin.threads) if begin.kind == "cpu" else None)
+    is_cpu = begin.kind == "cpu"
+    device = Device(quota_account(begin.engines, begin.threads) if is_cpu else None, counts_own=not is_cpu)
 
     def build(source: str, deliver: Deliver, observe: Observe, inbox: Inbox) -> Built:
         model = load_model(begin.config, source, begin.kind, begin.threads)
@@ -154,7 +157,7 @@ def record_graphs(config: ServerConfig, runner: Runner, device: Device) -> None:
     """
     from motiongen_ardy.model.packed.graphs import sizes_up_to
 
-    sizes = sizes_up_to(config.max_rows)
+    sizes = sizes_up_to(config.max_rows, usual_passes(runner))
     begun_at, lease = time.monotonic(), device.lease()
     try:
         largest = warm_up(InTurns(runner, lease), sizes, runner.facts.whole_patches(config.history_frames))
@@ -213,6 +216,8 @@ def build_engine(
             trace_as=f"pid {os.getpid()}" if config.trace_to else "",
             snapshots=config.snapshot_store not in ("", "none") and config.resume_grace_s > 0,
         )
+        if lease.counts_own:
+            measured.costs.own_each_s = own_time_s(runner.facts, engine_config)
         scheduler = Scheduler(
             measured.costs,
             measured.max_rows,

@@ -13,8 +13,8 @@ from torch import Tensor
 MOST_GRAPHS = 128
 MOST_BYTES = 1 << 30
 """Of what graphs read. Beyond either those go that were not replayed for longest."""
-WORTH_IT = 32
-"""Recording takes some 50 ms, and replaying saves one or two each time."""
+WORTH_IT = 8
+"""Recording takes some 25 ms, and replaying saves 2 to 18 each time (docs/performance/gpu.md)."""
 _MOST_COUNTED = 4096
 
 Result = TypeVar("Result")

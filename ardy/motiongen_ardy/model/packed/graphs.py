@@ -64,9 +64,12 @@ def keeping(work: RowWork) -> RowWork:
     return lambda *rows: tuple(part.clone() for part in work(*rows))
 
 
-def sizes_up_to(most: int) -> list[int]:
-    """Numbers of rows that graphs are recorded for where there are never more than so many, rising."""
-    return [*(size for size in SIZES if size < most), most]
+def sizes_up_to(most: int, passes: int = 1) -> list[int]:
+    """Numbers of rows that graphs are recorded for where there are never more than so many, rising.
+
+    passes: sequences of each row in an evaluation, of which all numbers are to be recorded, too.
+    """
+    return sorted({size for size in (*SIZES, *(each // passes for each in SIZES)) if 0 < size < most} | {most})
 
 
 def filled_size(rows: int) -> int:

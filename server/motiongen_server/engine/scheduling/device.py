@@ -29,9 +29,12 @@ class Device:
     it has none until that is made up for.
     """
 
-    def __init__(self, quota: QuotaAccount | None = None) -> None:
-        """quota: of the processor, None where there is none or nobody tells what is used of it."""
+    def __init__(self, quota: QuotaAccount | None = None, *, counts_own: bool = False) -> None:
+        """quota: of the processor, None where there is none or nobody tells what is used of it. counts_own: what
+        engines do themselves counts as use of it, for it stands still meanwhile; on a processor it is a thirtieth.
+        """
         self.quota = quota
+        self.counts_own = counts_own
         self._lock = threading.Lock()
         self._taken = False
         self._waiting: deque[threading.Lock] = deque()
@@ -150,6 +153,11 @@ class DeviceLease:
     def quota(self) -> QuotaAccount | None:
         """As of the device."""
         return self._device.quota
+
+    @property
+    def counts_own(self) -> bool:
+        """As of the device."""
+        return self._device.counts_own
 
     @property
     def elsewhere(self) -> float:

@@ -182,10 +182,20 @@ class StepExecutor:
         ended_at = self._now()
         self._left_at = ended_at - self._lease.waited_s
         report.decode_seconds = ended_at - begun_at
-        self._policy.costs.observe_own(len(finished), self._own_s)
-        self._own_s = 0.0
+        self._take_own(finished)
         self._stream_metrics(report)
         return sound
+
+    def _take_own(self, finished: Sequence[int]) -> None:
+        """Note what the engine took itself since windows were last decoded, for these."""
+        costs = self._policy.costs
+        costs.observe_own(len(finished), self._own_s)
+        if self._lease.counts_own:
+            counted = sum(job_id not in self._background for job_id in finished)
+            busy_s = self._own_s * counted / len(finished)
+            use = self.use
+            self.use = DeviceUse(use.work_s + counted * costs.own_each_s, use.busy_s + busy_s, use.spent_s)
+        self._own_s = 0.0
 
     def _count_own(self, begun_at: float) -> None:
         """The engine's own time since the last call, unless it was idle; other engines' turns are not its own."""
@@ -218,6 +228,7 @@ class StepExecutor:
         """What a step and a window cost by now, where steps are full, with as many evaluations as steps have had."""
         costs, turnover = self._policy.costs, self._turnover
         window_s = costs.prepare.spent_each_s(turnover) + costs.decode.spent_each_s(turnover)
+        window_s += costs.own_each_s if self._lease.counts_own else 0.0
         return Prices(self._passes * costs.step.spent_each_s(self._policy.largest_step), window_s)
 
     @property

@@ -6,6 +6,7 @@ from dataclasses import replace
 
 import numpy as np
 
+from motiongen_server.engine.ports import Runner
 from motiongen_server.engine.types import (
     Constraint,
     Float32Array,
@@ -47,6 +48,12 @@ def trial_job(facts: ModelFacts, job_id: int, history: Float32Array, *, is_steer
         cause=PlanCause.CONTINUE,
         created_at=0.0,
     )
+
+
+def usual_passes(runner: Runner) -> int:
+    """Evaluations of a step of a window with a prompt and nothing else, as the model would have it."""
+    nothing: Float32Array = np.zeros((0, runner.facts.feature_dim), np.float32)
+    return runner.num_passes(trial_job(runner.facts, -1, nothing, is_steered=False))
 
 
 def plain_job(facts: ModelFacts, job_id: int, history: Float32Array) -> WindowJob:

@@ -11,11 +11,15 @@ from motiongen_server.engine.ports import OutOfMemory, Runner
 from motiongen_server.engine.scheduling.trial_jobs import trial_job
 from motiongen_server.engine.types import Float32Array, WindowJob
 
+# Windows of fewer frames of history are those of clients who change their minds at once: few are together.
+_MOST_SHORT = 8
+
 
 def warm_up(runner: Runner, sizes: Iterable[int], history_frames: int) -> int:
     """Play first windows, and windows that go on, so many of each together, in each of the rising sizes.
 
-    Returns the largest size that there was memory for, 0 for none; what is wrong with a model, `profile` finds out.
+    Small sizes are played with each shorter history, too. Returns the largest size that there was memory for, 0 for
+    none; what is wrong with a model, `profile` finds out.
     """
     job_ids = itertools.count(-1, -1)  # never those of an engine
     nothing: Float32Array = np.zeros((0, runner.facts.feature_dim), np.float32)
@@ -28,7 +32,9 @@ def warm_up(runner: Runner, sizes: Iterable[int], history_frames: int) -> int:
         try:
             begun = _played(runner, jobs(size, nothing))
             history = history if largest else begun[:history_frames]
-            _played(runner, jobs(size, history))
+            shorter = range(runner.facts.patch, history_frames, runner.facts.patch) if size <= _MOST_SHORT else ()
+            for frames in (*shorter, history_frames):
+                _played(runner, jobs(size, history[:frames]))
         except OutOfMemory:
             break
         largest = size

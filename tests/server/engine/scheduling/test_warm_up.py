@@ -20,15 +20,17 @@ class SmallRunner(FakeRunner):
         super().prepare(jobs)
 
 
-def sizes_of(jobs: Sequence[WindowJob]) -> list[tuple[bool, int]]:
-    """Of windows one behind another: whether they go on, and how many in a row."""
-    return [(goes_on, len(list(alike))) for goes_on, alike in groupby(bool(len(job.history)) for job in jobs)]
+def sizes_of(jobs: Sequence[WindowJob]) -> list[tuple[int, int]]:
+    """Of windows one behind another: their frames of history, and how many in a row."""
+    return [(frames, len(list(alike))) for frames, alike in groupby(len(job.history) for job in jobs)]
 
 
-def test_each_size_is_played_with_and_without_a_history() -> None:
+def test_each_size_is_played_without_a_history_and_with_one_small_sizes_with_shorter_ones_too() -> None:
     runner = FakeRunner()
-    assert warm_up(runner, (1, 2, 5), 16) == 5
-    assert sizes_of(runner.prepared) == [(goes_on, size) for size in (1, 2, 5) for goes_on in (False, True)]
+    assert runner.facts.patch == 4
+    assert warm_up(runner, (1, 2, 8, 9), 16) == 9
+    short = [(frames, size) for size in (1, 2, 8) for frames in (0, 4, 8, 12, 16)]
+    assert sizes_of(runner.prepared) == [*short, (0, 9), (16, 9)]
     assert runner.breaches == []
     assert runner.jobs == {}, "nothing of it is left"
 
@@ -36,4 +38,4 @@ def test_each_size_is_played_with_and_without_a_history() -> None:
 def test_sizes_without_memory_are_left_out() -> None:
     runner = SmallRunner()
     assert warm_up(runner, (1, 4, 8, 16), 16) == 4
-    assert sizes_of(runner.prepared)[-1] == (True, 4)
+    assert sizes_of(runner.prepared)[-1] == (16, 4)

@@ -1,0 +1,159 @@
+"""What an engine does itself for a window, measured before it serves: a crowd plays, and a model that takes no time.
+
+Where another device than the processor computes, that is as much as calls take, or more, and it is the processor beside
+it that says how much (ADR 96). It must be known before many come at once, for all are let in by then.
+"""
+
+from __future__ import annotations
+
+import time
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass, replace
+from math import ceil, inf
+
+import numpy as np
+
+from motiongen_server.engine.config import EngineConfig
+from motiongen_server.engine.engine import Engine
+from motiongen_server.engine.types import (
+    ChannelBlock,
+    Chunk,
+    Float32Array,
+    ModelFacts,
+    Open,
+    Output,
+    Playhead,
+    Priority,
+    Prompt,
+    RowStatus,
+    SessionKey,
+    SessionSpec,
+    WindowJob,
+    WindowResult,
+)
+
+_SESSIONS = 192
+_ROUND_S, _REPORT_EVERY = 0.05, 5  # rounds; so each client tells its playhead four times a second
+_SETTLING = 16  # rounds in which whoever came last has a window made
+
+
+def own_time_s(facts: ModelFacts, config: EngineConfig, processor_s: Callable[[], float] = time.thread_time) -> float:
+    """Seconds of the processor that an engine with these settings takes for a window, besides calls of its runner.
+
+    processor_s: that this thread has used so far. Takes a few tenths of a second.
+    """
+    clock, screens = _Rounds(), [_Screen() for _ in range(_SESSIONS)]
+
+    def deliver(outputs: Sequence[Output]) -> None:
+        for output in outputs:
+            if isinstance(output, Chunk):
+                screens[output.session.handle].hear(output, clock.now())
+
+    everybody = replace(config, max_sessions=_SESSIONS, admit_load=(inf, inf, inf, inf), degrade=False, snapshots=False)
+    engine = Engine(_Standing(facts), clock, deliver, everybody)
+    windows, used_s = 0, 0.0
+    opening = ceil(facts.horizon / facts.fps / _ROUND_S)  # as long as a window plays, so that as many begin each round
+    for number in range(2 * opening + _SETTLING):
+        now = clock.now()
+        for handle, screen in enumerate(screens):
+            if handle * opening // _SESSIONS == number:
+                engine.submit(Open(_spec(facts, handle), 1, now))
+            elif screen.end and (number + handle) % _REPORT_EVERY == 0:
+                engine.submit(Playhead(SessionKey(0, handle), 0, now, screen.frame(now, facts.fps), screen.end, 0))
+        begun_s = processor_s()
+        report = engine.step()
+        if number >= opening + _SETTLING:
+            windows, used_s = windows + len(report.windows), used_s + processor_s() - begun_s
+        clock.time_s += _ROUND_S
+    return used_s / max(1, windows)
+
+
+class _Rounds:
+    """A clock that is told the time."""
+
+    def __init__(self) -> None:
+        self.time_s = 0.0
+
+    def now(self) -> float:
+        return self.time_s
+
+
+@dataclass(slots=True)
+class _Screen:
+    """What a client shows: frames from begun_at on, as far as it has them."""
+
+    begun_at: float = 0.0
+    end: int = 0
+
+    def hear(self, chunk: Chunk, now: float) -> None:
+        self.begun_at = self.begun_at if self.end else now
+        self.end = chunk.first_frame + len(chunk.rows)
+
+    def frame(self, now: float, fps: float) -> int:
+        return min(self.end - 1, int(fps * (now - self.begun_at)))
+
+
+class _Standing:
+    """Makes characters stand, in no time. Satisfies `motiongen_server.engine.ports.Runner`."""
+
+    def __init__(self, facts: ModelFacts) -> None:
+        self.facts = facts
+        self._steps_done: dict[int, int] = {}
+        self._frames = np.concatenate([_resting(block, facts.horizon) for block in facts.rig.blocks], axis=1)
+        self._features = np.zeros((facts.horizon, facts.feature_dim), np.float32)
+        self._tokens = np.zeros((facts.horizon // facts.patch, facts.token_width), np.float32)
+
+    def num_passes(self, job: WindowJob) -> int:
+        """One each."""
+        del job
+        return 1
+
+    def features(self, rows: Float32Array) -> Float32Array:
+        """Zeros."""
+        return np.zeros((len(rows), self.facts.feature_dim), np.float32)
+
+    def outputs(self, names: Sequence[str], rows: Float32Array) -> Float32Array:
+        """Nobody asks for any."""
+        raise NotImplementedError(f"no outputs {names} of {len(rows)} rows")
+
+    def prepare(self, jobs: Sequence[WindowJob]) -> None:
+        """Take in new jobs."""
+        self._steps_done.update((job.job_id, 0) for job in jobs)
+
+    def denoise(self, job_ids: Sequence[int]) -> list[RowStatus]:
+        """Count their steps."""
+        for job_id in job_ids:
+            self._steps_done[job_id] += 1
+        return [RowStatus(job_id, self._steps_done[job_id], finite=True) for job_id in job_ids]
+
+    def decode(self, job_ids: Sequence[int]) -> list[WindowResult]:
+        """The same frames for all."""
+        self.discard(job_ids)
+        return [WindowResult(job_id, self._frames, self._features, self._tokens) for job_id in job_ids]
+
+    def discard(self, job_ids: Sequence[int]) -> None:
+        """Forget jobs."""
+        for job_id in job_ids:
+            self._steps_done.pop(job_id, None)
+
+
+def _resting(block: ChannelBlock, frames: int) -> Float32Array:
+    """(frames, its width): no rotation, and zeros."""
+    values = np.zeros((frames, block.width), np.float32)
+    if block.name == "joint_rotation_quat_wxyz":
+        values[:, ::4] = 1.0
+    return values
+
+
+def _spec(facts: ModelFacts, handle: int) -> SessionSpec:
+    embedding = np.full(facts.embedding_dim, facts.embedding_dim**-0.5, np.float32)
+    return SessionSpec(
+        session=SessionKey(0, handle),
+        seed=handle,
+        model_id=facts.model_id,
+        priority=Priority.CROWD,
+        lookahead=facts.horizon,
+        denoise_steps=facts.default_steps,
+        guidance=facts.guidance,
+        prompts=(Prompt(1, None, None, "stand", embedding),),
+    )

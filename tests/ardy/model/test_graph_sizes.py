@@ -1,0 +1,21 @@
+"""Which numbers of rows are recorded before anybody waits: all numbers of their sequences are among them."""
+
+from __future__ import annotations
+
+import pytest
+
+from motiongen_ardy.model.packed.graphs import SIZES, filled_size, sizes_up_to
+
+
+@pytest.mark.parametrize("passes", [1, 2, 3, 4])
+@pytest.mark.parametrize("most", [1, 6, 64, 128])
+def test_all_numbers_of_sequences_are_recorded(passes: int, most: int) -> None:
+    sizes = sizes_up_to(most, passes)
+    assert sizes == sorted(set(sizes))
+    recorded = {filled_size(passes * size) for size in sizes}
+    assert recorded == {filled_size(passes * rows) for rows in range(1, most + 1)}
+    assert {filled_size(size) for size in sizes} == {filled_size(rows) for rows in range(1, most + 1)}
+
+
+def test_with_one_pass_these_are_the_sizes_themselves() -> None:
+    assert sizes_up_to(96) == [size for size in SIZES if size <= 96]

@@ -63,8 +63,7 @@ class RunnerOfModel:
 
 def prepare(begin: Begin) -> tuple[BuildEngine, LoadText, FreeUnused]:
     """The loaders of an engine process, and what frees its kernels. Models that it holds take turns on its device."""
-    is_cpu = begin.kind == "cpu"
-    device = Device(quota_account(begin.engines, begin.threads) if is_cpu else None, counts_own=not is_cpu)
+    device = device_of(begin)
 
     def build(source: str, deliver: Deliver, observe: Observe, inbox: Inbox) -> Built:
         model = load_model(begin.config, source, begin.kind, begin.threads)
@@ -90,6 +89,13 @@ def prepare(begin: Begin) -> tuple[BuildEngine, LoadText, FreeUnused]:
         free_kernels()
 
     return build, load_text, free_unused
+
+
+def device_of(begin: Begin) -> Device:
+    """What the engines of this process compute on."""
+    if begin.kind == "cpu":
+        return Device(quota_account(begin.engines, begin.threads))
+    return Device(counts_own=True)
 
 
 def quota_account(engines: int, threads: int) -> QuotaAccount | None:

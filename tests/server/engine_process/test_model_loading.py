@@ -20,7 +20,14 @@ from motiongen_server.engine.scheduling.quota_share import QuotaAccount
 from motiongen_server.engine.scheduling.scheduler import Scheduler
 from motiongen_server.engine.types import Priority, ServiceTier
 from motiongen_server.engine_process import model_loading
-from motiongen_server.engine_process.model_loading import admit_loads, build_engine, load_model, quota_account
+from motiongen_server.engine_process.messages import Begin
+from motiongen_server.engine_process.model_loading import (
+    admit_loads,
+    build_engine,
+    device_of,
+    load_model,
+    quota_account,
+)
 from motiongen_server.settings import SettingError
 from tests.ardy.broken_checkpoints import TINY
 from tests.server.engine.fakes import FakeClock, FakeRunner
@@ -106,6 +113,21 @@ def test_a_model_that_is_loaded_beside_one_at_work_is_not_measured_with_its_wait
     )
     assert engine.windows.prices().step_s == pytest.approx(0.0003 + 0.001 / 8, rel=0.01)
     assert engine.windows.prices().window_s == pytest.approx(0.0, abs=1e-6)
+
+
+def test_beside_a_gpu_an_engine_knows_what_it_takes_itself_before_anybody_comes(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    monkeypatch.setattr(model_loading, "own_time_s", lambda facts, config: 1e6)
+    windows_s = []
+    for kind in ("cpu", "cuda"):
+        device = device_of(Begin(parse_config([]), kind=kind, threads=1, engines=1))
+        engine = build_engine(
+            parse_config([]), FakeRunner(FakeClock()), lambda outputs: None, lambda report: None, None, device
+        )
+        windows_s.append(engine.windows.prices().window_s)
+    on_processor_s, beside_gpu_s = windows_s
+    assert on_processor_s < 1e6 <= beside_gpu_s
 
 
 def test_a_prompt_domain_of_another_width_than_the_model_s_is_refused_at_the_start(tmp_path: Path) -> None:

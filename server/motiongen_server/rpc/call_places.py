@@ -6,7 +6,7 @@ from collections import Counter
 from collections.abc import Callable
 from functools import partial
 
-from motiongen_server.rpc.call_errors import too_many_calls_open
+from motiongen_server.rpc.too_many_calls import too_many_calls_open
 
 FIRST_ONES = 2
 """Times as many of one address, where the connection has none yet: clients behind one proxy have one. A tenant's quota

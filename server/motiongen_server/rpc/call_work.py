@@ -10,7 +10,7 @@ from functools import partial
 from motiongen_server.errors import EventRefused, StreamRefused
 from motiongen_server.rpc.loop_time import Work
 from motiongen_server.rpc.peers import Peer
-from motiongen_server.rpc.stream_errors import too_much_loop_time
+from motiongen_server.rpc.too_many_calls import too_much_loop_time
 
 
 def begin_work(peer: Peer) -> Callable[[], None]:

@@ -12,9 +12,9 @@ from collections import Counter
 from collections.abc import Callable
 from functools import partial
 
-from motiongen_server.rpc.call_errors import too_many_checks
 from motiongen_server.rpc.peers import address_of
 from motiongen_server.rpc.token_bucket import Bucket, Share, TokenBucket
+from motiongen_server.rpc.too_many_calls import too_many_bad_tokens
 
 CHECKS_PER_SECOND = 1_000.0
 """That fail, of all connections together: 7 % of a Zen 5's core, whatever the length of the tokens."""
@@ -54,7 +54,7 @@ class CheckBudget:
         now, cost = self._clock(), 1.0 + num_characters / CHARACTERS_A_CHECK
         share = self._part(peer, now).share
         if (owed_s := share.owed_s(now)) > 0:
-            raise too_many_checks(owed_s)
+            raise too_many_bad_tokens(owed_s)
         share.charge(cost, now)
         return partial(self._give_back, share, cost)
 

@@ -13,8 +13,8 @@ from collections.abc import Callable
 from math import inf
 
 from motiongen_server.rpc.peers import address_of
-from motiongen_server.rpc.stream_errors import too_many_checks
 from motiongen_server.rpc.token_bucket import Share, TokenBucket
+from motiongen_server.rpc.too_many_calls import too_many_health_checks
 
 CHECKS_PER_SECOND = 100.0
 """Of an address; a proxy that checks a server asks once in some seconds."""
@@ -69,7 +69,7 @@ class HealthPace:
         is_full = address.num_waiting >= MOST_WAITING_OF_AN_ADDRESS or self._num_waiting >= MOST_WAITING
         is_again = connection.share.owed_s(now) > 0.0 and now - connection.at_once_at < MOST_WAIT_S
         if (is_full and (waiting or is_again)) or waiting >= MOST_WAITING_OF_A_CONNECTION:
-            raise too_many_checks(max(connection.share.owed_s(now), 1.0 / CHECKS_PER_SECOND))
+            raise too_many_health_checks(max(connection.share.owed_s(now), 1.0 / CHECKS_PER_SECOND))
         connection.share.charge(1.0, now)
         owed_s = connection.share.owed_s(now)
         if owed_s <= 0.0:

@@ -14,8 +14,8 @@ from motiongen_server.rpc.event_errors import peer_class, peer_clips, peer_sessi
 from motiongen_server.rpc.held_requests import HeldRequests, Holder
 from motiongen_server.rpc.limits import PeerLimits
 from motiongen_server.rpc.loop_time import LoopTime
-from motiongen_server.rpc.stream_errors import too_many_calls
 from motiongen_server.rpc.token_bucket import Share, TokenBucket
+from motiongen_server.rpc.too_many_calls import too_many_calls
 
 SESSION_WEIGHTS = {Priority.HERO: 4, Priority.NEAR: 2, Priority.CROWD: 1, Priority.BATCH: 1}
 """What a session of each class counts for: a hero is planned anew far more often."""

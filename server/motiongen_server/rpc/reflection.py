@@ -21,11 +21,12 @@ from grpc_reflection.v1alpha import reflection, reflection_pb2
 
 from motiongen_server.rpc.budget import CALL_COST
 from motiongen_server.rpc.call_context import CallContext, streaming_method
-from motiongen_server.rpc.call_errors import request_too_long, too_many_questions
+from motiongen_server.rpc.call_errors import request_too_long
 from motiongen_server.rpc.call_places import CallPlaces
 from motiongen_server.rpc.limits import PeerLimits
 from motiongen_server.rpc.peers import Peer, Peers
 from motiongen_server.rpc.requests import Requests, parsed_as
+from motiongen_server.rpc.too_many_calls import too_much_reflection
 
 V1ALPHA = reflection.SERVICE_NAME
 V1 = V1ALPHA.replace("v1alpha", "v1")
@@ -86,7 +87,7 @@ def _charged(peers: Peers, call: CallContext) -> Peer:
     now = time.monotonic()
     peer = peers.find(call.peer(), now)
     if (owed_s := _owed_s(peer, now)) > 0:
-        raise too_many_questions(owed_s)
+        raise too_much_reflection(owed_s)
     peer.calls.charge(CALL_COST, now)
     return peer
 

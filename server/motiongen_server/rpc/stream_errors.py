@@ -54,23 +54,6 @@ def too_many_streams(most: int, kind: str = "") -> StreamRefused:
     return StreamRefused(grpc.StatusCode.RESOURCE_EXHAUSTED, "TOO_MANY_STREAMS", message, retry_after_s=5.0)
 
 
-def too_many_calls(wait_s: float, kind: str) -> StreamRefused:
-    message = f"your {kind} asks for too much (quota calls_per_second); ask again in {wait_s:.1f} s"
-    return StreamRefused(grpc.StatusCode.RESOURCE_EXHAUSTED, "TOO_MANY_CALLS", message, retry_after_s=max(0.1, wait_s))
-
-
-def too_much_loop_time(wait_s: float, kind: str) -> StreamRefused:
-    """Of a call, whose peer owes for what its requests took of the gateway's event loop."""
-    message = f"what your {kind} asked for took more of the server than its part; ask again in {wait_s:.1f} s"
-    return StreamRefused(grpc.StatusCode.RESOURCE_EXHAUSTED, "TOO_MANY_CALLS", message, retry_after_s=max(0.1, wait_s))
-
-
-def too_many_checks(wait_s: float) -> StreamRefused:
-    """Of the health."""
-    message = f"too many health checks of your connection wait; ask again in {wait_s:.1f} s, or watch the health"
-    return StreamRefused(grpc.StatusCode.RESOURCE_EXHAUSTED, "TOO_MANY_CALLS", message, retry_after_s=max(0.1, wait_s))
-
-
 def stream_empty(after_s: float) -> StreamRefused:
     message = f"the stream has carried no session for {after_s:g} s; begin another when there is one to open"
     return StreamRefused(grpc.StatusCode.DEADLINE_EXCEEDED, "STREAM_EMPTY", message)

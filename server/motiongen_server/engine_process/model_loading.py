@@ -217,7 +217,7 @@ def build_engine(
             snapshots=config.snapshot_store not in ("", "none") and config.resume_grace_s > 0,
         )
         if lease.counts_own:
-            measured.costs.own_each_s = own_time_s(runner.facts, engine_config)
+            measured.costs.begin_own(own_time_s(runner.facts, engine_config))
         scheduler = Scheduler(
             measured.costs,
             measured.max_rows,

@@ -141,9 +141,10 @@ def _parsed(given: str, count_cuda: Callable[[], int]) -> tuple[EngineDevice, ..
             devices += [EngineDevice("cuda", index, 1) for index in indices for _ in range(engines)]
         else:
             raise SettingError(f"devices is {given!r}; it must be of {FORMS}, or several of these with commas")
-    if len(set(named)) < len(named):
+    repeated = next((index for index, times in Counter(named).items() if times > 1), None)
+    if repeated is not None:
         raise SettingError(
-            f"devices is {given!r}; give each CUDA device once: cuda:{named[0]}x2 has two engines on one"
+            f"devices is {given!r}; give each CUDA device once: cuda:{repeated}x2 has two engines on one"
         )
     if len(devices) > MOST_ENGINES:
         raise SettingError(f"devices is {given!r}, {len(devices)} engines; there may be {MOST_ENGINES}")

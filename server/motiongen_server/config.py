@@ -82,8 +82,8 @@ class ServerConfig:
     admit_load: float | None = setting(
         None,
         "share of the measured capacity up to which sessions are let in; none: 0.87, 0.9 of a quota of the processor, "
-        "0.86 where that is less than a core for each thread, 0.75 of engines with more threads than cores, 0.65 or "
-        "0.75 where nobody says what is used of a quota",
+        "0.86 where that is less than a core for each thread, 0.75 of engines with more threads than cores, and "
+        "of several on a GPU, 0.65 or 0.75 where nobody says what is used of a quota",
         0.01,
         1e6,
         kind=float,

@@ -33,8 +33,9 @@ ADMIT_LOAD_SCANT = 0.86
 ADMIT_LOAD_SHARED = 0.75
 ADMIT_LOAD_THROTTLED = 0.65
 """Where nothing counts what the gateway uses; under a quota, of which all that is used counts, and under one of less
-than a core for each thread, so that engines stand still; with more threads than there are cores; and under a quota of
-which nobody knows what is used. With more, sessions were told of less (docs/performance/admission.md).
+than a core for each thread, so that engines stand still; with more threads than there are cores, or several engines on
+a GPU; and under a quota of which nobody knows what is used. With more, sessions were told of less
+(docs/performance/admission.md, gpu.md).
 """
 KERNELS_KEPT = {"ONEDNN_PRIMITIVE_CACHE_CAPACITY": "192", "LRU_CACHE_CAPACITY": "64"}
 """Compiled products that oneDNN keeps in an engine process, each of 0.6 MiB, and descriptions of such that torch keeps
@@ -140,9 +141,10 @@ def _parsed(given: str, count_cuda: Callable[[], int]) -> tuple[EngineDevice, ..
             devices += [EngineDevice("cuda", index, 1) for index in indices for _ in range(engines)]
         else:
             raise SettingError(f"devices is {given!r}; it must be of {FORMS}, or several of these with commas")
-    if len(set(named)) < len(named):
+    repeated = next((index for index, times in Counter(named).items() if times > 1), None)
+    if repeated is not None:
         raise SettingError(
-            f"devices is {given!r}; give each CUDA device once: cuda:{named[0]}x2 has two engines on one"
+            f"devices is {given!r}; give each CUDA device once: cuda:{repeated}x2 has two engines on one"
         )
     if len(devices) > MOST_ENGINES:
         raise SettingError(f"devices is {given!r}, {len(devices)} engines; there may be {MOST_ENGINES}")

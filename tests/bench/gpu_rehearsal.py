@@ -53,7 +53,7 @@ def rehearse(
     clock = CountingClock(slower)
     runner, config = CostedRunner(clock, ON_AN_H200), config or contest_config(max_rows)
     costs = profile(runner, clock, max_rows, HISTORY_FRAMES).costs
-    costs.own_each_s = slower * own_time_s(runner.facts, config)  # as an engine process has it
+    costs.begin_own(slower * own_time_s(runner.facts, config))  # as an engine process has it
     one = Contestant("GPU", "in virtual time", runner, lambda: Scheduler(costs, max_rows, max_step_s=config.max_step_s))
     embeddings = null_embeddings(runner)
     with settled_objects():

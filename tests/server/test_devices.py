@@ -60,6 +60,7 @@ def test_without_cuda_each_core_has_an_engine_up_to_eight(monkeypatch: pytest.Mo
         ("cpu:2,", "it must be of"),
         ("cuda:0,cuda:0", "each CUDA device once: cuda:0x2 has two"),
         ("cuda:1x2,cuda:1", "each CUDA device once"),
+        ("cuda:1,cuda:3,cuda:3", "each CUDA device once: cuda:3x2 has two"),
         ("cuda:0x0", "1 to 64 engines"),
         ("cuda:0x65", "1 to 64 engines"),
         ("cpu:40,cpu:40", "80 engines"),

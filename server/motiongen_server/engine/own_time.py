@@ -35,6 +35,8 @@ from motiongen_server.engine.types import (
 _SESSIONS = 192
 _ROUND_S, _REPORT_EVERY = 0.05, 5  # rounds; so each client tells its playhead four times a second
 _SETTLING = 16  # rounds in which whoever came last has a window made
+_WINDOW_ROUNDS = 8  # at most, that a window takes, or nobody would have one while it is measured
+_MOST_STEPS = 32  # of a window: what more of them take shows once they are served, and is little beside the model's
 
 
 def own_time_s(facts: ModelFacts, config: EngineConfig, processor_s: Callable[[], float] = time.thread_time) -> float:
@@ -51,19 +53,20 @@ def own_time_s(facts: ModelFacts, config: EngineConfig, processor_s: Callable[[]
 
     everybody = replace(config, max_sessions=_SESSIONS, admit_load=(inf, inf, inf, inf), degrade=False, snapshots=False)
     engine = Engine(_Standing(facts), clock, deliver, everybody)
-    windows, used_s = 0, 0.0
+    windows, used_s, num_steps = 0, 0.0, min(facts.default_steps, _MOST_STEPS)
     opening = ceil(facts.horizon / facts.fps / _ROUND_S)  # as long as a window plays, so that as many begin each round
+    rounds_each = max(1 / _WINDOW_ROUNDS, _SESSIONS / opening / config.max_rows)
     for number in range(2 * opening + _SETTLING):
         now = clock.now()
         for handle, screen in enumerate(screens):
             if handle * opening // _SESSIONS == number:
-                engine.submit(Open(_spec(facts, handle), 1, now))
+                engine.submit(Open(_spec(facts, handle, num_steps), 1, now))
             elif screen.end and (number + handle) % _REPORT_EVERY == 0:
                 engine.submit(Playhead(SessionKey(0, handle), 0, now, screen.frame(now, facts.fps), screen.end, 0))
         begun_s = processor_s()
-        report = engine.step()
+        made = sum(len(engine.step().windows) for _ in range(ceil(num_steps * rounds_each)))
         if number >= opening + _SETTLING:
-            windows, used_s = windows + len(report.windows), used_s + processor_s() - begun_s
+            windows, used_s = windows + made, used_s + processor_s() - begun_s
         clock.time_s += _ROUND_S
     return used_s / max(1, windows)
 
@@ -145,7 +148,7 @@ def _resting(block: ChannelBlock, frames: int) -> Float32Array:
     return values
 
 
-def _spec(facts: ModelFacts, handle: int) -> SessionSpec:
+def _spec(facts: ModelFacts, handle: int, num_steps: int) -> SessionSpec:
     embedding = np.full(facts.embedding_dim, facts.embedding_dim**-0.5, np.float32)
     return SessionSpec(
         session=SessionKey(0, handle),
@@ -153,7 +156,7 @@ def _spec(facts: ModelFacts, handle: int) -> SessionSpec:
         model_id=facts.model_id,
         priority=Priority.CROWD,
         lookahead=facts.horizon,
-        denoise_steps=facts.default_steps,
+        denoise_steps=num_steps,
         guidance=facts.guidance,
         prompts=(Prompt(1, None, None, "stand", embedding),),
     )

@@ -68,9 +68,10 @@ def prepare(begin: Begin) -> tuple[BuildEngine, LoadText, FreeUnused]:
     def build(source: str, deliver: Deliver, observe: Observe, inbox: Inbox) -> Built:
         model = load_model(begin.config, source, begin.kind, begin.threads)
         config = replace(begin.config, model=source)
+        check_fit(config, model.runner.facts)
         with model.runner.recording_at_once():  # of what is measured, too: sessions will have it replayed
-            if begin.kind == "cuda" and begin.config.cuda_graphs:
-                record_graphs(begin.config, model.runner, device)
+            if begin.kind == "cuda" and config.cuda_graphs:
+                config = replace(config, max_rows=record_graphs(config, model.runner, device))
             engine = build_engine(config, model.runner, deliver, observe, inbox, device)
         return Built(engine, model.runner.facts, model.licence, model.abilities)
 
@@ -156,20 +157,27 @@ def check_domain(abilities: Abilities, facts: ModelFacts) -> None:
         )
 
 
-def record_graphs(config: ServerConfig, runner: Runner, device: Device) -> None:
-    """Record graphs of the usual windows: later their sessions would wait for it.
+def record_graphs(config: ServerConfig, runner: Runner, device: Device) -> int:
+    """Record graphs of the usual windows: later their sessions would wait for it. Returns how many windows at most may
+    be in a step, within the setting: so many as there is memory for beside the graphs.
 
     Models at work wait for single calls.
     """
     from motiongen_ardy.model.packed.graphs import sizes_up_to
 
-    sizes = sizes_up_to(config.max_rows, usual_passes(runner))
-    begun_at, lease = time.monotonic(), device.lease()
+    begun_at, lease, passes = time.monotonic(), device.lease(), usual_passes(runner)
+    most, largest = 0, config.max_rows
     try:
-        largest = warm_up(InTurns(runner, lease), sizes, runner.facts.whole_patches(config.history_frames))
+        while largest and most != largest:  # where memory ran out, all graphs were let go of: again, of fewer windows
+            most = largest
+            sizes, history_frames = sizes_up_to(most, passes), runner.facts.whole_patches(config.history_frames)
+            largest = warm_up(InTurns(runner, lease), sizes, history_frames)
     finally:
         lease.leave()
     log.info("recorded graphs of up to %d windows in %.1f s", largest, time.monotonic() - begun_at)
+    if 0 < largest < config.max_rows:
+        log.warning("the device has no memory for graphs of more than %d windows: steps are of no more", largest)
+    return largest or config.max_rows
 
 
 def check_fit(config: ServerConfig, facts: ModelFacts) -> None:
@@ -223,7 +231,7 @@ def build_engine(
             snapshots=config.snapshot_store not in ("", "none") and config.resume_grace_s > 0,
         )
         if lease.counts_own:
-            measured.costs.own_each_s = own_time_s(runner.facts, engine_config)
+            measured.costs.begin_own(own_time_s(runner.facts, engine_config))
         scheduler = Scheduler(
             measured.costs,
             measured.max_rows,

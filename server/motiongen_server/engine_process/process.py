@@ -222,8 +222,7 @@ class EngineProcess:
                         raise EngineLost(message.error)
                     return
                 self._take(message)
-            if (silent_s := silence.longest_s) > self._hung_s:
-                raise EngineLost(f"an engine of the process has said nothing for {silent_s:.1f} s")
+            silence.check(self._hung_s)
 
     def _take(self, message: ToGateway) -> None:
         if isinstance(message, EncoderReady | Encoded):

@@ -1,11 +1,17 @@
-"""Silence: for how long the engines of a process have said nothing."""
+"""Silence: for how long the engines of a process have said nothing, or models that it held have not come back."""
 
 from __future__ import annotations
 
 import time
 from collections.abc import Iterable
 
+from motiongen_server.engine_process.connection import EngineLost
 from motiongen_server.engine_process.model_link import ModelLink
+
+LOAD_AGAIN_S = 600.0
+"""For which none of the models that the process before it held has been loaded: a driver hangs, or a disk. How long a
+model takes that was never loaded, as from the hub, nobody knows.
+"""
 
 
 class Silence:
@@ -18,6 +24,8 @@ class Silence:
         self._links = links
         self._most_at_once_s = most_at_once_s
         self._looked_at = time.monotonic()
+        self._missing: frozenset[int] = frozenset()  # slots of models that are loaded again
+        self._missing_s = 0.0  # since one of them came back
 
     def look(self) -> None:
         """Note that time has passed. What is said takes back its own model's."""
@@ -25,8 +33,19 @@ class Silence:
         passed_s, self._looked_at = min(now - self._looked_at, self._most_at_once_s), now
         for link in self._links:
             link.silent_s = link.silent_s + passed_s if link.is_up else 0.0
+        missing = frozenset(link.slot for link in self._links if link.ready.done() and not link.is_up)
+        self._missing_s = self._missing_s + passed_s if missing and missing == self._missing else 0.0
+        self._missing = missing
 
-    @property
-    def longest_s(self) -> float:
-        """Of the model whose engine has said nothing for longest."""
-        return max((link.silent_s for link in self._links), default=0.0)
+    def check(self, hung_s: float) -> None:
+        """Raises EngineLost where an engine has said nothing for so many seconds, or what was held does not come back.
+
+        That of one engine counts, whatever the others say.
+        """
+        silent_s = max((link.silent_s for link in self._links), default=0.0)
+        if silent_s > hung_s:
+            raise EngineLost(f"an engine of the process has said nothing for {silent_s:.1f} s")
+        if self._missing_s > LOAD_AGAIN_S:
+            raise EngineLost(
+                f"the process has been loading again what the one before it held for {self._missing_s:.0f} s"
+            )

@@ -2,8 +2,9 @@
 
 HOW says what is to go wrong: nothing; small (an engine takes one session); settings, load (refused, or failing, while
 it loads); tell_load (refused, with the admit_load that it got); schema (the greeting is of another version); garbage
-(after its first outputs it says what is no message); hang, die, fail (in the second window of a session with the
-seed `FATAL_SEED`).
+(after its first outputs it says what is no message); stuck:FOLDER (of the processes that load, all of which leave a
+file there, the second never comes to an end); hang, die, fail (in the second window of a session with the seed
+`FATAL_SEED`).
 """
 
 from __future__ import annotations
@@ -59,6 +60,11 @@ def build(begin: Begin, how: str, source: str, deliver: Deliver, observe: Observ
         raise SettingError(f"admit_load is {begin.config.admit_load}")
     if how == "load":
         raise RuntimeError("the disk is gone")
+    if how.startswith("stuck:"):
+        folder = Path(how.partition(":")[2])
+        (folder / str(os.getpid())).touch()
+        if len(list(folder.iterdir())) == 2:
+            threading.Event().wait()
     runner = FatalRunner(RealTime())
     runner.how = how
     runner.facts = replace(runner.facts, model_id=source)

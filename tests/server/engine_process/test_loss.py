@@ -78,6 +78,21 @@ def test_a_killed_engine_ends_its_sessions_and_another_takes_its_place() -> None
         assert there.pool.processes[0].num_restarts == 1
 
 
+def test_one_that_never_ends_loading_what_was_held_is_lost_too(
+    monkeypatch: pytest.MonkeyPatch, tmp_path: Path, caplog: pytest.LogCaptureFixture
+) -> None:
+    """As where a driver hangs. A model that was never loaded may take as long as it takes."""
+    with remote(f"stuck:{tmp_path}") as there:
+        monkeypatch.setattr("motiongen_server.engine_process.silence.LOAD_AGAIN_S", 4.0)
+        pid = there.pid()
+        assert pid is not None
+        os.kill(pid, signal.SIGKILL)
+        until(lambda: there.pool.processes[0].num_restarts == 2)
+        open_anew(there.engine)
+        there.audience.wait_for_frames(40)
+    assert "loading again what the one before it held for" in caplog.text
+
+
 def test_that_an_engine_is_lost_is_told_also_where_it_had_no_sessions(monkeypatch: pytest.MonkeyPatch) -> None:
     with remote() as there:
         told: list[Sequence[Output]] = []

@@ -5,28 +5,35 @@ from __future__ import annotations
 import math
 import shutil
 from collections import Counter
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
+from contextlib import AbstractContextManager
 from pathlib import Path
 
 import numpy as np
 import pytest
 
+from motiongen_ardy.model.packed.graphs import sizes_up_to
 from motiongen_ardy.text.domain import DOMAIN_FILE, make_domain, write_domain
 from motiongen_server.config import parse_config
 from motiongen_server.engine.config import EngineConfig
+from motiongen_server.engine.mailbox import Mailbox
+from motiongen_server.engine.ports import OutOfMemory
 from motiongen_server.engine.scheduling.costs import CostTable
 from motiongen_server.engine.scheduling.device import Device
 from motiongen_server.engine.scheduling.quota_share import QuotaAccount
 from motiongen_server.engine.scheduling.scheduler import Scheduler
-from motiongen_server.engine.types import Priority, ServiceTier
+from motiongen_server.engine.types import Priority, ServiceTier, WindowJob
 from motiongen_server.engine_process import model_loading
 from motiongen_server.engine_process.messages import Begin
 from motiongen_server.engine_process.model_loading import (
+    RunnerOfModel,
     admit_loads,
     build_engine,
     device_of,
     load_model,
+    prepare,
     quota_account,
+    record_graphs,
 )
 from motiongen_server.settings import SettingError
 from tests.ardy.broken_checkpoints import TINY
@@ -128,6 +135,45 @@ def test_beside_a_gpu_an_engine_knows_what_it_takes_itself_before_anybody_comes(
         windows_s.append(engine.windows.prices().window_s)
     on_processor_s, beside_gpu_s = windows_s
     assert on_processor_s < 1e6 <= beside_gpu_s
+
+
+class ShortOfMemory(FakeRunner):
+    """Has memory for so many windows, and keeps what it has played; all of it goes where there is none left."""
+
+    def __init__(self, most: int) -> None:
+        super().__init__(FakeClock())
+        self.most, self.kept = most, set[tuple[int, int]]()
+
+    def prepare(self, jobs: Sequence[WindowJob]) -> None:
+        if len(jobs) > self.most:
+            self.kept.clear()
+            raise OutOfMemory("no room")
+        self.kept.add((len(jobs), len(jobs[0].history)))
+        super().prepare(jobs)
+
+
+@pytest.mark.parametrize(("most", "rows"), [(12, 12), (0, 32), (100, 32)])
+def test_what_was_let_go_of_for_want_of_memory_is_recorded_again(
+    most: int, rows: int, caplog: pytest.LogCaptureFixture
+) -> None:
+    runner, device = ShortOfMemory(most), Device()
+    assert record_graphs(parse_config(["--max-rows", "32"], {}), runner, device) == rows
+    sizes = [size for size in sizes_up_to(rows) if size <= most]
+    assert {(size, frames) for size in sizes for frames in (0, 16)} <= runner.kept
+    assert ("of more than 12 windows" in caplog.text) is (most == 12)
+    assert device.num_seats == 0
+
+
+def test_what_does_not_fit_a_model_is_said_before_anything_is_recorded(monkeypatch: pytest.MonkeyPatch) -> None:
+    class Recording(FakeRunner):
+        def recording_at_once(self) -> AbstractContextManager[None]:
+            raise AssertionError("nothing is to be recorded")
+
+    loaded = RunnerOfModel(Recording(FakeClock()), "CC0-1.0")  # type: ignore[arg-type]
+    monkeypatch.setattr(model_loading, "load_model", lambda *given: loaded)
+    build, *_ = prepare(Begin(parse_config(["--history-frames", "400"], {}), "cuda", 1, 1))
+    with pytest.raises(SettingError, match="history_frames is 400"):
+        build("fake", lambda outputs: None, lambda report: None, Mailbox(8))
 
 
 def test_a_prompt_domain_of_another_width_than_the_model_s_is_refused_at_the_start(tmp_path: Path) -> None:

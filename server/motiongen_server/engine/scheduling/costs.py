@@ -26,8 +26,11 @@ _MOST_SURPRISE = 4.0
 _MOST_CARRIED_S = 0.1
 _REFRESH_EVERY = 8
 _LEAST_S = 1e-7
-_OWN_WINDOWS = 128  # that the engine's own time for one is a mean of
 _MOST_WEIGHT = 32.0
+# The engine's own time for a window is a mean over those of so long, and over so many at least. Beside a GPU fewer come
+# and go in a tenth of a second: it would say what a single wave of them took. Who stood still is noted for some more.
+_OWN_S, _OWN_WINDOWS, _OWN_CARRIED = 1.0, 128, 32
+_LEAST_OWN_S = 1e-5
 
 
 def _grid(most: int) -> tuple[int, ...]:
@@ -228,6 +231,9 @@ class CostTable:
     step: CallCosts
     decode: CallCosts
     own_each_s: float = 0.0
+    _own_seen: int = 0
+    _own_weight: float = float(_OWN_WINDOWS)
+    _own_carried_s: float = 0.0
 
     @classmethod
     def assumed(cls, step_s: float) -> CostTable:
@@ -241,9 +247,25 @@ class CostTable:
         for costs in (self.prepare, self.step, self.decode):
             costs.spent = spent
 
-    def observe_own(self, windows: int, seconds: float) -> None:
-        """The engine took so long between calls, from the end of some windows to the end of these."""
-        self.own_each_s += min(1.0, windows / _OWN_WINDOWS) * (seconds / windows - self.own_each_s)
+    def begin_own(self, each_s: float) -> None:
+        """What the engine itself does for a window, as was measured: it is taken as it is."""
+        self.own_each_s, self._own_seen = each_s, _OWN_WINDOWS
+
+    def observe_own(self, windows: int, seconds: float, elapsed_s: float = math.inf) -> None:
+        """The engine took so long between calls, from the end of some windows to the end of these.
+
+        elapsed_s: between those ends, calls and idling too. What it took beyond some times what was expected counts
+        with the windows that follow, as far as that is no more than some others take: who stands still for a second,
+        as while something else is loaded, is not slower from then on.
+        """
+        whole_s, expected_s = seconds + self._own_carried_s, windows * max(self.own_each_s, _LEAST_OWN_S)
+        is_known = self._own_seen >= _OWN_WINDOWS
+        counted_s = min(whole_s, _MOST_SURPRISE * expected_s) if is_known else whole_s
+        self._own_carried_s = min(whole_s - counted_s, _OWN_CARRIED * expected_s / windows)
+        kept = self._own_weight * (1.0 - min(1.0, windows / _OWN_WINDOWS, elapsed_s / _OWN_S))
+        self._own_weight = kept + windows
+        self.own_each_s = (kept * self.own_each_s + counted_s) / self._own_weight
+        self._own_seen += windows
 
     def round_s(self, evaluations: int, rows: int, num_steps: int) -> float:
         """One round of the engine with so many rows of num_steps each: its step, and its share of coming and going."""

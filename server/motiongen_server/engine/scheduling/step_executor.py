@@ -82,6 +82,7 @@ class StepExecutor:
             policy.costs.follow_processor()
         self._left_at: float | None = None  # when a call of the round before ended, without the waits for turns
         self._own_s = 0.0  # between calls since windows were last decoded
+        self._decoded_at = -inf
         self.use = DeviceUse()
         self.held_until = inf
         """When to ask again for the next step, where the background is held back for other engines."""
@@ -182,14 +183,15 @@ class StepExecutor:
         ended_at = self._now()
         self._left_at = ended_at - self._lease.waited_s
         report.decode_seconds = ended_at - begun_at
-        self._take_own(finished)
+        self._take_own(finished, ended_at)
         self._stream_metrics(report)
         return sound
 
-    def _take_own(self, finished: Sequence[int]) -> None:
+    def _take_own(self, finished: Sequence[int], now: float) -> None:
         """Note what the engine took itself since windows were last decoded, for these."""
         costs = self._policy.costs
-        costs.observe_own(len(finished), self._own_s)
+        costs.observe_own(len(finished), self._own_s, now - self._decoded_at)
+        self._decoded_at = now
         if self._lease.counts_own:
             counted = sum(job_id not in self._background for job_id in finished)
             busy_s = self._own_s * counted / len(finished)

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import itertools
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from dataclasses import replace
 
 import numpy as np
@@ -17,9 +17,10 @@ from motiongen_server.engine.scheduling.device_use import DeviceUse
 from motiongen_server.engine.scheduling.scheduler import Scheduler
 from motiongen_server.engine.scheduling.step_executor import StepExecutor
 from motiongen_server.engine.scheduling.trial_jobs import trial_job
-from motiongen_server.engine.types import Float32Array, RowStatus
+from motiongen_server.engine.types import Chunk, Float32Array, Output, Priority, RowStatus
 from motiongen_server.engine.types.report import StepReport
 from tests.server.engine.fakes import FACTS, FakeClock, FakeRunner
+from tests.server.engine.stage import Stage
 
 BETWEEN_S, IDLE_S, TURN_S = 0.25, 60.0, 5.0
 
@@ -66,13 +67,13 @@ class Played:
         for number in finished:
             self.executor.finish(number)
 
-    def play(self, clock: FakeClock, number: int, *, background: bool = False) -> None:
+    def play(self, clock: FakeClock, number: int, *, background: bool = False, between_s: float = BETWEEN_S) -> None:
         """A window from its beginning to its end, after each of whose calls some time passes."""
         self.add(number, background=background)
         finished: list[int] = []
         while not finished:
             _, finished = self.step()
-            clock.advance(BETWEEN_S)
+            clock.advance(between_s)
         self.decode(finished)
 
 
@@ -134,14 +135,96 @@ def test_the_backgrounds_part_of_it_does_not_count_as_use() -> None:
     assert played.executor.use == DeviceUse()
 
 
+def test_it_is_not_what_a_single_wave_of_windows_takes() -> None:
+    """A thousand windows a second, of which those of a fifth of a second take as long as all others together."""
+    clock = FakeClock()
+    played = Played(clock, FakeRunner(clock, step_s=lambda rows: 0.0), Device(counts_own=True))
+    played.costs.begin_own(0.001)
+    found = []
+    for number in range(4000):
+        is_dear = number % 1000 < 250
+        played.play(clock, number, between_s=0.001 if is_dear else 0.00033)
+        found.append(played.costs.own_each_s)
+    assert 0.0008 < min(found[1000:]) <= max(found[1000:]) < 0.0014
+    assert np.mean(found[1000:]) == pytest.approx(0.001, rel=0.1)
+
+
+def test_an_engine_that_stands_still_for_once_is_not_taken_for_a_slow_one() -> None:
+    costs = CostTable.assumed(0.01)
+    costs.begin_own(0.0003)
+    costs.observe_own(4, 5.0, 5.0)
+    assert costs.own_each_s < 0.0004
+    for _ in range(64):
+        costs.observe_own(4, 4 * 0.0003, 0.01)
+    assert costs.own_each_s == pytest.approx(0.0003, rel=0.2)
+
+
+def test_what_it_takes_from_now_on_is_known_within_a_second_or_two() -> None:
+    costs = CostTable.assumed(0.01)
+    costs.begin_own(0.0003)
+    for each_s in (0.003, 0.0006):
+        for _ in range(300):
+            costs.observe_own(4, 4 * each_s, 0.01)
+        assert costs.own_each_s == pytest.approx(each_s, rel=0.4)
+
+
+def test_what_some_windows_take_more_and_others_less_is_counted_in_full() -> None:
+    costs = CostTable.assumed(0.01)
+    costs.begin_own(0.001)
+    found = []
+    for number in range(2000):
+        costs.observe_own(1, 0.008 if number % 8 == 0 else 0.0, 0.001)
+        found.append(costs.own_each_s)
+    assert np.mean(found) == pytest.approx(0.001, rel=0.05)
+
+
+def test_a_pause_of_the_engine_is_no_load() -> None:
+    """Beside a GPU, for a hundred characters for each of whose chunks the engine takes 2 ms, it stands still once."""
+    stage = Stage(EngineConfig(), lease=Device(counts_own=True).lease())
+    stage.runner.step_s = lambda rows: 0.001
+    deliver = stage.deliver
+
+    def take_a_while(outputs: Sequence[Output]) -> None:
+        stage.clock.advance(0.002 * sum(isinstance(output, Chunk) for output in outputs))
+        deliver(outputs)
+
+    stage.deliver = take_a_while  # type: ignore[method-assign]
+    for handle in range(1, 101):
+        stage.open(handle, seed=handle, priority=Priority.NEAR)
+    stage.run(10.0)
+    while not (stage.step().rows and len(stage.engine.windows)):
+        stage.run(0.001)
+    before = len(stage.reports)
+    stage.clock.advance(4.0)
+    stage.run(3.0)
+    loads = [
+        [report.load for report in part if report.load is not None]
+        for part in (stage.reports[:before], stage.reports[before:])
+    ]
+    assert [max(load) < 0.3 for load in loads] == [True, True], loads
+
+
 def rounds() -> Callable[[], float]:
     """A processor of which each round takes a thousandth of a second."""
     used = itertools.count()
     return lambda: 0.001 * next(used)
 
 
-@pytest.mark.parametrize(("fps", "horizon"), [(20, 40), (30, 32), (60, 64), (10, 96)])
-def test_it_is_measured_before_anybody_comes(fps: int, horizon: int) -> None:
-    own_s = own_time_s(replace(FACTS, fps=fps, horizon=horizon), EngineConfig(), rounds())
+@pytest.mark.parametrize(
+    ("fps", "horizon", "steps", "rows"),
+    [
+        (20, 40, 4, 64),
+        (30, 32, 4, 64),
+        (60, 64, 4, 64),
+        (10, 96, 4, 64),
+        (20, 40, 50, 64),
+        (20, 40, 1000, 8),
+        (20, 40, 4, 1),
+    ],
+)
+def test_it_is_measured_before_anybody_comes(fps: int, horizon: int, steps: int, rows: int) -> None:
+    """However many steps their windows have, and however few go along in one."""
+    facts = replace(FACTS, fps=fps, horizon=horizon, default_steps=steps, max_steps=1000)
+    own_s = own_time_s(facts, EngineConfig(max_rows=rows), rounds())
     # 192 characters need a window each time that one has been played; rounds are a twentieth of a second apart.
     assert own_s == pytest.approx(0.001 * 20 / (192 * fps / horizon), rel=0.3)

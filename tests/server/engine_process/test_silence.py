@@ -1,0 +1,67 @@
+"""For how long the models of an engine process may say nothing, and for how long they may take to come back."""
+
+from __future__ import annotations
+
+from types import SimpleNamespace
+
+import pytest
+
+from motiongen_server.engine_process import silence
+from motiongen_server.engine_process.connection import EngineLost
+from motiongen_server.engine_process.model_link import ModelLink
+from motiongen_server.engine_process.silence import LOAD_AGAIN_S, Silence
+
+LOOK_S = 1.0
+
+
+class Ready(ModelLink):
+    """A model that comes and goes as a test says."""
+
+    def __init__(self, slot: int, *, was_held: bool) -> None:
+        super().__init__(slot, "fake", lambda outputs: None, lambda: None)
+        if was_held:
+            self.ready.set_result(None)  # type: ignore[arg-type]
+
+    def come(self) -> None:
+        self._is_up = True
+
+
+class Watch:
+    """Looks once a second of a clock of its own."""
+
+    def __init__(self, monkeypatch: pytest.MonkeyPatch, *links: ModelLink) -> None:
+        self.now = 100.0
+        monkeypatch.setattr(silence, "time", SimpleNamespace(monotonic=lambda: self.now))
+        self.silence = Silence(links, LOOK_S)
+
+    def look_for(self, seconds: float) -> None:
+        """Raises EngineLost."""
+        for _ in range(int(seconds / LOOK_S)):
+            self.now += LOOK_S
+            self.silence.look()
+            self.silence.check(30.0)
+
+
+def test_models_that_do_not_come_back_are_lost(monkeypatch: pytest.MonkeyPatch) -> None:
+    watch = Watch(monkeypatch, Ready(1, was_held=True))
+    watch.look_for(LOAD_AGAIN_S)
+    with pytest.raises(EngineLost, match="loading again what the one before it held for 60"):
+        watch.look_for(5.0)
+
+
+def test_each_that_comes_back_gives_the_others_time(monkeypatch: pytest.MonkeyPatch) -> None:
+    first, second = Ready(1, was_held=True), Ready(2, was_held=True)
+    watch = Watch(monkeypatch, first, second)
+    watch.look_for(0.9 * LOAD_AGAIN_S)
+    first.come()
+    for _ in range(27):
+        watch.look_for(LOAD_AGAIN_S / 30)
+        first.silent_s = 0.0  # as it goes on talking
+    second.come()
+    watch.look_for(20.0)
+    with pytest.raises(EngineLost, match="said nothing for 3"):
+        watch.look_for(20.0)
+
+
+def test_what_was_never_loaded_may_take_as_long_as_it_takes(monkeypatch: pytest.MonkeyPatch) -> None:
+    Watch(monkeypatch, Ready(1, was_held=False)).look_for(3 * LOAD_AGAIN_S)

@@ -105,7 +105,8 @@ def resample_qpos(qpos: Tensor, from_hz: float, to_hz: float) -> Tensor:
             raise RobotError(f"the rate is {rate} Hz; give one above 0 and up to {MAX_RATE_HZ:.0f}")
     if from_hz == to_hz:
         return qpos
-    at = torch.arange(resampled_length(len(qpos), from_hz, to_hz), dtype=torch.float64) * (from_hz / to_hz)
+    count = resampled_length(len(qpos), from_hz, to_hz)
+    at = torch.arange(count, dtype=torch.float64, device=qpos.device) * (from_hz / to_hz)
     # The tiny step keeps a row that lies on a source row from landing just before it.
     first = (at + 1e-6).long().clamp(max=len(qpos) - 1)
     second = (first + 1).clamp(max=len(qpos) - 1)
@@ -151,7 +152,7 @@ def controller_trajectory(
     kept = torch.cat([kept[:, :3], continuous_signs(unit), kept[:, 7:]], dim=1)
     kept = resample_qpos(kept, from_hz, rate_hz)
     qvel = velocities(kept, rate_hz)
-    time_s = torch.arange(len(kept), dtype=torch.float64) / rate_hz
+    time_s = torch.arange(len(kept), dtype=torch.float64, device=kept.device) / rate_hz
     report = TrajectoryReport(clamped=clamped, too_fast=too_fast(qvel))
     return JointTrajectory(time_s, kept, qvel, rate_hz), report
 

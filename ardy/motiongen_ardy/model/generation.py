@@ -122,7 +122,7 @@ def start_window(model: Model, request: WindowRequest) -> WindowState:
     Raises WindowError as `lay_out` does, and for a history that is not made of whole tokens.
     """
     layout, patch = model.representation, model.config.patch
-    batch, device = request.text.shape[0], request.text.device
+    batch = request.text.shape[0]
     if request.history is not None and request.history.shape[1]:
         history_frames = request.history.shape[1]
         if history_frames % patch:
@@ -131,9 +131,9 @@ def start_window(model: Model, request: WindowRequest) -> WindowState:
         history, translation = recentre_tokens(model, history)
         heading = layout.heading_of_root(request.history[:, 0, :ROOT_WIDTH])
     else:
-        history = torch.zeros(batch, 0, model.config.token_width, device=device)
-        translation = torch.zeros(batch, 3, device=device) if request.translation is None else request.translation
-        heading = torch.zeros(batch, device=device) if request.heading is None else request.heading
+        history = request.noise.new_zeros(batch, 0, model.config.token_width)
+        translation = request.noise.new_zeros(batch, 3) if request.translation is None else request.translation
+        heading = request.noise.new_zeros(batch) if request.heading is None else request.heading
     return lay_out(model, request, history, translation, heading)
 
 

@@ -10,14 +10,18 @@ import numpy as np
 import pygltflib
 import pytest
 import safetensors.numpy
+import safetensors.torch
 import torch
 
+from motiongen_ardy.checkpoint.paces_file import write_paces
 from motiongen_ardy.core.skeleton import load_skeleton
 from motiongen_ardy.formats.__main__ import main
 from motiongen_ardy.formats.constraints import RootConstraint, write_constraints
 from motiongen_ardy.formats.files import write_motion
 from motiongen_ardy.formats.root_points import RootPoints, write_root_points
+from motiongen_ardy.model.sampling.paces import PromptPaces
 from motiongen_ardy.text import HashedTextEncoder
+from motiongen_ardy.text.domain import make_domain, write_domain
 from motiongen_ardy.text.prompt_file import PromptFileError, encode_prompts, write_prompt_file
 from tests.ardy.formats.motions import random_motion
 
@@ -27,6 +31,15 @@ PROMPTS = encode_prompts(HashedTextEncoder(4), [("wave", "a person waves")])
 
 def constraints(path: Path) -> None:
     write_constraints(path, [RootConstraint((3,), torch.zeros(1, 2))])
+
+
+def domain(path: Path) -> None:
+    write_domain(path, make_domain("hashed-4", np.eye(4, dtype=np.float32), 4))
+
+
+def paces(path: Path) -> None:
+    one = torch.ones(1, 4)
+    write_paces(path, PromptPaces(one[0], one, torch.ones(1, 2), 0.5, one, torch.zeros(1), torch.zeros(1)))
 
 
 def root_points(path: Path) -> None:
@@ -44,6 +57,8 @@ def root_points(path: Path) -> None:
         ("list.json", constraints, (Path, "write_text")),
         ("path.json", root_points, (Path, "write_text")),
         ("prompts.safetensors", write_prompt_file, (safetensors.numpy, "save_file")),
+        ("prompt_domain.safetensors", domain, (safetensors.numpy, "save_file")),
+        ("prompt_paces.safetensors", paces, (safetensors.torch, "save_file")),
     ],
 )
 @pytest.mark.parametrize(

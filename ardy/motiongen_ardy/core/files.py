@@ -21,7 +21,11 @@ def written_whole(path: Path) -> Iterator[Path]:
     if target.exists() and not target.is_file():
         yield target
         return
-    with tempfile.TemporaryDirectory(prefix=".motiongen-", dir=target.parent) as folder:
+    try:
+        beside = tempfile.TemporaryDirectory(prefix=".motiongen-", dir=target.parent)
+    except OSError as error:  # told by the name that was given
+        raise OSError(error.errno, error.strerror, str(path)) from None
+    with beside as folder:
         partial = Path(folder) / target.name
         yield partial
         if target.exists():

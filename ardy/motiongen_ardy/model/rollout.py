@@ -153,6 +153,12 @@ def rollout(model: Model, request: RolloutRequest) -> Tensor:
     that the model's tokens or texts do not fit, and ConstraintError for targets of another skeleton.
     """
     request.check(model.config)
+    # Where the caller multiplies in another precision, this does not: a model says itself in which it multiplies.
+    with torch.autocast(model.representation.stats.mean.device.type, enabled=False):
+        return _rollout(model, request)
+
+
+def _rollout(model: Model, request: RolloutRequest) -> Tensor:
     layout = model.representation
     features = layout.stats.mean.new_zeros(0, layout.feature_dim)
     kept = TokenHistory(model.config.patch)

@@ -56,3 +56,15 @@ def test_what_is_no_file_is_written_as_it_is(tmp_path: Path) -> None:
     with written_whole(tmp_path / "pipe") as partial:
         assert partial == tmp_path / "pipe"
     assert (tmp_path / "pipe").is_fifo()
+
+
+def test_a_folder_that_is_not_there_is_told_by_the_name_that_was_given(tmp_path: Path) -> None:
+    path = tmp_path / "none" / "walk.npz"
+
+    def write() -> None:
+        with written_whole(path) as partial:
+            partial.write_text("new")
+
+    with pytest.raises(FileNotFoundError) as refused:
+        write()
+    assert refused.value.filename == str(path)

@@ -66,8 +66,9 @@ def default_dtype(dtype: torch.dtype) -> Iterator[None]:
         lambda: torch.device("meta"),
         torch.inference_mode,
         torch.enable_grad,
+        lambda: torch.autocast("cpu", torch.bfloat16),
     ],
-    ids=["float64", "bfloat16", "another device", "inference mode", "autograd"],
+    ids=["float64", "bfloat16", "another device", "inference mode", "autograd", "autocast"],
 )
 def test_settings_of_torch_change_nothing(mini: Model, expected: Tensor, around: Any) -> None:
     with around():

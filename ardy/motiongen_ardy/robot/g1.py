@@ -179,7 +179,7 @@ def check_qpos(qpos: Tensor) -> None:
     bad = (~qpos.isfinite()).any(1).nonzero().flatten().tolist()
     if bad:
         raise RobotError(f"qpos row {bad[0]} holds NaN or infinite numbers; every one must be finite")
-    length = qpos[:, 3:7].norm(dim=1)
+    length = qpos[:, 3:7].double().norm(dim=1)
     bad = ((length - 1).abs() > 0.01).nonzero().flatten().tolist()
     if bad:
         raise RobotError(

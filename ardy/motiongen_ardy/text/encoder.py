@@ -64,7 +64,7 @@ class TextEncoder(Protocol):
         """(len(texts), width) float32; each row depends on its own text only, a blank text gives zeros.
 
         May be called from several threads. Raises TextEncoderUnavailable where the encoder is elsewhere, and ValueError
-        for one text in place of a list.
+        for one text in place of a list and for texts with half of a surrogate pair.
         """
         ...
 
@@ -102,9 +102,14 @@ class EachTextEncoder(NamedTextEncoder, ABC):
 
 
 def check_texts(texts: Sequence[str]) -> None:
-    """Raise ValueError for one text in place of a list of texts, whose letters would be taken for texts."""
+    """Raise ValueError for one text in place of a list, whose letters would be texts, and for half characters."""
     if isinstance(texts, str):
         raise ValueError(f"texts is one text, {texts[:40]!r}; give a list of texts")
+    for text in texts:
+        try:
+            text.encode()
+        except UnicodeEncodeError:  # what reads words raises whatever it likes for these
+            raise ValueError(f"a text has half of a surrogate pair, {text[:40]!r}; give whole characters") from None
 
 
 def is_blank(text: str) -> bool:

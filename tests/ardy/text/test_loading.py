@@ -48,6 +48,12 @@ def test_one_text_in_place_of_a_list_is_refused(encoder: TextEncoder) -> None:
         encoder.encode("a person walks")
 
 
+@pytest.mark.parametrize("encoder", ENCODERS, ids=lambda encoder: encoder.identity)
+def test_half_of_a_character_is_refused(encoder: TextEncoder) -> None:
+    with pytest.raises(ValueError, match="half of a surrogate pair"):
+        encoder.encode(["a person walks", "a person \ud83c"])
+
+
 def test_a_static_vector_does_not_depend_on_the_texts_beside_it() -> None:
     texts = ["a person walks", " ", "x" * 300, "a person waves, then jumps and turns round", "12", "?!"]
     together = STATIC.encode(texts)

@@ -8,6 +8,7 @@ import torch
 from torch import Tensor
 
 from motiongen_ardy.checkpoint.files import CheckpointError, TensorFile
+from motiongen_ardy.core.files import written_whole
 from motiongen_ardy.model.sampling.paces import PromptPaces
 
 PACES_FILE = "prompt_paces.safetensors"
@@ -56,10 +57,14 @@ def read_paces(path: Path, text_dim: int) -> PromptPaces:
 
 
 def write_paces(path: Path, paces: PromptPaces) -> None:
-    """Write it, in place of what is there. Texts are kept with 11 bits, which is more than telling them apart takes."""
+    """Write it, in place of what is there once it is whole.
+
+    Texts are kept with 11 bits, which is more than telling them apart takes.
+    """
     from safetensors.torch import save_file
 
     tensors: dict[str, Tensor] = {name: torch.as_tensor(getattr(paces, name)).float() for name in _SHAPES}
     tensors["directions"] = tensors["directions"].half()
     path.parent.mkdir(parents=True, exist_ok=True)
-    save_file({name: tensor.contiguous() for name, tensor in tensors.items()}, path)
+    with written_whole(path) as partial:
+        save_file({name: tensor.contiguous() for name, tensor in tensors.items()}, partial)

@@ -13,14 +13,15 @@ import torch
 from numpy.typing import NDArray
 from torch import Tensor
 
+from motiongen_ardy.core.constraint_values import (
+    ConstraintError,
+    Floats,
+    require_frames,
+    require_numbers,
+    require_rotations,
+)
 from motiongen_ardy.core.representation import Representation, heading_angle
 from motiongen_ardy.core.skeleton import Skeleton
-
-Floats = NDArray[np.float32]
-
-
-class ConstraintError(ValueError):
-    """Raised for a constraint that has no meaning; the message says what was given and what is allowed."""
 
 
 def limb_chains(skeleton: Skeleton) -> Mapping[str, tuple[int, ...]]:
@@ -34,16 +35,6 @@ def limb_chains(skeleton: Skeleton) -> Mapping[str, tuple[int, ...]]:
     }
 
 
-def require_numbers(what: str, values: Tensor | NDArray[Any], shape: tuple[int, ...]) -> Floats:
-    """Values as float32. Raises ConstraintError unless they are finite and of that shape."""
-    numbers = np.asarray(values, np.float32)
-    if numbers.shape != shape:
-        raise ConstraintError(f"{what} have shape {numbers.shape}; give {shape}")
-    if not np.isfinite(numbers).all():
-        raise ConstraintError(f"{what} hold NaN or infinite numbers; every one must be finite")
-    return numbers
-
-
 def facings(angles: NDArray[np.floating[Any]]) -> NDArray[np.floating[Any]]:
     """Cosine and sine (K, 2) of headings (K) in radians."""
     return np.stack([np.cos(angles), np.sin(angles)], axis=-1)
@@ -52,8 +43,8 @@ def facings(angles: NDArray[np.floating[Any]]) -> NDArray[np.floating[Any]]:
 class Targets:
     """What features shall be at which frames, gathered from constraints; of two that disagree, the later one holds.
 
-    Frames are absolute; `fill` is told which of them it is to lay out, and leaves the others alone. The groups are
-    independent: a waypoint overrides the ground position of an earlier keyframe at its frame but not its pose.
+    Frames are absolute, from 0; `fill` is told which of them it is to lay out, and leaves the others alone. The groups
+    are independent: a waypoint overrides the ground position of an earlier keyframe at its frame but not its pose.
     planned, faced: frames whose ground position, and whose heading, nobody asked for, but which lead to what was asked:
     the root may sway about them. All is held, and may be given, as float32 arrays on the CPU: there are many small
     ones, and tensors take longer to make. ground: (2); height: (); heading: (2) cosine and sine; positions: (3);
@@ -81,6 +72,7 @@ class Targets:
         self, frames: Sequence[int], ground: Tensor | Floats, heading: Tensor | Floats | None = None
     ) -> None:
         """Waypoints or a root trajectory. ground: (K, 2) x and z in metres; heading: (K) radians, or None."""
+        frames = require_frames(frames)
         places = require_numbers("ground positions", ground, (len(frames), 2))
         angles = None if heading is None else require_numbers("headings", heading, (len(frames),))
         self.ground.update(zip(frames, places, strict=True))
@@ -90,6 +82,7 @@ class Targets:
 
     def add_heading(self, frames: Sequence[int], heading: Tensor | Floats) -> None:
         """The root's facing alone. heading: (K) radians."""
+        frames = require_frames(frames)
         angles = require_numbers("headings", heading, (len(frames),))
         self.heading.update(zip(frames, facings(angles), strict=True))
         self.faced.difference_update(frames)
@@ -128,7 +121,7 @@ class Targets:
         return other
 
     def _add_pose_root(self, frames: Sequence[int], positions: Floats, ground: Tensor | Floats | None) -> None:
-        angle = heading_angle(self.skeleton, torch.tensor(positions))
+        angle = heading_angle(self.skeleton, torch.from_numpy(positions))
         self.add_waypoints(frames, positions[:, 0, [0, 2]] if ground is None else ground, angle)
         self.height.update(zip(frames, positions[:, 0, 1], strict=True))
 
@@ -136,6 +129,7 @@ class Targets:
         self, frames: Sequence[int], positions: Tensor | Floats, ground: Tensor | Floats | None = None
     ) -> None:
         """Keyframes. positions: (K, J, 3) of all joints; ground: (K, 2), where the root shall be if elsewhere."""
+        frames = require_frames(frames)
         places = require_numbers("joint positions", positions, (len(frames), self.skeleton.num_joints, 3))
         self._add_pose_root(frames, places, ground)
         for row, frame in enumerate(frames):
@@ -153,8 +147,9 @@ class Targets:
         height and heading. limbs: names out of `limb_chains`; positions: (K, J, 3); rotations: (K, J, 3, 3) global;
         ground: (K, 2), where the root shall be if elsewhere, the limbs being as far from it as in their pose.
         """
+        frames = require_frames(frames)
         places = require_numbers("joint positions", positions, (len(frames), self.skeleton.num_joints, 3))
-        turns = require_numbers("joint rotations", rotations, (len(frames), self.skeleton.num_joints, 3, 3))
+        turns = require_rotations(rotations, (len(frames), self.skeleton.num_joints, 3, 3))
         chains = limb_chains(self.skeleton)
         if not limbs or not all(name in chains for name in limbs):
             raise ConstraintError(f"end effectors are {list(limbs)}; name one or more of {', '.join(chains)}")
@@ -178,8 +173,9 @@ class Targets:
 
         The root joint among them also sets the root's ground position and height, but no heading.
         """
+        (frame,) = require_frames([frame])
         places = require_numbers("joint positions", positions, (len(joints), 3))
-        turns = None if rotations is None else require_numbers("joint rotations", rotations, (len(joints), 3, 3))
+        turns = None if rotations is None else require_rotations(rotations, (len(joints), 3, 3))
         self._require_joints(joints)
         for row, joint in enumerate(joints):
             self.positions[frame, joint] = places[row]
@@ -193,7 +189,8 @@ class Targets:
 
     def add_rotations(self, frame: int, joints: Sequence[int], rotations: Tensor | Floats) -> None:
         """How joints are turned at one frame, wherever they are. rotations: (K, 3, 3) global."""
-        turns = require_numbers("joint rotations", rotations, (len(joints), 3, 3))
+        (frame,) = require_frames([frame])
+        turns = require_rotations(rotations, (len(joints), 3, 3))
         self._require_joints(joints)
         self.rotations.update(((frame, joint), turns[row]) for row, joint in enumerate(joints))
 
@@ -206,8 +203,13 @@ class Targets:
     def fill(self, layout: Representation, first_frame: int, num_frames: int) -> tuple[Tensor, Tensor]:
         """Observed features in natural units and mask, each (num_frames, D), of frames from first_frame on.
 
-        Raises ConstraintError where joints are constrained without the ground position of the root.
+        Raises ConstraintError where joints are constrained without the ground position of the root, and for a layout of
+        another skeleton.
         """
+        if layout.skeleton.joint_names != self.skeleton.joint_names:
+            raise ConstraintError(
+                f"the targets are of {self.skeleton.name}, the features of {layout.skeleton.name}; make targets of that"
+            )
         observed = np.zeros((num_frames, layout.feature_dim), np.float32)
         mask = np.zeros_like(observed)
         end = first_frame + num_frames

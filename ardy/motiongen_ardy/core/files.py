@@ -1,7 +1,9 @@
-"""Files that are there whole or not at all, whenever their writer is killed."""
+"""Files that are there whole, or as they were before, whenever their writer is ended."""
 
 from __future__ import annotations
 
+import shutil
+import tempfile
 from collections.abc import Iterator
 from contextlib import contextmanager
 from pathlib import Path
@@ -9,10 +11,23 @@ from pathlib import Path
 
 @contextmanager
 def written_whole(path: Path) -> Iterator[Path]:
-    """Where to write what shall be at `path`: a file beside it, which takes its name once it is written."""
-    partial = path.with_name(path.name + ".partial")
+    """Where to write what shall be at `path`: a file of its name beside it, which takes its place once it is written.
+
+    Where something is raised meanwhile, what was at `path` stays as it was. Each writer has a folder of its own for
+    it, so two at once leave the file of one of them. A link goes on pointing where it does, a file keeps its mode, and
+    what is no file, such as a pipe, is written as it is. Raises OSError.
+    """
+    target = path.resolve()
+    if target.exists() and not target.is_file():
+        yield target
+        return
     try:
+        beside = tempfile.TemporaryDirectory(prefix=".motiongen-", dir=target.parent)
+    except OSError as error:  # told by the name that was given
+        raise OSError(error.errno, error.strerror, str(path)) from None
+    with beside as folder:
+        partial = Path(folder) / target.name
         yield partial
-        partial.replace(path)
-    finally:
-        partial.unlink(missing_ok=True)
+        if target.exists():
+            shutil.copymode(target, partial)
+        partial.replace(target)

@@ -44,9 +44,12 @@ class Motion:
 
 
 def concatenate(parts: list[Motion]) -> Motion:
-    """Parts one after another in time. Raises ValueError for an empty list."""
+    """Parts one after another in time. Raises ValueError for an empty list, and for parts of different frame rates."""
     if not parts:
         raise ValueError("no motion to concatenate; give at least one part")
+    rates = sorted({part.fps for part in parts})
+    if len(rates) > 1:
+        raise ValueError(f"parts of {', '.join(map(str, rates))} frames a second; resample them to one rate first")
     return Motion(
         torch.cat([part.local_rotations for part in parts], dim=-4),
         torch.cat([part.root_positions for part in parts], dim=-2),

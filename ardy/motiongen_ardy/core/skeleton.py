@@ -24,6 +24,10 @@ class UnknownSkeleton(ValueError):
     """Raised for a skeleton name that is not one of `skeleton_names()`."""
 
 
+class JointsMismatch(ValueError):
+    """Raised for rotations of more or fewer joints than the skeleton has."""
+
+
 class UnknownJoint(ValueError):
     """Raised for a joint name that the skeleton does not have."""
 
@@ -66,6 +70,7 @@ class Skeleton:
         """(J, 3) float64 metres: each joint's neutral position relative to its parent; zero for the root."""
         parents = np.maximum(self.parents, 0)
         offsets: np.ndarray = self.neutral_joints - self.neutral_joints[parents]
+        offsets.setflags(write=False)
         return offsets
 
     @cached_property
@@ -107,6 +112,8 @@ def load_skeleton(name: str) -> Skeleton:
     facts = json.loads((resources.files("motiongen_ardy") / "skeletons" / f"{name}.json").read_text(encoding="utf-8"))
     joint_names = tuple(facts["joint_names"])
     neutral = np.asarray(facts["neutral_joints_m"], dtype=np.float64)
+    neutral = neutral - neutral[0]
+    neutral.setflags(write=False)  # there is one for all who ask
 
     def indices(key: str) -> tuple[int, ...]:
         return tuple(joint_names.index(joint) for joint in facts[key])
@@ -116,7 +123,7 @@ def load_skeleton(name: str) -> Skeleton:
         name=facts["name"],
         joint_names=joint_names,
         parents=tuple(facts["parents"]),
-        neutral_joints=neutral - neutral[0],
+        neutral_joints=neutral,
         hip_joints=(right_hip, left_hip),
         left_foot=indices("left_foot_chain"),
         right_foot=indices("right_foot_chain"),
@@ -130,8 +137,12 @@ def forward_kinematics(skeleton: Skeleton, local_rotations: Tensor, root_positio
 
     local_rotations: (..., J, 3, 3) parent-relative; root_positions: (..., 3) metres.
     Returns global rotations (..., J, 3, 3) and positions (..., J, 3) in metres. For a joint j with parent a:
-    G_j = G_a R_j and q_j = q_a + G_a (n_j - n_a).
+    G_j = G_a R_j and q_j = q_a + G_a (n_j - n_a). Raises JointsMismatch.
     """
+    if local_rotations.shape[-3] != skeleton.num_joints:
+        raise JointsMismatch(
+            f"rotations of {local_rotations.shape[-3]} joints; the skeleton {skeleton.name} has {skeleton.num_joints}"
+        )
     offsets = constant(skeleton.offset_rows, local_rotations.dtype, local_rotations.device)
     rotations: list[Tensor] = [local_rotations[..., 0, :, :]]
     positions: list[Tensor] = [torch.zeros_like(root_positions)]

@@ -61,7 +61,7 @@ class Bvh:
 
     def pose(self) -> tuple[Tensor, Tensor]:
         """Local rotations (T, J, 3, 3) and local translations (T, J, 3), float64, in the file's unit."""
-        rotations = torch.eye(3, dtype=torch.float64).repeat(self.num_frames, len(self.joint_names), 1, 1)
+        rotations = torch.eye(3, dtype=torch.float64, device="cpu").repeat(self.num_frames, len(self.joint_names), 1, 1)
         translations = torch.from_numpy(self.offsets).repeat(self.num_frames, 1, 1)
         column = 0
         for joint, names in enumerate(self.channels):
@@ -97,7 +97,7 @@ class Bvh:
 def axis_rotation(axis: int, angle: Tensor) -> Tensor:
     """(...) radians about the x, y or z axis (0, 1 or 2) -> (..., 3, 3)."""
     cosine, sine = torch.cos(angle), torch.sin(angle)
-    matrix = torch.zeros(*angle.shape, 3, 3, dtype=angle.dtype)
+    matrix = torch.zeros(*angle.shape, 3, 3, dtype=angle.dtype, device=angle.device)
     following, last = (axis + 1) % 3, (axis + 2) % 3
     matrix[..., axis, axis] = 1
     matrix[..., following, following] = cosine

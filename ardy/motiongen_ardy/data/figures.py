@@ -97,7 +97,7 @@ def _net_turn(heading: Tensor) -> float:
 def _bone_error(skeleton: Skeleton, positions: Tensor) -> float:
     parents = list(skeleton.parents[1:])
     lengths = (positions[:, 1:] - positions[:, parents]).norm(dim=-1)
-    return float((lengths - torch.from_numpy(skeleton.offsets[1:]).norm(dim=-1)).abs().max())
+    return float((lengths - torch.tensor(skeleton.offsets[1:]).norm(dim=-1)).abs().max())
 
 
 def _judge(dataset: MotionDataset, by_content: dict[str, list[ClipFigures]]) -> tuple[Verdict, ...]:

@@ -44,8 +44,8 @@ def solve_leg(
     """
     upper, target = torch.from_numpy(hip), torch.from_numpy(goal)
     rotations = torch.from_numpy(thigh), torch.from_numpy(shin)
-    knee = upper + rotations[0] @ torch.from_numpy(knee_bone)
-    ankle = knee + rotations[1] @ torch.from_numpy(ankle_bone)
+    knee = upper + rotations[0] @ torch.tensor(knee_bone)
+    ankle = knee + rotations[1] @ torch.tensor(ankle_bone)
     length = float(np.linalg.norm(knee_bone) + np.linalg.norm(ankle_bone))
     wanted = (target - upper).norm(dim=-1)
     distance = wanted.clamp(MIN_REACH * length, MAX_REACH * length)

@@ -13,24 +13,26 @@ import numpy as np
 import torch
 from torch import Tensor
 
+from motiongen_ardy.core.files import written_whole
 from motiongen_ardy.core.skeleton import Skeleton
 from motiongen_ardy.data.bvh import Bvh, BvhError, parse_bvh
 from motiongen_ardy.formats.bounded import check_num_frames, read_text
 from motiongen_ardy.formats.errors import FormatError
-from motiongen_ardy.formats.stored import StoredMotion, check_bones, from_pose, skeleton_with, whole_fps
+from motiongen_ardy.formats.stored import StoredMotion, as_array, check_bones, from_pose, skeleton_with, whole_fps
 
 BONES_WITHIN_M = 0.01
 _UNITS_PER_METRE = (1.0, 100.0, 1000.0, 1 / 0.0254)  # metres, centimetres, millimetres, inches
+_LOCKED = 1e-6  # radians from where two axes are one
 _END_SITE_M = 0.05  # how far a last joint is drawn, in the direction of its bone
 
 
 def write_bvh(path: Path, stored: StoredMotion, units_per_metre: float = 100.0) -> None:
     """Write a motion of any skeleton. Contacts and text have no place in the file."""
     skeleton, motion = stored.skeleton, stored.motion
-    angles = np.degrees(euler_zxy(motion.local_rotations.double().numpy()))
-    root = motion.root_positions.double().numpy() * units_per_metre
+    angles = np.degrees(euler_zxy(as_array(motion.local_rotations)))
+    root = as_array(motion.root_positions) * units_per_metre
     order: list[int] = []
-    with path.open("w", encoding="ascii", newline="\n") as file:
+    with written_whole(path) as partial, partial.open("w", encoding="ascii", newline="\n") as file:
         file.write("HIERARCHY\n")
         _write_joint(file, skeleton, 0, 0, units_per_metre, order)
         file.write(f"MOTION\nFrames: {motion.num_frames}\nFrame Time: {1 / motion.fps:.8f}\n")
@@ -40,14 +42,16 @@ def write_bvh(path: Path, stored: StoredMotion, units_per_metre: float = 100.0) 
 def euler_zxy(rotations: np.ndarray) -> np.ndarray:
     """(T, ..., 3, 3) -> (T, ..., 3) radians z, x, y with R = Rz Rx Ry, without jumps of a full turn along T.
 
-    Where x is +-90 degrees only the sum or difference of the others is defined; y is 0 there.
+    Where x is +-90 degrees only the sum or difference of the others is defined; y is 0 there. Near it z is hardly
+    known, so that y is what is left once z is taken off: together they make the rotation to the last digit.
     """
-    sine = np.clip(rotations[..., 2, 1], -1, 1)
-    x = np.arctan2(sine, np.hypot(rotations[..., 2, 0], rotations[..., 2, 2]))
-    locked = np.abs(sine) > 1 - 1e-10
+    cosine = np.hypot(rotations[..., 2, 0], rotations[..., 2, 2])
+    x = np.arctan2(rotations[..., 2, 1], cosine)
+    locked = cosine < _LOCKED
     z_free = np.arctan2(-rotations[..., 0, 1], rotations[..., 1, 1])
     z = np.where(locked, np.arctan2(rotations[..., 1, 0], rotations[..., 0, 0]), z_free)
-    y = np.where(locked, 0.0, np.arctan2(-rotations[..., 2, 0], rotations[..., 2, 2]))
+    across = np.cos(z)[..., None] * rotations[..., 0, :] + np.sin(z)[..., None] * rotations[..., 1, :]
+    y = np.arctan2(across[..., 2], across[..., 0])
     angles: np.ndarray = np.unwrap(np.stack([z, x, y], axis=-1), axis=0)
     return angles
 
@@ -88,7 +92,7 @@ def read_bvh(path: Path, skeleton: Skeleton | None = None) -> StoredMotion:
     except BvhError as error:
         raise FormatError(path, f"line {error.line}: {error.problem}"[:300], "give a BVH file") from None
     check_num_frames(path, bvh.num_frames)
-    fps = whole_fps(path, bvh.fps, f"a frame time of {bvh.frame_time_s:g} s")
+    fps = whole_fps(path, 1 / bvh.frame_time_s, f"a frame time of {bvh.frame_time_s:g} s")
     skeleton = skeleton_with(path, bvh.joint_names, skeleton)
     order = [bvh.joint_names.index(name) for name in skeleton.joint_names]
     _check_tree(path, bvh, skeleton, order)
@@ -122,7 +126,7 @@ def _metres_per_unit(path: Path, skeleton: Skeleton, offsets: np.ndarray) -> flo
 
 def _check_rigid(path: Path, skeleton: Skeleton, translations: Tensor) -> None:
     """Below the root, positions (T, J, 3) that channels give must stay on the bones."""
-    error = (translations[:, 1:] - torch.as_tensor(skeleton.offsets[1:])).norm(dim=-1)
+    error = (translations[:, 1:] - torch.tensor(skeleton.offsets[1:], device="cpu")).norm(dim=-1)
     if float(error.max()) > BONES_WITHIN_M:
         frame, joint = divmod(int(error.argmax()), error.shape[1])
         name = skeleton.joint_names[joint + 1]

@@ -15,7 +15,9 @@ from typing import Any
 import torch
 from torch import Tensor
 
-from motiongen_ardy.core.constraint import ConstraintError, Targets, limb_chains
+from motiongen_ardy.core.constraint import Targets, limb_chains
+from motiongen_ardy.core.constraint_values import ConstraintError, require_frames
+from motiongen_ardy.core.files import written_whole
 from motiongen_ardy.core.motion import Motion
 from motiongen_ardy.core.rotation import axis_angle_to_matrix, rotation_vector
 from motiongen_ardy.core.skeleton import Skeleton, forward_kinematics
@@ -84,8 +86,13 @@ def constraint_targets(skeleton: Skeleton, constraints: Sequence[Constraint]) ->
 
 
 def pose_constraint(motion: Motion, frames: Sequence[int], limbs: tuple[str, ...] | None = None) -> PoseConstraint:
-    """The poses that a motion (T) has at some of its frames, as a constraint to reach them again."""
-    rows = list(frames)
+    """The poses that a motion (T) has at some of its frames, as a constraint to reach them again.
+
+    Raises ConstraintError for frames that the motion does not have.
+    """
+    rows = require_frames(frames)
+    if any(row >= motion.num_frames for row in rows):
+        raise ConstraintError(f"frames hold {max(rows)}; the motion has 0 to {motion.num_frames - 1}")
     return PoseConstraint(
         tuple(rows), rotation_vector(motion.local_rotations[rows]), motion.root_positions[rows], limbs
     )
@@ -122,12 +129,17 @@ def parse_constraints(
 
 
 def write_constraints(path: Path, constraints: Sequence[Constraint]) -> None:
-    """Write a constraint list, one entry a line: `root_2d`, headings as angles. Raises ValueError for NaN."""
-    path.write_text(write_json([_written(constraint) for constraint in constraints]), encoding="utf-8")
+    """Write a constraint list, one entry a line: `root_2d`, headings as angles.
+
+    Raises ValueError for NaN, and ConstraintError for frames that are not whole or below 0.
+    """
+    text = write_json([_written(constraint) for constraint in constraints])
+    with written_whole(path) as partial:
+        partial.write_text(text, encoding="utf-8")
 
 
 def _written(constraint: Constraint) -> dict[str, Any]:
-    frames = list(constraint.frames)
+    frames = require_frames(constraint.frames)
     if isinstance(constraint, RootConstraint):
         entry = {"type": "root2d", "frame_indices": frames, "root_2d": constraint.ground.tolist()}
         if constraint.heading is not None:

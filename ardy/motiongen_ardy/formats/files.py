@@ -22,6 +22,7 @@ from motiongen_ardy.formats.g1_csv import (
 from motiongen_ardy.formats.gltf import write_glb
 from motiongen_ardy.formats.npz import read_npz, write_npz
 from motiongen_ardy.formats.stored import StoredMotion
+from motiongen_ardy.robot.g1 import load_g1
 
 
 @dataclass(frozen=True)
@@ -46,6 +47,23 @@ class MotionFormat:
 def _read_npz(path: Path, options: ReadOptions) -> StoredMotion:
     read = read_client_npz if CLIENT_MARK in array_names(path) else read_npz
     return read(path, options.skeleton)
+
+
+def _read_qpos(path: Path, options: ReadOptions) -> StoredMotion:
+    _check_robot(path, options)
+    return read_qpos_csv(path, options.fps)
+
+
+def _read_controller(path: Path, options: ReadOptions) -> StoredMotion:
+    _check_robot(path, options)
+    return read_controller_csv(path)
+
+
+def _check_robot(path: Path, options: ReadOptions) -> None:
+    robot = load_g1().skeleton
+    if options.skeleton is not None and options.skeleton.joint_names != robot.joint_names:
+        given = f"the skeleton {options.skeleton.name} for a file of the robot G1"
+        raise FormatError(path, given, f"its skeleton is {robot.name}; leave it out")
 
 
 def _npz(path: Path, stored: StoredMotion, rate_hz: float | None) -> tuple[str, ...]:
@@ -75,11 +93,9 @@ def _controller(path: Path, stored: StoredMotion, rate_hz: float | None) -> tupl
 MOTION_FORMATS = (
     MotionFormat(
         "g1-controller-csv", ".controller.csv", "G1: a clock, qpos within limits, velocities; any rate",
-        lambda path, _: read_controller_csv(path), _controller,
+        _read_controller, _controller,
     ),
-    MotionFormat(
-        "g1-csv", ".csv", "G1: ARDY's 36 columns of qpos", lambda path, options: read_qpos_csv(path, options.fps), _qpos
-    ),
+    MotionFormat("g1-csv", ".csv", "G1: ARDY's 36 columns of qpos", _read_qpos, _qpos),
     MotionFormat("npz", ".npz", "ARDY's arrays; those of the Python client are read too", _read_npz, _npz),
     MotionFormat("bvh", ".bvh", "BVH in centimetres", lambda path, options: read_bvh(path, options.skeleton), _bvh),
     MotionFormat("gltf", ".glb", "binary glTF, skeleton, body and animation", None, _glb),

@@ -12,9 +12,10 @@ import numpy as np
 import torch
 from torch import Tensor
 
+from motiongen_ardy.core.files import written_whole
 from motiongen_ardy.formats.bounded import MAX_FRAMES, check_num_frames, read_text
 from motiongen_ardy.formats.errors import FormatError, shortened
-from motiongen_ardy.formats.stored import StoredMotion, from_pose, whole_fps
+from motiongen_ardy.formats.stored import StoredMotion, as_array, from_pose, whole_fps
 from motiongen_ardy.robot.g1 import QPOS_WIDTH, RobotError, check_qpos, load_g1, motion_to_qpos, qpos_to_motion
 from motiongen_ardy.robot.trajectory import QVEL_WIDTH, JointTrajectory, TrajectoryReport, lost, motion_trajectory
 
@@ -38,7 +39,7 @@ def write_qpos_csv(path: Path, stored: StoredMotion) -> TrajectoryReport:
     Raises FormatError for a motion that is not the robot's.
     """
     qpos = _qpos(path, stored)
-    np.savetxt(path, qpos.numpy(), fmt=_NUMBER, delimiter=",")
+    _write_rows(path, qpos)
     return TrajectoryReport(lost=lost(stored.motion, qpos))
 
 
@@ -66,8 +67,7 @@ def write_controller_csv(path: Path, stored: StoredMotion, rate_hz: float | None
 def write_trajectory(path: Path, trajectory: JointTrajectory) -> None:
     """Write the controller's form of a trajectory."""
     table = torch.cat([trajectory.time_s[:, None], trajectory.qpos, trajectory.qvel], dim=1)
-    header = ",".join(controller_columns())
-    np.savetxt(path, table.numpy(), fmt=_NUMBER, delimiter=",", header=header, comments="")
+    _write_rows(path, table, ",".join(controller_columns()))
 
 
 def read_trajectory(path: Path) -> JointTrajectory:
@@ -84,7 +84,7 @@ def read_trajectory(path: Path) -> JointTrajectory:
     if len(table) < 2:
         raise FormatError(path, "one row", "give two or more: the rate follows from the clock")
     period = float(time_s[-1] - time_s[0]) / (len(table) - 1)
-    even = time_s[0] + period * torch.arange(len(table), dtype=torch.float64)
+    even = time_s[0] + period * torch.arange(len(table), dtype=torch.float64, device=table.device)
     if not period > 0 or float((time_s - even).abs().max()) > _CLOCK_WITHIN * period:
         raise FormatError(path, "time_s does not grow evenly", "resample it to one rate first")
     return JointTrajectory(time_s, qpos, table[:, 1 + QPOS_WIDTH :][:, :QVEL_WIDTH], round(1 / period, 6))
@@ -102,6 +102,12 @@ def qpos_motion(source: object, qpos: Tensor, fps: float) -> StoredMotion:
     motion = qpos_to_motion(qpos, whole_fps(source, fps))
     rotations, root, contacts = motion.local_rotations, motion.root_positions, motion.foot_contacts
     return from_pose(load_g1().skeleton, rotations, root, motion.fps, source=source, contacts=contacts)
+
+
+def _write_rows(path: Path, table: Tensor, header: str = "") -> None:
+    # A file that is open: by its name alone, numpy would compress one that ends in .gz.
+    with written_whole(path) as partial, partial.open("w", encoding="ascii", newline="\n") as file:
+        np.savetxt(file, as_array(table), fmt=_NUMBER, delimiter=",", header=header, comments="")
 
 
 def _qpos(path: Path, stored: StoredMotion) -> Tensor:

@@ -11,11 +11,12 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
+from motiongen_ardy.core.files import written_whole
 from motiongen_ardy.core.rotation import matrix_to_quaternion
 from motiongen_ardy.core.skeleton import Skeleton
 from motiongen_ardy.formats.bone_mesh import bone_mesh
 from motiongen_ardy.formats.errors import FormatError
-from motiongen_ardy.formats.stored import StoredMotion
+from motiongen_ardy.formats.stored import StoredMotion, as_array
 
 if TYPE_CHECKING:
     from pygltflib import GLTF2
@@ -68,9 +69,9 @@ def write_glb(path: Path, stored: StoredMotion) -> None:
     document.skins = [
         pygltflib.Skin(name=skeleton.name, skeleton=0, joints=joints, inverseBindMatrices=data.add(_unbound(skeleton)))
     ]
-    quaternions = _continuous(matrix_to_quaternion(motion.local_rotations.double()).numpy())
+    quaternions = _continuous(as_array(matrix_to_quaternion(motion.local_rotations.double())))
     time_s = data.add((np.arange(motion.num_frames) / motion.fps).astype(np.float32)[:, None], bounds=True)
-    tracks = [("translation", 0, motion.root_positions.numpy())]
+    tracks = [("translation", 0, as_array(motion.root_positions))]
     tracks += [("rotation", joint, quaternions[:, joint, [1, 2, 3, 0]]) for joint in joints]  # x, y, z, w in glTF
     animation = pygltflib.Animation(name="motion", samplers=[], channels=[])
     animation.extras = {"text": stored.text, "frames_per_second": motion.fps}
@@ -81,7 +82,8 @@ def write_glb(path: Path, stored: StoredMotion) -> None:
         animation.channels.append(pygltflib.AnimationChannel(sampler=sampler, target=target))
     document.animations = [animation]
     data.finish()
-    document.save_binary(path)
+    with written_whole(path) as partial:
+        document.save_binary(partial)
 
 
 def _joint_nodes(skeleton: Skeleton) -> list[Any]:

@@ -11,12 +11,13 @@ from pathlib import Path
 import numpy as np
 import torch
 
+from motiongen_ardy.core.files import written_whole
 from motiongen_ardy.core.representation import heading_angle
 from motiongen_ardy.core.skeleton import Skeleton, forward_kinematics
 from motiongen_ardy.formats.arrays import read_arrays
 from motiongen_ardy.formats.bounded import MAX_FRAMES
 from motiongen_ardy.formats.errors import FormatError
-from motiongen_ardy.formats.stored import MAX_TEXT_LENGTH, StoredMotion, from_pose, skeleton_of_size, whole_fps
+from motiongen_ardy.formats.stored import StoredMotion, as_array, from_pose, skeleton_of_size, whole_fps
 
 POSITION_WITHIN_M = 0.02
 
@@ -34,19 +35,20 @@ _MAX_JOINTS = 256
 def write_npz(path: Path, stored: StoredMotion) -> None:
     """Write a motion with all of the arrays named above."""
     motion = stored.motion
-    rotations, positions = forward_kinematics(stored.skeleton, motion.local_rotations, motion.root_positions)
+    local, root_positions = motion.local_rotations.double(), motion.root_positions.double()
+    rotations, positions = forward_kinematics(stored.skeleton, local, root_positions)
     heading = heading_angle(stored.skeleton, positions)
-    root = motion.root_positions.float().numpy()
-    with path.open("wb") as file:
+    root = as_array(root_positions).astype(np.float32)
+    with written_whole(path) as partial, partial.open("wb") as file:
         np.savez(
             file,
-            local_rot_mats=motion.local_rotations.float().numpy(),
-            global_rot_mats=rotations.float().numpy(),
-            posed_joints=positions.float().numpy(),
+            local_rot_mats=as_array(local).astype(np.float32),
+            global_rot_mats=as_array(rotations).astype(np.float32),
+            posed_joints=as_array(positions).astype(np.float32),
             root_positions=root,
             smooth_root_pos=root,
-            foot_contacts=motion.foot_contacts.bool().numpy(),
-            global_root_heading=torch.stack([heading.cos(), heading.sin()], dim=-1).float().numpy(),
+            foot_contacts=as_array(motion.foot_contacts) > 0.5,
+            global_root_heading=as_array(torch.stack([heading.cos(), heading.sin()], dim=-1)).astype(np.float32),
             fps=np.asarray(motion.fps),
             text=np.asarray(stored.text),
         )
@@ -62,7 +64,7 @@ def read_npz(path: Path, skeleton: Skeleton | None = None) -> StoredMotion:
     for name in ("local_rot_mats", "root_positions", "fps"):
         if name not in arrays:
             raise FormatError(path, f"{name} is missing", f"the file has {', '.join(arrays) or 'none of the names'}")
-    text = str(arrays["text"])[:MAX_TEXT_LENGTH] if "text" in arrays else ""
+    text = str(arrays["text"]) if "text" in arrays else ""
     rotations = torch.from_numpy(arrays["local_rot_mats"].astype(np.float32))
     root = torch.from_numpy(arrays["root_positions"].astype(np.float32))
     skeleton = skeleton_of_size(path, rotations.shape[1], skeleton)

@@ -13,6 +13,7 @@ from pathlib import Path
 import torch
 from torch import Tensor
 
+from motiongen_ardy.core.files import written_whole
 from motiongen_ardy.formats.bounded import MAX_FRAMES, MAX_JSON_BYTES, read_text
 from motiongen_ardy.formats.constraints import RootConstraint
 from motiongen_ardy.formats.errors import FormatError, shortened
@@ -86,4 +87,6 @@ def write_root_points(path: Path, root_path: RootPoints) -> None:
     """Write a path in the form that its `dense` says."""
     kind = "dense_trajectory" if root_path.dense else "keyframes"
     points = {str(frame): point for frame, point in zip(root_path.frames, root_path.points.tolist(), strict=True)}
-    path.write_text(write_json({"type": kind, _FIELDS[kind]: points}), encoding="utf-8")
+    text = write_json({"type": kind, _FIELDS[kind]: points})
+    with written_whole(path) as partial:
+        partial.write_text(text, encoding="utf-8")

@@ -5,6 +5,7 @@ from __future__ import annotations
 from collections.abc import Sequence
 from dataclasses import dataclass
 
+import numpy as np
 import torch
 from torch import Tensor
 
@@ -16,14 +17,16 @@ from motiongen_ardy.formats.errors import FormatError
 
 ORTHONORMAL_WITHIN = 1e-3
 MAX_FPS = 1000
-MAX_TEXT_LENGTH = 10_000
+MAX_TEXT_LENGTH = 1_000_000
+_BELOW_WHOLE, _ABOVE_WHOLE = 5e-4, 1.1e-3
 
 
 @dataclass(frozen=True, eq=False)
 class StoredMotion:
     """One motion (T frames, no batch) with its skeleton, and the text it was made from where known.
 
-    Raises FormatError for shapes that do not agree, numbers that are not finite, matrices that are no rotations.
+    Raises FormatError for shapes that do not agree, numbers that are not finite, matrices that are no rotations, and
+    texts of more than a million characters.
     """
 
     skeleton: Skeleton
@@ -45,8 +48,10 @@ class StoredMotion:
                 raise FormatError(self.source, given, f"{shape} is the shape for {self.skeleton.name}")
             if not values.isfinite().all():
                 raise FormatError(self.source, f"{name} hold NaN or infinite numbers", "every one must be finite")
-        if not isinstance(motion.fps, int) or not 1 <= motion.fps <= MAX_FPS:
+        if not isinstance(motion.fps, int) or isinstance(motion.fps, bool) or not 1 <= motion.fps <= MAX_FPS:
             raise FormatError(self.source, f"{motion.fps} frames a second", f"give a whole number of 1 to {MAX_FPS}")
+        if len(self.text) > MAX_TEXT_LENGTH:
+            raise FormatError(self.source, f"a text of {len(self.text)} characters", f"give {MAX_TEXT_LENGTH} at most")
         check_rotations(self.source, motion.local_rotations)
 
     def positions(self) -> Tensor:
@@ -54,9 +59,16 @@ class StoredMotion:
         return self.motion.positions(self.skeleton)
 
 
+def as_array(values: Tensor) -> np.ndarray:
+    """Numbers of any type, on any device and with or without a graph behind them, in float64, to be written."""
+    array: np.ndarray = values.detach().cpu().double().contiguous().numpy()
+    return array
+
+
 def check_rotations(source: object, matrices: Tensor) -> None:
     """Raise FormatError unless (..., 3, 3) are rotations to within 0.001."""
-    identity = torch.eye(3, dtype=matrices.dtype)
+    matrices = matrices if matrices.dtype in (torch.float32, torch.float64) else matrices.double()
+    identity = torch.eye(3, dtype=matrices.dtype, device=matrices.device)
     bad = ((matrices.transpose(-1, -2) @ matrices - identity).abs() > ORTHONORMAL_WITHIN).flatten(-2).any(-1)
     bad |= torch.linalg.det(matrices) < 0
     if bad.any():
@@ -83,11 +95,15 @@ def from_pose(
 
 
 def whole_fps(source: object, fps: float, given: str | None = None) -> int:
-    """A frame rate as the whole number that Motion counts in. Raises FormatError for 29.97 and the like."""
-    if not (0 < fps <= MAX_FPS) or abs(fps - round(fps)) > 1e-3 * fps or round(fps) < 1:
+    """A frame rate as the whole number that Motion counts in, which times of few digits (0.0333 s) are near to.
+
+    Raises FormatError for others, those of film and television too: 23.976, 29.97 and 59.94 are a thousandth below.
+    """
+    whole = round(fps) if 0 < fps <= MAX_FPS else 0
+    if not whole or not -_BELOW_WHOLE <= fps / whole - 1 <= _ABOVE_WHOLE:
         said = given or f"{fps:g} frames a second"
         raise FormatError(source, said, f"give a whole number of frames a second, 1 to {MAX_FPS}; resample it first")
-    return round(fps)
+    return whole
 
 
 def skeleton_with(source: object, joint_names: Sequence[str], wanted: Skeleton | None = None) -> Skeleton:
@@ -125,7 +141,7 @@ def skeleton_of_size(source: object, num_joints: int, wanted: Skeleton | None = 
 
 def check_bones(source: object, skeleton: Skeleton, offsets: Tensor, within_m: float = 0.01) -> None:
     """Raise FormatError if a file's offsets (J, 3) in metres are not the skeleton's: its motion would be another's."""
-    error = (offsets - torch.as_tensor(skeleton.offsets)).norm(dim=-1)
+    error = (offsets - torch.tensor(skeleton.offsets, device="cpu")).norm(dim=-1)
     error[0] = 0
     if float(error.max()) > within_m:
         joint = int(error.argmax())

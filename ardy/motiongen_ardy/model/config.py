@@ -11,6 +11,8 @@ from motiongen_ardy.core.representation import ROOT_WIDTH
 RELEASED_PATCH = 4
 """Frames of a token of the released models, and of ours unless said otherwise."""
 MAX_PATCH = 10
+MAX_TOKENS = 512
+"""Of a window: for so many there are positions."""
 
 GuidanceMode = Literal["none", "regular", "separated"]
 TokenizerKind = Literal["fsq", "ae", "vae"]
@@ -167,5 +169,8 @@ class ModelConfig:
 
     @property
     def max_window_frames(self) -> int:
-        """The longest window (history, horizon and future): 10 s of frames, rounded down to whole tokens."""
-        return 10 * self.fps // self.patch * self.patch
+        """The longest window (history, horizon and future): 10 s of frames in whole tokens, and no more than have
+        positions beside the prefix of text, step and heading.
+        """
+        most = max(0, MAX_TOKENS - self.denoiser.text_tokens - 2)
+        return min(10 * self.fps // self.patch, most) * self.patch

@@ -9,7 +9,7 @@ import torch
 from torch import Tensor
 
 from motiongen_ardy.core.representation import ROOT_WIDTH, Representation
-from motiongen_ardy.model.denoiser.blocks import MAX_TOKENS
+from motiongen_ardy.model.config import MAX_TOKENS
 from motiongen_ardy.model.denoiser.guidance import (
     GuidanceWeights,
     PassBatch,
@@ -119,10 +119,11 @@ def local_goals(
 def start_window(model: Model, request: WindowRequest) -> WindowState:
     """Encode and recentre the history, bring the constraints into its frame, and lay out the noise.
 
-    Raises WindowError as `lay_out` does, and for a history that is not made of whole tokens.
+    Raises WindowError as `check_request` and `lay_out` do, and for a history that is not made of whole tokens.
     """
+    check_request(model, request)
     layout, patch = model.representation, model.config.patch
-    batch, device = request.text.shape[0], request.text.device
+    batch = request.text.shape[0]
     if request.history is not None and request.history.shape[1]:
         history_frames = request.history.shape[1]
         if history_frames % patch:
@@ -131,9 +132,9 @@ def start_window(model: Model, request: WindowRequest) -> WindowState:
         history, translation = recentre_tokens(model, history)
         heading = layout.heading_of_root(request.history[:, 0, :ROOT_WIDTH])
     else:
-        history = torch.zeros(batch, 0, model.config.token_width, device=device)
-        translation = torch.zeros(batch, 3, device=device) if request.translation is None else request.translation
-        heading = torch.zeros(batch, device=device) if request.heading is None else request.heading
+        history = request.noise.new_zeros(batch, 0, model.config.token_width)
+        translation = request.noise.new_zeros(batch, 3) if request.translation is None else request.translation
+        heading = request.noise.new_zeros(batch) if request.heading is None else request.heading
     return lay_out(model, request, history, translation, heading)
 
 
@@ -144,7 +145,9 @@ def weights_of(model: Model, asked: GuidanceWeights | None) -> GuidanceWeights:
 
 
 def check_request(model: Model, request: WindowRequest) -> None:
-    """Raise WindowError for what the model cannot do."""
+    """Raise WindowError for a step count that the model was not trained for, for more frames than it has positions for,
+    for constraints given to a model without goal inputs, and for shapes that do not go together.
+    """
     config = model.config
     if not 1 <= request.num_steps <= config.num_base_steps:
         raise WindowError(f"num_steps is {request.num_steps}; this model takes 1 to {config.num_base_steps}")
@@ -152,16 +155,33 @@ def check_request(model: Model, request: WindowRequest) -> None:
         raise WindowError(f"the window has {request.num_frames} frames; at most {MAX_TOKENS * config.patch} fit")
     if request.mask is not None and not config.denoiser.constraints:
         raise WindowError("this model was built without goal inputs; leave out observed and mask")
+    rows, frames, features = len(request.text), request.num_frames, model.representation.feature_dim
+    shapes: dict[str, tuple[int | None, ...]] = {
+        "text": (rows, None, config.denoiser.text_dim), "noise": (rows, None, config.token_width),
+        "history": (rows, None, features), "history_tokens": (rows, None, config.token_width),
+        "translation": (rows, 3), "heading": (rows,),
+        "observed": (rows, frames, features), "mask": (rows, frames, features), "planned": (rows, frames, 2),
+    }  # fmt: skip
+    for name, wanted in shapes.items():
+        given = getattr(request, name)
+        if given is not None and not _fits(tuple(given.shape), wanted):
+            said = ", ".join("n" if length is None else str(length) for length in wanted)
+            raise WindowError(f"{name} has shape {tuple(given.shape)}; ({said}) is wanted")
+    if not request.noise.shape[1]:
+        raise WindowError("noise has no token; a window has a horizon of one at least")
+
+
+def _fits(shape: tuple[int, ...], wanted: tuple[int | None, ...]) -> bool:
+    """Whether a shape has the lengths wanted, of which None is any."""
+    return len(shape) == len(wanted) and all(w in (None, s) for s, w in zip(shape, wanted, strict=True))
 
 
 def lay_out(model: Model, request: WindowRequest, history: Tensor, translation: Tensor, heading: Tensor) -> WindowState:
     """The state before the first step, from history tokens (B, N_h, 5P + L) that are already recentred.
 
     translation: (B, 3) metres from the window's frame to the world's; heading: (B) radians of the first frame.
-    Raises WindowError when history and horizon do not fit, for a step count the model was not trained for, and for
-    constraints given to a model without goal inputs.
+    The request has been checked. Raises WindowError when history and horizon do not fit into its frames.
     """
-    check_request(model, request)
     patch, (batch, history_tokens) = model.config.patch, history.shape[:2]
     num_tokens = request.num_frames // patch
     if history_tokens + request.noise.shape[1] > num_tokens:

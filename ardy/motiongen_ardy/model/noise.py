@@ -26,10 +26,10 @@ _generators = _Generators()
 def window_noise(seed: int, window_index: int, num_tokens: int, width: int) -> Tensor:
     """Standard normal numbers (num_tokens, width) float32, by the counter-based generator Philox (Salmon et al. 2011).
 
-    Raises ValueError for a seed or window index outside 0 .. 2^64 - 1.
+    Raises ValueError for a seed or window index that is no whole number of 0 .. 2^64 - 1.
     """
     for name, value in (("seed", seed), ("window_index", window_index)):
-        if not 0 <= value < MAX_KEY:
+        if not isinstance(value, int | np.integer) or not 0 <= value < MAX_KEY:
             raise ValueError(f"{name} is {value}; it must be a whole number from 0 to 2^64 - 1")
     _generators.philox.state = {
         "bit_generator": "Philox",

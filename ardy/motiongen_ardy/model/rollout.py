@@ -6,6 +6,7 @@ tokens where they are kept and fit.
 
 from __future__ import annotations
 
+import math
 from dataclasses import dataclass, replace
 from itertools import count, pairwise
 
@@ -13,6 +14,7 @@ import torch
 from torch import Tensor
 
 from motiongen_ardy.core.constraint import Targets
+from motiongen_ardy.model.config import ModelConfig
 from motiongen_ardy.model.denoiser.guidance import GuidanceWeights
 from motiongen_ardy.model.generation import WindowRequest, commit_window, denoise_window, finish_window, world_tokens
 from motiongen_ardy.model.model import Model
@@ -48,8 +50,8 @@ def visible_frames(model: Model, history_frames: int, targets: Targets | None, f
 class RolloutRequest:
     """One character's motion, num_frames long.
 
-    text: (W) or (n, W), zeros for no text. later_text: (first frame, text) of the prompts that follow, in order of
-    time; a window that would run across a prompt's first frame is kept only up to it.
+    text: finite, (W) or (n, W), zeros for no text. later_text: (first frame, text) of the prompts that follow, in order
+    of time; a window that would run across a prompt's first frame is kept only up to it.
     seed: the k-th window starts from `window_noise(seed, k)`. history_frames: the most decided frames that a window
     starts with, whole tokens, `usual_history` if absent; reuse_tokens: a history that whole tokens of earlier windows
     cover is not encoded again, unless windows are corrected, which their tokens do not know. targets: constraints by
@@ -69,8 +71,15 @@ class RolloutRequest:
     later_text: tuple[tuple[int, Tensor], ...] = ()
     keep_prompts: bool = False
 
-    def check(self, patch: int) -> None:
-        """Raise WindowError for what no model whose tokens have `patch` frames can do."""
+    def check(self, config: ModelConfig) -> None:
+        """Raise WindowError for what no model of this configuration can do, and for numbers that are not finite."""
+        patch = config.patch
+        if self.num_frames < 0:
+            raise WindowError(f"num_frames is {self.num_frames}; give 0 or more")
+        if not all(map(math.isfinite, self.start)):
+            raise WindowError(f"start is {self.start}; x, z and heading must be finite numbers")
+        for text in (self.text, *(text for _, text in self.later_text)):
+            _check_text(text, config.denoiser.text_dim)
         if self.history_frames is not None and (self.history_frames < patch or self.history_frames % patch):
             raise WindowError(f"history_frames is {self.history_frames}; give a positive multiple of {patch}")
         changes = [patch - 1, *(frame for frame, _ in self.later_text)]
@@ -92,6 +101,13 @@ class RolloutRequest:
         return torch.atleast_2d(text), end
 
 
+def _check_text(text: Tensor, width: int) -> None:
+    if text.dim() not in (1, 2) or text.shape[-1] != width:
+        raise WindowError(f"a text has shape {tuple(text.shape)}; this model takes ({width},) or (n, {width})")
+    if not bool(text.isfinite().all()):
+        raise WindowError("a text holds NaN or infinite numbers; every one must be finite")
+
+
 def next_window(model: Model, request: RolloutRequest, features: Tensor, index: int) -> tuple[WindowRequest, int]:
     """Window `index` of a rollout, a batch of one, and the frame to which its frames count: something else is told from
     there on, or a goal needs room. features: (T, D) normalised, all frames before it.
@@ -101,6 +117,7 @@ def next_window(model: Model, request: RolloutRequest, features: Tensor, index: 
     history_len = request.history_at(done, model.config.patch)
     first_frame = done - history_len
     text, end = request.prompt_at(done)
+    text = text.to(features.dtype)
     end = min(end, done + frames_to_keep(request.targets, done, model.config.horizon, model.sampling))
     history, keep = features[first_frame:], request.keep_prompts
     targets, told = plan_window(model, request.targets, text, history, done, request.start, keep_text=keep)
@@ -118,8 +135,8 @@ def next_window(model: Model, request: RolloutRequest, features: Tensor, index: 
         noise=noise[None].to(device),
         weights=request.weights,
         history=history[None] if history_len else None,
-        translation=torch.tensor([[x, 0.0, z]], device=device),
-        heading=torch.tensor([heading], device=device),
+        translation=torch.tensor([[x, 0.0, z]], dtype=features.dtype, device=device),
+        heading=torch.tensor([heading], dtype=features.dtype, device=device),
         observed=observed,
         mask=mask,
         planned=planned,
@@ -131,11 +148,19 @@ def next_window(model: Model, request: RolloutRequest, features: Tensor, index: 
 def rollout(model: Model, request: RolloutRequest) -> Tensor:
     """Normalised features (num_frames, D) in the world frame, window after window.
 
-    Raises WindowError for a request that the model's tokens do not fit.
+    Bit for bit the same for the same request on one machine, whatever ran before; with another number of threads
+    (`torch.set_num_threads`) products add up in another order, and last digits differ. Raises WindowError for a request
+    that the model's tokens or texts do not fit, and ConstraintError for targets of another skeleton.
     """
-    request.check(model.config.patch)
+    request.check(model.config)
+    # Where the caller multiplies in another precision, this does not: a model says itself in which it multiplies.
+    with torch.autocast(model.representation.stats.mean.device.type, enabled=False):
+        return _rollout(model, request)
+
+
+def _rollout(model: Model, request: RolloutRequest) -> Tensor:
     layout = model.representation
-    features = torch.zeros(0, layout.feature_dim, device=layout.stats.mean.device)
+    features = layout.stats.mean.new_zeros(0, layout.feature_dim)
     kept = TokenHistory(model.config.patch)
     for index in count():
         done = len(features)

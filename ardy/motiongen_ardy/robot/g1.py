@@ -22,7 +22,7 @@ from motiongen_ardy.core.rotation import matrix_to_quaternion, quaternion_to_mat
 from motiongen_ardy.core.skeleton import Skeleton, load_skeleton
 
 QPOS_WIDTH = 36
-TO_ROBOT = torch.tensor([[0, 0, 1], [1, 0, 0], [0, 1, 0]], dtype=torch.float64)
+TO_ROBOT = torch.tensor([[0, 0, 1], [1, 0, 0], [0, 1, 0]], dtype=torch.float64, device="cpu")
 
 
 class RobotError(ValueError):
@@ -75,20 +75,21 @@ def load_g1() -> G1:
     moved = [body for body in bodies if body.hinge is not None]
     skeleton = load_skeleton("g134")
 
-    def column(values: list[float]) -> Tensor:
-        return torch.tensor(values, dtype=torch.float64)
+    def table(values: list[Any]) -> Tensor:
+        return torch.tensor(values, dtype=torch.float64, device="cpu")
 
-    return G1(
-        skeleton=skeleton,
-        bodies=bodies,
-        hinges=tuple(str(body.hinge) for body in moved),
-        joints=tuple(skeleton.index(f"{body.hinge}_skel") for body in moved),
-        fixed=quaternion_to_matrix(torch.tensor([body.quaternion for body in moved], dtype=torch.float64)),
-        axes=torch.tensor([body.axis for body in moved], dtype=torch.float64),
-        lower=column([body.lower for body in moved]),
-        upper=column([body.upper for body in moved]),
-        speed_limits=column([body.speed_limit for body in moved]),
-    )
+    with torch.inference_mode(False):  # facts first asked for while serving may be computed with in training later
+        return G1(
+            skeleton=skeleton,
+            bodies=bodies,
+            hinges=tuple(str(body.hinge) for body in moved),
+            joints=tuple(skeleton.index(f"{body.hinge}_skel") for body in moved),
+            fixed=quaternion_to_matrix(table([body.quaternion for body in moved])),
+            axes=table([body.axis for body in moved]),
+            lower=table([body.lower for body in moved]),
+            upper=table([body.upper for body in moved]),
+            speed_limits=table([body.speed_limit for body in moved]),
+        )
 
 
 def _body(entry: dict[str, Any]) -> Body:
@@ -113,7 +114,7 @@ def hinge_matrix(axes: Tensor, angles: Tensor) -> Tensor:
     zero = torch.zeros_like(x)
     cross = torch.stack([zero, -z, y, z, zero, -x, -y, x, zero], dim=-1).unflatten(-1, (3, 3))
     sine, cosine = torch.sin(angles)[..., None, None], torch.cos(angles)[..., None, None]
-    return torch.eye(3, dtype=angles.dtype) + sine * cross + (1 - cosine) * (cross @ cross)
+    return torch.eye(3, dtype=angles.dtype, device=angles.device) + sine * cross + (1 - cosine) * (cross @ cross)
 
 
 def hinge_angles(local_rotations: Tensor) -> Tensor:
@@ -164,7 +165,8 @@ def qpos_to_local_rotations(qpos: Tensor) -> Tensor:
     qpos = qpos.double()
     hinges = robot.fixed @ hinge_matrix(robot.axes, qpos[..., 7:])
     root = quaternion_to_matrix(qpos[..., 3:7])
-    rotations = torch.eye(3, dtype=torch.float64).repeat(*qpos.shape[:-1], robot.skeleton.num_joints, 1, 1)
+    identity = torch.eye(3, dtype=torch.float64, device=qpos.device)
+    rotations = identity.repeat(*qpos.shape[:-1], robot.skeleton.num_joints, 1, 1)
     rotations[..., list(robot.joints), :, :] = TO_ROBOT.T @ hinges @ TO_ROBOT
     rotations[..., 0, :, :] = TO_ROBOT.T @ root @ TO_ROBOT
     return rotations
@@ -177,7 +179,7 @@ def check_qpos(qpos: Tensor) -> None:
     bad = (~qpos.isfinite()).any(1).nonzero().flatten().tolist()
     if bad:
         raise RobotError(f"qpos row {bad[0]} holds NaN or infinite numbers; every one must be finite")
-    length = qpos[:, 3:7].norm(dim=1)
+    length = qpos[:, 3:7].double().norm(dim=1)
     bad = ((length - 1).abs() > 0.01).nonzero().flatten().tolist()
     if bad:
         raise RobotError(

@@ -15,6 +15,7 @@ from motiongen_ardy.robot.g1 import RobotError, check_qpos, load_g1, lost_rotati
 
 QVEL_WIDTH = 35
 MAX_RATE_HZ = 10_000.0
+MAX_ROWS = 2_000_000  # half an hour at 1000 Hz, and some gigabytes of memory
 _LISTED = 5
 _LOST_RAD = 0.01  # less than half a degree that a hinge cannot do is not worth a line
 
@@ -98,14 +99,18 @@ def continuous_signs(quaternions: Tensor) -> Tensor:
 def resample_qpos(qpos: Tensor, from_hz: float, to_hz: float) -> Tensor:
     """Qpos (T', 36) at another rate, row 0 being row 0: the quaternion along the sphere, all else linearly.
 
-    Ends at or before the last row. Raises RobotError for a rate that is not above 0 or above 10,000 Hz.
+    Ends at or before the last row. Raises RobotError for a rate that is not above 0 or above 10,000 Hz, and for more
+    than two million rows.
     """
     for rate in (from_hz, to_hz):
         if not 0 < rate <= MAX_RATE_HZ:
             raise RobotError(f"the rate is {rate} Hz; give one above 0 and up to {MAX_RATE_HZ:.0f}")
     if from_hz == to_hz:
         return qpos
-    at = torch.arange(resampled_length(len(qpos), from_hz, to_hz), dtype=torch.float64) * (from_hz / to_hz)
+    count = resampled_length(len(qpos), from_hz, to_hz)
+    if count > MAX_ROWS:
+        raise RobotError(f"{len(qpos)} rows at {from_hz:g} Hz are {count} at {to_hz:g} Hz; {MAX_ROWS} at most are made")
+    at = torch.arange(count, dtype=torch.float64, device=qpos.device) * (from_hz / to_hz)
     # The tiny step keeps a row that lies on a source row from landing just before it.
     first = (at + 1e-6).long().clamp(max=len(qpos) - 1)
     second = (first + 1).clamp(max=len(qpos) - 1)
@@ -151,7 +156,7 @@ def controller_trajectory(
     kept = torch.cat([kept[:, :3], continuous_signs(unit), kept[:, 7:]], dim=1)
     kept = resample_qpos(kept, from_hz, rate_hz)
     qvel = velocities(kept, rate_hz)
-    time_s = torch.arange(len(kept), dtype=torch.float64) / rate_hz
+    time_s = torch.arange(len(kept), dtype=torch.float64, device=kept.device) / rate_hz
     report = TrajectoryReport(clamped=clamped, too_fast=too_fast(qvel))
     return JointTrajectory(time_s, kept, qvel, rate_hz), report
 

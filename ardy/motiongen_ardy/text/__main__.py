@@ -12,17 +12,30 @@ from collections.abc import Sequence
 from pathlib import Path
 
 from motiongen_ardy.text.loading import FORMS, load_text_encoder
-from motiongen_ardy.text.prompt_file import check_place, check_prompts, encode_prompts, id_of, write_prompt_file
+from motiongen_ardy.text.prompt_file import (
+    PromptFileError,
+    check_place,
+    check_prompts,
+    encode_prompts,
+    id_of,
+    write_prompt_file,
+)
 
 
 def read_lines(path: Path) -> list[tuple[str, str]]:
-    """The pairs (id, prompt) of a file; blank lines are left out."""
+    """The pairs (id, prompt) of a file; blank lines are left out. Raises PromptFileError where there are none."""
+    try:
+        text = path.read_text(encoding="utf-8-sig")  # some editors begin a file with a mark that is no part of a prompt
+    except UnicodeDecodeError as error:
+        raise PromptFileError(f"{path} is not UTF-8, from byte {error.start} on; save it as UTF-8") from None
     pairs = []
-    for line in path.read_text(encoding="utf-8").splitlines():
+    for line in text.split("\n"):  # reading has made this of every end of a line; a prompt may hold other separators
         name, separator, prompt = line.partition("\t")
         if line.strip():
-            text = (prompt if separator else name).strip()
-            pairs.append((name.strip() if separator else id_of(text), text))
+            prompt = (prompt if separator else name).strip()
+            pairs.append((name.strip() if separator else id_of(prompt), prompt))
+    if not pairs:
+        raise PromptFileError(f"{path} has no prompt; give one a line")
     return pairs
 
 

@@ -13,6 +13,7 @@ from pathlib import Path
 import numpy as np
 from numpy.typing import NDArray
 
+from motiongen_ardy.core.files import written_whole
 from motiongen_ardy.text.encoder import Vectors
 
 DOMAIN_FILE = "prompt_domain.safetensors"
@@ -87,13 +88,14 @@ def best_threshold(inside: Vectors, outside: Vectors) -> tuple[float, int, int]:
 
 
 def write_domain(path: Path, domain: PromptDomain) -> None:
-    """Write it, in place of what is there."""
+    """Write it, in place of what is there once it is whole."""
     from safetensors.numpy import save_file
 
     metadata = {"format": FORMAT, "text_encoder": domain.text_encoder, "threshold": repr(domain.threshold)}
     tensors = {"mean": np.ascontiguousarray(domain.mean), "directions": _levels(domain.directions)}
     path.parent.mkdir(parents=True, exist_ok=True)
-    save_file(tensors, path, metadata)
+    with written_whole(path) as partial:
+        save_file(tensors, partial, metadata)
 
 
 def read_domain(path: Path) -> PromptDomain:

@@ -63,7 +63,8 @@ class TextEncoder(Protocol):
     def encode(self, texts: Sequence[str]) -> Vectors:
         """(len(texts), width) float32; each row depends on its own text only, a blank text gives zeros.
 
-        May be called from several threads. Raises TextEncoderUnavailable where the encoder is elsewhere.
+        May be called from several threads. Raises TextEncoderUnavailable where the encoder is elsewhere, and ValueError
+        for one text in place of a list and for texts with half of a surrogate pair.
         """
         ...
 
@@ -88,6 +89,7 @@ class EachTextEncoder(NamedTextEncoder, ABC):
     """An encoder that takes one text at a time, so that no vector depends on its neighbours. As `TextEncoder`."""
 
     def encode(self, texts: Sequence[str]) -> Vectors:
+        check_texts(texts)
         vectors = np.zeros((len(texts), self._width), np.float32)
         for row, text in enumerate(texts):
             if not is_blank(text):
@@ -97,6 +99,17 @@ class EachTextEncoder(NamedTextEncoder, ABC):
     @abstractmethod
     def encode_one(self, text: str) -> Vectors:
         """(width,) of a text that is not blank. Raises TextEncoderUnavailable where the encoder is elsewhere."""
+
+
+def check_texts(texts: Sequence[str]) -> None:
+    """Raise ValueError for one text in place of a list, whose letters would be texts, and for half characters."""
+    if isinstance(texts, str):
+        raise ValueError(f"texts is one text, {texts[:40]!r}; give a list of texts")
+    for text in texts:
+        try:
+            text.encode()
+        except UnicodeEncodeError:  # what reads words raises whatever it likes for these
+            raise ValueError(f"a text has half of a surrogate pair, {text[:40]!r}; give whole characters") from None
 
 
 def is_blank(text: str) -> bool:

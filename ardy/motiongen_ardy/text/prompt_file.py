@@ -15,6 +15,7 @@ from pathlib import Path
 
 import numpy as np
 
+from motiongen_ardy.core.files import written_whole
 from motiongen_ardy.text.encoder import (
     MAX_ABSOLUTE_VALUE,
     EachTextEncoder,
@@ -98,7 +99,7 @@ def encode_prompts(encoder: TextEncoder, prompts: Sequence[tuple[str, str]]) -> 
 
 
 def write_prompt_file(path: Path, prompts: PromptFile) -> None:
-    """Write it, in place of what is there. Raises PromptFileError where that cannot be."""
+    """Write it, in place of what is there once it is whole. Raises PromptFileError where that cannot be."""
     from safetensors import SafetensorError
     from safetensors.numpy import save_file
 
@@ -109,7 +110,8 @@ def write_prompt_file(path: Path, prompts: PromptFile) -> None:
         "texts": json.dumps(prompts.texts),
     }
     try:
-        save_file({"vectors": np.ascontiguousarray(prompts.vectors)}, path, metadata)
+        with written_whole(path) as partial:
+            save_file({"vectors": np.ascontiguousarray(prompts.vectors)}, partial, metadata)
     except (SafetensorError, OSError) as error:
         raise PromptFileError(f"{path} cannot be written: {error}") from error
 

@@ -10,7 +10,7 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from motiongen_ardy.text.encoder import NamedTextEncoder, UnknownTextEncoder, Vectors, is_blank
+from motiongen_ardy.text.encoder import NamedTextEncoder, UnknownTextEncoder, Vectors, check_texts, is_blank
 
 if TYPE_CHECKING:
     from model2vec import StaticModel
@@ -21,7 +21,8 @@ BUILT_IN_FOLDER = "text-static"
 class StaticTextEncoder(NamedTextEncoder):
     """Static word-piece embeddings (model2vec): a prompt is the mean of its pieces' vectors, scaled to unit RMS.
 
-    The folder is read without network. Encoding takes well under a millisecond.
+    The folder is read without network. Encoding takes well under a millisecond. Of a text of more pieces than the
+    folder's `max_length`, 512 where it says nothing, the first ones count.
     """
 
     def __init__(self, folder: Path) -> None:
@@ -40,10 +41,11 @@ class StaticTextEncoder(NamedTextEncoder):
         super().__init__(f"static-{digest}", int(self._model.dim))
 
     def encode(self, texts: Sequence[str]) -> Vectors:
+        check_texts(texts)
         vectors = np.zeros((len(texts), self._width), np.float32)
         rows = [row for row, text in enumerate(texts) if not is_blank(text)]
         if rows:  # in one call, which costs as much as four texts; each is a mean of its own pieces all the same
-            vectors[rows] = self._model.encode([texts[row] for row in rows])
+            vectors[rows] = self._model.encode([texts[row] for row in rows], use_multiprocessing=False)
         rms = np.sqrt(np.square(vectors).mean(axis=1, keepdims=True))
         return np.asarray(vectors / np.where(rms > 0, rms, 1), np.float32)
 

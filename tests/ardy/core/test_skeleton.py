@@ -90,7 +90,7 @@ def test_no_rotation_is_the_neutral_pose(skeleton: Skeleton) -> None:
     root = torch.tensor([1.0, 0.9, -2.0], dtype=torch.float64)
     rest = torch.eye(3, dtype=torch.float64).expand(skeleton.num_joints, 3, 3)
     _, positions = forward_kinematics(skeleton, rest, root)
-    assert torch.allclose(positions, torch.from_numpy(skeleton.neutral_joints) + root)
+    assert torch.allclose(positions, torch.tensor(skeleton.neutral_joints) + root)
 
 
 def test_the_line_of_the_hips_is_between_their_places(skeleton: Skeleton) -> None:

@@ -21,7 +21,7 @@ SKELETON = load_skeleton("core27")
 
 def statue(num_frames: int, speed: float = 1.0) -> Tensor:
     """(T, J, 3): the neutral pose on the ground, pushed along +Z."""
-    pose = torch.from_numpy(SKELETON.neutral_joints).float()
+    pose = torch.tensor(SKELETON.neutral_joints).float()
     pose = pose - torch.tensor([0.0, float(pose[:, 1].min()), 0.0])
     along = torch.arange(num_frames)[:, None, None] * speed / FPS
     return pose + along * torch.tensor([0.0, 0.0, 1.0])

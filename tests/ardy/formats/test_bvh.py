@@ -13,6 +13,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from motiongen_ardy.core.skeleton import load_skeleton, skeleton_names
+from motiongen_ardy.data.bvh import axis_rotation
 from motiongen_ardy.data.bvh import read_bvh as parse_file
 from motiongen_ardy.formats.bvh import euler_zxy, read_bvh, write_bvh
 from motiongen_ardy.formats.errors import FormatError
@@ -42,6 +43,27 @@ def test_the_channels_put_every_joint_where_it_was(tmp_path: Path, name: str) ->
     _, positions = file.global_pose()
     order = [file.joint_names.index(joint) for joint in skeleton.joint_names]
     torch.testing.assert_close(positions[:, order] / 100, stored.positions().double(), atol=1e-5, rtol=0)
+
+
+@pytest.mark.parametrize("away_rad", [0.0, 1e-7, 1e-5, 1e-4, 3e-4, 1e-3])
+def test_rotations_near_where_two_axes_are_one_lose_nothing(tmp_path: Path, away_rad: float) -> None:
+    stored = random_motion(CORE, 6, seed=2)
+    z, y = torch.linspace(-3, 3, 6, dtype=torch.float64), torch.linspace(2, -2, 6, dtype=torch.float64)
+    middle = axis_rotation(0, torch.full_like(z, np.pi / 2 - away_rad))
+    stored.motion.local_rotations[:, 3] = (axis_rotation(2, z) @ middle @ axis_rotation(1, y)).float()
+    write_bvh(tmp_path / "motion.bvh", stored)
+    again = read_bvh(tmp_path / "motion.bvh")
+    torch.testing.assert_close(again.motion.local_rotations, stored.motion.local_rotations, atol=2e-6, rtol=0)
+
+
+def test_a_file_of_television_is_refused_whatever_digits_its_time_has(tmp_path: Path) -> None:
+    path = tmp_path / "motion.bvh"
+    write_bvh(path, random_motion(CORE, 2, seed=1))
+    text = path.read_text()
+    for time_s in ("0.0333667", "0.033366666", "0.0417083", "0.041708", "0.016683"):
+        path.write_text(re.sub(r"Frame Time: .*", f"Frame Time: {time_s}", text))
+        with pytest.raises(FormatError, match=f"a frame time of {time_s[:8]}"):
+            read_bvh(path)
 
 
 @settings(max_examples=100, deadline=None)

@@ -62,7 +62,7 @@ def test_the_facts_agree_with_the_skeleton() -> None:
     assert ROBOT.hinges[12:15] == ("waist_yaw", "waist_roll", "waist_pitch")
     assert ROBOT.hinges[-1] == "right_wrist_yaw"
     for body in ROBOT.bodies[1:]:
-        offset = TO_ROBOT @ torch.from_numpy(ROBOT.skeleton.offsets[joint_of(body.name, body.hinge)])
+        offset = TO_ROBOT @ torch.tensor(ROBOT.skeleton.offsets[joint_of(body.name, body.hinge)])
         torch.testing.assert_close(offset, torch.tensor(body.position, dtype=torch.float64), atol=1e-9, rtol=0)
 
 

@@ -107,3 +107,15 @@ def test_the_report_says_what_the_hinges_cannot_do() -> None:
 def test_rates_without_meaning_are_refused(rate_hz: float) -> None:
     with pytest.raises(RobotError, match="above 0"):
         controller_trajectory(random_qpos(3, 0), 25, rate_hz)
+
+
+@pytest.mark.parametrize(("from_hz", "to_hz"), [(1e-12, 10_000.0), (0.001, 501.0)])
+def test_more_rows_than_memory_holds_are_not_begun(from_hz: float, to_hz: float) -> None:
+    with pytest.raises(RobotError, match=r"5 rows at .* Hz are \d+ at .* Hz; 2000000 at most are made"):
+        resample_qpos(walking_qpos(5, 25), from_hz, to_hz)
+
+
+def test_rows_of_whole_numbers_are_state_too() -> None:
+    rows = torch.zeros(2, 36, dtype=torch.int64)
+    rows[:, 3] = 1
+    assert qpos_to_motion(rows, 25).num_frames == 2

@@ -41,6 +41,19 @@ def test_each_row_is_of_its_text_alone_and_blank_ones_are_zeros(encoder: TextEnc
             assert not vectors[row].any()
 
 
+@pytest.mark.parametrize("encoder", ENCODERS, ids=lambda encoder: encoder.identity)
+def test_one_text_in_place_of_a_list_is_refused(encoder: TextEncoder) -> None:
+    """Its letters would be taken for texts, and the first row for the vector of the text."""
+    with pytest.raises(ValueError, match="texts is one text, 'a person walks'; give a list of texts"):
+        encoder.encode("a person walks")
+
+
+@pytest.mark.parametrize("encoder", ENCODERS, ids=lambda encoder: encoder.identity)
+def test_half_of_a_character_is_refused(encoder: TextEncoder) -> None:
+    with pytest.raises(ValueError, match="half of a surrogate pair"):
+        encoder.encode(["a person walks", "a person \ud83c"])
+
+
 def test_a_static_vector_does_not_depend_on_the_texts_beside_it() -> None:
     texts = ["a person walks", " ", "x" * 300, "a person waves, then jumps and turns round", "12", "?!"]
     together = STATIC.encode(texts)

@@ -58,6 +58,35 @@ def test_the_command_writes_it(tmp_path: Path, capsys: pytest.CaptureFixture[str
     assert "2 prompts, 5 numbers each, from hashed-5" in capsys.readouterr().out
 
 
+def test_the_command_reads_what_editors_write(tmp_path: Path) -> None:
+    """A mark at the beginning is no part of the first prompt, and only ends of lines end prompts."""
+    lines, out = tmp_path / "prompts.txt", tmp_path / "out.safetensors"
+    lines.write_bytes("\ufeffa person walks\r\nwave\ta person\u2028waves\r\n".encode())
+    assert main([str(lines), str(out), "--encoder", "hashed", "--width", "5"]) == 0
+    prompts = read_prompt_file(out)
+    assert prompts.ids == ("a person walks", "wave")
+    assert prompts.texts == ("a person walks", "a person\u2028waves")
+
+
+@pytest.mark.parametrize(
+    ("content", "said"),
+    [
+        (b"", "has no prompt; give one a line"),
+        (b"\n \n", "has no prompt; give one a line"),
+        (b"a person w\xe4lks\n", "is not UTF-8, from byte 10 on"),
+        ("a person walks\n".encode("utf-16"), "is not UTF-8, from byte 0 on"),
+    ],
+)
+def test_the_command_refuses_a_file_without_prompts(
+    content: bytes, said: str, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    lines = tmp_path / "prompts.txt"
+    lines.write_bytes(content)
+    assert main([str(lines), str(tmp_path / "out"), "--encoder", "hashed", "--width", "5"]) == 2
+    assert f"error: {lines} {said}" in capsys.readouterr().err
+    assert not (tmp_path / "out").exists()
+
+
 @pytest.mark.parametrize(
     ("lines", "options", "said"),
     [

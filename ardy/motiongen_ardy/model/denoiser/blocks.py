@@ -5,11 +5,10 @@ from __future__ import annotations
 import torch
 from torch import Tensor, nn
 
-from motiongen_ardy.model.config import DenoiserConfig
+from motiongen_ardy.model.config import MAX_TOKENS, DenoiserConfig
 from motiongen_ardy.model.transformer import PositionTable, TransformerStack
 from motiongen_ardy.model.window import Window
 
-MAX_TOKENS = 512
 MAX_STEPS = 1024
 
 

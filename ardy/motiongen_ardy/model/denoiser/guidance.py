@@ -89,11 +89,15 @@ class PassBatch(NamedTuple):
 def batch_passes(passes: list[tuple[Pass, ...]], device: torch.device | str = "cpu") -> PassBatch:
     """Lay the passes of rows 0, 1, ... side by side."""
     flat = [(row, one) for row, group in enumerate(passes) for one in group]
+
+    def column(values: list[float]) -> Tensor:
+        return torch.tensor(values, dtype=torch.float32, device=device)
+
     return PassBatch(
         torch.tensor([row for row, _ in flat], device=device),
-        torch.tensor([float(one.with_text) for _, one in flat], device=device),
-        torch.tensor([float(one.with_constraints) for _, one in flat], device=device),
-        torch.tensor([one.weight for _, one in flat], device=device),
+        column([float(one.with_text) for _, one in flat]),
+        column([float(one.with_constraints) for _, one in flat]),
+        column([one.weight for _, one in flat]),
     )
 
 

@@ -77,7 +77,7 @@ def _heights(feet: Tensor, states: Tensor, pinned: Tensor, options: FeetOptions)
     pins = pinned.repeat_interleave(2, dim=2)
     rise = spread(torch.where(states & ~pins, short, 0.0)[..., None], states | pins, LANDING_FRAMES)[..., 0]
     rise = torch.maximum(rise, torch.where(pins, rise, short - SINK_M))
-    frames = torch.arange(feet.shape[1], device=feet.device)[None, :, None]
+    frames = torch.arange(feet.shape[1], dtype=feet.dtype, device=feet.device)[None, :, None]
     return rise - smooth_step(1 - frames / options.fade_frames) * rise[:, :1]
 
 
@@ -96,7 +96,7 @@ def _lowering(
     width = 2 * LOWER_FRAMES + 1
     padded = functional.pad(needed[:, None], (2 * LOWER_FRAMES, 2 * LOWER_FRAMES))
     smooth = functional.avg_pool1d(functional.max_pool1d(padded, width, stride=1), width, stride=1)[:, 0]
-    frames = torch.arange(needed.shape[1], device=needed.device)
+    frames = torch.arange(needed.shape[1], dtype=needed.dtype, device=needed.device)
     return smooth * smooth_step(frames / (2 * LOWER_FRAMES))
 
 

@@ -35,7 +35,7 @@ def face_root(poses: Poses, heading: Tensor) -> None:
     for first, weight in enumerate(_WEIGHTS):
         turn = turn + weight / sum(_WEIGHTS) * padded[:, first : first + off.shape[1]]
     # Where the history ends nothing is turned: the turn sets in over the next frames.
-    rise = (torch.arange(turn.shape[1], device=turn.device) / (2.0 * reach)).clamp(max=1)
+    rise = (torch.arange(turn.shape[1], dtype=turn.dtype, device=turn.device) / (2.0 * reach)).clamp(max=1)
     turn = turn * rise * rise * (3 - 2 * rise)
     poses.turn_about_up(turn)
 

@@ -57,7 +57,7 @@ def _bridged(before: Tensor, rotations: Tensor, heading: Tensor, far: Tensor) ->
     sound = torch.cat([torch.ones_like(about[:, :1]), ~about], dim=1)
     left, right = gaps(sound)
     frames = torch.arange(num_frames, device=every.device)[None, :, None]
-    weight = smooth_step((frames - left) / (right - left).clamp(min=1))[..., None]
+    weight = smooth_step((frames - left).to(every.dtype) / (right - left).clamp(min=1))[..., None]
     angle = angle_of(heading[..., 1], heading[..., 0])
     seen = matrix_to_6d(rotated_about_up(every, -angle))  # from the root, which turns on meanwhile
     first, last = (_at(seen, frame.clamp(max=num_frames - 1)) for frame in (left, right))

@@ -47,7 +47,7 @@ def late_landings(
     passed = pins.gather(1, end.clamp(max=num_frames - 1)) - pins.gather(1, begin) + pinned.gather(1, begin)
     is_way = (missing > 0) & (passed == 0)
     # Of each frame (second) in each way from one place to the next (third).
-    share = (frames[:, None, None] - begin[:, None]) / (end - begin).clamp(min=1)[:, None]
+    share = (frames[:, None, None] - begin[:, None]).to(far.dtype) / (end - begin).clamp(min=1)[:, None]
     is_on_way = is_way[:, None] & (share > 0) & (share < 1)
     lifted = 16 * (share * (1 - share)).square() * (far / FULL_LIFT_M).clamp(max=1)[:, None]
     return is_on_way.any(dim=2), torch.where(is_on_way, lifted, 0.0).amax(dim=2)

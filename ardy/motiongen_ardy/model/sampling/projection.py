@@ -125,7 +125,7 @@ def _unhurried(values: Tensor, known: Tensor, most: float) -> Tensor:
 
     Values that do so already stay as they are. The mean of the highest such curve under them and the lowest above.
     """
-    frames = torch.arange(values.shape[1], device=values.device)
+    frames = torch.arange(values.shape[1], dtype=values.dtype, device=values.device)
     apart = most * (frames[:, None] - frames).abs()
     below = (values.masked_fill(~known, torch.inf)[:, None] + apart).amin(dim=-1)
     above = (values.masked_fill(~known, -torch.inf)[:, None] - apart).amax(dim=-1)
@@ -174,7 +174,7 @@ def make_projection(
         slack = _room(exact, options.projection.settle_frames).to(slack) * planned[:, horizon] * allowed
     most = torch.full_like(natural[..., 0], _NEVER_M)
     if not options.plan_root:  # a goal that the root cannot get to in time is missed, not jumped to
-        seconds = torch.arange(1, num_frames + 1, device=most.device) / layout.fps
+        seconds = torch.arange(1, num_frames + 1, dtype=most.dtype, device=most.device) / layout.fps
         most = torch.minimum(options.projection.acceleration_m_s2 * seconds**2 / 6, seconds / 1.5).expand_as(most)
     asked = torch.stack(
         [natural[..., 0], natural[..., 2], natural[..., 1], torch.from_numpy(angle).to(natural)], dim=-1

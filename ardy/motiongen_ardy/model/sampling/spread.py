@@ -38,7 +38,8 @@ def spread(values: Tensor, known: Tensor, reach: int) -> Tensor:
     frames = torch.arange(num_frames, device=known.device)[None, :, None]
     before, after = gaps(known)
     span = (after - before).clamp(1, reach)
-    weight_before, weight_after = smooth_step(1 - torch.stack([frames - before, after - frames]) / span)
+    away = torch.stack([frames - before, after - frames]).to(values.dtype)
+    weight_before, weight_after = smooth_step(1 - away / span)
     weight_after = weight_after * ~known
     index = torch.cat([before, after], dim=1).clamp(0, num_frames - 1)
     taken = values.gather(1, index[..., None].expand(*index.shape, values.shape[-1]))

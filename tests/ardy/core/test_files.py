@@ -1,0 +1,70 @@
+"""A file is there whole or as it was before, whoever else writes it and whatever is there."""
+
+from __future__ import annotations
+
+import os
+from pathlib import Path
+
+import pytest
+
+from motiongen_ardy.core.files import written_whole
+
+
+def test_what_is_there_stays_where_writing_fails(tmp_path: Path) -> None:
+    path = tmp_path / "walk.npz"
+    path.write_text("of yesterday")
+
+    def write() -> None:
+        with written_whole(path) as partial:
+            partial.write_text("half")
+            raise OSError(28, "No space left on device")
+
+    with pytest.raises(OSError, match="No space left"):
+        write()
+    assert [(one.name, one.read_text()) for one in tmp_path.iterdir()] == [("walk.npz", "of yesterday")]
+
+
+def test_two_writers_at_once_leave_the_file_of_one_of_them(tmp_path: Path) -> None:
+    path = tmp_path / "walk.npz"
+    with written_whole(path) as first, written_whole(path) as second:
+        first.write_text("a long first file")
+        second.write_text("second")
+    assert path.read_text() == "a long first file"
+    assert list(tmp_path.iterdir()) == [path]
+
+
+def test_a_name_may_be_as_long_as_the_file_system_takes_it(tmp_path: Path) -> None:
+    path = tmp_path / ("x" * 250)
+    with written_whole(path) as partial:
+        partial.write_text("new")
+    assert path.read_text() == "new"
+
+
+def test_a_link_goes_on_pointing_and_a_file_keeps_its_mode(tmp_path: Path) -> None:
+    (tmp_path / "real").write_text("old")
+    (tmp_path / "real").chmod(0o600)
+    (tmp_path / "link").symlink_to("real")
+    with written_whole(tmp_path / "link") as partial:
+        partial.write_text("new")
+    assert (tmp_path / "link").is_symlink()
+    assert (tmp_path / "real").read_text() == "new"
+    assert (tmp_path / "real").stat().st_mode & 0o777 == 0o600
+
+
+def test_what_is_no_file_is_written_as_it_is(tmp_path: Path) -> None:
+    os.mkfifo(tmp_path / "pipe")
+    with written_whole(tmp_path / "pipe") as partial:
+        assert partial == tmp_path / "pipe"
+    assert (tmp_path / "pipe").is_fifo()
+
+
+def test_a_folder_that_is_not_there_is_told_by_the_name_that_was_given(tmp_path: Path) -> None:
+    path = tmp_path / "none" / "walk.npz"
+
+    def write() -> None:
+        with written_whole(path) as partial:
+            partial.write_text("new")
+
+    with pytest.raises(FileNotFoundError) as refused:
+        write()
+    assert refused.value.filename == str(path)

@@ -1,0 +1,99 @@
+"""A full disk, or an interruption, leaves the file that was there: of every writer of the library."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pygltflib
+import pytest
+import safetensors.numpy
+import safetensors.torch
+import torch
+
+from motiongen_ardy.checkpoint.paces_file import write_paces
+from motiongen_ardy.core.skeleton import load_skeleton
+from motiongen_ardy.formats.__main__ import main
+from motiongen_ardy.formats.constraints import RootConstraint, write_constraints
+from motiongen_ardy.formats.files import write_motion
+from motiongen_ardy.formats.root_points import RootPoints, write_root_points
+from motiongen_ardy.model.sampling.paces import PromptPaces
+from motiongen_ardy.text import HashedTextEncoder
+from motiongen_ardy.text.domain import make_domain, write_domain
+from motiongen_ardy.text.prompt_file import PromptFileError, encode_prompts, write_prompt_file
+from tests.ardy.formats.motions import random_motion
+
+WALK = random_motion(load_skeleton("g134"), 4, seed=1, fps=25)
+PROMPTS = encode_prompts(HashedTextEncoder(4), [("wave", "a person waves")])
+
+
+def constraints(path: Path) -> None:
+    write_constraints(path, [RootConstraint((3,), torch.zeros(1, 2))])
+
+
+def domain(path: Path) -> None:
+    write_domain(path, make_domain("hashed-4", np.eye(4, dtype=np.float32), 4))
+
+
+def paces(path: Path) -> None:
+    one = torch.ones(1, 4)
+    write_paces(path, PromptPaces(one[0], one, torch.ones(1, 2), 0.5, one, torch.zeros(1), torch.zeros(1)))
+
+
+def root_points(path: Path) -> None:
+    write_root_points(path, RootPoints((3,), torch.zeros(1, 3)))
+
+
+@pytest.mark.parametrize(
+    ("name", "write", "last"),
+    [
+        ("walk.npz", write_motion, (np, "savez")),
+        ("walk.bvh", write_motion, (np, "savetxt")),
+        ("walk.csv", write_motion, (np, "savetxt")),
+        ("walk.controller.csv", write_motion, (np, "savetxt")),
+        ("walk.glb", write_motion, (pygltflib.GLTF2, "save_to_bytes")),
+        ("list.json", constraints, (Path, "write_text")),
+        ("path.json", root_points, (Path, "write_text")),
+        ("prompts.safetensors", write_prompt_file, (safetensors.numpy, "save_file")),
+        ("prompt_domain.safetensors", domain, (safetensors.numpy, "save_file")),
+        ("prompt_paces.safetensors", paces, (safetensors.torch, "save_file")),
+    ],
+)
+@pytest.mark.parametrize(
+    "ends_by", [OSError(28, "No space left on device"), KeyboardInterrupt()], ids=["full", "ctrl-c"]
+)
+def test_what_was_there_stays(
+    name: str, write: Callable[..., object], last: tuple[Any, str], ends_by: BaseException,
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch,
+) -> None:  # fmt: skip
+    path = tmp_path / name
+    path.write_bytes(b"of yesterday")
+
+    def fail(*given: Any, **_: Any) -> None:
+        for one in given:  # what writes to a path by itself has begun to
+            if isinstance(one, Path):
+                one.write_bytes(b"half")
+        raise ends_by
+
+    monkeypatch.setattr(*last, fail)
+    more = {write_motion: [WALK], write_prompt_file: [PROMPTS]}.get(write, [])
+    with pytest.raises((type(ends_by), PromptFileError)):
+        write(path, *more)
+    assert [(one.name, one.read_bytes()) for one in tmp_path.iterdir()] == [(name, b"of yesterday")]
+
+
+def test_the_command_leaves_what_was_there(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    write_motion(tmp_path / "walk.npz", WALK)
+    (tmp_path / "walk.bvh").write_text("of yesterday")
+
+    def full(*_: Any, **__: Any) -> None:
+        raise OSError(28, "No space left on device")
+
+    monkeypatch.setattr(np, "savetxt", full)
+    assert main([str(tmp_path / "walk.npz"), str(tmp_path / "walk.bvh")]) == 1
+    assert "No space left on device" in capsys.readouterr().err
+    assert (tmp_path / "walk.bvh").read_text() == "of yesterday"

@@ -52,6 +52,11 @@ class Room:
         self._watched_at_s = clock()
         self._idle: set[int] = set()  # those that were paused because nobody looks
 
+    @property
+    def is_empty(self) -> bool:
+        """Whether nobody is there, or comes, and nobody looks."""
+        return not (self.characters or self.viewers or self._num_opening)
+
     async def add(self, message: Message) -> list[int]:
         """Open as many characters as a message asks for. Returns their numbers. Raises InvalidInput, EventRefused."""
         count = fields.whole(message, "count", 1, MOST_CHARACTERS, default=1)
@@ -144,13 +149,13 @@ class Room:
             idle, self._idle = self._idle, set()
             for number in idle:
                 with contextlib.suppress(MotiongenError):  # it has ended meanwhile, which its next ticks find out
-                    self.characters[number].session.resume()
+                    self.characters[number].rest(is_over=True)
         elif self.clock() - self._watched_at_s > IDLE_S:
             for character in self.characters.values():
                 if not character.session.is_paused and not character.has_ended:
                     self._idle.add(character.number)
                     with contextlib.suppress(MotiongenError):
-                        character.session.pause()
+                        character.rest()
 
     def listed(self) -> dict[str, Any]:
         """Who is there."""

@@ -9,7 +9,7 @@ import pytest
 
 from motiongen.v1 import session_pb2
 from motiongen_client import EventRefused, MotionClient, Session, StartPose
-from motiongen_client.errors import InvalidInput, UnknownName
+from motiongen_client.errors import InvalidInput, ServerUnavailable, UnknownName
 from motiongen_tools.view.bridge import MOST_ROOMS, Bridge
 from motiongen_tools.view.line import Line
 from motiongen_tools.view.room import IDLE_S, SPACING_M, Room, place_of, session_options
@@ -31,6 +31,19 @@ def test_nobody_stands_in_another() -> None:
     assert places[0].x_m == places[0].z_m == 0
     assert len({(place.x_m, place.z_m) for place in places}) == 200
     assert max(max(abs(place.x_m), abs(place.z_m)) for place in places) <= 8 * SPACING_M
+
+
+async def test_a_place_that_was_left_is_taken_again(room: Room, server: FakeServer) -> None:
+    """In a room of many comings and goings nobody is put where no camera looks."""
+    await room.add({"count": 3})
+    await room.remove(2)
+    server.refuse = lambda event: "OVERLOADED" if event.WhichOneof("event") == "open" else ""
+    with pytest.raises(EventRefused):
+        await room.add({})
+    server.refuse = lambda event: ""
+    await room.add({"count": 2})
+    starts = [character.options.start for character in room.characters.values()]
+    assert starts == [place_of(place) for place in (1, 3, 2, 4)]
 
 
 async def test_a_room_is_full_at_some_point(room: Room) -> None:
@@ -170,6 +183,9 @@ async def test_a_bridge_waits_for_its_server() -> None:
     async with asyncio.timeout(LIMIT_S):
         while "localhost:1" not in line.shown(0)["detail"]:
             await bridge.beat()
+    with pytest.raises(ServerUnavailable) as waiting:
+        await bridge.room("main").add({})
+    assert str(waiting.value) == line.shown(0)["detail"], "it is said once"
     assert line.shown(0)["state"] == "connecting"
     running.cancel()
     await asyncio.gather(running, return_exceptions=True)

@@ -25,7 +25,7 @@ from motiongen_tools.view.motion_files import MAX_BYTES
 from motiongen_tools.view.page_files import PAGE, ThreeMissing, three_folder
 from motiongen_tools.view.room import Room
 from motiongen_tools.view.session_file import FORMAT
-from motiongen_tools.view.web import DENIED, UNKNOWN_ROOM, _first_free, web_app
+from motiongen_tools.view.web import DENIED, MOST_MADE_AT_ONCE, UNKNOWN_ROOM, _first_free, web_app
 from tests.tools.view.conftest import LIMIT_S
 
 LOCAL = "http://localhost:8321"
@@ -254,6 +254,29 @@ async def test_constraints_are_read_and_written_beside_the_beat(
         assert asked.json()["count"] == 1
         assert room.character(number).edits.entries[-1].message["constraints"][0]["frame"] > before
         assert (await site.get(f"/take/main/{number}/a.constraints.json")).text == "[]"
+
+
+async def test_no_number_of_files_is_made_at_once(
+    bridge: Bridge, room: Room, three: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """Whoever looks on may ask for any number of them, and each starts a process."""
+    under_way: list[int] = []
+    most = 0
+
+    async def make(*_: object) -> tuple[bytes, str, list[str]]:
+        nonlocal most
+        under_way.append(1)
+        most = max(most, len(under_way))
+        await bridge.beat()
+        under_way.pop()
+        return b"", "text/plain", []
+
+    (number,) = await room.add({})
+    monkeypatch.setattr("motiongen_tools.view.web.write_take", make)
+    async with await site_of(bridge, three) as site:
+        answers = await asyncio.gather(*(site.get(f"/take/main/{number}/walk.glb") for _ in range(8)))
+    assert {answer.status_code for answer in answers} == {200}
+    assert most == MOST_MADE_AT_ONCE
 
 
 def test_a_list_begins_later_where_frames_are_shorter() -> None:

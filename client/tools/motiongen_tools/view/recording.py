@@ -33,7 +33,8 @@ async def write_take(
     if suffix == ".session.json":
         gone = character.edits.num_forgotten
         said = [f"the first {gone} edits are not kept, and are not in the file"] if gone else []
-        return write_session(session_of(character)).encode(), JSON, said
+        text = await asyncio.to_thread(write_session, session_of(character))  # of thousands of edits
+        return text.encode(), JSON, said
     if not character.session.playback.started:
         raise InvalidInput("frames", "none", "a character that has played a frame")
     take = character.session.motion(first_frame, end_frame)

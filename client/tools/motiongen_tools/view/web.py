@@ -38,6 +38,8 @@ MOST_REASON_BYTES = 123
 MOST_HEADER_SIGNS = 800
 MOST_DIGITS = 15
 """Of a frame; Python refuses to read thousands."""
+MOST_MADE_AT_ONCE = 2
+"""Files that are converted, for which processes are started: whoever looks on may ask for any number of them."""
 MARGIN_S = 0.6
 """What may be committed while a list of constraints is under way, and is computed."""
 LEAST_MARGIN_FRAMES = 12
@@ -47,6 +49,8 @@ _log = logging.getLogger(__name__)
 
 def web_app(bridge: Bridge, access: Access, three: Path) -> Starlette:
     """three: the folder of the npm package."""
+
+    making = asyncio.Semaphore(MOST_MADE_AT_ONCE)
 
     async def socket(websocket: WebSocket) -> None:
         host = websocket.headers.get("host", "")
@@ -71,7 +75,8 @@ def web_app(bridge: Bridge, access: Access, three: Path) -> Starlette:
         name = request.path_params["name"]
         query = request.query_params
         first, end = (_frame(query.get(key, "")) for key in ("first", "end"))
-        data, media_type, warnings = await write_take(character, name, first, end)
+        async with making:
+            data, media_type, warnings = await write_take(character, name, first, end)
         told = {
             "Content-Disposition": f"attachment; filename*=UTF-8''{quote(name, safe='')}",
             "X-Warnings": _header(" ".join(warnings)),
@@ -81,7 +86,9 @@ def web_app(bridge: Bridge, access: Access, three: Path) -> Starlette:
     async def open_motion(request: Request) -> Response:
         name = request.query_params.get("name", "")
         rigs = bridge.line.client.catalog.rigs
-        motion = await asyncio.to_thread(read_upload, name, await _body(request), rigs)
+        data = await _body(request)
+        async with making:
+            motion = await asyncio.to_thread(read_upload, name, data, rigs)
         return Response(pack_motion(Path(name).name, motion), media_type="application/octet-stream")
 
     async def load(request: Request) -> Response:

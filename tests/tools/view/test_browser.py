@@ -104,6 +104,20 @@ async def test_mistakes_are_answered_and_the_page_goes_on(page: Page) -> None:
     assert "error" not in await page.ask(op="ping", at=3)
 
 
+async def test_bytes_are_answered_too(page: Page, monkeypatch: pytest.MonkeyPatch) -> None:
+    hear = page.receive_text
+
+    async def as_starlette_does() -> str:
+        said = {"bytes": b""} if (text := await hear()) == "bytes" else {"text": text}
+        return said["text"]  # type: ignore[return-value]
+
+    monkeypatch.setattr(page, "receive_text", as_starlette_does)
+    await page.ask(op="ping")  # what was waited for until now was the other
+    page.say("bytes")
+    await page.until(lambda: any("JSON" in m.get("error", "") for m in page.messages))
+    assert "error" not in await page.ask(op="ping")
+
+
 async def test_spectators_look_and_do_not_touch(bridge: Bridge, room: Room, page: Page) -> None:
     await page.ask(op="add")
     watcher = Page()

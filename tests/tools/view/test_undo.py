@@ -133,3 +133,9 @@ async def test_what_was_refused_is_not_undone(steered: Steered, server: FakeServ
     steered.character.tell({"op": "pause"})
     await steered.until(lambda: refused.state == "refused")
     assert (await steered.undo())["op"] == "remove_prompts"
+
+
+async def test_options_that_name_none_are_not_undone(steered: Steered) -> None:
+    await steered.tell(prompt("a person walks"))
+    await steered.tell({"op": "set_options"})
+    assert (await steered.undo())["op"] == "remove_prompts"

@@ -147,10 +147,10 @@ class Browser:
         while True:
             while self.num_waiting >= MOST_WAITING:  # it asks for more than it reads
                 await self._bridge.beat()
-            said = await self._socket.receive_text()
             try:
-                message = json.loads(said)
-            except (ValueError, RecursionError):  # ValueError: also a number of thousands of digits
+                message = json.loads(await self._socket.receive_text())
+            except (ValueError, RecursionError, KeyError):
+                # ValueError: also a number of thousands of digits; KeyError: bytes have come, and no text
                 message = None
             if not isinstance(message, dict):
                 self._answer(None, error="the message is not a JSON object")

@@ -273,7 +273,8 @@ class Character:
         """What undoes an edit, by what held until now: others may have been on their way when it was said."""
         operation = entry.message.get("op")
         if operation == "set_options":
-            return [self._served_with.inverse(entry.message)]
+            back = self._served_with.inverse(entry.message)
+            return [back] if len(back) > 1 else []  # it named none
         if operation in CUTS:  # back to where it was: on from the frames before the cut
             frame = entry.effective_frame or 0
             return [{"op": "cut_to", "frame": frame}] if frame >= CUT_FRAMES else []

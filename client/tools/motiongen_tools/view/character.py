@@ -14,7 +14,7 @@ from motiongen_client.motion import Float32
 from motiongen_client.session import Session
 from motiongen_client.types import ConstraintReached, Model, Reopened, ServiceLevel, SessionOptions
 from motiongen_tools.view.commands import CUT_FRAMES, apply
-from motiongen_tools.view.edit_log import EditLog, Entry
+from motiongen_tools.view.edit_log import EditLog, Entry, named
 from motiongen_tools.view.feed import Feed
 from motiongen_tools.view.fields import Message
 from motiongen_tools.view.rehearsal import Rehearsal
@@ -25,7 +25,6 @@ from motiongen_tools.view.wire import Head
 MOST_MARKS = 400
 LEAST_SCALE, MOST_SCALE = 0.1, 2.0
 CUTS = ("teleport", "cut_to")
-WITH_CONSTRAINTS = ("add_constraints", "set_constraints")
 BRIDGE_FAILED = "the bridge failed at it; its log says why"
 
 _log = logging.getLogger(__name__)
@@ -87,7 +86,7 @@ class Character:
             self._served_with.ask(message)
         entry = self.edits.add(
             message,
-            _named(message, edit.what),
+            named(message, edit.what),
             self.session.playback.playhead,
             edit,
             self._note_answer,
@@ -290,12 +289,3 @@ class Character:
     def _note_reopened(self, told: Reopened) -> None:
         self.script.note_reopened(told.frame)
         self.revision += 1
-
-
-def _named(message: Message, what: str) -> str:
-    """An edit's name for the list: of constraints, which kinds."""
-    given = message["constraints"] if message.get("op") in WITH_CONSTRAINTS else []
-    kinds = [str(one["kind"]).replace("_", " ") for one in given]
-    if not kinds:
-        return what
-    return ", ".join(kinds[:3]) + (f" and {len(kinds) - 3} more" if len(kinds) > 3 else "")

@@ -15,6 +15,7 @@ from motiongen_tools.view.fields import Message
 MOST_SHOWN = 40
 MOST_KEPT = 20_000
 NOT_UNDONE = ("set_velocity", "pause", "resume")
+WITH_CONSTRAINTS = ("add_constraints", "set_constraints")
 
 
 @dataclass
@@ -137,3 +138,12 @@ class EditLog:
         """Wait for no answer any more."""
         for task in self._answering:
             task.cancel()
+
+
+def named(message: Message, what: str) -> str:
+    """An edit's name for the list: of constraints, which kinds."""
+    given = message["constraints"] if message.get("op") in WITH_CONSTRAINTS else []
+    kinds = [str(one["kind"]).replace("_", " ") for one in given]
+    if not kinds:
+        return what
+    return ", ".join(kinds[:3]) + (f" and {len(kinds) - 3} more" if len(kinds) > 3 else "")

@@ -73,7 +73,8 @@ async def play(session: Session, session_file: SessionFile) -> list[tuple[ToldAt
                 ) from None
             rehearsal.told(then, edit)
             sent.append((then, edit))
-    return [(edit, await _difference(edit, answer)) for edit, answer in sent]
+    told = [(edit, await _difference(edit, answer)) for edit, answer in sent]
+    return told + [(edit, "not told: the last frame came before it") for edit in rehearsal.left]
 
 
 async def _difference(edit: ToldAt, answer: Edit) -> str:

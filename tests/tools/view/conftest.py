@@ -35,7 +35,7 @@ class Page:
         self._requests = 0
 
     async def send_text(self, data: str) -> None:
-        self.messages.append(json.loads(data))
+        self.messages.append(json.loads(data, parse_constant=_no_browser_reads))
         self._heard.set()
 
     async def send_bytes(self, data: bytes) -> None:
@@ -67,6 +67,10 @@ class Page:
 
     def last(self, kind: str) -> dict[str, Any] | None:
         return next((m for m in reversed(self.messages) if m["type"] == kind), None)
+
+
+def _no_browser_reads(constant: str) -> None:
+    raise ValueError(f"{constant} is no JSON, though Python writes and reads it")
 
 
 @pytest.fixture

@@ -37,6 +37,8 @@ def test_tokens_are_drawn_anew_and_are_not_printed() -> None:
         ("[::1]:8321", True),
         ("evil.example:8321", False),
         ("", False),
+        ("[", False),
+        ("[::1", False),
     ],
 )
 def test_without_tokens_only_names_of_this_machine_are_served(host: str, admitted: bool) -> None:
@@ -50,6 +52,15 @@ def test_only_our_page_and_programs_open_sockets() -> None:
     assert not is_own_page("http://evil.example", "localhost:8321")
     assert not is_own_page("http://localhost:9999", "localhost:8321")
     assert not is_own_page("null", "localhost:8321")
+    assert not is_own_page("http://[", "localhost:8321")
+    assert not is_own_page("null", "")
+
+
+@pytest.mark.parametrize(
+    ("site", "ours"), [("same-origin", True), ("none", True), ("same-site", False), ("cross-site", False), ("?", False)]
+)
+def test_a_browser_says_whose_page_asks_where_it_sends_no_origin(site: str, ours: bool) -> None:
+    assert is_own_page(None, "localhost:8321", site) is ours
 
 
 @pytest.mark.parametrize("host", ["192.168.1.4", "0.0.0.0", "::", "example.org"])

@@ -5,16 +5,18 @@ from __future__ import annotations
 import asyncio
 import dataclasses
 import json
+import math
 
 import numpy as np
 import pytest
 
+from motiongen.v1 import session_pb2
 from motiongen_tools.view.access import Role
 from motiongen_tools.view.bridge import Bridge
 from motiongen_tools.view.browser import MOST_WAITING, Browser
-from motiongen_tools.view.room import Room
+from motiongen_tools.view.room import KEEP_S, Room
 from tests.client.fake_server import FakeServer
-from tests.client.synthetic import ROW_WIDTH
+from tests.client.synthetic import ROW_WIDTH, synthetic_rows
 from tests.tools.view.conftest import Page
 
 
@@ -102,6 +104,20 @@ async def test_mistakes_are_answered_and_the_page_goes_on(page: Page) -> None:
     assert "error" not in await page.ask(op="ping", at=3)
 
 
+async def test_bytes_are_answered_too(page: Page, monkeypatch: pytest.MonkeyPatch) -> None:
+    hear = page.receive_text
+
+    async def as_starlette_does() -> str:
+        said = {"bytes": b""} if (text := await hear()) == "bytes" else {"text": text}
+        return said["text"]  # type: ignore[return-value]
+
+    monkeypatch.setattr(page, "receive_text", as_starlette_does)
+    await page.ask(op="ping")  # what was waited for until now was the other
+    page.say("bytes")
+    await page.until(lambda: any("JSON" in m.get("error", "") for m in page.messages))
+    assert "error" not in await page.ask(op="ping")
+
+
 async def test_spectators_look_and_do_not_touch(bridge: Bridge, room: Room, page: Page) -> None:
     await page.ask(op="add")
     watcher = Page()
@@ -158,6 +174,53 @@ async def test_a_page_that_reads_late_is_answered_in_full(page: Page) -> None:
         page.say(json.dumps({"op": "history", "character": 1, "first_frame": 0, "end_frame": 1, "request": -number}))
     await page.until(lambda: [m for m in page.messages if m.get("request") == 1 - 5 * MOST_WAITING])
     await page.until(lambda: sum(header["type"] == "history" for header, _ in page.frames) == 5 * MOST_WAITING)
+
+
+async def test_a_number_of_the_server_that_is_not_finite_is_no_end_of_a_page(page: Page, server: FakeServer) -> None:
+    await page.ask(op="add")
+    await page.ask(op="add_constraints", character=1, constraints=[{"kind": "heading", "frame": 70, "heading_rad": 1}])
+    await page.until(lambda: page.last("character")["targets"])
+    reached = session_pb2.ConstraintReached(constraint_id=1, met=False, frame=70, rotation_error_rad=math.nan)
+    server.stream.push(1, constraint_reached=reached)
+    await page.until(lambda: page.last("character")["targets"][0]["state"] == "missed")
+    assert page.last("character")["targets"][0]["rotation_error_rad"] is None
+
+
+async def test_a_frame_that_cannot_be_shown_is_said(
+    page: Page, room: Room, server: FakeServer, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    def broken(plan: int, first: int, count: int) -> np.ndarray:
+        rows = synthetic_rows(plan, first, count)
+        rows[first + np.arange(count) == 21, 2] = math.nan
+        return rows
+
+    monkeypatch.setattr("tests.client.fake_server.synthetic_rows", broken)
+    await page.ask(op="add")
+    await page.until(lambda: (page.last("character") or {}).get("failure"))
+    assert page.last("character")["failure"].startswith("frame 21 came with a number that is not finite")
+    assert not room.character(1).has_ended
+
+
+async def test_a_character_whose_rig_is_offered_no_more_comes_with_it(bridge: Bridge, room: Room, page: Page) -> None:
+    await page.ask(op="add")
+    await page.until(lambda: page.last("character"))
+    assert "described" not in page.last("character")
+    client = bridge.line.client
+    client.catalog = dataclasses.replace(client.catalog, etag="2", rigs=())
+    late = Page()
+    serving = asyncio.create_task(Browser(late, bridge, room, Role.CONTROL).serve())
+    told = await late.until(lambda: late.last("character"))
+    assert (told["described"]["id"], told["described"]["row_width"]) == (told["rig"], ROW_WIDTH)
+    serving.cancel()
+    await asyncio.gather(serving, return_exceptions=True)
+
+
+async def test_as_much_can_be_looked_at_again_whatever_the_rate(page: Page, room: Room) -> None:
+    await page.ask(op="add")
+    kept = room.character(1).session.rig.frames_in(KEEP_S)
+    assert kept == 12_000, "a hundred frames a second"
+    assert "error" not in await page.ask(op="history", character=1, first_frame=0, end_frame=kept)
+    assert "allowed" in (await page.ask(op="history", character=1, first_frame=0, end_frame=2 * kept))["error"]
 
 
 async def test_a_page_is_told_what_another_server_offers(bridge: Bridge, page: Page) -> None:

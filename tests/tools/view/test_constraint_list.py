@@ -13,7 +13,7 @@ import pytest
 from motiongen_client import InvalidInput, Motion
 from motiongen_client.types import JointTargets, Keyframe, Placement, RootTrajectory, Waypoint
 from motiongen_tools.constraint_file import read_constraints
-from motiongen_tools.view.constraint_list import read_list, write_constraint_list
+from motiongen_tools.view.constraint_list import moved, read_list, write_constraint_list
 from motiongen_tools.view.script import Target
 
 
@@ -97,7 +97,7 @@ def test_what_the_server_placed_is_written_where_it_put_it(take: Motion, tmp_pat
 
 def test_a_list_is_read_from_a_frame_on(take: Motion) -> None:
     entries = [{"type": "root2d", "frame_indices": [0, 1, 7], "root_2d": [[0, 0], [0, 1], [2, 3]]}]
-    path, place = read_list(json.dumps(entries).encode(), take.rig, 200, 400)
+    path, place = moved(read_list(json.dumps(entries).encode(), take.rig, 400), 200)
     assert (path["first_frame"], place["first_frame"]) == (200, 207)
     with pytest.raises(InvalidInput, match="JSON"):
-        read_list(b"{", take.rig, 0, 400)
+        read_list(b"{", take.rig, 400)

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import asyncio
+import itertools
 from types import SimpleNamespace
 from typing import Any
 
@@ -33,6 +34,25 @@ def test_each_edit_is_due_once_and_in_its_order() -> None:
     assert rehearsal.due(8) == [first, second]
     assert rehearsal.due(8) == []
     assert rehearsal.due(30) == [later]
+
+
+def test_of_very_many_for_one_frame_the_first_come_first() -> None:
+    """They would keep all characters waiting, and servers let no more wait."""
+    edits = [told(0, op="clear_constraints", number=number) for number in range(150)]
+    rehearsal = Rehearsal(edits, 20)
+    parts = [rehearsal.due(0) for _ in range(4)]
+    assert [len(part) for part in parts] == [64, 64, 22, 0]
+    assert list(itertools.chain(*parts)) == edits
+
+
+async def test_what_comes_after_the_last_frame_is_said_to_be_left_out(bridge: Bridge, room: Room) -> None:
+    edits = (told(0, op="clear_constraints"), told(9, op="clear_constraints"))
+    again = room.character(await room.again(SessionFile({}, 3, edits), {}))
+    async with asyncio.timeout(LIMIT_S):
+        while not again.session.is_paused:
+            await bridge.beat()
+    assert len(again.edits.entries) == 1
+    assert again.failure == "its last frame came before 1 of its edits, which are not said again"
 
 
 def test_ids_are_those_of_the_new_character() -> None:

@@ -3,15 +3,17 @@
 from __future__ import annotations
 
 import asyncio
+from typing import Any
 
 import pytest
 
 from motiongen.v1 import session_pb2
-from motiongen_client import EventRefused, MotionClient, StartPose
-from motiongen_client.errors import InvalidInput, UnknownName
+from motiongen_client import EventRefused, MotionClient, Session, StartPose
+from motiongen_client.errors import InvalidInput, ServerUnavailable, UnknownName
 from motiongen_tools.view.bridge import MOST_ROOMS, Bridge
 from motiongen_tools.view.line import Line
 from motiongen_tools.view.room import IDLE_S, SPACING_M, Room, place_of, session_options
+from motiongen_tools.view.session_file import SessionFile
 from tests.client.fake_server import FakeServer
 from tests.waiting import LIMIT_S
 
@@ -29,6 +31,19 @@ def test_nobody_stands_in_another() -> None:
     assert places[0].x_m == places[0].z_m == 0
     assert len({(place.x_m, place.z_m) for place in places}) == 200
     assert max(max(abs(place.x_m), abs(place.z_m)) for place in places) <= 8 * SPACING_M
+
+
+async def test_a_place_that_was_left_is_taken_again(room: Room, server: FakeServer) -> None:
+    """In a room of many comings and goings nobody is put where no camera looks."""
+    await room.add({"count": 3})
+    await room.remove(2)
+    server.refuse = lambda event: "OVERLOADED" if event.WhichOneof("event") == "open" else ""
+    with pytest.raises(EventRefused):
+        await room.add({})
+    server.refuse = lambda event: ""
+    await room.add({"count": 2})
+    starts = [character.options.start for character in room.characters.values()]
+    assert starts == [place_of(place) for place in (1, 3, 2, 4)]
 
 
 async def test_a_room_is_full_at_some_point(room: Room) -> None:
@@ -57,6 +72,33 @@ async def test_characters_pause_while_nobody_looks(bridge: Bridge, monkeypatch: 
     room.tick()
     assert not room.characters[1].session.is_paused
     assert room.characters[2].session.is_paused, "it was paused by somebody, not for want of viewers"
+
+
+async def test_pages_are_told_who_pauses_and_who_goes_on(room: Room, monkeypatch: pytest.MonkeyPatch) -> None:
+    await room.add({})
+    character, now_s = room.characters[1], room.clock()
+    monkeypatch.setattr(room, "clock", lambda: now_s + IDLE_S + 1)
+    for is_paused in (True, False):
+        before = character.revision
+        room.tick()
+        assert character.shown()["is_paused"] is is_paused
+        assert character.revision > before
+        room.viewers.add(Looker())
+
+
+async def test_a_room_in_which_somebody_is_about_to_be_is_kept(bridge: Bridge, monkeypatch: pytest.MonkeyPatch) -> None:
+    """A session file is opened by a page that has gone meanwhile: its character is to be in a room that beats."""
+    client = bridge.line.client
+    really_open = client.open
+
+    async def open_slowly(*given: Any, **named: Any) -> Session:
+        bridge.room("another")  # for which empty ones make place
+        return await really_open(*given, **named)
+
+    monkeypatch.setattr(client, "open", open_slowly)
+    room = bridge.room("empty")
+    assert await room.again(SessionFile({}, 50, ()), {}) == 1
+    assert bridge.rooms["empty"] is room
 
 
 async def test_a_character_that_ended_while_nobody_looked_keeps_no_other_from_going_on(
@@ -141,6 +183,9 @@ async def test_a_bridge_waits_for_its_server() -> None:
     async with asyncio.timeout(LIMIT_S):
         while "localhost:1" not in line.shown(0)["detail"]:
             await bridge.beat()
+    with pytest.raises(ServerUnavailable) as waiting:
+        await bridge.room("main").add({})
+    assert str(waiting.value) == line.shown(0)["detail"], "it is said once"
     assert line.shown(0)["state"] == "connecting"
     running.cancel()
     await asyncio.gather(running, return_exceptions=True)

@@ -91,3 +91,14 @@ def test_a_target_that_the_server_places_is_shown_where_it_was_put() -> None:
     script.note_placements([Placement(1, 50, 130, 90, 50, 0.0, 0.0, 0.0), Placement(7, 1, 1, 1, 1, 0.0, 0.0, 0.0)])
     shown = script.shown()["targets"][0]
     assert (shown["first"], shown["last"], shown["arrival"]) == (50, 130, 90)
+
+
+def test_targets_that_passed_while_the_line_was_lost_wait_no_more() -> None:
+    """The session that goes on is not told of them, and says nothing of them."""
+    script = Script()
+    anywhere = {"kind": "waypoint", "frame": 0, "x_m": 1.0, "z_m": 2.0, "at_any_frame": True}
+    script.take(add(WAYPOINT, OTHER, anywhere, anywhere), 50, None, (1, 2, 3, 4), 40)
+    script.note_placements([Placement(3, 50, 99, 90, 50, 0.0, 0.0, 0.0)])
+    script.note_reopened(100)
+    states = [target["state"] for target in script.shown()["targets"]]
+    assert states == ["removed", "waiting", "removed", "waiting"]

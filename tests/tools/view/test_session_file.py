@@ -12,6 +12,7 @@ from motiongen.v1 import session_pb2
 from motiongen_client import MotionClient
 from motiongen_client.errors import InvalidInput
 from motiongen_tools.cli_replay import play
+from motiongen_tools.view.edit_log import MOST_KEPT
 from motiongen_tools.view.room import Room
 from motiongen_tools.view.session_file import (
     FORMAT,
@@ -89,6 +90,14 @@ def test_an_edit_that_no_server_could_take_is_refused_with_its_frame(edit: dict[
     assert said in str(refused.value)
 
 
+def test_more_edits_than_a_viewer_remembers_are_refused() -> None:
+    edits = [{"at_frame": 0, "op": "clear_constraints"}] * (MOST_KEPT + 1)
+    whole = {"format": FORMAT, "opening": {}, "num_frames": 20, "edits": edits}
+    with pytest.raises(InvalidInput, match="20001 of them' was given; allowed is at most 20000"):
+        parse_session(json.dumps(whole).encode(), "a.json")
+    assert len(parse_session(json.dumps({**whole, "edits": edits[1:]}).encode(), "a.json").edits) == MOST_KEPT
+
+
 async def test_what_a_character_was_told_is_written_down(page: Page, room: Room, server: FakeServer) -> None:
     at_73 = session_pb2.EditOutcome(effective_frame=73)  # wherever the character is when it is told
     server.refuse = lambda event: at_73 if event.HasField("edit_prompts") else ""
@@ -108,6 +117,14 @@ async def test_a_session_is_played_again(server: FakeServer) -> None:
         answers = await play(session, SESSION)
         assert [edit.message["op"] for edit, _ in answers] == ["set_prompt", "add_constraints"]
         assert len(session.motion(0, SESSION.num_frames)) == 60
+
+
+async def test_an_edit_behind_the_last_frame_is_said_not_to_be_told(server: FakeServer) -> None:
+    late = SessionFile({}, 20, (ToldAt(4, 9, {"op": "clear_constraints"}), ToldAt(20, 30, {"op": "clear_constraints"})))
+    async with MotionClient(server.address) as client:
+        answers = await play(await client.open(keep_s=None), late)
+    assert [edit.at_frame for edit, _ in answers] == [4, 20]
+    assert answers[1][1] == "not told: the last frame came before it"
 
 
 async def test_an_edit_that_nobody_could_take_is_named(server: FakeServer) -> None:

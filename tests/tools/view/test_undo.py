@@ -85,3 +85,57 @@ async def test_after_a_cut_is_undone_it_goes_on_from_before_the_cut(steered: Ste
     assert await steered.undo() == {"op": "cut_to", "frame": done.effective_frame}
     with pytest.raises(InvalidInput, match="undo"):
         steered.character.tell({"op": "undo"})
+
+
+def prompt(text: str) -> Message:
+    return {"op": "set_prompt", "text": text}
+
+
+async def test_what_is_said_in_one_breath_is_undone_step_by_step(steered: Steered) -> None:
+    """The second is said before the first has its answer; what it is to be undone to is the first."""
+    steered.character.tell(prompt("a person walks"))
+    await steered.tell(prompt("a person runs"))
+    assert await steered.undo() == prompt("a person walks")
+    assert (await steered.undo())["op"] == "remove_prompts"
+
+
+async def test_options_that_are_on_their_way_are_kept_by_the_next(steered: Steered, server: FakeServer) -> None:
+    steered.character.tell({"op": "set_options", "text_guidance": 0.5})
+    await steered.tell({"op": "set_options", "constraint_guidance": 3.0})
+    sent = [event.set_options.guidance for event in server.stream.received if event.HasField("set_options")]
+    assert [(each.text, each.constraint) for each in sent] == [(0.5, 2.0), (0.5, 3.0)]
+    assert await steered.undo() == {"op": "set_options", "text_guidance": 0.5, "constraint_guidance": 2.0}
+    assert await steered.undo() == {"op": "set_options", "text_guidance": 2.5, "constraint_guidance": 2.0}
+
+
+async def test_options_that_were_refused_are_not_kept(steered: Steered, server: FakeServer) -> None:
+    server.refuse = lambda event: "OUT_OF_RANGE" if event.set_options.guidance.text == 99 else ""
+    refused = steered.character.tell({"op": "set_options", "text_guidance": 99.0})
+    await steered.until(lambda: refused.state == "refused")
+    done = await steered.tell({"op": "set_options", "constraint_guidance": 3.0})
+    assert done.message["text_guidance"] == 2.5
+
+
+async def test_an_edit_that_has_no_answer_is_not_passed_over(steered: Steered) -> None:
+    """Undone would be the one before it, which nobody meant."""
+    await steered.tell(prompt("a person walks"))
+    entry = steered.character.tell(prompt("a person runs"))
+    with pytest.raises(InvalidInput, match="once the server has answered it"):
+        steered.character.tell({"op": "undo"})
+    await steered.until(lambda: entry.state == "accepted")
+    assert await steered.undo() == prompt("a person walks")
+
+
+async def test_what_was_refused_is_not_undone(steered: Steered, server: FakeServer) -> None:
+    await steered.tell(prompt("a person walks"))
+    server.refuse = lambda event: "NO_TARGET" if event.HasField("edit_constraints") else ""
+    refused = steered.character.tell({"op": "clear_constraints"})
+    steered.character.tell({"op": "pause"})
+    await steered.until(lambda: refused.state == "refused")
+    assert (await steered.undo())["op"] == "remove_prompts"
+
+
+async def test_options_that_name_none_are_not_undone(steered: Steered) -> None:
+    await steered.tell(prompt("a person walks"))
+    await steered.tell({"op": "set_options"})
+    assert (await steered.undo())["op"] == "remove_prompts"

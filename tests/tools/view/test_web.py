@@ -2,9 +2,12 @@
 
 from __future__ import annotations
 
+import asyncio
 import json
-from collections.abc import Iterator
+import threading
+from collections.abc import Callable, Iterator
 from pathlib import Path
+from types import SimpleNamespace
 from urllib.parse import quote
 
 import httpx
@@ -14,22 +17,21 @@ from starlette.testclient import TestClient
 from starlette.websockets import WebSocketDisconnect
 
 from motiongen_client import Motion, MotionClient
-from motiongen_client.errors import MotiongenError
-from motiongen_tools.bvh import write_bvh
 from motiongen_tools.npz import read_npz, write_npz
 from motiongen_tools.view.access import Access
 from motiongen_tools.view.bridge import Bridge
 from motiongen_tools.view.line import Line
-from motiongen_tools.view.motion_files import MAX_BYTES, read_upload
+from motiongen_tools.view.motion_files import MAX_BYTES
 from motiongen_tools.view.page_files import PAGE, ThreeMissing, three_folder
 from motiongen_tools.view.room import Room
 from motiongen_tools.view.session_file import FORMAT
-from motiongen_tools.view.web import DENIED, UNKNOWN_ROOM, web_app
+from motiongen_tools.view.web import DENIED, MOST_MADE_AT_ONCE, UNKNOWN_ROOM, _first_free, web_app
 from tests.tools.view.conftest import LIMIT_S
 
 LOCAL = "http://localhost:8321"
 HOST = {"host": "localhost:8321"}
 WITH_TOKENS = Access("steer", "look")
+WAYPOINT = {"kind": "waypoint", "frame": 0, "x_m": 1.0, "z_m": 2.0}
 
 
 @pytest.fixture
@@ -80,6 +82,20 @@ def test_another_site_posts_nothing(open_site: TestClient) -> None:
         posted = open_site.post(address, content=b"{}", headers={"origin": "http://evil.example"})
         assert (posted.status_code, posted.text) == (403, "the page is another site's")
         assert open_site.post(address, content=b"{}", headers={"origin": LOCAL}).status_code == 400
+
+
+def test_another_site_has_nothing_made_by_a_picture_or_a_link(open_site: TestClient) -> None:
+    """The browser sends no origin with these, but says that another site asks."""
+    for site, status in (("cross-site", 403), ("same-site", 403), ("same-origin", 400), ("none", 400)):
+        assert open_site.get("/take/main/1/a.glb", headers={"sec-fetch-site": site}).status_code == status
+    assert open_site.get("/main.js").headers["cross-origin-resource-policy"] == "same-origin"
+
+
+def test_a_host_or_an_origin_that_is_no_address_is_refused(open_site: TestClient) -> None:
+    assert open_site.get("/", headers={"host": "["}).status_code == 421
+    assert open_site.post("/session/main", content=b"{}", headers={"origin": "http://["}).status_code == 403
+    with open_site.websocket_connect("/ws", headers=HOST | {"origin": "http://["}) as socket:
+        assert socket.receive()["code"] == DENIED
 
 
 def test_other_names_for_this_machine_are_not_served(open_site: TestClient) -> None:
@@ -198,7 +214,75 @@ async def test_motion_files_are_opened(bridge: Bridge, three: Path, tmp_path: Pa
         assert big.status_code == 400
 
 
-def test_a_figure_that_the_server_does_not_know_is_refused(tmp_path: Path, stick_motion: Motion) -> None:
-    write_bvh(tmp_path / "walk.bvh", stick_motion)
-    with pytest.raises(MotiongenError):
-        read_upload("walk.bvh", (tmp_path / "walk.bvh").read_bytes(), [stick_motion.rig])
+async def test_what_nobody_thought_of_is_told_in_words(
+    bridge: Bridge, room: Room, three: Path, monkeypatch: pytest.MonkeyPatch, caplog: pytest.LogCaptureFixture
+) -> None:
+    def fail(*_: object) -> None:
+        raise ZeroDivisionError
+
+    (number,) = await room.add({})
+    monkeypatch.setattr("motiongen_tools.view.web.write_take", fail)
+    async with await site_of(bridge, three) as site:
+        answer = await site.get(f"/take/main/{number}/walk.npz")
+    assert (answer.status_code, "log says why" in answer.json()["error"]) == (500, True)
+    assert [record.exc_info[0] for record in caplog.records if record.exc_info] == [ZeroDivisionError]
+
+
+async def test_constraints_are_read_and_written_beside_the_beat(
+    bridge: Bridge, room: Room, three: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """Thousands may be read, and a limb takes long to bend: all characters would stand meanwhile."""
+    loop, main = asyncio.get_running_loop(), threading.current_thread()
+
+    def after_a_beat(found: object) -> Callable[..., object]:
+        def wait(*_: object) -> object:
+            assert threading.current_thread() is not main, "the bridge stands"
+            asyncio.run_coroutine_threadsafe(bridge.beat(), loop).result(LIMIT_S)
+            return found
+
+        return wait
+
+    (number,) = await room.add({})
+    playback = room.character(number).session.playback
+    while not playback.started:
+        await bridge.beat()
+    monkeypatch.setattr("motiongen_tools.view.web.read_list", after_a_beat([WAYPOINT]))
+    monkeypatch.setattr("motiongen_tools.view.recording.write_constraint_list", after_a_beat(("[]", [])))
+    async with await site_of(bridge, three) as site:
+        before = playback.playhead
+        asked = await site.post(f"/constraints/main/{number}", content=b"[]")
+        assert asked.json()["count"] == 1
+        assert room.character(number).edits.entries[-1].message["constraints"][0]["frame"] > before
+        assert (await site.get(f"/take/main/{number}/a.constraints.json")).text == "[]"
+
+
+async def test_no_number_of_files_is_made_at_once(
+    bridge: Bridge, room: Room, three: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """Whoever looks on may ask for any number of them, and each starts a process."""
+    under_way: list[int] = []
+    most = 0
+
+    async def make(*_: object) -> tuple[bytes, str, list[str]]:
+        nonlocal most
+        under_way.append(1)
+        most = max(most, len(under_way))
+        await bridge.beat()
+        under_way.pop()
+        return b"", "text/plain", []
+
+    (number,) = await room.add({})
+    monkeypatch.setattr("motiongen_tools.view.web.write_take", make)
+    async with await site_of(bridge, three) as site:
+        answers = await asyncio.gather(*(site.get(f"/take/main/{number}/walk.glb") for _ in range(8)))
+    assert {answer.status_code for answer in answers} == {200}
+    assert most == MOST_MADE_AT_ONCE
+
+
+def test_a_list_begins_later_where_frames_are_shorter() -> None:
+    def first_free(rate_hz: int) -> int:
+        playback = SimpleNamespace(committed_to=100, playhead=90)
+        rig = SimpleNamespace(frames_in=lambda seconds: round(seconds * rate_hz))
+        return _first_free(SimpleNamespace(session=SimpleNamespace(playback=playback, rig=rig)))  # type: ignore[arg-type]
+
+    assert [first_free(rate_hz) for rate_hz in (10, 20, 60)] == [112, 112, 136]

@@ -3,12 +3,13 @@
 from __future__ import annotations
 
 import json
+import math
 import struct
 
 import numpy as np
 
 from motiongen_client import Motion, Rig
-from motiongen_tools.view.wire import Head, pack_frames, pack_history, pack_motion, rig_json
+from motiongen_tools.view.wire import Head, pack_frames, pack_history, pack_motion, rig_json, to_json
 
 
 def unpack(message: bytes) -> tuple[dict, np.ndarray]:
@@ -23,6 +24,24 @@ def test_rows_of_all_characters_follow_one_another(stick_motion: Motion) -> None
     header, numbers = unpack(pack_frames(heads))
     assert header["heads"] == [[1, 3.25, 20, 8, 12, 4, 3], [7, 0, 0, 0, 2, 2, 0], [9, 1, 20, 5, 9, 1, 1]]
     np.testing.assert_array_equal(numbers, np.concatenate([*rows[:3], rows[5]]))
+
+
+def test_rows_say_how_wide_they_are(stick_motion: Motion) -> None:
+    """A page that does not know a character knows where the rows of the next one begin."""
+    narrow = stick_motion.rows[0, :5]
+    heads = [
+        Head(1, 0, 0, 0, 1, 0, [narrow]),
+        Head(2, 0, 0, 0, 0, 0, []),
+        Head(3, 0, 0, 0, 1, 0, [stick_motion.rows[1]]),
+    ]
+    header, numbers = unpack(pack_frames(heads))
+    assert header["widths"] == [5, 0, 43]
+    np.testing.assert_array_equal(numbers[5:], stick_motion.rows[1])
+
+
+def test_a_number_that_json_does_not_know_is_null() -> None:
+    said = {"a": [1.5, math.nan, {"b": (math.inf, -math.inf, 2)}], "c": "NaN", "d": True}
+    assert to_json(said) == '{"a":[1.5,null,{"b":[null,null,2]}],"c":"NaN","d":true}'
 
 
 def test_a_motion_brings_its_rig(stick_motion: Motion) -> None:

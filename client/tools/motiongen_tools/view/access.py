@@ -7,7 +7,10 @@ import hmac
 import secrets
 from dataclasses import dataclass, field
 from ipaddress import ip_address
-from urllib.parse import urlsplit
+from urllib.parse import SplitResult, urlsplit
+
+_OUR_SITES = ("same-origin", "none")
+"""Values of Sec-Fetch-Site: our page asks, or the user does, who has typed the address."""
 
 
 class Role(enum.Enum):
@@ -43,15 +46,29 @@ class Access:
     def admits_host(self, host: str) -> bool:
         """Whether a request may name this host: without tokens only loopback, so that no name that somebody else
         points at this machine reaches the bridge."""
-        return self.control_token is not None or is_loopback(urlsplit(f"//{host}").hostname or "")
+        return self.control_token is not None or is_loopback(_split(f"//{host}").hostname or "")
 
 
-def is_own_page(origin: str | None, host: str) -> bool:
-    """Whether something was asked by our page, or by a program, which sends no origin.
+def is_own_page(origin: str | None, host: str, fetch_site: str | None = None) -> bool:
+    """Whether something was asked by our page, or by a program, which sends neither origin nor fetch_site.
 
     A browser lets any site open WebSockets here, and post what needs no leave of ours; only reading is kept from it.
+    What it gets for another site, as a picture say or by a link, has no origin: there its Sec-Fetch-Site tells.
     """
-    return origin is None or urlsplit(origin).netloc.lower() == host.lower()
+    if fetch_site not in (None, *_OUR_SITES):
+        return False
+    if origin is None:
+        return True
+    site = _split(origin).netloc.lower()
+    return site != "" and site == host.lower()
+
+
+def _split(address: str) -> SplitResult:
+    """The parts of an address; of what is none, empty ones."""
+    try:
+        return urlsplit(address)
+    except ValueError:
+        return SplitResult("", "", "", "", "")
 
 
 def is_loopback(host: str) -> bool:

@@ -34,7 +34,7 @@ class Bridge:
         return self.rooms[name]
 
     def _forget_empty(self) -> None:
-        empty = [name for name, room in self.rooms.items() if not room.characters and not room.viewers]
+        empty = [name for name, room in self.rooms.items() if room.is_empty]
         for name in empty:
             del self.rooms[name]
 

@@ -16,11 +16,11 @@ from motiongen_tools.view.character import Character
 from motiongen_tools.view.fields import Message
 from motiongen_tools.view.room import Room
 from motiongen_tools.view.session_file import session_of
-from motiongen_tools.view.wire import Head, catalog_json, pack_frames, pack_history
+from motiongen_tools.view.wire import Head, catalog_json, pack_frames, pack_history, rig_json, to_json
 
 HEAD_PERIOD_S = 0.25
 """A page's clock runs by itself; this often it is told where the playhead really is."""
-MOST_HISTORY_FRAMES = 4000
+MOST_HISTORY_S = 200.0
 MOST_WAITING = 32
 """Answers, pieces of history and requests under way; a page that has as many is not listened to until some are gone."""
 FOR_WATCHERS = ("ping", "history")
@@ -88,7 +88,7 @@ class Browser:
     async def _tell(self) -> None:
         while True:
             for message in self.news():
-                await self._socket.send_text(json.dumps(message, separators=(",", ":")))
+                await self._socket.send_text(to_json(message))
             histories, self._histories = self._histories, []
             for character, first, end in histories:  # each is packed when it is sent: it may be of a megabyte
                 await self._socket.send_bytes(pack_history(character.number, *character.history(first, end)))
@@ -114,8 +114,14 @@ class Browser:
         for number, character in room.characters.items():
             if self._told.get(number) != character.revision:
                 self._told[number] = character.revision
-                news.append({"type": "character", **character.shown()})
+                news.append({"type": "character", **character.shown(), **self._rig_besides(character)})
         return news
+
+    def _rig_besides(self, character: Character) -> dict[str, Any]:
+        """Its rig, where the catalogue has that no more: the page could not draw it, nor tell whose rows are whose."""
+        rig = character.session.rig
+        is_offered = self._catalog is not None and any(each.rig_id == rig.rig_id for each in self._catalog.rigs)
+        return {} if is_offered else {"described": rig_json(rig)}
 
     def heads(self) -> list[Head]:
         """Frames that the page has not been sent yet, of characters that it knows."""
@@ -141,10 +147,10 @@ class Browser:
         while True:
             while self.num_waiting >= MOST_WAITING:  # it asks for more than it reads
                 await self._bridge.beat()
-            said = await self._socket.receive_text()
             try:
-                message = json.loads(said)
-            except (ValueError, RecursionError):  # ValueError: also a number of thousands of digits
+                message = json.loads(await self._socket.receive_text())
+            except (ValueError, RecursionError, KeyError):
+                # ValueError: also a number of thousands of digits; KeyError: bytes have come, and no text
                 message = None
             if not isinstance(message, dict):
                 self._answer(None, error="the message is not a JSON object")
@@ -182,7 +188,8 @@ class Browser:
                 return {"numbers": [await self._room.again(session_of(character), changes)]}
             case "history":
                 first = fields.whole(message, "first_frame")
-                end = fields.whole(message, "end_frame", first, first + MOST_HISTORY_FRAMES)
+                most = character.session.rig.frames_in(MOST_HISTORY_S)
+                end = fields.whole(message, "end_frame", first, first + most)
                 self._histories.append((character, first, end))
                 return {}
             case "time_scale":

@@ -7,12 +7,14 @@ import logging
 from collections import deque
 from typing import Any
 
+import numpy as np
+
 from motiongen_client.errors import InvalidInput, MotiongenError
 from motiongen_client.motion import Float32
 from motiongen_client.session import Session
 from motiongen_client.types import ConstraintReached, Model, Reopened, ServiceLevel, SessionOptions
 from motiongen_tools.view.commands import CUT_FRAMES, apply
-from motiongen_tools.view.edit_log import EditLog, Entry
+from motiongen_tools.view.edit_log import EditLog, Entry, named
 from motiongen_tools.view.feed import Feed
 from motiongen_tools.view.fields import Message
 from motiongen_tools.view.rehearsal import Rehearsal
@@ -23,7 +25,6 @@ from motiongen_tools.view.wire import Head
 MOST_MARKS = 400
 LEAST_SCALE, MOST_SCALE = 0.1, 2.0
 CUTS = ("teleport", "cut_to")
-WITH_CONSTRAINTS = ("add_constraints", "set_constraints")
 BRIDGE_FAILED = "the bridge failed at it; its log says why"
 
 _log = logging.getLogger(__name__)
@@ -81,14 +82,14 @@ class Character:
         if is_option:
             message = self._served_with.completed(message)
         edit = apply(self.session, message)
-        back = self.script.inverse(message, edit.prompt_id, edit.constraint_ids)
+        if is_option:
+            self._served_with.ask(message)
         entry = self.edits.add(
             message,
-            _named(message, edit.what),
+            named(message, edit.what),
             self.session.playback.playhead,
             edit,
             self._note_answer,
-            takes_back=[self._served_with.inverse(message)] if is_option else back,
             can_be_undone=can_be_undone,
         )
         self.revision += 1
@@ -100,6 +101,14 @@ class Character:
             raise InvalidInput("op", "undo", "an edit of prompts, constraints or options, or a cut, before it")
         self.revision += 1
         return [self.tell(message, can_be_undone=False) for message in last.takes_back][-1]
+
+    def rest(self, *, is_over: bool = False) -> None:
+        """Pause while nobody looks, or go on once that is over. Raises what ended the session."""
+        if is_over:
+            self.session.resume()
+        else:
+            self.session.pause()
+        self.revision += 1
 
     def set_time_scale(self, scale: float) -> None:
         """Raises InvalidInput."""
@@ -145,6 +154,8 @@ class Character:
         self._rehearse()
         playback = self.session.playback
         changed = self._feed.changed_from()
+        if changed is not None:
+            self._look_at(changed)
         if playback.plan != self._plan and changed is not None:
             self._plan = playback.plan
             self._seams.append(playback.plan_from)
@@ -157,6 +168,15 @@ class Character:
         if self.edits.look():
             self.revision += 1
         return changed
+
+    def _look_at(self, first_frame: int) -> None:
+        """Say it where frames that came have numbers that no picture can be made of."""
+        playback = self.session.playback
+        rows = playback.held_rows(first_frame, playback.buffered_to)
+        broken = next((n for n, row in enumerate(rows) if not np.isfinite(row).all()), None)
+        if broken is not None and not self._mishap:
+            self._mishap = f"frame {first_frame + broken} came with a number that is not finite: it cannot be shown"
+            self.revision += 1
 
     def head(self, now_s: float, sent_to: int) -> Head:
         """Where it stands, with the frames from sent_to on, less those that are past."""
@@ -188,7 +208,9 @@ class Character:
                 self.revision += 1
                 return
         if playhead >= self._rehearsal.end_frame - 1:
-            self._rehearsal = None
+            left, self._rehearsal = self._rehearsal.left, None
+            if left:
+                self._mishap = f"its last frame came before {len(left)} of its edits, which are not said again"
             with contextlib.suppress(MotiongenError):  # it has ended, which `poll` tells when its frames are over
                 self.session.pause()
             self.revision += 1
@@ -236,16 +258,26 @@ class Character:
     # ---- what the server says
 
     def _note_answer(self, entry: Entry) -> None:
-        if entry.state == "accepted":
+        is_accepted = entry.state == "accepted"
+        if is_accepted:
+            entry.takes_back = self._way_back(entry)
             playhead, edit = self.session.playback.playhead, entry.edit
             self.script.take(entry.message, entry.effective_frame, edit.prompt_id, edit.constraint_ids, playhead)
             self.script.note_placements(entry.placements)
-            if entry.message.get("op") == "set_options":
-                self._served_with.take(entry.message)
-            if entry.message.get("op") in CUTS and (entry.effective_frame or 0) >= CUT_FRAMES:
-                # back to where it was: on from the frames before the cut
-                entry.takes_back = [{"op": "cut_to", "frame": entry.effective_frame}]
+        if entry.message.get("op") == "set_options":
+            self._served_with.answer(entry.message, is_accepted)
         self.revision += 1
+
+    def _way_back(self, entry: Entry) -> list[Message]:
+        """What undoes an edit, by what held until now: others may have been on their way when it was said."""
+        operation = entry.message.get("op")
+        if operation == "set_options":
+            back = self._served_with.inverse(entry.message)
+            return [back] if len(back) > 1 else []  # it named none
+        if operation in CUTS:  # back to where it was: on from the frames before the cut
+            frame = entry.effective_frame or 0
+            return [{"op": "cut_to", "frame": frame}] if frame >= CUT_FRAMES else []
+        return self.script.inverse(entry.message, entry.edit.prompt_id, entry.edit.constraint_ids)
 
     def _note_reached(self, reached: ConstraintReached) -> None:
         self.script.note_reached(reached)
@@ -254,14 +286,6 @@ class Character:
     def _note_level(self, _: ServiceLevel) -> None:
         self.revision += 1
 
-    def _note_reopened(self, _: Reopened) -> None:
+    def _note_reopened(self, told: Reopened) -> None:
+        self.script.note_reopened(told.frame)
         self.revision += 1
-
-
-def _named(message: Message, what: str) -> str:
-    """An edit's name for the list: of constraints, which kinds."""
-    given = message["constraints"] if message.get("op") in WITH_CONSTRAINTS else []
-    kinds = [str(one["kind"]).replace("_", " ") for one in given]
-    if not kinds:
-        return what
-    return ", ".join(kinds[:3]) + (f" and {len(kinds) - 3} more" if len(kinds) > 3 else "")

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import dataclasses
 import json
 import tempfile
 from collections.abc import Iterable
@@ -55,18 +54,21 @@ def write_constraint_list(targets: Iterable[Target], take: Motion) -> tuple[str,
     return json.dumps(entries, indent=1) + "\n", told
 
 
-def read_list(data: bytes, rig: Rig, first_frame: int, max_path_frames: int) -> list[Entry]:
-    """The constraints of such a list, as messages; its frame 0 is first_frame. Raises InvalidInput."""
+def read_list(data: bytes, rig: Rig, max_path_frames: int) -> list[Entry]:
+    """The constraints of such a list, as messages. Raises InvalidInput."""
     with tempfile.TemporaryDirectory(prefix="motiongen-view-") as folder:
         path = Path(folder) / "constraints.json"
         path.write_bytes(data)
         found = read_constraints(path, rig, MOST_FRAMES, max_path_frames)
-    specs = []
-    for constraint in found:
-        name = "first_frame" if isinstance(constraint, RootTrajectory) else "frame"
-        moved = dataclasses.replace(constraint, **{name: getattr(constraint, name) + first_frame})
-        specs.append(write_constraint(moved))
-    return specs
+    return [write_constraint(constraint) for constraint in found]
+
+
+def moved(specs: Iterable[Entry], frames: int) -> list[Entry]:
+    """The same constraints so many frames later."""
+    return [
+        {name: value + frames if name in ("frame", "first_frame") else value for name, value in spec.items()}
+        for spec in specs
+    ]
 
 
 class _Unsaid(Exception):

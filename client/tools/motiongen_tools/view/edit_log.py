@@ -8,17 +8,19 @@ from dataclasses import dataclass, field
 from typing import Any
 
 from motiongen_client.edit import Edit
-from motiongen_client.errors import MotiongenError
+from motiongen_client.errors import InvalidInput, MotiongenError
 from motiongen_client.types import Outcome, Placement
 from motiongen_tools.view.fields import Message
 
 MOST_SHOWN = 40
 MOST_KEPT = 20_000
+NOT_UNDONE = ("set_velocity", "pause", "resume")
+WITH_CONSTRAINTS = ("add_constraints", "set_constraints")
 
 
 @dataclass
 class Entry:
-    """One edit. at_frame: the playhead when it was sent; takes_back: the messages that undo it."""
+    """One edit. at_frame: the playhead when it was sent; takes_back: once it is accepted, the messages that undo it."""
 
     number: int
     message: Message
@@ -66,13 +68,16 @@ class EditLog:
         edit: Edit,
         on_answer: Callable[[Entry], None],
         *,
-        takes_back: list[Message],
         can_be_undone: bool,
     ) -> Entry:
-        """Note an edit that was sent; on_answer, called once it is accepted or refused, may say what takes it back."""
-        entry = Entry(self._next, message, what, at_frame, edit, takes_back, can_be_undone)
+        """Note an edit that was sent; on_answer, called once it is accepted or refused, says what takes it back."""
+        can_be_undone = can_be_undone and message.get("op") not in NOT_UNDONE
+        entry = Entry(self._next, message, what, at_frame, edit, can_be_undone=can_be_undone)
         self._next += 1
         self.entries.append(entry)
+        if can_be_undone:
+            self._undoable.append(entry)
+            del self._undoable[:-MOST_KEPT]
         self.num_forgotten += max(len(self.entries) - MOST_KEPT, 0)
         del self.entries[:-MOST_KEPT]
         task = asyncio.create_task(self._await_answer(entry, on_answer))
@@ -92,9 +97,8 @@ class EditLog:
             if "frame" not in entry.message:  # one that is scheduled shows when its time comes
                 self._unshown.append(entry)
         on_answer(entry)
-        if entry.state == "accepted" and entry.takes_back and entry.can_be_undone:
-            self._undoable.append(entry)
-            del self._undoable[:-MOST_KEPT]
+        if entry.can_be_undone and not entry.takes_back:
+            self._undoable = [each for each in self._undoable if each is not entry]
 
     def look(self) -> bool:
         """Whether an edit's first frame has come since the last look."""
@@ -110,7 +114,10 @@ class EditLog:
         return came
 
     def pop_undoable(self) -> Entry | None:
-        """The last edit that can be undone, which it then cannot be again."""
+        """The last edit that can be undone, which it then cannot be again. Raises InvalidInput until it is answered."""
+        if self._undoable and self._undoable[-1].state == "sent":
+            what = self._undoable[-1].what
+            raise InvalidInput("op", "undo", f"to undo {what!r} once the server has answered it: it is on its way")
         return self._undoable.pop() if self._undoable else None
 
     @property
@@ -131,3 +138,12 @@ class EditLog:
         """Wait for no answer any more."""
         for task in self._answering:
             task.cancel()
+
+
+def named(message: Message, what: str) -> str:
+    """An edit's name for the list: of constraints, which kinds."""
+    given = message["constraints"] if message.get("op") in WITH_CONSTRAINTS else []
+    kinds = [str(one["kind"]).replace("_", " ") for one in given]
+    if not kinds:
+        return what
+    return ", ".join(kinds[:3]) + (f" and {len(kinds) - 3} more" if len(kinds) > 3 else "")

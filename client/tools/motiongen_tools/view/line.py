@@ -18,14 +18,15 @@ class Line:
     def __init__(self, make_client: Callable[[], MotionClient]) -> None:
         self._make_client = make_client
         self._client: MotionClient | None = None
-        self._detail = "connecting"
+        self._detail = ""  # as a page shows it
+        self._why = "it is being asked"
         self.address = ""
 
     @property
     def client(self) -> MotionClient:
         """Raises ServerUnavailable while there is none."""
         if self._client is None:
-            raise ServerUnavailable(self.address, self._detail)
+            raise ServerUnavailable(self.address, self._why)
         return self._client
 
     @property
@@ -51,6 +52,7 @@ class Line:
                 raise
             except MotiongenError as failure:
                 self._detail = str(failure)
+                self._why = failure.detail if isinstance(failure, ServerUnavailable) else self._detail
                 await asyncio.sleep(RETRY_S)
 
     async def close(self) -> None:

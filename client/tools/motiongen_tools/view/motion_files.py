@@ -10,13 +10,14 @@ from pathlib import Path
 import numpy as np
 
 from motiongen_client.errors import InvalidInput
-from motiongen_client.motion import Motion, Rig
+from motiongen_client.motion import CONTACT_BLOCK, ROOT_BLOCK, ROTATION_BLOCK, Motion, Rig
 from motiongen_tools.ardy_npz import read_ardy_npz
 from motiongen_tools.conversion import convert_file
 from motiongen_tools.npz import read_npz
 
 MAX_BYTES = 64 << 20
 MOST_FRAMES = 20_000
+MOST_HZ = 1000
 MOST_SIGNS = 60
 """Of the end of a name, which a file gets here: what systems take is 255 bytes."""
 
@@ -39,7 +40,31 @@ def read_upload(name: str, data: bytes, rigs: Sequence[Rig]) -> Motion:
             motion = _read_converted(converted, rigs)
     if not 0 < len(motion) <= MOST_FRAMES:
         raise InvalidInput("file", f"{len(motion)} frames", f"1 to {MOST_FRAMES} frames")
+    mistake = _mistake(motion)
+    if mistake:
+        raise InvalidInput("file", f"{name}: {mistake}", "a motion that a skeleton can have")
     return motion
+
+
+def _mistake(motion: Motion) -> str:
+    """Why a page could not draw it; "" where it can. A file says itself what its skeleton is."""
+    rig, joints = motion.rig, motion.rig.num_joints
+    widths = {ROOT_BLOCK: 3, ROTATION_BLOCK: 4 * joints, CONTACT_BLOCK: 4}
+    for name, width in widths.items():
+        if rig.blocks.get(name) != width:
+            return f"block {name} has width {rig.blocks.get(name)}, not {width}"
+    if min(rig.blocks.values()) < 0:
+        return "a block has a width below 0"
+    if not joints or len(rig.parents) != joints or np.shape(rig.offsets_m) != (joints, 3):
+        return f"{joints} joints, {len(rig.parents)} parents, offsets of shape {np.shape(rig.offsets_m)}"
+    if any(not -1 <= parent < joint or (parent < 0) != (joint == 0) for joint, parent in enumerate(rig.parents)):
+        return "its parents are no tree, parents first"
+    if not 1 <= rig.frame_rate_hz <= MOST_HZ:
+        return f"{rig.frame_rate_hz} frames a second, not 1 to {MOST_HZ}"
+    for numbers in (rig.offsets_m, motion.rows):
+        if not np.issubdtype(numbers.dtype, np.floating) or not np.isfinite(numbers).all():
+            return "a number that is not finite"
+    return ""
 
 
 def _read_own(source: Path) -> Motion | None:

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import asyncio
+import dataclasses
 import tempfile
 from pathlib import Path
 
@@ -32,12 +33,14 @@ async def write_take(
     if suffix == ".session.json":
         gone = character.edits.num_forgotten
         said = [f"the first {gone} edits are not kept, and are not in the file"] if gone else []
-        return write_session(session_of(character)).encode(), JSON, said
+        text = await asyncio.to_thread(write_session, session_of(character))  # of thousands of edits
+        return text.encode(), JSON, said
     if not character.session.playback.started:
         raise InvalidInput("frames", "none", "a character that has played a frame")
     take = character.session.motion(first_frame, end_frame)
     if suffix == ".constraints.json":
-        text, left_out = write_constraint_list(list(character.script.targets.values()), take)
+        targets = [dataclasses.replace(each) for each in character.script.targets.values()]  # as they are by now
+        text, left_out = await asyncio.to_thread(write_constraint_list, targets, take)  # a limb takes a while to bend
         return text.encode(), JSON, left_out
     prompts = "; then ".join(str(span.message.get("text") or span.message["preset"]) for span in character.script.spans)
     data, warnings = await asyncio.to_thread(_convert, suffix, take, prompts)

@@ -10,6 +10,8 @@ from motiongen_client.edit import Edit
 from motiongen_tools.view.fields import Message
 
 ONLY_PLAYBACK = ("pause", "resume")  # the playhead stood then, and no frame came of it
+MOST_AT_ONCE = 64
+"""Edits that are told between two looks at the playhead: as many as servers let wait. A file may have any number."""
 
 
 @dataclass(frozen=True)
@@ -38,10 +40,19 @@ class Rehearsal:
         self._constraints: dict[int, int] = {}
 
     def due(self, playhead: int) -> list[ToldAt]:
-        """Those whose frame has come, in their order; each once. Say `told` of one before the next is `renumbered`."""
-        count = next((n for n, edit in enumerate(self._waiting) if edit.at_frame > playhead), len(self._waiting))
+        """Those whose frame has come, in their order; each once, and the first of very many first.
+
+        Say `told` of one before the next is `renumbered`.
+        """
+        near = self._waiting[:MOST_AT_ONCE]
+        count = next((n for n, edit in enumerate(near) if edit.at_frame > playhead), len(near))
         due, self._waiting = self._waiting[:count], self._waiting[count:]
         return due
+
+    @property
+    def left(self) -> list[ToldAt]:
+        """Those that were not due yet."""
+        return list(self._waiting)
 
     def renumbered(self, message: Message) -> Message:
         """A message with the ids that this character gave to what it names. What was refused then took ids too."""

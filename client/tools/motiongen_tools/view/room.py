@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import asyncio
 import contextlib
+import itertools
 import math
 import time
 from collections.abc import Callable
@@ -48,9 +49,16 @@ class Room:
         self.clock = clock
         self._line = line
         self._next = 1
+        self._places: set[int] = set()  # where somebody was put, or is about to be
+        self._place_of: dict[int, int] = {}
         self._num_opening = 0
         self._watched_at_s = clock()
         self._idle: set[int] = set()  # those that were paused because nobody looks
+
+    @property
+    def is_empty(self) -> bool:
+        """Whether nobody is there, or comes, and nobody looks."""
+        return not (self.characters or self.viewers or self._num_opening)
 
     async def add(self, message: Message) -> list[int]:
         """Open as many characters as a message asks for. Returns their numbers. Raises InvalidInput, EventRefused."""
@@ -76,10 +84,20 @@ class Room:
         return await self._open_as(message, None)
 
     async def _open_as(self, message: Message, rehearsal: Rehearsal | None) -> int:
+        place = next(each for each in itertools.count(1) if each not in self._places)
+        self._places.add(place)
+        try:
+            number = await self._open_at(place, message, rehearsal)
+        except BaseException:
+            self._places.discard(place)
+            raise
+        return number
+
+    async def _open_at(self, place: int, message: Message, rehearsal: Rehearsal | None) -> int:
         number, self._next = self._next, self._next + 1
         has_prompt = message.get("text") or message.get("preset")
         prompt = read_prompt(message) if has_prompt else None
-        options = session_options(message, place_of(number))
+        options = session_options(message, place_of(place))
         name = fields.text(message, "name", "") or f"character {number}"
         session = await self._line.client.open(prompt, options=options, keep_s=KEEP_S)
         try:
@@ -90,6 +108,7 @@ class Room:
         self.characters[number] = Character(
             number, name[:60], session, options=options, model=model, opening=message, rehearsal=rehearsal
         )
+        self._place_of[number] = place
         self.changes += 1
         return number
 
@@ -115,6 +134,7 @@ class Room:
         """End a character. Raises InvalidInput."""
         character = self.character(number)
         del self.characters[number]
+        self._places.discard(self._place_of.pop(number))
         self._idle.discard(number)
         self.changes += 1
         for viewer in self.viewers:
@@ -144,13 +164,13 @@ class Room:
             idle, self._idle = self._idle, set()
             for number in idle:
                 with contextlib.suppress(MotiongenError):  # it has ended meanwhile, which its next ticks find out
-                    self.characters[number].session.resume()
+                    self.characters[number].rest(is_over=True)
         elif self.clock() - self._watched_at_s > IDLE_S:
             for character in self.characters.values():
                 if not character.session.is_paused and not character.has_ended:
                     self._idle.add(character.number)
                     with contextlib.suppress(MotiongenError):
-                        character.session.pause()
+                        character.rest()
 
     def listed(self) -> dict[str, Any]:
         """Who is there."""
@@ -189,12 +209,12 @@ def session_options(message: Message, start: StartPose) -> SessionOptions:
     )
 
 
-def place_of(number: int) -> StartPose:
-    """By number, on a grid that grows from the middle, so that the first stands where the camera looks."""
-    ring = math.ceil((math.sqrt(number) - 1) / 2)
+def place_of(place: int) -> StartPose:
+    """From 1 on, on a grid that grows from the middle, so that the first stands where the camera looks."""
+    ring = math.ceil((math.sqrt(place) - 1) / 2)
     if ring == 0:
         return StartPose()
-    side, at = divmod(number - (2 * ring - 1) ** 2 - 1, 2 * ring)
+    side, at = divmod(place - (2 * ring - 1) ** 2 - 1, 2 * ring)
     along, out = at - ring + 1, ring
     x, z = [(along, out), (out, -along), (-along, -out), (-out, along)][side]
     return StartPose(x * SPACING_M, z * SPACING_M)

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Iterable
 from dataclasses import dataclass, field
+from functools import cached_property
 from typing import Any
 
 from motiongen_client.types import ConstraintReached, Placement
@@ -47,11 +48,20 @@ class Target:
     reached: ConstraintReached | None = None
     placement: Placement | None = None
 
+    @property
+    def frames(self) -> tuple[int, int] | None:
+        """The first and the last frame that it is meant for; None while the server has not chosen them."""
+        if self.placement is not None:
+            return self.placement.first_frame, self.placement.last_frame
+        return self._own_frames
+
+    @cached_property
+    def _own_frames(self) -> tuple[int, int] | None:
+        return frames_of(read_constraint(self.spec))
+
     def shown(self) -> dict[str, Any]:
         placed = self.placement
-        first, last = frames_of(read_constraint(self.spec)) or (None, None)
-        if placed is not None:
-            first, last = placed.first_frame, placed.last_frame
+        first, last = self.frames or (None, None)
         state, reached = "waiting", self.reached
         if reached is not None:
             state = "met" if reached.met else "missed"
@@ -114,6 +124,13 @@ class Script:
         target = self.targets.get(reached.constraint_id)
         if target is not None:
             target.reached = reached
+
+    def note_reopened(self, frame: int) -> None:
+        """Another session goes on at `frame`, and is not told of constraints whose frames have passed."""
+        for target in self.targets.values():
+            frames = target.frames
+            if target.reached is None and frames is not None and frames[1] < frame:
+                target.is_removed = True
 
     def inverse(self, message: Message, prompt_id: int | None, ids: tuple[int, ...]) -> list[Message]:
         """The messages that take one back, seen before `take`; none for what cannot be taken back."""

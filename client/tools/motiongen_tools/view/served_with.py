@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from collections.abc import Iterable
+
 from motiongen_client.types import Model, Opened, SessionOptions
 from motiongen_tools.view.fields import Message
 
@@ -22,21 +24,31 @@ class ServedWith:
             "history_frames": options.history_frames or model.default_history_frames,
             **dict(zip(WEIGHTS, weights, strict=True)),
         }
+        self._under_way: list[Message] = []
 
     def completed(self, message: Message) -> Message:
-        """The message with both weights where it has one, as the server sets both anew."""
+        """The message with both weights where it has one, as the server sets both anew: those asked for last."""
         if all(message.get(name) is None for name in WEIGHTS):
             return message
-        return {**message, **{name: self._values[name] for name in WEIGHTS if message.get(name) is None}}
+        asked = dict(self._values)
+        for before in self._under_way:
+            asked |= _named(before, asked)
+        return {**message, **{name: asked[name] for name in WEIGHTS if message.get(name) is None}}
 
     def inverse(self, message: Message) -> Message:
-        """The message that undoes one, seen before `take`."""
-        return {"op": "set_options", **{name: value for name, value in self._values.items() if _has(message, name)}}
+        """The message that undoes one, seen before its `answer`."""
+        return {"op": "set_options", **{name: self._values[name] for name in _named(message, self._values)}}
 
-    def take(self, message: Message) -> None:
-        """The server has accepted a message."""
-        self._values |= {name: message[name] for name in self._values if _has(message, name)}
+    def ask(self, message: Message) -> None:
+        """A message was sent."""
+        self._under_way.append(message)
+
+    def answer(self, message: Message, is_accepted: bool) -> None:
+        """The server has accepted a message that was sent, or not."""
+        self._under_way = [each for each in self._under_way if each is not message]
+        if is_accepted:
+            self._values |= _named(message, self._values)
 
 
-def _has(message: Message, name: str) -> bool:
-    return message.get(name) is not None
+def _named(message: Message, names: Iterable[str]) -> dict[str, str | int | float]:
+    return {name: message[name] for name in names if message.get(name) is not None}

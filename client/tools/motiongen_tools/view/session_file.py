@@ -15,6 +15,7 @@ from motiongen_client.errors import InvalidInput
 from motiongen_tools.view import fields
 from motiongen_tools.view.character import Character
 from motiongen_tools.view.commands import read
+from motiongen_tools.view.edit_log import MOST_KEPT
 from motiongen_tools.view.fields import Message
 from motiongen_tools.view.rehearsal import ToldAt
 
@@ -92,6 +93,8 @@ def parse_session(data: bytes, name: str) -> SessionFile:
     edits = whole.get("edits")
     if not isinstance(edits, list) or not all(isinstance(edit, dict) for edit in edits):
         raise InvalidInput("edits", edits, "a list of objects")
+    if len(edits) > MOST_KEPT:
+        raise InvalidInput("edits", f"{len(edits)} of them", f"at most {MOST_KEPT}, as many as a viewer remembers")
     return SessionFile(
         fields.mapping(whole, "opening"), fields.whole(whole, "num_frames", 1), tuple(map(_read_edit, edits))
     )

@@ -3,13 +3,14 @@
 from __future__ import annotations
 
 import asyncio
+import logging
 from collections.abc import Awaitable, Callable
 from pathlib import Path
 from urllib.parse import quote
 
 from starlette.applications import Starlette
 from starlette.middleware import Middleware
-from starlette.requests import Request
+from starlette.requests import ClientDisconnect, Request
 from starlette.responses import JSONResponse, PlainTextResponse, Response
 from starlette.routing import Mount, Route, WebSocketRoute
 from starlette.staticfiles import StaticFiles
@@ -21,7 +22,7 @@ from motiongen_tools.view.access import Access, Role, is_own_page
 from motiongen_tools.view.bridge import Bridge
 from motiongen_tools.view.browser import Browser
 from motiongen_tools.view.character import Character
-from motiongen_tools.view.constraint_list import read_list
+from motiongen_tools.view.constraint_list import moved, read_list
 from motiongen_tools.view.motion_files import MAX_BYTES, read_upload
 from motiongen_tools.view.page_files import PAGE, content_policy
 from motiongen_tools.view.recording import write_take
@@ -37,12 +38,19 @@ MOST_REASON_BYTES = 123
 MOST_HEADER_SIGNS = 800
 MOST_DIGITS = 15
 """Of a frame; Python refuses to read thousands."""
-MARGIN_FRAMES = 12
+MOST_MADE_AT_ONCE = 2
+"""Files that are converted, for which processes are started: whoever looks on may ask for any number of them."""
+MARGIN_S = 0.6
 """What may be committed while a list of constraints is under way, and is computed."""
+LEAST_MARGIN_FRAMES = 12
+
+_log = logging.getLogger(__name__)
 
 
 def web_app(bridge: Bridge, access: Access, three: Path) -> Starlette:
     """three: the folder of the npm package."""
+
+    making = asyncio.Semaphore(MOST_MADE_AT_ONCE)
 
     async def socket(websocket: WebSocket) -> None:
         host = websocket.headers.get("host", "")
@@ -67,7 +75,8 @@ def web_app(bridge: Bridge, access: Access, three: Path) -> Starlette:
         name = request.path_params["name"]
         query = request.query_params
         first, end = (_frame(query.get(key, "")) for key in ("first", "end"))
-        data, media_type, warnings = await write_take(character, name, first, end)
+        async with making:
+            data, media_type, warnings = await write_take(character, name, first, end)
         told = {
             "Content-Disposition": f"attachment; filename*=UTF-8''{quote(name, safe='')}",
             "X-Warnings": _header(" ".join(warnings)),
@@ -77,7 +86,9 @@ def web_app(bridge: Bridge, access: Access, three: Path) -> Starlette:
     async def open_motion(request: Request) -> Response:
         name = request.query_params.get("name", "")
         rigs = bridge.line.client.catalog.rigs
-        motion = await asyncio.to_thread(read_upload, name, await _body(request), rigs)
+        data = await _body(request)
+        async with making:
+            motion = await asyncio.to_thread(read_upload, name, data, rigs)
         return Response(pack_motion(Path(name).name, motion), media_type="application/octet-stream")
 
     async def load(request: Request) -> Response:
@@ -89,21 +100,29 @@ def web_app(bridge: Bridge, access: Access, three: Path) -> Starlette:
     async def aim(request: Request) -> Response:
         character = bridge.room(request.path_params["room"]).character(request.path_params["character"])
         max_path_frames = bridge.line.client.catalog.limits.max_trajectory_frames
-        specs = read_list(await _body(request), character.session.rig, _first_free(character), max_path_frames)
+        data, rig = await _body(request), character.session.rig
+        found = await asyncio.to_thread(read_list, data, rig, max_path_frames)  # there may be thousands
+        specs = moved(found, _first_free(character))
         entry = character.tell({"op": "add_constraints", "constraints": specs})
         return JSONResponse({"entry": entry.number, "count": len(specs)})
 
     def guarded(answer: Callable[[Request], Awaitable[Response]], *roles: Role) -> Callable[..., Awaitable[Response]]:
         async def check(request: Request) -> Response:
-            if not is_own_page(request.headers.get("origin"), request.headers.get("host", "")):
+            headers = request.headers
+            if not is_own_page(headers.get("origin"), headers.get("host", ""), headers.get("sec-fetch-site")):
                 return PlainTextResponse("the page is another site's", status_code=403)
-            token = request.headers.get("authorization", "").removeprefix("Bearer ")
+            token = headers.get("authorization", "").removeprefix("Bearer ")
             if access.role_of(token) not in roles:
                 return PlainTextResponse("the token is missing, or for spectators only", status_code=401)
             try:
                 return await answer(request)
             except MotiongenError as error:
                 return JSONResponse({"error": str(error)}, status_code=400)
+            except ClientDisconnect:
+                return PlainTextResponse("nobody is there any more", status_code=400)
+            except Exception:
+                _log.exception("a request of a page failed")
+                return JSONResponse({"error": "the bridge failed at this; its log says why"}, status_code=500)
 
         return check
 
@@ -132,8 +151,9 @@ def _header(text: str) -> str:
 
 def _first_free(character: Character) -> int:
     """The frame that a list's frame 0 becomes: one that can surely still change when the message comes."""
-    playback = character.session.playback
-    return max(playback.committed_to, playback.playhead) + MARGIN_FRAMES
+    session, playback = character.session, character.session.playback
+    margin_frames = max(session.rig.frames_in(MARGIN_S), LEAST_MARGIN_FRAMES)
+    return max(playback.committed_to, playback.playhead) + margin_frames
 
 
 async def _body(request: Request) -> bytes:
@@ -152,6 +172,7 @@ class _Guard:
             (b"content-security-policy", content_policy().encode()),
             (b"x-content-type-options", b"nosniff"),
             (b"referrer-policy", b"no-referrer"),
+            (b"cross-origin-resource-policy", b"same-origin"),
             (b"cache-control", b"no-cache"),
         ]
 

@@ -7,6 +7,7 @@ of four bytes), and rows of float32, little endian, one after the other as the h
 from __future__ import annotations
 
 import json
+import math
 import struct
 from collections.abc import Sequence
 from dataclasses import asdict, dataclass
@@ -36,12 +37,13 @@ class Head:
 
 
 def pack_frames(heads: Sequence[Head]) -> bytes:
-    """One binary message of all characters that have news."""
+    """One binary message of all characters that have news. widths: numbers in a row of each, 0 where none comes."""
     listed = [
         [h.character, round(h.playhead, 3), round(h.pace, 3), h.committed_to, h.buffered_to, h.first_frame, len(h.rows)]
         for h in heads
     ]
-    return _pack({"type": "frames", "heads": listed}, [row for h in heads for row in h.rows])
+    widths = [len(h.rows[0]) if h.rows else 0 for h in heads]
+    return _pack({"type": "frames", "heads": listed, "widths": widths}, [row for h in heads for row in h.rows])
 
 
 def pack_motion(name: str, motion: Motion) -> bytes:
@@ -56,8 +58,24 @@ def pack_history(character: int, first_frame: int, rows: Sequence[Float32]) -> b
     return _pack(header, rows)
 
 
+def to_json(message: Any) -> str:
+    """A message as a browser reads it. JSON knows finite numbers only: others, which a server may say, are null."""
+    try:
+        return json.dumps(message, separators=(",", ":"), allow_nan=False)
+    except ValueError:
+        return json.dumps(_finite(message), separators=(",", ":"), allow_nan=False)
+
+
+def _finite(value: Any) -> Any:
+    if isinstance(value, dict):
+        return {key: _finite(each) for key, each in value.items()}
+    if isinstance(value, list | tuple):
+        return [_finite(each) for each in value]
+    return None if isinstance(value, float) and not math.isfinite(value) else value
+
+
 def _pack(header: dict[str, Any], rows: Sequence[Float32]) -> bytes:
-    text = json.dumps(header, separators=(",", ":")).encode()
+    text = to_json(header).encode()
     text += b" " * (-len(text) % 4)
     return b"".join([struct.pack("<I", len(text)), text, *(row.astype("<f4", copy=False).tobytes() for row in rows)])
 

@@ -83,7 +83,7 @@ export class Cast extends EventTarget {
   _note(info) {
     let member = this.members.get(info.number);
     if (!member || member.info.seed !== info.seed) { // another bridge may have given the number to somebody else
-      const rig = this._rigs.get(info.rig);
+      const rig = this._rigs.get(info.rig) ?? (info.described && new Rig(info.described)); // one that is offered no more
       if (!rig) return; // the catalogue is on its way
       member = { number: info.number, rig, track: new Track(rig), info };
       this.members.set(info.number, member);
@@ -103,14 +103,14 @@ export class Cast extends EventTarget {
       return;
     }
     let at = 0;
-    for (const [number, place, pace, committedTo, , first, count] of header.heads) {
-      const member = this.members.get(number);
-      if (!member) return; // its rig is not known yet, nor where the rows after it begin: they come again
-      const width = member.rig.rowWidth;
-      if (count) member.track.put(first, splitRows(rows.subarray(at, at + count * width), width, 0, count));
-      member.track.setHead(place, pace, committedTo, nowMs);
+    header.heads.forEach(([number, place, pace, committedTo, , first, count], n) => {
+      const member = this.members.get(number), width = header.widths[n];
+      const own = rows.subarray(at, at + count * width);
       at += count * width;
-    }
+      if (!member) return; // it was removed, or is not known yet
+      if (count) member.track.put(first, splitRows(own, width, 0, count));
+      member.track.setHead(place, pace, committedTo, nowMs);
+    });
   }
 
   _tell(name, detail) {

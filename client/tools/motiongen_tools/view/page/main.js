@@ -22,11 +22,25 @@ import { Takes } from "./ui/takes.js";
 import { TargetForm } from "./ui/targets.js";
 
 const byId = (id) => document.getElementById(id);
+
+const MOST_FAILURES = 20;
+const failures = new Set();
+
+/** A mistake of the page is said once, however often it is made; the console says where. */
+function sayFailure(error) {
+  const what = error instanceof Error ? error.message : String(error);
+  if (failures.has(what) || failures.size >= MOST_FAILURES) return;
+  failures.add(what);
+  note(`the page has failed at something: ${what}. Load it again if it does not go on`, "error");
+}
+addEventListener("error", ({ error }) => error && sayFailure(error));
+addEventListener("unhandledrejection", ({ reason }) => sayFailure(reason));
+
 const address = new URLSearchParams(location.search);
 const token = new URLSearchParams(location.hash.slice(1)).get("token") ?? "";
 const room = address.get("room") ?? "main";
 
-const stage = new Stage(byId("stage"), address.get("draw") === "plain");
+const stage = makeStage();
 const connection = new Connection(room, token);
 const cast = new Cast(connection);
 const bodies = new Bodies(stage.scene);
@@ -45,9 +59,18 @@ const prompt = new PromptBox(byId("prompt"), cast);
 const tools = new Tools(byId("tools"), stage, cast, pick, ghosts);
 const canSteer = () => cast.role === "control" && Boolean(cast.one) && connection.isOpen && timeline.seek === null;
 const velocity = new Velocity(stage, (message) => trying(() => cast.tell(message)), canSteer, () => tools.keepsPrompt);
-new Pointer(stage, () => tools.current);
+new Pointer(stage, () => tools.current, () => tools.drop());
 makeHelp(byId("help"));
 let follows = true;
+
+function makeStage() {
+  try {
+    return new Stage(byId("stage"), address.get("draw") === "plain");
+  } catch (error) {
+    byId("status").textContent = `motiongen: this browser does not draw with WebGL, which the page needs (${error.message})`;
+    throw error;
+  }
+}
 
 cast.addEventListener("server", () => document.body.classList.toggle("watching", cast.role !== "control"));
 cast.addEventListener("catalog", addFirst, { once: true });
@@ -97,8 +120,8 @@ const KEYS = {
 ["walk", "path", "limb", "face", "pose"].forEach((name, n) => (KEYS[n + 1] = () => tools.choose(name)));
 
 addEventListener("keydown", (event) => {
-  const isControl = event.target instanceof HTMLElement && event.target.matches("button, summary, a");
-  if (isTyping(event.target) || event.ctrlKey || event.metaKey || (isControl && event.key === " ")) return;
+  const isControl = event.target instanceof HTMLElement && event.target.matches("button, summary, a, input");
+  if (event.repeat || isTyping(event.target) || event.ctrlKey || event.metaKey || (isControl && event.key === " ")) return;
   const act = KEYS[event.key];
   if (!act) return;
   event.preventDefault();

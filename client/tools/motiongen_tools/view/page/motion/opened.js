@@ -55,7 +55,9 @@ class OpenedScene {
 
 /** The first animation of a binary glTF. Throws where it has none. */
 export async function openScene(name, bytes, scene) {
-  const gltf = await new GLTFLoader().parseAsync(bytes, "");
+  const gltf = await new GLTFLoader().parseAsync(bytes, "").catch((error) => {
+    throw new Error(`${name} cannot be read as a binary glTF: ${error.message}`);
+  });
   if (!gltf.animations.length) throw new Error(`${name} has no animation; a glTF file with one can be opened`);
   return new OpenedScene(name, gltf, scene);
 }

@@ -3,6 +3,7 @@ import { Quaternion, Vector3 } from "three";
 
 const UP = new Vector3(0, 1, 0);
 const LEAST_BONE_M = 0.012;
+const LIMB = /(hand|foot)$/i;
 
 // Radius of the bone that begins at a joint, metres; the first that fits decides.
 const RADII = [
@@ -26,6 +27,10 @@ export class Rig {
     this._rotations = this.columns.joint_rotation_quat_wxyz[0];
     this._root = this.columns.root_translation_m[0];
     this._contacts = this.columns.foot_contact?.[0] ?? -1;
+    /** Joints of left heel, left toe, right heel, right toe, as contacts are told; undefined where there is none. */
+    this.feet = ["LeftFoot", "RightFoot"].flatMap((name) => [0, 1].map((n) => this.limbs[name]?.[n]));
+    /** Joints at the ends of limbs, by which hands and feet are dragged. */
+    this.ends = Object.entries(this.limbs).filter(([name]) => LIMB.test(name)).map(([, joints]) => joints[0]);
   }
 
   /** Forward kinematics of a row: G_j = G_parent q_j, p_j = p_parent + G_parent o_j. */

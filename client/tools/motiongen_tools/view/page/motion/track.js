@@ -1,7 +1,7 @@
 // Track: the frames of one character by number, past and planned, and the clock that walks over them.
 
 const LONGEST_S = 180; // of what was played that a page keeps
-const SNAP_FRAMES = 3;
+const SNAP_S = 0.15;
 const SLEW = 0.12;
 
 export class Track {
@@ -45,7 +45,7 @@ export class Track {
   setHead(place, pace, committedTo, nowMs) {
     const here = this.playhead(nowMs);
     const error = place - here;
-    this._place = Math.abs(error) > SNAP_FRAMES || pace === 0 ? place : here + SLEW * error;
+    this._place = Math.abs(error) > SNAP_S * this.rig.frameRate || pace === 0 ? place : here + SLEW * error;
     this._pace = pace;
     this._atMs = nowMs;
     this.committedTo = committedTo;

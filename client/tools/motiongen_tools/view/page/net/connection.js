@@ -4,6 +4,7 @@ import { unpack } from "./messages.js";
 const FIRST_WAIT_MS = 300;
 const LONGEST_WAIT_MS = 5000;
 const PING_MS = 2000;
+const SILENT_MS = 20_000; // after a question that nothing followed: the network has gone, and tells nobody
 const FINAL = new Set([4400, 4401]); // the room cannot be had, the token is wrong: the next line would be refused too
 
 export class Connection extends EventTarget {
@@ -21,6 +22,7 @@ export class Connection extends EventTarget {
     this._waiting = new Map();
     this._next = 1;
     this._waitMs = FIRST_WAIT_MS;
+    this._askedMs = null; // since when nothing was heard that was asked for
     this._connect();
     setInterval(() => this._ping(), PING_MS);
   }
@@ -48,7 +50,15 @@ export class Connection extends EventTarget {
     socket.onclose = (event) => this._lose(event);
   }
 
+  /** Give up a line on which nothing comes. Its end would be told after minutes only. */
+  _drop() {
+    this._socket.onmessage = this._socket.onclose = null;
+    this._socket.close();
+    this._lose({ code: 1006, reason: "" });
+  }
+
   _hear(data) {
+    this._askedMs = null;
     if (typeof data !== "string") {
       this._tell("binary", unpack(data));
       return;
@@ -67,7 +77,7 @@ export class Connection extends EventTarget {
   _lose(event) {
     for (const { reject } of this._waiting.values()) reject(new Error("the line to the bridge was lost"));
     this._waiting.clear();
-    this.roundTripMs = null;
+    this.roundTripMs = this._askedMs = null;
     if (FINAL.has(event.code)) {
       this.refusal = event.reason || "the bridge refuses this page";
       this._tell("line", "refused");
@@ -81,6 +91,11 @@ export class Connection extends EventTarget {
   async _ping() {
     if (!this.isOpen) return;
     const at = performance.now();
+    if (this._askedMs !== null && at - this._askedMs > SILENT_MS) {
+      this._drop();
+      return;
+    }
+    this._askedMs ??= at;
     try {
       await this.ask({ op: "ping", at });
       this.roundTripMs = performance.now() - at;

@@ -87,10 +87,10 @@ export class Marks {
   _showFeet(member, row) {
     const { rig } = member;
     const contacts = rig.contactsOf(row);
-    const joints = ["LeftFoot", "LeftToeBase", "RightFoot", "RightToeBase"].map((name) => rig.joints.indexOf(name));
     this._feet.forEach((foot, n) => {
-      foot.visible = this.showsContacts && Boolean(contacts[n]) && joints[n] >= 0;
-      if (foot.visible) foot.position.set(rig.positions[3 * joints[n]], 0.006, rig.positions[3 * joints[n] + 2]);
+      const joint = rig.feet[n];
+      foot.visible = this.showsContacts && Boolean(contacts[n]) && joint !== undefined;
+      if (foot.visible) foot.position.set(rig.positions[3 * joint], 0.006, rig.positions[3 * joint + 2]);
     });
   }
 }

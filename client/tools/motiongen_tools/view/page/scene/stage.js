@@ -56,6 +56,7 @@ export class Stage {
 
   /** Move camera and target along with a place on the ground, gently. */
   follow(place) {
+    if (!isPlace(place)) return;
     const wanted = new THREE.Vector3(place.x, this.controls.target.y, place.z);
     const step = wanted.sub(this.controls.target).multiplyScalar(0.12);
     this.controls.target.add(step);
@@ -64,6 +65,7 @@ export class Stage {
 
   /** Put the camera behind a place, looking the way it faces, or above a crowd of some radius. */
   frame(place, heading, radiusM = 0) {
+    if (!isPlace(place)) return;
     const distance = 4.6 + 2.1 * radiusM;
     this.controls.target.set(place.x, 0.95, place.z);
     this.camera.position.set(
@@ -180,4 +182,9 @@ export class Stage {
     this.camera.aspect = width / height;
     this.camera.updateProjectionMatrix();
   }
+}
+
+/** A broken frame is at no place: a camera that went there would never come back. */
+function isPlace({ x, z }) {
+  return Number.isFinite(x) && Number.isFinite(z);
 }

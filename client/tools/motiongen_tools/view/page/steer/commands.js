@@ -2,20 +2,25 @@
 
 export const WALK_MPS = 1.2;
 export const RUN_MPS = 3.0;
-const USUAL_LEAD_FRAMES = 12; // from an edit to the first frame that shows it, where none has shown it yet
-const COMMIT_MARGIN_FRAMES = 8; // what is committed while a message is under way
+// at the least so many frames, and at higher rates so many seconds:
+const USUAL_LEAD = [12, 0.6]; // from an edit to the first frame that shows it, where none has shown it yet
+const COMMIT_MARGIN = [8, 0.4]; // what is committed while a message is under way
 
 /** The frame `seconds` from now, or the first that a target may surely name. */
 export function frameIn(member, seconds) {
   const { track, rig } = member;
   const wanted = Math.round(track.playhead() + seconds * rig.frameRate);
-  return Math.max(wanted, track.committedTo + COMMIT_MARGIN_FRAMES, 0);
+  return Math.max(wanted, track.committedTo + framesOf(COMMIT_MARGIN, rig), 0);
+}
+
+function framesOf([least, seconds], rig) {
+  return Math.max(least, Math.round(seconds * rig.frameRate));
 }
 
 /** The frames that pass before an edit of now shows: those of the last one that was taken. */
 export function leadFrames(member) {
   const last = member.info.edits.find((edit) => edit.op !== "set_prompt" && edit.effective_frame !== null);
-  return Math.max(last ? last.effective_frame - last.at_frame : 0, USUAL_LEAD_FRAMES);
+  return Math.max(last ? last.effective_frame - last.at_frame : 0, framesOf(USUAL_LEAD, member.rig));
 }
 
 /** Where the root of a member is planned to be at a frame, as far as that is known: {x, z, y}. */

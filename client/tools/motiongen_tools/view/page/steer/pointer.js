@@ -3,17 +3,24 @@
 const CLICK_PX = 5;
 
 export class Pointer {
-  /** tool: a function that gives the tool of now: {click(event), down(event) -> whether it takes the drag, move, up}. */
-  constructor(stage, tool) {
+  /**
+   * tool: a function that gives the tool of now: {click(event), down(event) -> whether it takes the drag, move, up}.
+   * onCancel: is called where a drag will have no end.
+   */
+  constructor(stage, tool, onCancel) {
     this._stage = stage;
     this._tool = tool;
+    this._onCancel = onCancel;
     this._from = null;
     this._isTaken = false;
     const canvas = stage.canvas;
     canvas.addEventListener("pointerdown", (event) => this._down(event), { capture: true });
     canvas.addEventListener("pointermove", (event) => this._move(event), { capture: true });
     canvas.addEventListener("pointerup", (event) => this._up(event), { capture: true });
-    canvas.addEventListener("pointercancel", () => this._drop());
+    canvas.addEventListener("pointercancel", () => {
+      this._drop();
+      this._onCancel();
+    });
   }
 
   _down(event) {

@@ -5,7 +5,6 @@ import { make, trying } from "../ui/dom.js";
 import { goTo, leadFrames, pathAlong, rootAt } from "./commands.js";
 
 const HANDLE_M = 0.07;
-const LIMB = /(hand|foot)$/i;
 const STEP_M = 0.08;
 
 export class Tools {
@@ -35,6 +34,7 @@ export class Tools {
       make("label", { className: "inline" }, this._keeps, "keep prompt"), clear,
     );
     this.choose("walk");
+    cast.addEventListener("choice", () => this.drop()); // what was dragged was another character's
   }
 
   get current() {
@@ -46,9 +46,15 @@ export class Tools {
     return this._keeps.checked;
   }
 
+  /** Leave a drag without doing it. */
+  drop() {
+    this._drag = null;
+    this._drawLine([]);
+  }
+
   choose(name) {
     this._name = name;
-    this._drag = null;
+    this.drop();
     for (const button of this._buttons) button.setAttribute("aria-pressed", String(button.id === `tool-${name}`));
   }
 
@@ -183,9 +189,9 @@ export class Tools {
         return true;
       },
       move: (event) => {
-        const place = this._stage.groundAt(event), drag = this._drag;
-        if (!place || !drag) return;
-        const at = this._cast.one.rig.columns.root_translation_m[0];
+        const place = this._stage.groundAt(event), drag = this._drag, member = this._cast.one;
+        if (!place || !drag || !member) return;
+        const at = member.rig.columns.root_translation_m[0];
         drag.row[at] = drag.root[0] + place.x - drag.from.x;
         drag.row[at + 2] = drag.root[1] + place.z - drag.from.z;
       },
@@ -208,12 +214,18 @@ export class Tools {
   }
 
   _placeHandles(member) {
-    const joints = member.rig.joints.map((name, n) => [name, n]).filter(([name]) => LIMB.test(name));
+    const joints = member.rig.ends;
+    while (this._handles.children.length > joints.length) { // of another rig
+      const gone = this._handles.children.at(-1);
+      gone.removeFromParent();
+      gone.geometry.dispose();
+      gone.material.dispose();
+    }
     while (this._handles.children.length < joints.length) {
       const material = new THREE.MeshBasicMaterial({ color: 0xf2c94c, transparent: true, opacity: 0.75, depthTest: false });
       this._handles.add(new THREE.Mesh(new THREE.SphereGeometry(HANDLE_M, 12, 10), material));
     }
-    joints.forEach(([, joint], n) => {
+    joints.forEach((joint, n) => {
       const handle = this._handles.children[n];
       handle.userData.joint = joint;
       member.rig.position(joint, handle.position);

@@ -53,6 +53,7 @@ export class Velocity {
   _press(event, isDown) {
     this.isRunning = event.shiftKey;
     this.isStrafing = event.altKey;
+    if (event.key === "Meta") this._held.clear(); // macOS tells of no other key that is let go meanwhile
     if (!isDown) this._held.delete(event.code); // wherever the focus is by now, and whatever else is held
     if (!KEYS[event.code] || event.ctrlKey || event.metaKey || isTyping(event.target)) return;
     event.preventDefault();
@@ -88,7 +89,7 @@ export class Velocity {
   }
 }
 
-/** Whether keys belong to a field, not to the stage. */
+/** Whether keys belong to a field, not to the stage. A box that is ticked wants none but Space. */
 export function isTyping(element) {
-  return element instanceof HTMLElement && (element.matches("input, textarea, select") || element.isContentEditable);
+  return element instanceof HTMLElement && (element.matches("input:not([type=checkbox], [type=file]), textarea, select") || element.isContentEditable);
 }

@@ -13,6 +13,7 @@ export class Timeline {
     this.seek = null;
     this._plays = 0; // frames a second while looking back
     this._drag = null;
+    this._sent = null; // a drag that was let go, and has no answer yet
     this._loop = null;
     this._canvas = make("canvas", { id: "timeline-canvas", tabIndex: 0 });
     this._canvas.setAttribute("aria-label", "Timeline. Left and right look back and forward, Home goes live.");
@@ -56,7 +57,9 @@ export class Timeline {
     if (!member) return;
     const most = Math.floor(member.track.playhead());
     this.seek = Math.min(Math.max(frame, member.info.first_kept), most);
-    if (this.seek < member.track.first) trying(() => this._cast.askHistory(member, this.seek, member.track.first));
+    if (this.seek >= member.track.first || member.isAsking) return;
+    member.isAsking = true; // for all that there is: a pointer that moves would ask again and again
+    trying(() => this._cast.askHistory(member, member.info.first_kept, member.track.first)).finally(() => (member.isAsking = false));
   }
 
   /** At every frame that is drawn. */
@@ -74,7 +77,7 @@ export class Timeline {
     this._view.follow(live);
     this._resize();
     const colours = this._colours();
-    drawTimeline(this._context, this._view, member, { colours, place: live, seek: this.seek, drag: this._drag });
+    drawTimeline(this._context, this._view, member, { colours, place: live, seek: this.seek, drag: this._drag ?? this._sent });
     this._say(member, live);
   }
 
@@ -105,6 +108,10 @@ export class Timeline {
     canvas.addEventListener("pointerdown", (event) => this._down(event));
     canvas.addEventListener("pointermove", (event) => this._move(event));
     canvas.addEventListener("pointerup", () => this._up());
+    canvas.addEventListener("pointercancel", () => {
+      this._isSeeking = false;
+      this._drag = null;
+    });
     canvas.addEventListener("wheel", (event) => {
       event.preventDefault();
       if (event.shiftKey || Math.abs(event.deltaX) > Math.abs(event.deltaY)) this._view.scroll((event.deltaX || event.deltaY) / 8);
@@ -121,6 +128,7 @@ export class Timeline {
   }
 
   _down(event) {
+    if (event.button !== 0) return; // a menu opens, and nobody tells when the button is let go
     this._canvas.setPointerCapture(event.pointerId);
     const frame = this._view.toFrame(event.offsetX);
     const span = this._spanAt(event.offsetX, event.offsetY);
@@ -148,7 +156,8 @@ export class Timeline {
 
   async _up() {
     this._isSeeking = false;
-    const drag = this._drag;
+    const drag = (this._sent = this._drag);
+    this._drag = null;
     if (!drag) return;
     const { span } = drag;
     if (drag.start !== span.start || drag.end !== span.end) {
@@ -158,7 +167,7 @@ export class Timeline {
       if (drag.end !== null) message.end_frame = drag.end;
       await trying(() => this._cast.tell(message));
     }
-    this._drag = null;
+    if (this._sent === drag) this._sent = null;
   }
 
   /** The scheduled span under a point; others have begun with an edit, and stay. */

@@ -87,7 +87,9 @@ export class Compare {
       const [x, z] = [this._side.x * apart * (2 * n - 1), this._side.z * apart * (2 * n - 1)];
       const into = n && !apart ? ghosts : bodies;
       if (one.info) {
-        one.rig.pose(one.track.sample(this.frame));
+        const row = one.track.sample(this.frame);
+        if (!row) return null; // nothing has come of it yet
+        one.rig.pose(row);
         one.rig.shift(x, z);
         into.add(one.rig, colourOf(one.number));
       } else one.draw(into, this._placeIn(one), x, z);

@@ -12,6 +12,26 @@ export function make(name, properties = {}, ...children) {
   return element;
 }
 
+/**
+ * Have a list show entries, each as [key, make()]; where the key is the same, so is what is shown. An entry that is there
+ * already stays the same element, with the focus and the pointer that are on it.
+ */
+export function list(element, entries) {
+  const keys = new Set(entries.map(([key]) => key));
+  const there = new Map();
+  for (const child of [...element.children]) {
+    if (keys.has(child.dataset.key)) there.set(child.dataset.key, child);
+    else child.remove();
+  }
+  let at = element.firstElementChild;
+  for (const [key, makeOne] of entries) {
+    const child = there.get(key) ?? makeOne();
+    child.dataset.key = key;
+    if (child === at) at = at.nextElementSibling;
+    else element.insertBefore(child, at);
+  }
+}
+
 /** A label around an input, with its name before it. */
 export function labelled(name, input) {
   return make("label", {}, make("span", {}, name), input);

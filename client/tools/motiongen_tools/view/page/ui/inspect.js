@@ -1,5 +1,5 @@
 // The chosen character: how it is served, what was said to it and what became of that, its take and its plots.
-import { make, trying } from "./dom.js";
+import { list, make, trying } from "./dom.js";
 
 const STATE_SIGNS = { sent: "…", accepted: "✓", refused: "✗" };
 const MOST_EDITS = 8;
@@ -33,9 +33,11 @@ export class Inspect {
     if (info.reopenings) facts.push(`opened anew ${info.reopenings} times`);
     if (info.resumes) facts.push(`resumed ${info.resumes} times`);
     this._facts.textContent = facts.join(" · ");
-    this._edits.replaceChildren(...info.edits.slice(0, MOST_EDITS).map(editLine));
+    // every plan comes here: a line that says the same stays, with the button that somebody is about to press
+    const whose = `${info.number} ${info.seed}`;
+    list(this._edits, info.edits.slice(0, MOST_EDITS).map((edit) => [`${whose} ${JSON.stringify(edit)}`, () => editLine(edit)]));
     const last = info.targets.slice(-MOST_TARGETS).reverse();
-    this._targets.replaceChildren(...last.map((target) => this._targetLine(target)));
+    list(this._targets, last.map((target) => [`${whose} ${JSON.stringify(target)}`, () => this._targetLine(target)]));
   }
 
   _targetLine(target) {

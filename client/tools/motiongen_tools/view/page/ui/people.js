@@ -1,6 +1,6 @@
 // Who is there: choose, add, remove; by which model and how.
 import { colourOf } from "../scene/bodies.js";
-import { labelled, make, trying } from "./dom.js";
+import { labelled, list, make, trying } from "./dom.js";
 
 export class People {
   constructor(element, cast) {
@@ -36,23 +36,24 @@ export class People {
   }
 
   _show() {
-    const entries = [...this._cast.members.values()].map((member) => {
-      const dot = make("span", { className: "dot" });
-      dot.style.background = `#${colourOf(member.number).toString(16).padStart(6, "0")}`;
-      const choose = make("button", { className: "who", onclick: () => this._cast.choose(member.number) }, dot, member.info.name);
-      const remove = make(
-        "button",
-        {
-          className: "steering small", title: `Remove ${member.info.name}`,
-          onclick: () => trying(() => this._cast.ask({ op: "remove", character: member.number })),
-        },
-        "×",
-      );
-      remove.setAttribute("aria-label", remove.title);
-      const entry = make("li", { role: "option", "aria-selected": String(member.number === this._cast.chosen) }, choose, remove);
-      return entry;
-    });
-    this._list.replaceChildren(...entries);
+    list(this._list, [...this._cast.members.values()].map((member) => [`${member.number} ${member.info.name}`, () => this._entry(member)]));
+    for (const entry of this._list.children) entry.setAttribute("aria-selected", String(Number(entry.dataset.number) === this._cast.chosen));
+  }
+
+  _entry(member) {
+    const dot = make("span", { className: "dot" });
+    dot.style.background = `#${colourOf(member.number).toString(16).padStart(6, "0")}`;
+    const choose = make("button", { className: "who", onclick: () => this._cast.choose(member.number) }, dot, member.info.name);
+    const remove = make(
+      "button",
+      {
+        className: "steering small", title: `Remove ${member.info.name}`,
+        onclick: () => trying(() => this._cast.ask({ op: "remove", character: member.number })),
+      },
+      "×",
+    );
+    remove.setAttribute("aria-label", remove.title);
+    return make("li", { role: "option", dataset: { number: member.number } }, choose, remove);
   }
 
   async _add(event) {

@@ -35,7 +35,7 @@ export class Plots {
 /** At each of the last frames, metres a second of the root and of the fastest foot that is said to stand; metres to go. */
 export function figures(member, last) {
   const { rig, track } = member;
-  const feet = ["LeftFoot", "LeftToeBase", "RightFoot", "RightToeBase"].map((name) => rig.joints.indexOf(name));
+  const { feet } = rig;
   const speeds = [], slides = [], ways = [];
   let before = null;
   for (let frame = Math.max(last - SECONDS * rig.frameRate, track.first); frame <= last; frame++) {
@@ -48,7 +48,7 @@ export function figures(member, last) {
     if (before) {
       const mps = ([x, z], [px, pz]) => Math.hypot(x - px, z - pz) * rig.frameRate;
       speeds.push(mps(here.root, before.root));
-      slides.push(Math.max(0, ...feet.map((joint, n) => (joint >= 0 && contacts[n] && before.contacts[n] ? mps(here.feet[n], before.feet[n]) : 0))));
+      slides.push(Math.max(0, ...feet.map((joint, n) => (joint !== undefined && contacts[n] && before.contacts[n] ? mps(here.feet[n], before.feet[n]) : 0))));
     }
     before = here;
   }

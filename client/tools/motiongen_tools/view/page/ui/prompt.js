@@ -8,7 +8,7 @@ const STORED = "motiongen-prompts";
 export class PromptBox {
   constructor(form, cast) {
     this._cast = cast;
-    this._said = JSON.parse(localStorage.getItem(STORED) ?? "[]");
+    this._said = stored();
     this._text = make("input", {
       id: "prompt-text", type: "text", autocomplete: "off", placeholder: "a person walks forward", list: "prompt-said",
     });
@@ -54,7 +54,11 @@ export class PromptBox {
 
   _remember(text) {
     this._said = [text, ...this._said.filter((each) => each !== text)].slice(0, MOST_SAID);
-    localStorage.setItem(STORED, JSON.stringify(this._said));
+    try {
+      localStorage.setItem(STORED, JSON.stringify(this._said));
+    } catch {
+      // this browser keeps nothing for pages: they are offered until it is closed
+    }
     this._showSaid();
   }
 
@@ -68,5 +72,15 @@ export class PromptBox {
     this._presets.replaceChildren(...model.presets.map(({ id, text, expect }) =>
       make("button", { type: "button", className: "preset", title: `${text}. ${expect}`, dataset: { preset: id },
         onclick: () => this._say({ preset: id }) }, id)));
+  }
+}
+
+/** What was said before, as far as this browser has kept it and nobody else has written there. */
+function stored() {
+  try {
+    const said = JSON.parse(localStorage.getItem(STORED));
+    return Array.isArray(said) ? said.filter((each) => typeof each === "string").slice(0, MOST_SAID) : [];
+  } catch {
+    return [];
   }
 }

@@ -59,6 +59,7 @@ export class Status {
     if (this._line === "refused") return this._connection.refusal;
     if (this._line !== "open") return "the bridge is gone; trying again";
     if (server.state === "connected") return server.address;
-    return server.state === "lost" ? `${server.address} is lost; trying again` : `waiting for ${server.address}`;
+    if (server.state === "lost") return `${server.address} is lost; trying again`;
+    return server.detail || `waiting for ${server.address}`;
   }
 }

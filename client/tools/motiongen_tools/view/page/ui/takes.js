@@ -6,6 +6,7 @@ import { make, note, trying } from "./dom.js";
 
 const FORMATS = ["npz", "bvh", "glb", "session.json", "constraints.json"];
 const BESIDE_M = 1.2;
+const MOST_SAID = 200;
 
 export class Takes extends EventTarget {
   /** Event: "opened", whenever `opened` has changed. scene: of three.js. */
@@ -35,8 +36,7 @@ export class Takes extends EventTarget {
     const member = this._cast.one;
     if (!member) throw new Error("no character is chosen");
     const name = `${member.info.name.replaceAll(/[^\w-]+/g, "-")}.${format}`;
-    const answer = await fetch(`take/${this._room}/${member.number}/${name}`, { headers: this._headers });
-    if (!answer.ok) throw new Error((await answer.json()).error);
+    const answer = await this._fetch(`take/${this._room}/${member.number}/${name}`);
     const link = make("a", { href: URL.createObjectURL(await answer.blob()), download: name });
     link.click();
     setTimeout(() => URL.revokeObjectURL(link.href), 10_000);
@@ -55,10 +55,19 @@ export class Takes extends EventTarget {
     }
   }
 
-  async _send(address, body) {
-    const answer = await fetch(address, { method: "POST", body, headers: this._headers });
-    if (!answer.ok) throw new Error(answer.status === 401 ? await answer.text() : (await answer.json()).error);
-    return answer;
+  _send(address, body) {
+    return this._fetch(address, { method: "POST", body });
+  }
+
+  /** An answer that is one. Throws what the bridge, or whoever is before it, says instead. */
+  async _fetch(address, how = {}) {
+    const answer = await fetch(address, { ...how, headers: this._headers }).catch(() => {
+      throw new Error("the bridge does not answer; is it there?");
+    });
+    if (answer.ok) return answer;
+    const said = await answer.text();
+    const isJson = answer.headers.get("Content-Type")?.startsWith("application/json");
+    throw new Error((isJson ? JSON.parse(said).error : said.slice(0, MOST_SAID)) || `the bridge answers ${answer.status}`);
   }
 
   async _read(file) {
@@ -70,7 +79,7 @@ export class Takes extends EventTarget {
 
   /** A session file is played again by a character of its own; a list of constraints is for the chosen one. */
   async _load(file) {
-    const held = JSON.parse(await file.text());
+    const held = parsed(file.name, await file.text());
     if (!Array.isArray(held)) {
       const answer = await (await this._send(`session/${this._room}?name=${encodeURIComponent(file.name)}`, file)).json();
       note(`${file.name} is played again by character ${answer.numbers[0]}`);
@@ -99,5 +108,13 @@ export class Takes extends EventTarget {
       return make("li", {}, `${one.name}, ${one.numFrames} frames `, button);
     }));
     this.dispatchEvent(new Event("opened"));
+  }
+}
+
+function parsed(name, text) {
+  try {
+    return JSON.parse(text);
+  } catch (error) {
+    throw new Error(`${name} is neither a session file nor a list of constraints, which are JSON: ${error.message}`);
   }
 }

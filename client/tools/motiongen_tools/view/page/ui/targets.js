@@ -6,6 +6,7 @@ const RADIANS = Math.PI / 180;
 const KINDS = {
   place: ["x", "z", "heading"], heading: ["heading"], joint: ["joint", "x", "y", "z"], height: ["y"], foot: ["limb", "x", "z", "heading"], path: ["corners", "speed", "smoothing"],
 };
+const FEET = ["LeftFoot", "RightFoot"];
 const WHENS = { soon: "as soon as can be", at: "at", within: "from … to", after: "so long after it takes effect" };
 
 export class TargetForm {
@@ -16,7 +17,7 @@ export class TargetForm {
     this._kind = select("kind", Object.keys(KINDS).map((name) => [name, name]));
     this._when = select("when", Object.entries(WHENS));
     this._fields = {
-      joint: make("select", { id: "target-joint" }), limb: make("select", { id: "target-limb" }, ...["LeftFoot", "RightFoot"].map((name) => make("option", { value: name }, name))), x: number("x", 0), y: number("y", 1), z: number("z", 2),
+      joint: make("select", { id: "target-joint" }), limb: make("select", { id: "target-limb" }), x: number("x", 0), y: number("y", 1), z: number("z", 2),
       heading: number("heading", "", { placeholder: "free" }), corners: make("input", { id: "target-corners", placeholder: "0,2 2,2 2,4" }),
       speed: number("speed", "", { placeholder: "1.2" }), smoothing: number("smoothing", "", { placeholder: "0.3" }),
     };
@@ -55,6 +56,8 @@ export class TargetForm {
   _showJoints() {
     const joints = this._cast.one?.rig.joints ?? [];
     this._fields.joint.replaceChildren(...joints.map((name, n) => make("option", { value: n }, name)));
+    const feet = FEET.filter((name) => name in (this._cast.one?.rig.limbs ?? {}));
+    this._fields.limb.replaceChildren(...feet.map((name) => make("option", { value: name }, name)));
     const hand = joints.indexOf("RightHand");
     if (hand >= 0) this._fields.joint.value = String(hand);
   }
@@ -98,7 +101,9 @@ export class TargetForm {
   _here(member, frame) {
     if (this._isRelative.checked) return [0, 0];
     const { track, rig } = member;
-    return rig.rootOf(track.row(Math.min(Math.max(frame, track.first), track.end - 1)));
+    const row = track.row(Math.min(Math.max(frame, track.first), track.end - 1));
+    if (!row) throw new Error("no frame of this character has come yet");
+    return rig.rootOf(row);
   }
 
   _say(event) {

@@ -27,9 +27,11 @@ _MOST_CARRIED_S = 0.1
 _REFRESH_EVERY = 8
 _LEAST_S = 1e-7
 _MOST_WEIGHT = 32.0
-# The engine's own time for a window is a mean over those of so long, and over so many at least. Beside a GPU fewer come
-# and go in a tenth of a second: it would say what a single wave of them took. Who stood still is noted for some more.
-_OWN_S, _OWN_WINDOWS, _OWN_CARRIED = 1.0, 128, 32
+# The engine's own time for a window is a mean over those of so long, and over so many at least: beside a GPU that many
+# come and go in a fifth of a second, and would tell of a single wave. What it took too long counts with the windows
+# that follow as what so many take, at most. What was measured before anybody came counts as no more windows than that:
+# where it was wrong, those who come at once are to show it.
+_OWN_S, _OWN_WINDOWS, _OWN_CARRIED, _OWN_MEASURED = 1.0, 128, 32, 32
 _LEAST_OWN_S = 1e-5
 
 
@@ -248,8 +250,8 @@ class CostTable:
             costs.spent = spent
 
     def begin_own(self, each_s: float) -> None:
-        """What the engine itself does for a window, as was measured: it is taken as it is."""
-        self.own_each_s, self._own_seen = each_s, _OWN_WINDOWS
+        """What the engine itself does for a window, as was measured: it is taken as it is until windows come."""
+        self.own_each_s, self._own_seen, self._own_weight = each_s, _OWN_WINDOWS, float(_OWN_MEASURED)
 
     def observe_own(self, windows: int, seconds: float, elapsed_s: float = math.inf) -> None:
         """The engine took so long between calls, from the end of some windows to the end of these.

@@ -152,11 +152,21 @@ def test_it_is_not_what_a_single_wave_of_windows_takes() -> None:
 def test_an_engine_that_stands_still_for_once_is_not_taken_for_a_slow_one() -> None:
     costs = CostTable.assumed(0.01)
     costs.begin_own(0.0003)
+    for _ in range(64):
+        costs.observe_own(4, 4 * 0.0003, 0.01)
     costs.observe_own(4, 5.0, 5.0)
     assert costs.own_each_s < 0.0004
     for _ in range(64):
         costs.observe_own(4, 4 * 0.0003, 0.01)
     assert costs.own_each_s == pytest.approx(0.0003, rel=0.2)
+
+
+def test_what_was_measured_before_anybody_came_gives_way_to_what_those_show_who_come_at_once() -> None:
+    costs = CostTable.assumed(0.01)
+    costs.begin_own(0.0003)
+    for _ in range(8):
+        costs.observe_own(32, 32 * 0.0009, 0.03)
+    assert costs.own_each_s > 0.0008
 
 
 def test_what_it_takes_from_now_on_is_known_within_a_second_or_two() -> None:

@@ -99,7 +99,10 @@ class Heard:
         elif kind == "constraint_reached":
             decided = update.constraint_reached.frame < self.committed_to or self.attempt > 0  # or told of again
             require(decided, "a constraint is told of when its frame is decided")
-            self.reached.append(update.constraint_reached)
+            news = update.constraint_reached
+            told = any((each.constraint_id, each.frame) == (news.constraint_id, news.frame) for each in self.reached)
+            require(self.attempt > 0 or not told, "what became of a constraint is told once")
+            self.reached.append(news)
         elif kind == "durability":
             require(self.durable_seq <= update.durable_seq <= self._most_seq, "durable_seq never falls, nor runs ahead")
             self.durable_seq = update.durable_seq

@@ -53,7 +53,7 @@ async def test_a_server_that_asks_who_calls_is_tested_over_tls_with_a_token(tmp_
     (tmp_path / "token").write_text(tenants.one())
     tls = ServerTls(TlsFiles(*copy_pair("server-1", tmp_path), AUTHORITY))
     async with LocalServer(callers=tenants.callers(), tls=tls) as server:
-        words = [server.address, "-k", "unknown_names or said_again", "--ca", AUTHORITY]
+        words = [server.address, "-k", "unknown_names or said_again or takes_one_request", "--ca", AUTHORITY]
         words += ["--certificate", str(CERTIFICATES / "client.pem"), "--key", str(CERTIFICATES / "client.key")]
         refused = await asyncio.to_thread(command, tmp_path, *words)
         done = await asyncio.to_thread(command, tmp_path, *words, "--token-file", str(tmp_path / "token"))

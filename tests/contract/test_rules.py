@@ -103,6 +103,10 @@ def durable(event_seq: int) -> Response:
     return of(Update(durable_seq=event_seq, durability=session_pb2.SessionDurability(is_kept=True)), 2)
 
 
+def reached(frame: int) -> Response:
+    return of(Update(constraint_reached=session_pb2.ConstraintReached(constraint_id=1, frame=frame)))
+
+
 def answer(event_seq: int) -> Response:
     return of(Update(outcome=session_pb2.EditOutcome(event_seq=event_seq)), event_seq)
 
@@ -135,6 +139,7 @@ EXPIRING = Response(goodbye=service_pb2.Goodbye(reason=service_pb2.GOODBYE_REASO
         ([opened(), FIRST, plan(2, RESUME)], "behind the SessionOpened of a resume"),
         ([opened(), level(session_pb2.SERVICE_TIER_HOLD, 4)], "HOLD has none"),
         ([opened(), level(session_pb2.SERVICE_TIER_FEWER_STEPS, 0)], "a tier has denoising steps"),
+        ([opened(), FIRST, chunk(1, committed_to=1), reached(0), reached(0)], "told once"),
         ([opened(), of(Update(closed=session_pb2.SessionClosed()))], "closed for a reason"),
         ([opened(), FIRST, chunk(1, root_origin_m=[0.0] * 3)], "relative to an origin"),
         ([opened(F16), FIRST, chunk(1, 2 * WIDTH, scalar_type=F16)], "relative to an origin"),

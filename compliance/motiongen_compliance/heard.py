@@ -2,8 +2,10 @@
 
 from __future__ import annotations
 
+import re
 from dataclasses import dataclass, field
 
+import grpc
 import numpy as np
 
 from motiongen.v1 import motion_pb2, session_pb2
@@ -12,6 +14,9 @@ _REPLACING = (session_pb2.PLAN_CAUSE_EDIT, session_pb2.PLAN_CAUSE_CUT)
 """Causes of plans that take in events of the client's."""
 _BY_ITSELF = (session_pb2.PLAN_CAUSE_FALLBACK, session_pb2.PLAN_CAUSE_RESUME)
 """Causes of plans that a server may make without any."""
+_WAITING_HELPS = (grpc.StatusCode.RESOURCE_EXHAUSTED.value[0], grpc.StatusCode.UNAVAILABLE.value[0])
+_MOST_CODE = 16
+_REASON = re.compile(r"[A-Z][A-Z0-9]*(_[A-Z0-9]+)*")
 _BYTES_A_NUMBER = {motion_pb2.SCALAR_TYPE_F32_LE: 4, motion_pb2.SCALAR_TYPE_F16_LE: 2}
 
 
@@ -134,12 +139,18 @@ class Heard:
         self.outcomes.append(outcome)
         require(outcome.event_seq <= self._most_seq, "an answer is to an event that was sent")
         if outcome.code == 0:
-            require(not (outcome.reason or outcome.field or outcome.allowed), "an accepted event has no reason")
+            why = outcome.reason or outcome.message or outcome.field or outcome.allowed
+            require(not why and not outcome.HasField("retry_after"), "an accepted event has no reason")
             told = all(warning.reason and warning.message for warning in outcome.warnings)
             require(told, "a warning says what of, for programs and for people")
             return
         require(not outcome.warnings, "a refused event is not warned of")
+        require(not outcome.placements, "a refused event puts nothing anywhere")
+        require(0 < outcome.code <= _MOST_CODE, "a refusal has a google.rpc.Code")
         require(bool(outcome.reason and outcome.message), "a refusal says why, for programs and for people")
+        require(_REASON.fullmatch(outcome.reason) is not None, "a reason is in UPPER_SNAKE_CASE")
+        waits = not outcome.HasField("retry_after") or outcome.code in _WAITING_HELPS
+        require(waits, "a time to wait is told of RESOURCE_EXHAUSTED and UNAVAILABLE")
         require(not outcome.HasField("effective_frame"), "a refused event is in effect nowhere")
 
     def _take_plan(self, plan: session_pb2.PlanNotice) -> None:

@@ -8,6 +8,7 @@ from types import SimpleNamespace
 
 import grpc.aio
 import pytest
+from google.protobuf.duration_pb2 import Duration
 
 from motiongen.v1 import motion_pb2, service_pb2, service_pb2_grpc, session_pb2
 from motiongen_compliance.heard import RuleBroken
@@ -107,6 +108,11 @@ def reached(frame: int) -> Response:
     return of(Update(constraint_reached=session_pb2.ConstraintReached(constraint_id=1, frame=frame)))
 
 
+def refusal(**fields: object) -> Response:
+    said = {"event_seq": 2, "code": 3, "reason": "NOT_FINITE", "message": "NaN"} | fields
+    return of(Update(outcome=session_pb2.EditOutcome(**said)), 2)  # type: ignore[arg-type]
+
+
 def answer(event_seq: int) -> Response:
     return of(Update(outcome=session_pb2.EditOutcome(event_seq=event_seq)), event_seq)
 
@@ -140,6 +146,11 @@ EXPIRING = Response(goodbye=service_pb2.Goodbye(reason=service_pb2.GOODBYE_REASO
         ([opened(), level(session_pb2.SERVICE_TIER_HOLD, 4)], "HOLD has none"),
         ([opened(), level(session_pb2.SERVICE_TIER_FEWER_STEPS, 0)], "a tier has denoising steps"),
         ([opened(), FIRST, chunk(1, committed_to=1), reached(0), reached(0)], "told once"),
+        ([opened(), refusal(code=0)], "an accepted event has no reason"),
+        ([opened(), refusal(code=17)], "a google.rpc.Code"),
+        ([opened(), refusal(reason="too bad")], "UPPER_SNAKE_CASE"),
+        ([opened(), refusal(code=9, retry_after=Duration(seconds=1))], "a time to wait"),
+        ([opened(), refusal(placements=[motion_pb2.ConstraintPlacement(constraint_id=1)])], "puts nothing anywhere"),
         ([opened(), of(Update(closed=session_pb2.SessionClosed()))], "closed for a reason"),
         ([opened(), FIRST, chunk(1, root_origin_m=[0.0] * 3)], "relative to an origin"),
         ([opened(F16), FIRST, chunk(1, 2 * WIDTH, scalar_type=F16)], "relative to an origin"),
@@ -158,12 +169,13 @@ async def test_a_breach_is_found(script: list[Response], rule: str) -> None:
     [
         [opened(), FIRST, chunk(1), plan(2, FALLBACK, 1), chunk(2, first_frame=1)],
         [opened(), answer(2), durable(2)],
+        [opened(), refusal(code=8, retry_after=Duration(seconds=1), reason="OVERLOADED")],
         [opened(), level(session_pb2.SERVICE_TIER_HOLD, 0), plan(1, FALLBACK)],
         [opened(F16), FIRST, chunk(1, 2 * WIDTH, scalar_type=F16, root_origin_m=[0.0] * 3)],
         [opened(QUANTISED), FIRST, chunk(1, 17, scalar_type=QUANTISED)],
         [EXPIRING, GOODBYE],
     ],
-    ids=["helps itself", "saved", "holds", "halves", "quantised", "two reasons"],
+    ids=["helps itself", "saved", "refused", "holds", "halves", "quantised", "two reasons"],
 )
 async def test_what_the_protocol_allows_is_no_breach(script: list[Response]) -> None:
     async with hearing(script) as talk:

@@ -59,6 +59,7 @@ FRAMES = [
     Mistake("any and frame", lambda c: there(at_any_frame=True, frame=90), "AMBIGUOUS_FRAMES", f"{TARGET}.frame"),
     Mistake("led at any", lambda c: led(4, at_any_frame=True), "AMBIGUOUS_FRAMES", f"{TARGET}.at_any_frame"),
     Mistake("led and last", lambda c: led(4, frame=90, last_frame=95), "AMBIGUOUS_FRAMES", f"{TARGET}.last_frame"),
+    Mistake("led too far", lambda c: led(4, frame=2**53), "FRAME_OUT_OF_RANGE", f"{TARGET}.frame"),
     Mistake("path at a frame", lambda c: beside(frame=90), "AMBIGUOUS_FRAMES", f"{TARGET}.frame"),
     Mistake("path and last", lambda c: beside(last_frame=90), "AMBIGUOUS_FRAMES", f"{TARGET}.last_frame"),
 ]

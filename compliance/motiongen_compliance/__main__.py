@@ -3,20 +3,25 @@
 from __future__ import annotations
 
 import argparse
+import asyncio
 import sys
 from collections.abc import Sequence
 from pathlib import Path
 
 import pytest
 
+from motiongen_compliance.reach import Unreachable, credentials_of, reach, token_of
+
 SUITE = Path(__file__).with_name("suite")
+NOTHING_TESTED = 2
 
 
 def _parser() -> argparse.ArgumentParser:
     parser = argparse.ArgumentParser(
         prog="motiongen-compliance",
         description="Test that a server keeps the motiongen protocol. Takes a minute or two; opens some dozens of "
-        "sessions, sends nonsense among them, and leaves nothing behind. Exit code 0: it does.",
+        "sessions, sends nonsense among them, and leaves nothing behind. Exit code 0: it does; 1: it does not; 2 to 5: "
+        "nothing was tested.",
         epilog="Further arguments go to pytest: --maxfail=1, -v, --junit-xml=report.xml.",
     )
     parser.add_argument("address", metavar="HOST:PORT", help="of the server")
@@ -33,7 +38,7 @@ def main(arguments: Sequence[str] | None = None) -> int:
     parser = _parser()
     asked, others = parser.parse_known_args(arguments)
     host, _, port = asked.address.rpartition(":")
-    if not host or not port.isdigit():
+    if not host or not (port.isascii() and port.isdigit() and 0 < int(port) < 1 << 16):
         parser.error(f"{asked.address!r} is no address; give HOST:PORT, for example localhost:50051")
     files = {name: getattr(asked, name) for name in ("ca", "certificate", "key", "token_file")}
     for name, path in files.items():
@@ -41,6 +46,14 @@ def main(arguments: Sequence[str] | None = None) -> int:
             parser.error(f"there is no file {path}; give --{name.replace('_', '-')} one that can be read")
     if (asked.certificate is None) != (asked.key is None) or (asked.key is not None and asked.ca is None):
         parser.error("--certificate and --key are given together, and with --ca")
+    try:
+        credentials = credentials_of(asked.ca, asked.key, asked.certificate)
+        asyncio.run(reach(asked.address, credentials, token_of(asked.token_file)))
+    except ValueError as error:
+        parser.error(str(error))
+    except Unreachable as error:
+        print(f"{parser.prog}: nothing was tested: {error}", file=sys.stderr)
+        return NOTHING_TESTED
     command = ["-c", str(SUITE.with_name("suite.ini")), "--rootdir", str(SUITE), "-p", "motiongen_compliance.plugin"]
     command += ["--server-address", asked.address]
     for name, path in files.items():

@@ -2,11 +2,22 @@
 
 from __future__ import annotations
 
+import re
 from dataclasses import dataclass, field
 
+import grpc
 import numpy as np
 
 from motiongen.v1 import motion_pb2, session_pb2
+
+_REPLACING = (session_pb2.PLAN_CAUSE_EDIT, session_pb2.PLAN_CAUSE_CUT)
+"""Causes of plans that take in events of the client's."""
+_BY_ITSELF = (session_pb2.PLAN_CAUSE_FALLBACK, session_pb2.PLAN_CAUSE_RESUME)
+"""Causes of plans that a server may make without any."""
+_WAITING_HELPS = (grpc.StatusCode.RESOURCE_EXHAUSTED.value[0], grpc.StatusCode.UNAVAILABLE.value[0])
+_MOST_CODE = 16
+_REASON = re.compile(r"[A-Z][A-Z0-9]*(_[A-Z0-9]+)*")
+_BYTES_A_NUMBER = {motion_pb2.SCALAR_TYPE_F32_LE: 4, motion_pb2.SCALAR_TYPE_F16_LE: 2}
 
 
 class RuleBroken(AssertionError):
@@ -20,10 +31,17 @@ def require(holds: bool, rule: str) -> None:
 
 @dataclass
 class Heard:
-    """What was said of one session, checked as it comes. sent_seq: the last number the test has used."""
+    """What was said of one session, checked as it comes. sent_seq: the last number the test has used.
+
+    row_bytes: of a frame as F32_LE, and from SessionOpened on as that says. num_joints: of the rig. said_seq: the
+    greatest number that was sent. lookahead: frames, as it was agreed on last.
+    """
 
     row_bytes: int
+    num_joints: int = 0
     sent_seq: int = 1
+    said_seq: int = 1
+    lookahead: int = 0
     playhead: int = 0
     opened: session_pb2.SessionOpened | None = None
     closed: session_pb2.SessionClosed | None = None
@@ -41,6 +59,7 @@ class Heard:
     next_frame: int = 0
     end: int = 0
     committed_to: int = 0
+    last_kind: str = ""
 
     def take(self, update: session_pb2.SessionUpdate) -> None:
         require(self.closed is None, "nothing is said of a session after SessionClosed")
@@ -49,8 +68,11 @@ class Heard:
             require(update.outcome.event_seq == 1, "nothing but its refusal is told before a session is resumed")
         else:
             require(update.applied_seq >= self.applied_seq, "applied_seq never falls")
+            require(update.applied_seq <= self._most_seq, "applied_seq is of events that were sent")
             self.applied_seq = update.applied_seq
         require(kind is not None, "an update says something")
+        require(kind == "durability" or not update.durable_seq, "durable_seq is said beside durability only")
+        before, self.last_kind = self.last_kind, kind or ""
         if kind == "outcome":
             self._take_outcome(update.outcome)
             return
@@ -59,45 +81,76 @@ class Heard:
             if self.is_resuming:
                 self._take_resumed(update.opened)
             else:
-                self.next_frame = self.end = update.opened.start_frame
+                require(update.opened.start_frame == 0, "a new session begins with frame 0")
             if self.opened is None:
-                self.row_bytes += 4 * sum(block.width for block in update.opened.outputs)
-            self.opened, self.is_resuming = update.opened, False
+                self.row_bytes = self._row_bytes_of(update.opened)
+            self.opened, self.is_resuming, self.lookahead = update.opened, False, update.opened.lookahead_frames
             return
         require(not self.is_resuming, f"SessionOpened comes before {kind}")
         require(self.opened is not None, f"SessionOpened comes before {kind}")
         if kind == "plan":
+            is_resume = update.plan.cause == session_pb2.PLAN_CAUSE_RESUME
+            told = before == "opened" and self.attempt > 0
+            require(told or not is_resume, "what was missed is made up for right behind the SessionOpened of a resume")
             self._take_plan(update.plan)
         elif kind == "chunk":
             self._take_chunk(update.chunk)
         elif kind == "service_level":
-            self.levels.append(update.service_level)
+            level = update.service_level
+            is_held = level.tier == session_pb2.SERVICE_TIER_HOLD
+            require(level.tier != session_pb2.SERVICE_TIER_UNSPECIFIED, "a level of service has a tier")
+            require(is_held == (level.denoise_steps == 0), "a tier has denoising steps, and HOLD has none")
+            self.levels.append(level)
         elif kind == "constraint_reached":
             decided = update.constraint_reached.frame < self.committed_to or self.attempt > 0  # or told of again
             require(decided, "a constraint is told of when its frame is decided")
-            self.reached.append(update.constraint_reached)
+            news = update.constraint_reached
+            told = any((each.constraint_id, each.frame) == (news.constraint_id, news.frame) for each in self.reached)
+            require(self.attempt > 0 or not told, "what became of a constraint is told once")
+            self.reached.append(news)
         elif kind == "durability":
-            require(self.durable_seq <= update.durable_seq <= self.sent_seq, "durable_seq never falls, nor runs ahead")
+            require(self.durable_seq <= update.durable_seq <= self._most_seq, "durable_seq never falls, nor runs ahead")
             self.durable_seq = update.durable_seq
         elif kind == "closed":
+            require(update.closed.reason != session_pb2.CLOSE_REASON_UNSPECIFIED, "a session is closed for a reason")
             self.closed = update.closed
+
+    @property
+    def _most_seq(self) -> int:
+        return max(self.sent_seq, self.said_seq)
+
+    def _row_bytes_of(self, opened: session_pb2.SessionOpened) -> int:
+        """Of a frame with the outputs of the session, as it is stored."""
+        if opened.scalar_type == motion_pb2.SCALAR_TYPE_QUANTISED:
+            sizes = {"joint_global_rotation_quat_wxyz": 1}
+            return 13 + 4 * self.num_joints + sum(sizes.get(each.name, 2) * each.width for each in opened.outputs)
+        require(opened.scalar_type in _BYTES_A_NUMBER, "a session has a scalar type")
+        numbers = self.row_bytes // 4 + sum(block.width for block in opened.outputs)
+        return _BYTES_A_NUMBER[opened.scalar_type] * numbers
 
     def _take_resumed(self, opened: session_pb2.SessionOpened) -> None:
         assert self.opened is not None
         require(opened.session_token == self.opened.session_token, "a session keeps its token")
         require(opened.session_id == self.opened.session_id, "a session keeps its name")
         require(opened.start_frame <= self.next_frame, "a session goes on no later than where its client is")
-        self.goes_on_at = opened.start_frame
+        self.goes_on_at = self.next_frame = opened.start_frame
 
     def _take_outcome(self, outcome: session_pb2.EditOutcome) -> None:
         self.outcomes.append(outcome)
+        require(outcome.event_seq <= self._most_seq, "an answer is to an event that was sent")
         if outcome.code == 0:
-            require(not (outcome.reason or outcome.field or outcome.allowed), "an accepted event has no reason")
+            why = outcome.reason or outcome.message or outcome.field or outcome.allowed
+            require(not why and not outcome.HasField("retry_after"), "an accepted event has no reason")
             told = all(warning.reason and warning.message for warning in outcome.warnings)
             require(told, "a warning says what of, for programs and for people")
             return
         require(not outcome.warnings, "a refused event is not warned of")
+        require(not outcome.placements, "a refused event puts nothing anywhere")
+        require(0 < outcome.code <= _MOST_CODE, "a refusal has a google.rpc.Code")
         require(bool(outcome.reason and outcome.message), "a refusal says why, for programs and for people")
+        require(_REASON.fullmatch(outcome.reason) is not None, "a reason is in UPPER_SNAKE_CASE")
+        waits = not outcome.HasField("retry_after") or outcome.code in _WAITING_HELPS
+        require(waits, "a time to wait is told of RESOURCE_EXHAUSTED and UNAVAILABLE")
         require(not outcome.HasField("effective_frame"), "a refused event is in effect nowhere")
 
     def _take_plan(self, plan: session_pb2.PlanNotice) -> None:
@@ -106,10 +159,9 @@ class Heard:
         if plan.cause == session_pb2.PLAN_CAUSE_CONTINUE:
             require(plan.valid_from >= self.next_frame, "a continuation replaces nothing")
         else:
-            causes = (session_pb2.PLAN_CAUSE_EDIT, session_pb2.PLAN_CAUSE_RESUME, session_pb2.PLAN_CAUSE_CUT)
-            require(plan.cause in causes, "a plan has a cause")
-            told = len(plan.event_seqs) > 0 or plan.cause == session_pb2.PLAN_CAUSE_RESUME
-            require(told, "an edit's plan names its events")
+            require(plan.cause in (*_REPLACING, *_BY_ITSELF), "a plan has a cause")
+            require(len(plan.event_seqs) > 0 or plan.cause in _BY_ITSELF, "an edit's plan names its events")
+        require(all(0 < seq <= self._most_seq for seq in plan.event_seqs), "a plan names events that were sent")
         self.plans.append(plan)
         self.next_frame = min(self.next_frame, plan.valid_from)
 
@@ -119,17 +171,22 @@ class Heard:
         require(chunk.plan == self.plans[-1].plan, "a chunk is of the latest plan")
         require(chunk.first_frame == self.next_frame, "chunks neither leave out nor repeat a frame")
         require(chunk.frame_count >= 1, "a chunk holds a frame")
-        require(len(chunk.data) == chunk.frame_count * self.row_bytes, "data is as long as its rows")
-        require(bool(np.isfinite(np.frombuffer(chunk.data, "<f4")).all()), "frames are finite")
         require(chunk.scalar_type == self.opened.scalar_type, "the scalar type is the one agreed on")
+        require(len(chunk.data) == chunk.frame_count * self.row_bytes, "data is as long as its rows")
+        if chunk.scalar_type in _BYTES_A_NUMBER:
+            numbers = np.frombuffer(chunk.data, f"<f{_BYTES_A_NUMBER[chunk.scalar_type]}")
+            require(bool(np.isfinite(numbers).all()), "frames are finite")
+        is_relative = chunk.scalar_type == motion_pb2.SCALAR_TYPE_F16_LE
+        require(len(chunk.root_origin_m) == 3 * is_relative, "F16_LE is relative to an origin, and nothing else is")
         require(chunk.committed_to >= self.committed_to, "committed_to never falls")
         for row in range(chunk.frame_count):
             frame, data = chunk.first_frame + row, chunk.data[row * self.row_bytes : (row + 1) * self.row_bytes]
             known = self.frames.get(frame)
-            require(known in (None, data) or frame >= self.committed_to, "a committed frame never changes")
+            is_same = known in (None, data) or is_relative  # to another origin, when it is sent again
+            require(is_same or frame >= self.committed_to, "a committed frame never changes")
             self.frames[frame] = data
         self.next_frame += chunk.frame_count
-        require(self.next_frame <= self.playhead + self.opened.lookahead_frames, "no frame is sent beyond the credit")
+        require(self.next_frame <= self.playhead + self.lookahead, "no frame is sent beyond the credit")
         self.end = max(self.end, self.next_frame)
         self.committed_to = chunk.committed_to
         self.chunks.append(chunk)

@@ -1,11 +1,21 @@
-"""The pytest plugin of the command: which server, and how it is reached."""
+"""The pytest plugin of the command: which server, how it is reached, and when there is nothing left to be tested."""
 
 from __future__ import annotations
 
+from collections.abc import Generator
 from pathlib import Path
+from typing import Any
 
 import grpc
+import grpc.aio
 import pytest
+
+from motiongen_compliance.reach import credentials_of, token_of
+
+MOST_UNANSWERED = 3
+"""Tests in a row that wait in vain, or for which the server is not there: the others are not run."""
+_GONE = (grpc.StatusCode.UNAVAILABLE, grpc.StatusCode.DEADLINE_EXCEEDED)
+_UNANSWERED = pytest.StashKey[int]()
 
 
 def pytest_addoption(parser: pytest.Parser) -> None:
@@ -25,12 +35,32 @@ def server_address(request: pytest.FixtureRequest) -> str:
 @pytest.fixture(scope="session")
 def server_credentials(request: pytest.FixtureRequest) -> grpc.ChannelCredentials | None:
     names = ("--server-ca", "--server-key", "--server-certificate")
-    paths: list[Path | None] = [request.config.getoption(name) for name in names]
-    authorities, key, certificate = (None if path is None else path.read_bytes() for path in paths)
-    return None if authorities is None else grpc.ssl_channel_credentials(authorities, key, certificate)
+    return credentials_of(*(request.config.getoption(name) for name in names))
 
 
 @pytest.fixture(scope="session")
 def server_token(request: pytest.FixtureRequest) -> str:
-    path: Path | None = request.config.getoption("--server-token-file")
-    return "" if path is None else path.read_text(encoding="utf-8").strip()
+    return token_of(request.config.getoption("--server-token-file"))
+
+
+@pytest.hookimpl(wrapper=True)
+def pytest_runtest_makereport(
+    item: pytest.Item, call: pytest.CallInfo[None]
+) -> Generator[None, pytest.TestReport, pytest.TestReport]:
+    """Give up where a server that is asked again and again does not answer: each test waits for a minute or more."""
+    report = yield
+    failure = None if call.excinfo is None else call.excinfo.value
+    if _is_in_vain(failure):
+        item.session.stash[_UNANSWERED] = item.session.stash.get(_UNANSWERED, 0) + 1
+    elif call.when == "call":
+        item.session.stash[_UNANSWERED] = 0
+    if item.session.stash.get(_UNANSWERED, 0) >= MOST_UNANSWERED:
+        given_up = f"the server did not answer in {MOST_UNANSWERED} tests one after another; the others were not run"
+        item.session.shouldfail = given_up
+    return report
+
+
+def _is_in_vain(failure: Any) -> bool:
+    if isinstance(failure, grpc.aio.AioRpcError):
+        return failure.code() in _GONE
+    return isinstance(failure, TimeoutError)

@@ -3,20 +3,26 @@
 from __future__ import annotations
 
 import asyncio
+import time
 from collections.abc import Callable
 
 import grpc.aio
 
-from motiongen.v1 import service_pb2, service_pb2_grpc, session_pb2
+from motiongen.v1 import motion_pb2, service_pb2, service_pb2_grpc, session_pb2
 from motiongen_compliance.heard import Heard, require
 from motiongen_compliance.messages import addressed, close
 
 LIMIT_S = 60.0
 """How long a message may take before the test fails; nothing is measured by it."""
-
-
+STREAM_LIMIT_S = 300.0
+"""How long a stream may last: a server may say much, and never what a test waits for."""
 REPORT_PERIOD_S = 0.2
 """Between two reports of one playhead: credit is earned in real time, and told by reports."""
+
+
+def rig_of(catalog: service_pb2.GetCatalogResponse) -> motion_pb2.Rig:
+    """The rig of the first model, which sessions have that name none."""
+    return next(rig for rig in catalog.rigs if rig.rig_id == catalog.models[0].rig_id)
 
 
 class StreamOver(Exception):
@@ -31,8 +37,12 @@ class Talk:
         self.call = stub.StreamMotion()
         self.sessions: dict[int, Heard] = {}
         self.responses: list[service_pb2.StreamMotionResponse] = []
+        self.ends_at = time.monotonic() + STREAM_LIMIT_S
         self._reading: asyncio.Task[object] | None = None
-        self._row_bytes = 4 * sum(block.width for block in catalog.rigs[0].blocks)
+        self._goodbyes: set[int] = set()
+        self._said_seq: dict[int, int] = {}  # the greatest number, by handle
+        rig = rig_of(catalog)
+        self._row_bytes, self._num_joints = 4 * sum(block.width for block in rig.blocks), len(rig.joints)
 
     # ---- saying -----------------------------------------------------------------------------------------------------
 
@@ -45,7 +55,13 @@ class Talk:
         require(first.HasField("hello"), "the server's first message has hello")
         return self
 
+    def note(self, request: service_pb2.StreamMotionRequest) -> None:
+        """Know of the events of a message, which may be answered. `say` does so."""
+        for event in request.events:
+            self._said_seq[event.session] = max(event.event_seq, self._said_seq.get(event.session, 0))
+
     async def say(self, request: service_pb2.StreamMotionRequest) -> None:
+        self.note(request)
         async with asyncio.timeout(LIMIT_S):
             await self.call.write(request)
 
@@ -55,17 +71,25 @@ class Talk:
 
     async def ask_open(self, handle: int, **fields: object) -> Heard:
         """Send an OpenSession on a handle that carries none."""
-        heard = self.sessions[handle] = Heard(self._row_bytes)
+        heard = self.sessions[handle] = self._nothing_heard()
         opening = session_pb2.OpenSession(**fields)  # type: ignore[arg-type]
         await self.send(session_pb2.SessionEvent(session=handle, event_seq=1, open=opening))
         return heard
 
     async def open(self, handle: int, **fields: object) -> Heard:
-        """Open a session and wait for its first frames."""
-        heard = await self.ask_open(handle, **fields)
-        await self.until(lambda: heard.chunks or heard.outcomes)
-        require(heard.opened is not None, f"the session opens: {heard.outcomes}")
-        return heard
+        """Open a session and wait for its first frames. A server that has no room is asked again when it says so."""
+        ends_at = time.monotonic() + LIMIT_S
+        while True:
+            heard = await self.ask_open(handle, **fields)
+            while not heard.chunks and not heard.outcomes:
+                await self.hear()
+            if heard.opened is not None:
+                return heard
+            (refusal,) = heard.outcomes
+            require(refusal.HasField("retry_after"), f"the session opens: {refusal}")
+            if time.monotonic() > ends_at:
+                raise TimeoutError(f"the server has had no room for a session for {LIMIT_S:g} s: {refusal}")
+            await asyncio.sleep(max(0.1, refusal.retry_after.ToMilliseconds() / 1000))
 
     async def ask_resume(self, handle: int, heard: Heard, **fields: object) -> None:
         """Send an OpenSession that resumes a session which another stream carried."""
@@ -91,10 +115,17 @@ class Talk:
 
     async def edit(self, handle: int, event: session_pb2.SessionEvent) -> session_pb2.EditOutcome:
         """Send the next event of a session and wait for its answer."""
-        heard = self.sessions[handle]
+        heard, options = self.sessions[handle], event.set_options
         heard.sent_seq += 1
+        lookahead = options.lookahead_frames or self.catalog.limits.default_lookahead_frames
+        before = heard.lookahead
+        if options.HasField("lookahead_frames"):
+            heard.lookahead = max(before, lookahead)  # whichever holds when more frames come
         await self.send(addressed(event, handle, heard.sent_seq))
-        return await self.answer(handle, heard.sent_seq)
+        outcome = await self.answer(handle, heard.sent_seq)
+        if options.HasField("lookahead_frames"):
+            heard.lookahead = lookahead if outcome.code == 0 else before
+        return outcome
 
     async def answer(self, handle: int, event_seq: int) -> session_pb2.EditOutcome:
         heard = self.sessions[handle]
@@ -126,10 +157,25 @@ class Talk:
             if response.HasField("pong"):
                 return response.pong
 
+    async def finish(self) -> None:
+        """End the stream as a client does that is done: none of its sessions waits for somebody to resume it."""
+        if self.call.done():
+            return
+        try:
+            async with asyncio.timeout(LIMIT_S):
+                await self.call.done_writing()
+                reading = self._reading or asyncio.ensure_future(self.call.read())
+                while await reading is not grpc.aio.EOF:
+                    reading = asyncio.ensure_future(self.call.read())
+        except (TimeoutError, grpc.aio.AioRpcError, grpc.aio.UsageError, asyncio.InvalidStateError):
+            self.call.cancel()  # the test has said what there is to be said of it
+
     # ---- hearing ----------------------------------------------------------------------------------------------------
 
     async def hear(self) -> service_pb2.StreamMotionResponse:
         """The next message. Raises StreamOver at the end, and AioRpcError where that is not OK."""
+        if time.monotonic() > self.ends_at:
+            raise TimeoutError(f"in {STREAM_LIMIT_S:g} s of a stream there has not come what the test waits for")
         if not await self._has_come(LIMIT_S):
             raise TimeoutError(f"nothing came for {LIMIT_S:g} s")
         assert self._reading is not None
@@ -137,12 +183,21 @@ class Talk:
         response = reading.result()
         if not isinstance(response, service_pb2.StreamMotionResponse):
             raise StreamOver
+        require(response.HasField("hello") != bool(self.responses), "hello is in the first message, and only there")
+        if response.HasField("goodbye"):
+            require(response.goodbye.reason not in self._goodbyes, "goodbye is said once for each reason")
+            self._goodbyes.add(response.goodbye.reason)
         self.responses.append(response)
         for update in response.updates:
-            if update.session not in self.sessions:
-                self.sessions[update.session] = Heard(self._row_bytes)
-            self.sessions[update.session].take(update)
+            said_seq = self._said_seq.get(update.session)
+            require(said_seq is not None, "nothing is said of a handle that the client never used")
+            heard = self.sessions.setdefault(update.session, self._nothing_heard())
+            heard.said_seq = max(heard.said_seq, said_seq or 0)
+            heard.take(update)
         return response
+
+    def _nothing_heard(self) -> Heard:
+        return Heard(self._row_bytes, self._num_joints)
 
     async def _has_come(self, limit_s: float) -> bool:
         """Whether the next message, or the end, is there before the time is over. A read is never broken off."""

@@ -2,16 +2,15 @@
 
 from __future__ import annotations
 
+import asyncio
 from collections.abc import AsyncIterator
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from functools import partial
 
 import grpc.aio
 
 from motiongen.v1 import service_pb2, service_pb2_grpc
 from motiongen_compliance.talk import LIMIT_S, Talk
-
-"""For the catalogue."""
 
 
 @dataclass
@@ -20,10 +19,19 @@ class Target:
 
     stub: service_pb2_grpc.MotionServiceStub
     catalog: service_pb2.GetCatalogResponse
+    channel: grpc.aio.Channel | None = None
+    metadata: tuple[tuple[str, str], ...] = ()
+    streams: list[Talk] = field(default_factory=list)
+
+    def raw(self, method: str) -> grpc.aio.StreamStreamCall[bytes, bytes]:
+        """A call of a method by its path, for bytes that are no messages. Needs the channel."""
+        assert self.channel is not None
+        return self.channel.stream_stream(method)(metadata=self.metadata, timeout=LIMIT_S)
 
     def stream(self) -> Talk:
         """A new stream on which nothing has been said."""
-        return Talk(self.stub, self.catalog)
+        self.streams.append(Talk(self.stub, self.catalog))
+        return self.streams[-1]
 
     async def talk(self) -> Talk:
         """A new stream on which both sides have said hello."""
@@ -62,8 +70,12 @@ async def connect(
         channel = grpc.aio.secure_channel(address, credentials, options)
     async with channel:
         stub = service_pb2_grpc.MotionServiceStub(channel)
-        if token:
-            for name in ("GetCatalog", "GenerateClip", "StreamMotion"):
-                setattr(stub, name, partial(getattr(stub, name), metadata=(("authorization", f"Bearer {token}"),)))
+        metadata = (("authorization", f"Bearer {token}"),) if token else ()
+        for name in ("GetCatalog", "GenerateClip", "StreamMotion") if token else ():
+            setattr(stub, name, partial(getattr(stub, name), metadata=metadata))
         request = service_pb2.GetCatalogRequest()
-        yield Target(stub, await stub.GetCatalog(request, timeout=LIMIT_S))
+        target = Target(stub, await stub.GetCatalog(request, timeout=LIMIT_S), channel, metadata)
+        try:
+            yield target
+        finally:  # else their sessions would keep others out for as long as they can be resumed
+            await asyncio.gather(*(stream.finish() for stream in target.streams))

@@ -14,10 +14,10 @@ from typing import Any
 from google.protobuf import text_format
 from google.protobuf.message import Message
 
-from motiongen.v1 import encoder_pb2, motion_pb2, service_pb2, session_pb2
+from motiongen.v1 import admin_pb2, encoder_pb2, motion_pb2, service_pb2, session_pb2
 
 FILE = Path(__file__).with_name("golden_messages.txt")
-MODULES = (motion_pb2, session_pb2, service_pb2, encoder_pb2)
+MODULES = (motion_pb2, session_pb2, service_pb2, encoder_pb2, admin_pb2)
 
 
 @dataclass(frozen=True)

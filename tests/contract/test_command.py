@@ -53,11 +53,11 @@ async def test_a_server_that_asks_who_calls_is_tested_over_tls_with_a_token(tmp_
     (tmp_path / "token").write_text(tenants.one())
     tls = ServerTls(TlsFiles(*copy_pair("server-1", tmp_path), AUTHORITY))
     async with LocalServer(callers=tenants.callers(), tls=tls) as server:
-        words = [server.address, "-k", "unknown_names or said_again", "--ca", AUTHORITY]
+        words = [server.address, "-k", "unknown_names or said_again or takes_one_request", "--ca", AUTHORITY]
         words += ["--certificate", str(CERTIFICATES / "client.pem"), "--key", str(CERTIFICATES / "client.key")]
         refused = await asyncio.to_thread(command, tmp_path, *words)
         done = await asyncio.to_thread(command, tmp_path, *words, "--token-file", str(tmp_path / "token"))
-    assert refused.returncode == 1, "the certificate is of an authority, and of no tenant"
+    assert refused.returncode == 2, "nothing was tested: the certificate is of an authority, and of no tenant"
     assert "not known to this server" in refused.stdout
     assert done.returncode == 0, done.stdout
 
@@ -67,6 +67,7 @@ async def test_a_server_that_asks_who_calls_is_tested_over_tls_with_a_token(tmp_
     [
         (["localhost"], "give HOST:PORT"),
         ([":50051"], "give HOST:PORT"),
+        (["localhost:65536"], "give HOST:PORT"),
         (["localhost:50051", "--ca", "no/such.pem"], "no file no/such.pem"),
         (["localhost:50051", "--token-file", "no/token"], "give --token-file one that can be read"),
         (["localhost:50051", "--key", AUTHORITY], "are given together, and with --ca"),

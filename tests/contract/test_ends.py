@@ -94,6 +94,18 @@ async def test_goodbye_comes_once_and_sessions_live_on_until_they_are_closed(
     assert local_server.engine.num_sessions == 0
 
 
+async def test_goodbye_is_not_said_again_when_there_is_nothing_left_to_serve_with(
+    local_server: LocalServer, local: Target
+) -> None:
+    talk = await local.talk()
+    await talk.open(1)
+    local_server.service.goodbye(60.0)
+    await talk.until(lambda: talk.responses[-1].HasField("goodbye"))
+    local_server.service.send_away()
+    assert await talk.to_the_end() is grpc.StatusCode.OK
+    assert sum(response.HasField("goodbye") for response in talk.responses) == 1
+
+
 async def test_a_stream_that_begins_while_the_server_drains_hears_goodbye(
     local_server: LocalServer, local: Target
 ) -> None:

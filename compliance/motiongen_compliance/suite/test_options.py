@@ -21,6 +21,20 @@ async def test_they_are_taken_without_a_frame_and_the_session_goes_on(target: Ta
     await talk.plays_on(1)
 
 
+async def test_a_longer_lookahead_brings_more_frames_and_a_shorter_one_takes_none_back(target: Target) -> None:
+    limits, talk = target.catalog.limits, await target.talk()
+    least = target.catalog.models[0].horizon_frames
+    heard = await talk.open(1, lookahead_frames=least)
+    await talk.until(lambda: heard.end == least)
+    assert (await talk.edit(1, options(lookahead_frames=limits.max_lookahead_frames))).code == 0
+    await talk.until(lambda: heard.end == limits.max_lookahead_frames)
+    plans = len(heard.plans)
+    assert (await talk.edit(1, options(lookahead_frames=least))).code == 0
+    await talk.ping(1)
+    assert (heard.end, len(heard.plans)) == (limits.max_lookahead_frames, plans)
+    await talk.plays_on(1)
+
+
 async def test_what_cannot_be_is_refused_and_the_next_event_is_taken(target: Target) -> None:
     model = target.catalog.models[0]
     talk = await target.talk()

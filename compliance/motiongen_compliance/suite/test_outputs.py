@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from motiongen.v1 import motion_pb2, service_pb2, session_pb2
-from motiongen_compliance.talk import LIMIT_S
+from motiongen_compliance.talk import LIMIT_S, rig_of
 from motiongen_compliance.target import Target
 
 
@@ -41,7 +41,7 @@ async def test_places_and_speeds_fit_the_rows_that_they_belong_to(
 ) -> None:
     names = {block.name for block in offered} & {"joint_positions_m", "joint_velocities_mps"}
     asked = [block for block in offered if block.name in names]
-    rig, talk = target.catalog.rigs[0], await target.talk()
+    rig, talk = rig_of(target.catalog), await target.talk()
     heard = await talk.open(1, outputs=[block.name for block in asked])
     while heard.end < 60:
         await talk.plays_on(1)
@@ -58,7 +58,7 @@ async def test_places_and_speeds_fit_the_rows_that_they_belong_to(
 
 async def test_a_clip_has_them_too(target: Target, offered: list[motion_pb2.ChannelBlock]) -> None:
     opening = session_pb2.OpenSession(outputs=[block.name for block in offered])
-    width = 4 * sum(block.width for block in (*target.catalog.rigs[0].blocks, *offered))
+    width = 4 * sum(block.width for block in (*rig_of(target.catalog).blocks, *offered))
     request = service_pb2.GenerateClipRequest(open=opening, frame_count=30)
     async for response in target.stub.GenerateClip(request, timeout=LIMIT_S):
         if response.HasField("opened"):

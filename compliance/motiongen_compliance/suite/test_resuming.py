@@ -52,7 +52,9 @@ async def test_frames_that_were_lost_on_the_way_are_sent_again(target: Target) -
 async def test_plans_that_were_lost_on_the_way_are_made_up_for_by_one_notice(target: Target) -> None:
     first = await target.talk()
     heard = await first.open(1)
-    await first.until(lambda: heard.end >= 40)
+    assert heard.opened is not None
+    lookahead = heard.opened.lookahead_frames
+    await first.until(lambda: heard.end >= lookahead)
     held, plan = heard.next_frame, heard.plans[-1].plan
     first.sessions[1] = copy.deepcopy(heard)  # what comes now does not reach the client
     await first.send(*(addressed(edit_prompts(span(text)), 1, seq) for seq, text in ((2, "run"), (3, "dance"))))
@@ -137,7 +139,8 @@ async def test_a_resume_that_was_under_way_for_long_takes_nothing_over(target: T
     first.sessions[3] = Heard(heard.row_bytes)
     await first.send(session_pb2.SessionEvent(session=3, event_seq=1, open=late))
     refused = await first.answer(3, 1)
-    assert (refused.reason, refused.allowed) == ("RESUME_SUPERSEDED", "a number above 2")
+    assert (refused.reason, refused.field) == ("RESUME_SUPERSEDED", "open.resume_point.attempt")
+    assert "2" in refused.allowed
     await second.plays_on(1)
 
 
@@ -150,6 +153,7 @@ async def test_a_resume_that_was_under_way_for_long_takes_nothing_over(target: T
         ({"resume_point": session_pb2.ResumePoint(attempt=9, next_frame=10_000, plan=1)}, "RESUME_OUT_OF_RANGE",
          "open.resume_point"),
         ({"resume_point": session_pb2.ResumePoint(attempt=9, plan=99)}, "RESUME_OUT_OF_RANGE", "open.resume_point"),
+        ({"resume_point": None}, "RESUME_SUPERSEDED", "open.resume_point.attempt"),
     ],
 )  # fmt: skip
 async def test_a_resume_that_cannot_be_is_refused(
@@ -165,6 +169,19 @@ async def test_a_resume_that_cannot_be_is_refused(
     heard.outcomes.clear()
     heard.attempt = 20
     await second.resume(1, heard)
+    await second.plays_on(1)
+
+
+async def test_a_client_that_holds_nothing_says_so_by_its_attempt_alone(target: Target) -> None:
+    first, second = await target.talk(), await target.talk()
+    heard = await first.open(1)
+    assert heard.opened is not None
+    await lost(first)
+    fresh = Heard(heard.row_bytes, opened=heard.opened)
+    await second.ask_resume(1, fresh, resume_point=session_pb2.ResumePoint(attempt=1))
+    await second.until(lambda: fresh.chunks or fresh.outcomes)
+    assert fresh.chunks, fresh.outcomes
+    assert fresh.chunks[0].first_frame == 0
     await second.plays_on(1)
 
 

@@ -7,6 +7,7 @@ import pytest
 from motiongen.v1 import motion_pb2
 from motiongen_compliance.messages import edit_constraints, edit_prompts, play_state, span, waypoint
 from motiongen_compliance.mistakes import INF, NAN, Catalog, Event, Mistake, Status, check, long_text
+from motiongen_compliance.talk import rig_of
 from motiongen_compliance.target import Scene
 
 
@@ -27,7 +28,7 @@ def path(positions: list[float], headings: list[float]) -> Event:
 
 
 def pose(catalog: Catalog, number: float, missing: int = 0) -> Event:
-    count = 3 * len(catalog.rigs[0].joints) - missing
+    count = 3 * len(rig_of(catalog).joints) - missing
     return target_of(keyframe=motion_pb2.Keyframe(positions=[number] * count))
 
 

@@ -20,7 +20,7 @@ REFUSED_OPENS = [
         lambda c: opening(lookahead_frames=1),
         "LOOKAHEAD_OUT_OF_RANGE",
         "open.lookahead_frames",
-        "40",
+        " to ",
     ),
     Mistake(
         "long lookahead",

@@ -1,4 +1,4 @@
-"""Goodbye: a client is told that its stream will end, and when."""
+"""Goodbye: a client is told that its stream will end, and when; once for each reason."""
 
 from __future__ import annotations
 
@@ -19,13 +19,18 @@ def say_draining(stream: Stream, model_id: str, grace_s: float, reconnect_after_
         goodbye.reconnect_after.FromMilliseconds(round(1000 * reconnect_after_s))
     for address, routing_key in stream.other_servers(model_id):
         goodbye.other_servers.add(address=address, routing_key=routing_key)
-    stream.reply(service_pb2.StreamMotionResponse(goodbye=goodbye))
+    _say(stream, goodbye)
 
 
 def say_expiring(stream: Stream, grace_s: float) -> None:
     """The client's credentials are about to expire."""
-    goodbye = _goodbye(service_pb2.GOODBYE_REASON_CREDENTIALS_EXPIRING, grace_s)
-    stream.reply(service_pb2.StreamMotionResponse(goodbye=goodbye))
+    _say(stream, _goodbye(service_pb2.GOODBYE_REASON_CREDENTIALS_EXPIRING, grace_s))
+
+
+def _say(stream: Stream, goodbye: service_pb2.Goodbye) -> None:
+    if goodbye.reason not in stream.goodbyes:
+        stream.goodbyes.add(goodbye.reason)
+        stream.reply(service_pb2.StreamMotionResponse(goodbye=goodbye))
 
 
 def _goodbye(reason: service_pb2.GoodbyeReason, grace_s: float) -> service_pb2.Goodbye:

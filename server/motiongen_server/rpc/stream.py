@@ -65,7 +65,7 @@ class Stream(StreamTakeOvers):
         super().__init__(number, models, metrics, kept or KeptSessions(0), peer or Peer(PeerLimits(), now), now)
         self.began_at = now
         self.caller = ANYBODY
-        self.expiry_told = False
+        self.goodbyes: set[int] = set()  # reasons that were told
         self.flush_s = 0.0
         self.greeted = False  # both sides have said hello
         self.listening_since: float | None = None  # monotonic seconds, while it waits for the client to say something

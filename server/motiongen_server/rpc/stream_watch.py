@@ -86,8 +86,7 @@ class StreamWatch:
             stream.expire(lapse)  # its sessions wait for new credentials as they wait for a line that was lost
         elif lapse is not None:
             stream.refuse(lapse)
-        elif remaining_s is not None and remaining_s < EXPIRY_NOTICE_S and stream.greeted and not stream.expiry_told:
-            stream.expiry_told = True
+        elif remaining_s is not None and remaining_s < EXPIRY_NOTICE_S and stream.greeted:
             say_expiring(stream, remaining_s)
 
     def is_silent(self, stream: Stream, now: float) -> bool:

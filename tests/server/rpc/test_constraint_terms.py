@@ -36,6 +36,7 @@ CATALOG = Catalog(FACTS, Limits(), Guidance(1.5, 2.5), "CC0-1.0", text_encoder="
 THERE = motion_pb2.Waypoint(x=1.0, z=2.0)
 WAY = motion_pb2.RootPath(positions=[0.0, 1.0, 2.0, 3.0])
 LEAD = motion_pb2.RootTrajectory(positions=[0.0, 0.0])
+LEAD_OF_TWO = motion_pb2.RootTrajectory(positions=[0.0] * 4)
 
 
 def way(**fields: float) -> motion_pb2.RootPath:
@@ -93,6 +94,7 @@ def test_joints_need_no_root() -> None:
     [
         ({"frame": 40, "last_frame": 39, "waypoint": THERE}, "EMPTY_SPAN", "last_frame"),
         ({"frame": 40, "last_frame": 2**60, "waypoint": THERE}, "FRAME_OUT_OF_RANGE", "last_frame"),
+        ({"frame": 2**53, "root_trajectory": LEAD_OF_TWO}, "FRAME_OUT_OF_RANGE", "frame"),
         ({"frame": 40, "last_frame": 50, "root_trajectory": LEAD}, "AMBIGUOUS_FRAMES", "last_frame"),
         ({"last_frame": 50, "root_path": WAY}, "AMBIGUOUS_FRAMES", "last_frame"),
         ({"last_frame": 50, "at_any_frame": True, "waypoint": THERE}, "AMBIGUOUS_FRAMES", "at_any_frame"),

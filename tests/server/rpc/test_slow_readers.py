@@ -36,6 +36,7 @@ async def talking(server: LocalServer) -> AsyncIterator[Talk]:
 async def flooded(talk: Talk, server: LocalServer, waiting_bytes: int) -> AsyncIterator[None]:
     """Send without reading until so much waits for this client. What is being sent is broken off at the end."""
     enough = False
+    talk.note(NOTHING)
 
     async def send() -> None:
         while not enough:

@@ -38,7 +38,7 @@ def edit_constraints(
         latest = item.first_frame if isinstance(item, RootTrajectory) else item.last_frame
         if latest < floor:
             field = f"edit_constraints.upsert[{index}].frame"
-            raise passed("constraint", item.constraint_id, latest, floor, field)
+            raise passed("constraint", item.constraint_id, latest, floor, field, floor)
         replaced = constraints.pop(item.constraint_id, None)
         changed.extend([item] if replaced is None else [item, replaced])
         constraints[item.constraint_id] = item

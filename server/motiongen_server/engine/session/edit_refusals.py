@@ -19,14 +19,16 @@ def unknown(what: str, given: int, index: int, held: Iterable[int]) -> EventRefu
     )
 
 
-def passed(what: str, given: int, frame: int, floor: int, field: str) -> EventRefused:
-    """What an edit asks for lies before floor. given: the id; frame: the last that would do."""
+def passed(what: str, given: int, frame: int, floor: int, field: str, least: int) -> EventRefused:
+    """What an edit asks for lies before floor. given: the id; frame: the last that it asks for; least: what the field
+    may be instead.
+    """
     return EventRefused(
         Code.FAILED_PRECONDITION,
         "FRAME_COMMITTED",
         f"{what} {given} asks for frame {frame}, but frames below {floor} cannot change any more; choose a later frame",
         field,
-        f"a frame from {floor} on",
+        f"a frame from {least} on",
     )
 
 

@@ -31,6 +31,8 @@ from motiongen_server.engine.types import (
 
 LATE_S = 2.0
 """A place to be reached as soon as can be is tried for so long after the time at which a person would be there."""
+MOST_FRAME = 1 << 53
+"""Up to which doubles, and so the numbers of some languages, count every frame."""
 MOST_PATH_S = 600.0
 """Of walking along one path."""
 REACH = 0.25
@@ -57,13 +59,16 @@ class Anchor:
 def placed(asked: Unplaced, anchor: Anchor, field: str) -> tuple[Constraint, Placement]:
     """The constraint in frames and in the world, and where that is. field: where the event has it.
 
-    Raises EventRefused for a path that takes too long to walk.
+    Raises EventRefused for a path that takes too long to walk, and for frames that are too far away to be counted.
     """
     target = moved(asked.target, anchor.root) if asked.is_relative else asked.target
     if isinstance(target, RootPath):
         found: Constraint = _walked_path(target, anchor, field)
         return found, _placement(found, found.last_frame, anchor)
     start = anchor.frame if asked.frames_from_effect else 0
+    if (last := start + max(target.last_frame, asked.last_frame or 0)) > MOST_FRAME:
+        given, allowed = f"its last frame would be {last}", f"frames up to {MOST_FRAME} of the session"
+        raise EventRefused(Code.INVALID_ARGUMENT, "FRAME_OUT_OF_RANGE", given, f"{field}.frame", allowed)
     if isinstance(target, RootTrajectory):
         found = replace(target, first_frame=target.first_frame + start)
         return found, _placement(found, found.last_frame, anchor)

@@ -29,7 +29,8 @@ def edit_prompts(held: Conditions, event: SetPrompts, floor: int, limit: int) ->
     for index, prompt in enumerate(event.upsert):
         if prompt.end_frame is not None and prompt.end_frame <= floor:
             field = f"edit_prompts.upsert[{index}].end_frame"
-            raise passed("prompt", prompt.prompt_id, prompt.end_frame - 1, floor, field)
+            least = floor + 1  # a span ends before its end_frame
+            raise passed("prompt", prompt.prompt_id, prompt.end_frame - 1, floor, field, least)
         begin = max(floor, prompt.begin)
         of_its_id = [each for each in prompts if each.prompt_id == prompt.prompt_id]
         prompts = _with_left(prompts, prompt.prompt_id, _left_for(begin, floor, of_its_id))

@@ -41,6 +41,9 @@ def check_extent(request: service_pb2.GenerateClipRequest, catalog: Catalog) -> 
         if value:
             allowed = "none: clips are made in the background of sessions, and as a whole"
             raise refuse("NOT_FOR_CLIPS", f"open.{name}", f"{name} is {value}", allowed)
+    if request.open.resume_token:
+        given = "there is a token of a session that is to be resumed"
+        raise refuse("NOT_FOR_CLIPS", "open.resume_token", given, "none: a clip begins anew; it may have prior_frames")
 
 
 def clip_request(data: bytes, most_fields: int) -> service_pb2.GenerateClipRequest:

@@ -51,6 +51,8 @@ def constraints_of(messages: Sequence[motion_pb2.Constraint], field: str, catalo
     constraints = []
     for index, message in enumerate(messages):
         target = _constraint(message, f"{field}[{index}]", catalog)
+        if isinstance(target, RootTrajectory):
+            frame_number(target.last_frame, f"{field}[{index}].frame")
         target = replace(target, tolerance=_tolerance(message, f"{field}[{index}]"))
         check_forms(target, f"{field}[{index}]", catalog)
         constraints.append(asked_of(message, target, f"{field}[{index}]"))

@@ -112,6 +112,14 @@ def test_a_path_becomes_a_trajectory_from_where_the_character_is() -> None:
     assert placement.last_frame == placement.arrival_frame == found.last_frame
 
 
+@pytest.mark.parametrize("asked", [{"frame": 2**53}, {"frame": 30, "last_frame": 2**53}], ids=["first", "last"])
+def test_frames_that_would_be_too_far_to_be_counted_are_refused(asked: dict[str, int]) -> None:
+    target = Unplaced(Waypoint(1, asked["frame"], 0.0, 0.0), True, last_frame=asked.get("last_frame"))
+    with pytest.raises(EventRefused) as refused:
+        placed(target, ANCHOR, "edit_constraints.upsert[4]")
+    assert (refused.value.reason, refused.value.field) == ("FRAME_OUT_OF_RANGE", "edit_constraints.upsert[4].frame")
+
+
 def test_a_path_that_takes_too_long_is_refused_by_name() -> None:
     with pytest.raises(EventRefused, match="it takes 2000 s") as refused:
         placed(Unplaced(RootPath(7, vectors((2003, 5)), 1.0, 0.2)), ANCHOR, "edit_constraints.upsert[4]")

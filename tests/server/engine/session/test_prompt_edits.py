@@ -101,6 +101,14 @@ def test_setting_the_same_prompt_again_changes_nothing() -> None:
     assert edit_prompts(held, _prompts(prompt(1)), 30, limit=16)[1] is None
 
 
+def test_the_end_that_a_refusal_names_is_taken() -> None:
+    with pytest.raises(EventRefused) as refused:
+        edit_prompts(Conditions(), _prompts(prompt(2, 2, 0, 20)), floor=20, limit=16)
+    least = int(refused.value.allowed.split()[3])
+    _, changed = edit_prompts(Conditions(), _prompts(prompt(2, 2, 0, least)), floor=20, limit=16)
+    assert changed == 20
+
+
 @pytest.mark.parametrize(
     ("event", "floor", "limit", "refusal", "allowed"),
     [
@@ -110,7 +118,7 @@ def test_setting_the_same_prompt_again_changes_nothing() -> None:
             20,
             16,
             (Code.FAILED_PRECONDITION, "FRAME_COMMITTED", "edit_prompts.upsert[0].end_frame"),
-            "from 20",
+            "from 21",
         ),
         (_prompts(prompt(2, 2)), 0, 1, (Code.RESOURCE_EXHAUSTED, "TOO_MANY_PROMPTS", "edit_prompts.upsert"), "1"),
     ],

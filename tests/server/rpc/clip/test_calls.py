@@ -170,6 +170,7 @@ def spoiled(column: int, value: float) -> dict[str, object]:
         (clip(40, 17), "TOO_MANY_SAMPLES", "sample_count"),
         (clip(priority=session_pb2.PRIORITY_CLASS_HERO), "NOT_FOR_CLIPS", "open.priority"),
         (clip(lookahead_frames=40), "NOT_FOR_CLIPS", "open.lookahead_frames"),
+        (clip(resume_token="of a session"), "NOT_FOR_CLIPS", "open.resume_token"),
         (clip(60, constraints=[waypoint(59), waypoint(60)]), "CONSTRAINT_OUTSIDE_CLIP", "open.constraints[1].frame"),
         (clip(denoise_steps=11), "DENOISE_STEPS_OUT_OF_RANGE", "open.denoise_steps"),
         (clip(prompts=[motion_pb2.PromptSpan(prompt_id=1)]), "EMPTY_PROMPT", "open.prompts[0].text"),

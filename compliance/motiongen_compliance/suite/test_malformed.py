@@ -1,0 +1,80 @@
+"""What is no message of the protocol, or too long for it: told by a status, and nobody else notices."""
+
+from __future__ import annotations
+
+import grpc
+import pytest
+from google.rpc import error_details_pb2
+from grpc_status import rpc_status
+
+from motiongen.v1 import service_pb2
+from motiongen_compliance.messages import addressed, edit_prompts, span
+from motiongen_compliance.mistakes import Status
+from motiongen_compliance.target import Scene, Target
+
+SERVICE = "/motiongen.v1.MotionService"
+NO_MESSAGE = b"\x0a\xff"  # a field that ends after the message does
+HELLO = service_pb2.StreamMotionRequest(hello=service_pb2.ClientHello()).SerializeToString()
+
+
+async def end_of(target: Target, method: str, messages: list[bytes]) -> tuple[grpc.StatusCode, str]:
+    """What a call ends with that says just that: its code and reason."""
+    call = target.raw(f"{SERVICE}/{method}")
+    try:
+        for message in messages:
+            await call.write(message)
+        await call.done_writing()
+        while await call.read() is not grpc.aio.EOF:
+            pass
+    except (grpc.aio.AioRpcError, grpc.aio.UsageError, grpc.aio.InternalError):
+        pass  # it has ended while something was said
+    code, status = await call.code(), await rpc_status.aio.from_call(call)
+    info = error_details_pb2.ErrorInfo()
+    reasons = [info.reason for detail in (status.details if status else ()) if detail.Unpack(info)]
+    return code, "".join(reasons)
+
+
+@pytest.mark.parametrize("before", [[], [HELLO]], ids=["first", "later"])
+async def test_what_is_no_message_ends_its_stream_alone(scene: Scene, target: Target, before: list[bytes]) -> None:
+    ended = await end_of(target, "StreamMotion", [*before, NO_MESSAGE])
+    assert ended == (Status.INVALID_ARGUMENT, "MALFORMED_REQUEST")
+    await scene.others_play_on()
+
+
+@pytest.mark.parametrize(
+    ("method", "messages", "code", "reason"),
+    [
+        ("GetCatalog", [NO_MESSAGE], Status.INVALID_ARGUMENT, "MALFORMED_REQUEST"),
+        ("GenerateClip", [NO_MESSAGE], Status.INVALID_ARGUMENT, "MALFORMED_REQUEST"),
+        ("GetCatalog", [b"\x0a\xff\x7f" + b"x" * 16383], Status.INVALID_ARGUMENT, "REQUEST_TOO_LONG"),
+        ("GetCatalog", [], Status.UNIMPLEMENTED, "ONE_REQUEST_EXPECTED"),
+        ("GetCatalog", [b"", b""], Status.UNIMPLEMENTED, "ONE_REQUEST_EXPECTED"),
+        ("GenerateClip", [], Status.UNIMPLEMENTED, "ONE_REQUEST_EXPECTED"),
+    ],
+)
+async def test_a_call_takes_one_request_that_can_be_read(
+    scene: Scene, target: Target, method: str, messages: list[bytes], code: grpc.StatusCode, reason: str
+) -> None:
+    assert await end_of(target, method, messages) == (code, reason)
+    await scene.others_play_on()
+
+
+def message_of(num_bytes: int) -> service_pb2.StreamMotionRequest:
+    """An edit whose message has so many bytes; its prompt is too long for any server."""
+
+    def of(num_characters: int) -> service_pb2.StreamMotionRequest:
+        return service_pb2.StreamMotionRequest(events=[addressed(edit_prompts(span("x" * num_characters)), 1, 2)])
+
+    return of(num_bytes - (of(num_bytes).ByteSize() - num_bytes))
+
+
+async def test_a_message_may_be_as_long_as_the_limit_and_no_longer(scene: Scene) -> None:
+    most = scene.talk.catalog.limits.max_request_bytes
+    longest = message_of(most)
+    assert longest.ByteSize() == most
+    await scene.talk.say(longest)
+    assert (await scene.talk.answer(1, 2)).reason == "PROMPT_TOO_LONG"
+    await scene.talk.plays_on(1)
+    await scene.talk.say(message_of(most + 1))
+    assert await scene.talk.to_the_end() is Status.RESOURCE_EXHAUSTED
+    await scene.other.plays_on(1)

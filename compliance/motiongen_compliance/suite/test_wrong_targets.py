@@ -1,0 +1,158 @@
+"""Targets and velocities with a mistake in when, how fast or how much: answered with the field, and nothing changes."""
+
+from __future__ import annotations
+
+from motiongen.v1 import motion_pb2, session_pb2
+from motiongen_compliance.messages import edit_constraints
+from motiongen_compliance.mistakes import INF, NAN, Catalog, Event, Mistake, Status, refuse_all
+from motiongen_compliance.target import Scene
+
+TARGET = "edit_constraints.upsert[0]"
+PATH = f"{TARGET}.root_path"
+
+
+def there(**when: object) -> Event:
+    """A place to be at, by when and how much."""
+    place = motion_pb2.Waypoint(x=1.0)
+    return edit_constraints(motion_pb2.Constraint(constraint_id=1, waypoint=place, **when))  # type: ignore[arg-type]
+
+
+def led(num_frames: int, **when: object) -> Event:
+    ground = motion_pb2.RootTrajectory(positions=[0.0] * (2 * num_frames))
+    return edit_constraints(motion_pb2.Constraint(constraint_id=1, root_trajectory=ground, **when))  # type: ignore[arg-type]
+
+
+def path(positions: list[float], frame: int = 0, **how: float) -> Event:
+    way = motion_pb2.RootPath(positions=positions, **how)
+    return edit_constraints(motion_pb2.Constraint(constraint_id=1, frame=frame, root_path=way))
+
+
+def beside(**when: object) -> Event:
+    """A path with words of when, which it has none of."""
+    way = motion_pb2.RootPath(positions=[0.0, 2.0])
+    return edit_constraints(motion_pb2.Constraint(constraint_id=1, root_path=way, **when))  # type: ignore[arg-type]
+
+
+def velocity(**fields: float) -> Event:
+    return Event(set_velocity=session_pb2.SetVelocity(**fields))  # type: ignore[arg-type]
+
+
+def many_trajectories(catalog: Catalog) -> Event:
+    """More frames than a session may hold, none of its trajectories being too long."""
+    longest = catalog.limits.max_trajectory_frames
+    count = catalog.limits.max_held_trajectory_frames // longest + 1
+    ground = motion_pb2.RootTrajectory(positions=[0.0] * (2 * longest))
+    return edit_constraints(
+        *(motion_pb2.Constraint(constraint_id=n + 1, frame=900, root_trajectory=ground) for n in range(count))
+    )
+
+
+FRAMES = [
+    Mistake("ends before", lambda c: there(frame=90, last_frame=89), "EMPTY_SPAN", f"{TARGET}.last_frame"),
+    Mistake("far end", lambda c: there(frame=90, last_frame=2**53 + 1), "FRAME_OUT_OF_RANGE", f"{TARGET}.last_frame"),
+    Mistake(
+        "any and last",
+        lambda c: there(at_any_frame=True, last_frame=90),
+        "AMBIGUOUS_FRAMES",
+        f"{TARGET}.at_any_frame",
+    ),
+    Mistake("any and frame", lambda c: there(at_any_frame=True, frame=90), "AMBIGUOUS_FRAMES", f"{TARGET}.frame"),
+    Mistake("led at any", lambda c: led(4, at_any_frame=True), "AMBIGUOUS_FRAMES", f"{TARGET}.at_any_frame"),
+    Mistake("led and last", lambda c: led(4, frame=90, last_frame=95), "AMBIGUOUS_FRAMES", f"{TARGET}.last_frame"),
+    Mistake("led too far", lambda c: led(4, frame=2**53), "FRAME_OUT_OF_RANGE", f"{TARGET}.frame"),
+    Mistake("path at a frame", lambda c: beside(frame=90), "AMBIGUOUS_FRAMES", f"{TARGET}.frame"),
+    Mistake("path and last", lambda c: beside(last_frame=90), "AMBIGUOUS_FRAMES", f"{TARGET}.last_frame"),
+]
+
+WEIGHTS = [
+    Mistake("no weight", lambda c: there(frame=900, weight=0.0), "WEIGHT_OUT_OF_RANGE", f"{TARGET}.weight"),
+    Mistake("less than none", lambda c: there(frame=900, weight=-1.0), "WEIGHT_OUT_OF_RANGE", f"{TARGET}.weight"),
+    Mistake("too heavy", lambda c: there(frame=900, weight=10.1), "WEIGHT_OUT_OF_RANGE", f"{TARGET}.weight"),
+    Mistake("NaN weight", lambda c: there(frame=900, weight=NAN), "NOT_FINITE", f"{TARGET}.weight"),
+]
+
+PATHS = [
+    Mistake("no corner", lambda c: path([]), "WRONG_LENGTH", f"{PATH}.positions"),
+    Mistake("half a corner", lambda c: path([1.0, 2.0, 3.0]), "WRONG_LENGTH", f"{PATH}.positions"),
+    Mistake("many corners", lambda c: path([1.0] * (2 * 257)), "WRONG_LENGTH", f"{PATH}.positions"),
+    Mistake("NaN corner", lambda c: path([0.0, NAN]), "NOT_FINITE", f"{PATH}.positions"),
+    Mistake(
+        "far corner",
+        lambda c: path([0.0, 2 * c.limits.max_coordinate_m]),
+        "COORDINATE_OUT_OF_RANGE",
+        f"{PATH}.positions",
+    ),
+    Mistake("stands", lambda c: path([0.0, 2.0], speed_mps=0.0), "SPEED_OUT_OF_RANGE", f"{PATH}.speed_mps"),
+    Mistake(
+        "flies",
+        lambda c: path([0.0, 2.0], speed_mps=1.01 * c.limits.max_speed_mps),
+        "SPEED_OUT_OF_RANGE",
+        f"{PATH}.speed_mps",
+    ),
+    Mistake("NaN speed", lambda c: path([0.0, 2.0], speed_mps=NAN), "NOT_FINITE", f"{PATH}.speed_mps"),
+    Mistake("cut off", lambda c: path([0.0, 2.0], smoothing_m=10.1), "SMOOTHING_OUT_OF_RANGE", f"{PATH}.smoothing_m"),
+    Mistake("sharp", lambda c: path([0.0, 2.0], smoothing_m=-0.1), "SMOOTHING_OUT_OF_RANGE", f"{PATH}.smoothing_m"),
+    Mistake("endless", lambda c: path([0.0, 5000.0], speed_mps=1.0), "PATH_TOO_LONG", PATH),
+]
+
+VELOCITIES = [
+    Mistake(
+        "too fast", lambda c: velocity(x=1.01 * c.limits.max_speed_mps, hold_frames=1), "SPEED_OUT_OF_RANGE",
+        "set_velocity",
+    ),
+    Mistake("NaN x", lambda c: velocity(x=NAN, hold_frames=1), "NOT_FINITE", "set_velocity.x"),
+    Mistake("infinite z", lambda c: velocity(z=INF, hold_frames=1), "NOT_FINITE", "set_velocity.z"),
+    Mistake("NaN heading", lambda c: velocity(heading=NAN, hold_frames=1), "NOT_FINITE", "set_velocity.heading"),
+    Mistake("held for nothing", lambda c: velocity(x=1.0), "HOLD_OUT_OF_RANGE", "set_velocity.hold_frames"),
+    Mistake(
+        "held too long",
+        lambda c: velocity(x=1.0, hold_frames=c.limits.max_hold_frames + 1),
+        "HOLD_OUT_OF_RANGE",
+        "set_velocity.hold_frames",
+    ),
+]  # fmt: skip
+
+
+async def test_frames_that_contradict_each_other_are_refused(scene: Scene) -> None:
+    await refuse_all(scene, FRAMES)
+
+
+async def test_weights_out_of_range_are_refused(scene: Scene) -> None:
+    await refuse_all(scene, WEIGHTS)
+
+
+async def test_paths_that_cannot_be_walked_are_refused(scene: Scene) -> None:
+    await refuse_all(scene, PATHS)
+
+
+async def test_velocities_that_cannot_be_are_refused(scene: Scene) -> None:
+    await refuse_all(scene, VELOCITIES)
+
+
+async def test_trajectories_that_are_too_long_together_are_refused(scene: Scene) -> None:
+    if not scene.talk.catalog.limits.max_held_trajectory_frames:  # a server that knows no such limit
+        return
+    outcome = await scene.talk.edit(1, many_trajectories(scene.talk.catalog))
+    if outcome.reason != "UNSUPPORTED_CONSTRAINT":
+        told = (outcome.code, outcome.reason, bool(outcome.allowed))
+        assert told == (Status.RESOURCE_EXHAUSTED.value[0], "TOO_MANY_TRAJECTORY_FRAMES", True)
+    await scene.talk.plays_on(1)
+    await scene.others_play_on()
+
+
+async def test_a_velocity_makes_a_plan_that_names_it_and_the_next_one_takes_its_place(scene: Scene) -> None:
+    talk, heard = scene.talk, scene.talk.sessions[1]
+    for event in (
+        velocity(z=1.0, hold_frames=40),
+        velocity(hold_frames=40),
+        velocity(x=0.5, heading=9.0, hold_frames=1),
+    ):
+        outcome = await talk.edit(1, event)
+        if outcome.reason == "UNSUPPORTED_CONSTRAINT":
+            continue
+        assert outcome.code == 0, outcome
+        if outcome.HasField("effective_frame"):
+            plan = next(plan for plan in heard.plans if outcome.event_seq in plan.event_seqs)
+            assert plan.valid_from <= outcome.effective_frame
+        await talk.plays_on(1)
+    await scene.others_play_on()

@@ -1,0 +1,122 @@
+"""What `motiongen-compliance` says of an address at which it can test nothing."""
+
+from __future__ import annotations
+
+import asyncio
+import socket
+from collections.abc import AsyncIterator
+from contextlib import asynccontextmanager
+from pathlib import Path
+
+import grpc.aio
+import pytest
+
+from motiongen.v1 import service_pb2, service_pb2_grpc
+from motiongen_compliance.reach import Unreachable, credentials_of, reach, token_of
+from motiongen_server.identity.tls import ServerTls, TlsFiles
+from tests.contract.local import LocalServer
+from tests.server.identity.files import AUTHORITY, TenantsFile, copy_pair
+
+
+@pytest.fixture(autouse=True)
+def _in_a_moment(monkeypatch: pytest.MonkeyPatch) -> None:
+    """What never comes is not waited for as long as by the command."""
+    monkeypatch.setattr("motiongen_compliance.target.LIMIT_S", 1.0)
+    monkeypatch.setattr("motiongen_compliance.reach.PROBE_S", 1.0)
+
+
+async def said_of(address: str, *by: object) -> str:
+    with pytest.raises(Unreachable) as found:
+        await reach(address, *by)  # type: ignore[arg-type]
+    return str(found.value)
+
+
+@asynccontextmanager
+async def answering(first: bytes | None) -> AsyncIterator[str]:
+    """An address at which every connection is told some bytes and then its end; None: it is told nothing."""
+    connections: list[asyncio.StreamWriter] = []
+
+    async def serve(reader: asyncio.StreamReader, writer: asyncio.StreamWriter) -> None:
+        connections.append(writer)
+        if first is not None:
+            await reader.read(64)
+            writer.write(first)
+            writer.close()
+
+    server = await asyncio.start_server(serve, "127.0.0.1", 0)
+    try:
+        yield f"127.0.0.1:{server.sockets[0].getsockname()[1]}"
+    finally:
+        server.close()
+        for writer in connections:
+            writer.transport.abort()
+
+
+@pytest.mark.parametrize(
+    ("first", "said"),
+    [
+        (None, "takes connections, and says nothing"),
+        (b"", "closes connections in plain text; where it wants TLS, give --ca"),
+        (b"HTTP/1.1 400 Bad Request\r\n\r\n", "speaks HTTP/1"),
+        (b"SSH-2.0-OpenSSH_9.6\r\n", "speaks no HTTP/2; it begins with b'SSH-2.0-Open"),
+        (b"\x15\x03\x01\x00\x02\x02\x46", "wants TLS; give --ca"),
+        (bytes(3) + b"\x04" + bytes(5), "speaks HTTP/2, but answers no call of gRPC"),
+    ],
+)
+async def test_what_is_no_server_of_ours_is_called_by_what_it_is(first: bytes | None, said: str) -> None:
+    async with answering(first) as address:
+        assert said in await said_of(address)
+
+
+async def test_nobody_at_the_address() -> None:
+    with socket.socket() as free:
+        free.bind(("127.0.0.1", 0))  # and nobody listens
+        assert "nothing can be reached at 127.0.0.1" in await said_of(f"127.0.0.1:{free.getsockname()[1]}")
+
+
+async def test_a_server_of_grpc_that_has_not_the_service() -> None:
+    server = grpc.aio.server()
+    port = server.add_insecure_port("127.0.0.1:0")
+    await server.start()
+    try:
+        assert "has no motiongen.v1.MotionService" in await said_of(f"127.0.0.1:{port}")
+    finally:
+        await server.stop(None)
+
+
+async def test_a_catalogue_without_a_model() -> None:
+    class Empty(service_pb2_grpc.MotionServiceServicer):
+        async def GetCatalog(self, request: object, context: object) -> service_pb2.GetCatalogResponse:
+            return service_pb2.GetCatalogResponse()
+
+    server = grpc.aio.server()
+    service_pb2_grpc.add_MotionServiceServicer_to_server(Empty(), server)
+    port = server.add_insecure_port("127.0.0.1:0")
+    await server.start()
+    try:
+        assert "has no model" in await said_of(f"127.0.0.1:{port}")
+    finally:
+        await server.stop(None)
+
+
+async def test_a_server_that_wants_tls_or_a_token(tmp_path: Path) -> None:
+    tenants = TenantsFile(tmp_path)
+    (tmp_path / "token").write_text(tenants.one() + "\n")
+    tls = ServerTls(TlsFiles(*copy_pair("server-1", tmp_path)))
+    async with LocalServer(callers=tenants.callers(), tls=tls) as server:
+        assert "TLS" in await said_of(server.address)
+        trusted = credentials_of(Path(AUTHORITY))
+        unasked = await said_of(server.address, trusted)
+        assert "UNAUTHENTICATED (CREDENTIALS_MISSING)" in unasked
+        assert "--token-file" in unasked
+        assert "CREDENTIALS_INVALID" in await said_of(server.address, trusted, "another")
+        await reach(server.address, trusted, token_of(tmp_path / "token"))
+    async with LocalServer() as plain:
+        assert "no call over TLS" in await said_of(plain.address, trusted)
+
+
+@pytest.mark.parametrize("content", [b"", b" \n", b"one\ntwo", b"\xff\xfe"])
+def test_a_file_without_a_token_is_named(tmp_path: Path, content: bytes) -> None:
+    (tmp_path / "token").write_bytes(content)
+    with pytest.raises(ValueError, match="has no token"):
+        token_of(tmp_path / "token")

@@ -14,10 +14,12 @@ from grpc_reflection.v1alpha import reflection_pb2, reflection_pb2_grpc
 
 from motiongen.v1 import service_pb2, service_pb2_grpc
 from motiongen_ardy.checkpoint.model_card import BUILT_IN_MODEL
+from motiongen_ardy.model.packed.graphs import sizes_up_to
 from motiongen_compliance.talk import Talk
 from motiongen_server.addresses import join_address
 from motiongen_server.app import SERVICE_NAME
 from motiongen_server.engine.scheduling.device import Device
+from motiongen_server.engine.scheduling.trial_jobs import usual_passes
 from motiongen_server.engine_process.model_loading import build_engine, load_model, record_graphs
 from motiongen_server.models.manager import ModelManager
 from motiongen_server.settings import SettingError
@@ -202,7 +204,10 @@ def test_model_device_steps_and_precision_reach_the_runner(monkeypatch: pytest.M
 def test_graphs_are_recorded_of_the_sizes_that_may_be_served() -> None:
     runner, device = FakeRunner(), Device()
     record_graphs(config(max_rows=6), runner, device)
-    assert [len(batch) for batch in runner.batches[:: runner.facts.min_steps]] == [1, 1, 2, 2, 4, 4, 6, 6]
+    first_steps = [len(batch) for batch in runner.batches[:: runner.facts.min_steps]]
+    histories = len(range(0, 16 + 1, runner.facts.patch))  # small sizes are played with the shorter ones, too
+    assert first_steps == [size for size in sizes_up_to(6, usual_passes(runner)) for _ in range(histories)]
+    assert first_steps[-1] == 6
     assert device.num_seats == 0, "nothing of it holds others up"
 
 

@@ -13,10 +13,10 @@ from rich.table import Table
 
 from motiongen_ardy.core.skeleton import UnknownSkeleton, load_skeleton
 from motiongen_ardy.data.build import BuildSettings, build, more_labels
-from motiongen_ardy.data.dataset import DatasetError, MotionDataset, skipped_clips
+from motiongen_ardy.data.dataset import DatasetError, MotionDataset, prepare_folder, skipped_clips
 from motiongen_ardy.data.figures import figures_table, measure
 from motiongen_ardy.data.kinds import kinds_table
-from motiongen_ardy.data.labels import LabelsError, read_labels
+from motiongen_ardy.data.labels import LabelsError, file_key, read_labels
 from motiongen_ardy.data.retarget_file import built_in_retargets, read_retarget
 from motiongen_ardy.data.retarget_rules import RetargetError
 
@@ -59,7 +59,7 @@ def _parser() -> argparse.ArgumentParser:
         default=True,
         help="derive starts, stops, changes, bends, sideways steps, turns on the spot and speeds from walks and runs",
     )
-    building.add_argument("--seed", type=int, default=7, help="of what is drawn at random for --derive (default 7)")
+    building.add_argument("--seed", type=_count, default=7, help="of what is drawn at random for --derive (default 7)")
     building.add_argument("--strict", action="store_true", help="end with an error if any file could not be used")
     building.set_defaults(run=_build)
 
@@ -71,7 +71,7 @@ def _parser() -> argparse.ArgumentParser:
     looking.add_argument("set", type=Path)
     looking.add_argument("--png", type=Path, required=True, help="file to write")
     looking.add_argument("--clips", nargs="*", default=[], help="clip ids or contents (default: one of each content)")
-    looking.add_argument("--rows", type=int, default=12, help="most clips to draw (default 12)")
+    looking.add_argument("--rows", type=_at_least_one, default=12, help="most clips to draw (default 12)")
     looking.set_defaults(run=_look)
     return parser
 
@@ -83,11 +83,27 @@ def _positive(text: str) -> float:
     return value
 
 
+def _count(text: str) -> int:
+    value = int(text)
+    if value < 0:
+        raise argparse.ArgumentTypeError(f"must be a whole number from 0 on, not {text}")
+    return value
+
+
+def _at_least_one(text: str) -> int:
+    value = int(text)
+    if value < 1:
+        raise argparse.ArgumentTypeError(f"must be a whole number from 1 on, not {text}")
+    return value
+
+
 def _build(options: argparse.Namespace, console: Console) -> int:
     skeleton = load_skeleton(options.skeleton)
     labels = read_labels(options.labels)
-    named = {label.id for label in labels}
-    labels += tuple(label for label in more_labels(options.folder) if label.id not in named)
+    ids, files = {label.id for label in labels}, {file_key(label.file) for label in labels}
+    labels += tuple(
+        label for label in more_labels(options.folder) if label.id not in ids and file_key(label.file) not in files
+    )
     if options.retarget == "auto":
         retargets = tuple(entry for entry in built_in_retargets() if entry.skeleton is skeleton)
         if not retargets:
@@ -107,6 +123,7 @@ def _build(options: argparse.Namespace, console: Console) -> int:
         derive_moving=options.derive,
         seed=options.seed,
     )
+    prepare_folder(options.out)  # what takes an hour is made only where it can be written
     with Progress(console=console) as progress:
         task = progress.add_task("converting", total=len(labels))
         result = build(labels, settings, lambda: progress.advance(task))

@@ -20,6 +20,8 @@ POSITION_CHANNELS = ("Xposition", "Yposition", "Zposition")
 ROTATION_CHANNELS = ("Xrotation", "Yrotation", "Zrotation")
 MAX_JOINTS = 2_000
 MIN_FRAME_TIME_S = 1e-6
+# Slower is no motion but a frame time in milliseconds, which would be filled up with frames until memory ends.
+MAX_FRAME_TIME_S = 1.0
 
 
 class BvhError(ValueError):
@@ -253,8 +255,9 @@ class _Parser:
         if words[:2] != ["Frame", "Time:"]:
             raise self.error(f"expected 'Frame Time:' and seconds, found {' '.join(words)!r}")
         (frame_time_s,) = self.numbers(words[2:], 1, "Frame Time")
-        if frame_time_s < MIN_FRAME_TIME_S:
-            raise self.error(f"Frame Time must be {MIN_FRAME_TIME_S:g} s or more, found {frame_time_s:g}")
+        if not MIN_FRAME_TIME_S <= frame_time_s <= MAX_FRAME_TIME_S:
+            allowed = f"{MIN_FRAME_TIME_S:g} to {MAX_FRAME_TIME_S:g}"
+            raise self.error(f"Frame Time is seconds from one frame to the next, {allowed}, found {frame_time_s:g}")
         return num_frames, frame_time_s
 
     def read_values(self, num_frames: int) -> np.ndarray:

@@ -8,6 +8,7 @@ World positions and headings are those of the capture; a training loader turns a
 from __future__ import annotations
 
 import json
+import tempfile
 import zipfile
 import zlib
 from collections.abc import Mapping, Sequence
@@ -141,8 +142,11 @@ class MotionDataset:
         return cls(skeleton, float(document["fps"]), clips)
 
     def save(self, folder: Path, skipped: Sequence[tuple[str, str]] = (), notes: str = "") -> None:
-        """Write the set to a folder, making it if need be. skipped: (clip id, reason) pairs, kept for the record."""
-        folder.mkdir(parents=True, exist_ok=True)
+        """Write the set to a folder, making it if need be. skipped: (clip id, reason) pairs, kept for the record.
+
+        A set that is there is replaced once all of the new one is written. Raises DatasetError where it cannot be.
+        """
+        prepare_folder(folder)
         rows: list[dict[str, Any]] = []
         start = 0
         for clip in self.clips:
@@ -156,14 +160,28 @@ class MotionDataset:
             "skipped": [{"id": id_, "reason": reason} for id_, reason in skipped],
             "clips": rows,
         }
-        with written_whole(folder / MOTION_FILE) as partial, partial.open("wb") as file:
-            np.savez(
-                file,
-                local_rotations=torch.cat([clip.local_rotations for clip in self.clips]).to(torch.float32).numpy(),
-                root_positions=torch.cat([clip.root_positions for clip in self.clips]).to(torch.float32).numpy(),
-            )
-        with written_whole(folder / CLIPS_FILE) as partial:
-            partial.write_text(json.dumps(document, indent=1), encoding="utf-8")
+        try:
+            # Both are written before either takes its name: a full disk leaves no motion with the clips of another set.
+            with written_whole(folder / CLIPS_FILE) as clips, written_whole(folder / MOTION_FILE) as motion:
+                clips.write_text(json.dumps(document, indent=1), encoding="utf-8")
+                with motion.open("wb") as file:
+                    np.savez(
+                        file,
+                        local_rotations=_end_to_end([clip.local_rotations for clip in self.clips]),
+                        root_positions=_end_to_end([clip.root_positions for clip in self.clips]),
+                    )
+        except OSError as error:
+            raise DatasetError(f"{folder}: the set cannot be written: {error}; what was there is as it was") from error
+
+
+def prepare_folder(folder: Path) -> None:
+    """Make the folder of a set, and see that files can be written there. Raises DatasetError where they cannot."""
+    try:
+        folder.mkdir(parents=True, exist_ok=True)
+        with tempfile.TemporaryFile(dir=folder):
+            pass
+    except OSError as error:
+        raise DatasetError(f"{folder}: no set can be written there: {error}; name another folder") from error
 
 
 def skipped_clips(folder: Path) -> list[tuple[str, str]]:
@@ -184,6 +202,11 @@ def _read_document(folder: Path) -> dict[str, Any]:
     if not isinstance(document, dict) or document.get("format") != FORMAT:
         raise DatasetError(f"{path}: not a training set of format {FORMAT}; build it again")
     return document
+
+
+def _end_to_end(parts: Sequence[Tensor]) -> np.ndarray:
+    array: np.ndarray = torch.cat(list(parts)).to(torch.float32).numpy()
+    return array
 
 
 def _row(clip: Clip, start: int) -> dict[str, Any]:

@@ -8,6 +8,7 @@ from dataclasses import dataclass
 
 import numpy as np
 import torch
+from rich.markup import escape
 from rich.table import Table
 from torch import Tensor
 
@@ -150,7 +151,7 @@ def figures_table(figures: SetFigures) -> Table:
             return float(np.median([getattr(entry, name) for entry in group]))
 
         table.add_row(
-            content,
+            escape(content),  # a word in brackets would be taken for a style of the table
             str(len(group)),
             str(sum(entry.num_frames for entry in group)),
             f"{middle('num_frames') / figures.fps:.1f}",

@@ -5,6 +5,7 @@ from __future__ import annotations
 from collections import defaultdict
 
 import numpy as np
+from rich.markup import escape
 from rich.table import Table
 
 from motiongen_ardy.data.dataset import Clip, MotionDataset
@@ -45,5 +46,5 @@ def kinds_table(dataset: MotionDataset) -> Table:
             values = [getattr(figures, name) for _, figures in entries]
             cells.append(f"{np.median(values):.{digits}f} / {np.quantile(values, 0.95):.{digits}f}")
         hours = sum(clip.num_frames for clip, _ in entries) / dataset.fps / 3600
-        table.add_row(kind, str(len(entries)), f"{hours:.3f}", *cells)
+        table.add_row(escape(kind), str(len(entries)), f"{hours:.3f}", *cells)
     return table

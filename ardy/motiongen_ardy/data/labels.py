@@ -3,6 +3,8 @@
 from __future__ import annotations
 
 import csv
+import os
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 
@@ -38,28 +40,60 @@ def read_labels(path: Path) -> tuple[Label, ...]:
     Raises LabelsError.
     """
     labels: list[Label] = []
-    seen: set[str] = set()
+    ids: set[str] = set()
+    files: dict[str, str] = {}
+    line = 1
     try:
         with path.open(encoding="utf-8-sig", newline="") as stream:
-            reader = csv.DictReader(stream)
-            missing = [column for column in _REQUIRED if column not in (reader.fieldnames or ())]
-            if missing:
-                raise LabelsError(f"{path}: columns are missing: {', '.join(missing)}; needed: {', '.join(_REQUIRED)}")
+            # Strict, as a quotation mark that is never closed would else take in all rows after it.
+            reader = csv.DictReader(stream, strict=True)
+            _check_header(path, reader.fieldnames or ())
             for row in reader:
-                label = _label(row, f"{path}, line {reader.line_num}")
-                if label.id in seen:
-                    raise LabelsError(f"{path}, line {reader.line_num}: a second row with id {label.id!r}")
-                seen.add(label.id)
+                line = reader.line_num
+                label = _label(row, f"{path}, line {line}")
+                if label.id in ids:
+                    raise LabelsError(f"{path}, line {line}: a second row with id {label.id!r}")
+                ids.add(label.id)
+                other = files.setdefault(file_key(label.file), label.id)
+                if other != label.id:
+                    raise LabelsError(
+                        f"{path}, line {line}: {label.id!r} has the file of {other!r}, {label.file}; a file has one"
+                        " row, with all of its texts, or training would see what is kept for the test"
+                    )
                 labels.append(label)
-    except (OSError, UnicodeDecodeError, csv.Error) as error:
-        raise LabelsError(f"{path}: cannot be read: {error}") from error
+    except csv.Error as error:
+        raise LabelsError(
+            f"{path}, after line {line}: cannot be read: {error}; a cell in quotation marks ends with one, and has"
+            " those within it twice"
+        ) from error
+    except (OSError, UnicodeDecodeError) as error:
+        raise LabelsError(f"{path}: cannot be read: {error}; give a CSV table in UTF-8") from error
     if not labels:
         raise LabelsError(f"{path}: no rows")
     return tuple(labels)
 
 
-def _label(row: dict[str, str | None], place: str) -> Label:
-    cells = {column: (row.get(column) or "").strip() for column in _REQUIRED + _OPTIONAL}
+def file_key(file: str) -> str:
+    """The same for all ways to write the path of one file."""
+    return os.path.normpath(file)
+
+
+def _check_header(path: Path, columns: Sequence[str]) -> None:
+    missing = [column for column in _REQUIRED if column not in columns]
+    if missing:
+        raise LabelsError(f"{path}: columns are missing: {', '.join(missing)}; needed: {', '.join(_REQUIRED)}")
+    twice = sorted(column for column in _REQUIRED + _OPTIONAL if list(columns).count(column) > 1)
+    if twice:
+        raise LabelsError(f"{path}: columns are there twice: {', '.join(twice)}; leave one of each")
+
+
+def _label(row: Mapping[str | None, str | list[str] | None], place: str) -> Label:
+    if beyond := row.get(None):
+        raise LabelsError(
+            f"{place}: {len(beyond)} cells more than the header has columns, the first {beyond[0]!r}; a cell with a"
+            " comma is written in quotation marks"
+        )
+    cells = {column: str(row.get(column) or "").strip() for column in _REQUIRED + _OPTIONAL}
     for column in _REQUIRED:
         if not cells[column]:
             raise LabelsError(f"{place}: column {column} is empty")

@@ -25,7 +25,8 @@ def draw(dataset: MotionDataset, png: Path, wanted: Sequence[str] = (), max_rows
     """Draw clips to a PNG file and return how many. wanted: clip ids or contents; by default one of each content.
 
     Each row shows poses at even times, seen from the front of the first pose and pulled apart, and the root's path from
-    above. Left limbs are blue, right limbs red. Raises DatasetError if a wanted clip is not there.
+    above. Left limbs are blue, right limbs red. Raises DatasetError if a wanted clip is not there, or where the file
+    cannot be written.
     """
     clips = _choose(dataset, wanted)[:max_rows]
     figure, axes = plt.subplots(
@@ -33,8 +34,13 @@ def draw(dataset: MotionDataset, png: Path, wanted: Sequence[str] = (), max_rows
     )
     for (strip, path), clip in zip(axes, clips, strict=True):
         _draw_clip(strip, path, clip, dataset.skeleton, dataset.fps)
-    figure.savefig(png, dpi=80)
-    plt.close(figure)
+    try:
+        png.parent.mkdir(parents=True, exist_ok=True)
+        figure.savefig(png, dpi=80)
+    except (OSError, ValueError) as error:
+        raise DatasetError(f"{png}: cannot be written: {error}") from error
+    finally:
+        plt.close(figure)
     return len(clips)
 
 
@@ -73,7 +79,8 @@ def _draw_clip(strip: plt.Axes, path: plt.Axes, clip: Clip, skeleton: Skeleton, 
         strip.text(1.6 * place, -0.28, f"{frame / fps:.1f} s", ha="center", fontsize=7)
     strip.axhline(0, color="0.8", linewidth=0.8)
     strip.set(xlim=(-1, 1.6 * NUM_POSES - 0.6), ylim=(-0.35, 2.2), aspect="equal")
-    strip.set_title(f"{clip.id}: {clip.captions[-1]}", fontsize=8, loc="left")
+    # As it stands: two dollar signs of a caption are no formula.
+    strip.set_title(f"{clip.id}: {clip.captions[-1]}", fontsize=8, loc="left", parse_math=False)
     strip.axis("off")
     path.plot(positions[:, 0, 0], positions[:, 0, 2], color="0.2", linewidth=1)
     path.plot(*positions[0, 0, [0, 2]], "o", color="tab:green", markersize=4)

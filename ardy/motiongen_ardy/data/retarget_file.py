@@ -47,7 +47,7 @@ def read_retarget(path: Path | Traversable) -> Retarget:
     """Read and check a retarget file. Raises RetargetError."""
     try:
         document = yaml.safe_load(path.read_text(encoding="utf-8"))
-    except OSError as error:
+    except (OSError, UnicodeDecodeError) as error:
         raise RetargetError(f"{path}: cannot be read: {error}") from error
     except yaml.YAMLError as error:
         raise RetargetError(f"{path}: not YAML: {error}") from error
@@ -235,4 +235,6 @@ class _Reader:
         target = self.target_joints(section["to"], skeleton, "feet.to")
         if len(source) != len(target):
             raise self.error("feet", f"from has {len(source)} joints and to has {len(target)}")
+        if len(source) % 2:
+            raise self.error("feet", f"has {len(source)} joints; give two for each foot, ankle and toe in turn")
         return tuple(zip(source, target, strict=True))

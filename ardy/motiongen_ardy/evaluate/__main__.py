@@ -9,6 +9,7 @@ from __future__ import annotations
 import argparse
 import math
 import sys
+import tempfile
 import time
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
@@ -26,9 +27,10 @@ from motiongen_ardy.checkpoint.sampling_file import read_options
 from motiongen_ardy.data.dataset import DatasetError, MotionDataset
 from motiongen_ardy.evaluate.cases import captured_figures, load_cases
 from motiongen_ardy.evaluate.context import QUICK, Context, Size
+from motiongen_ardy.evaluate.judge import FOLDER, JudgeMissing, TextJudge, load_judge
 from motiongen_ardy.evaluate.report import Report
 from motiongen_ardy.evaluate.rows.table import FAMILIES
-from motiongen_ardy.evaluate.sampler import Sampler, Sampling
+from motiongen_ardy.evaluate.sampler import MotionNotFinite, Sampler, Sampling
 from motiongen_ardy.evaluate.take_files import write_takes
 from motiongen_ardy.model.config import ConfigError
 from motiongen_ardy.model.denoiser.guidance import GuidanceWeights
@@ -44,7 +46,7 @@ from motiongen_ardy.train.feature_bank import natural_layout
 
 UNUSABLE = (
     UnknownModel, HubError, DatasetError, ConfigError, CheckpointError,
-    UnknownTextEncoder, TextWidthMismatch, TextEncoderUnavailable,
+    UnknownTextEncoder, TextWidthMismatch, TextEncoderUnavailable, JudgeMissing, MotionNotFinite,
 )  # fmt: skip
 
 
@@ -55,17 +57,39 @@ def main() -> None:
     torch.set_num_threads(arguments.threads)
     try:
         subject = _subject(arguments)
-        if arguments.json is not None:  # what takes hours is judged only where its figures can be written
-            arguments.json.parent.mkdir(parents=True, exist_ok=True)
+        _prepare(arguments)
+        reports = []
+        for steps in arguments.steps:
+            report = _judge(subject, steps, arguments, console)
+            if arguments.json is not None:
+                report.write(_of_steps(arguments.json, report, len(arguments.steps)))
+            reports.append(report)
     except (*UNUSABLE, OSError) as error:
         print(f"python -m motiongen_ardy.evaluate: {error}", file=sys.stderr)
         sys.exit(2)
-    reports = [_judge(subject, steps, arguments, console) for steps in arguments.steps]
     for report in reports:
         Console(width=190).print(report.table())
-        if arguments.json is not None:
-            report.write(_of_steps(arguments.json, report, len(reports)))
+        if report.unjudged:
+            print(f"no takes to judge these by: {'; '.join(report.unjudged)}", file=sys.stderr)
+    if not any(figure.status for report in reports for figure in report.figures):
+        print("python -m motiongen_ardy.evaluate: no bound could be judged", file=sys.stderr)
+        sys.exit(2)
     sys.exit(1 if any(report.missed for report in reports) else 0)
+
+
+def _prepare(arguments: argparse.Namespace) -> None:
+    """Make the folders that are written to: what takes hours is judged only where its figures can be written.
+
+    Raises OSError, in which the file or folder is named.
+    """
+    folders = [arguments.png, arguments.takes, None if arguments.json is None else arguments.json.parent]
+    for folder in folders:
+        if folder is not None:
+            folder.mkdir(parents=True, exist_ok=True)
+            with tempfile.TemporaryFile(dir=folder):
+                pass
+    if arguments.json is not None and arguments.json.is_dir():
+        raise IsADirectoryError(f"{arguments.json} is a folder; --json names a file")
 
 
 @dataclass(frozen=True, eq=False)
@@ -76,6 +100,7 @@ class Subject:
     gaits: Sequence[LocomotionPreset]
     encoder: TextEncoder
     dataset: MotionDataset
+    judge: TextJudge | None
 
 
 def _subject(arguments: argparse.Namespace) -> Subject:
@@ -92,7 +117,20 @@ def _subject(arguments: argparse.Namespace) -> Subject:
     dataset = MotionDataset.load(arguments.data, arguments.split)
     dataset.require(model.config.skeleton, model.config.fps)
     encoder = load_text_encoder(arguments.text_encoder, model.config.denoiser.text_dim)
-    return Subject(model, abilities.locomotion, encoder, dataset)
+    return Subject(model, abilities.locomotion, encoder, dataset, _text_judge(model, encoder, arguments))
+
+
+def _text_judge(model: Model, encoder: TextEncoder, arguments: argparse.Namespace) -> TextJudge | None:
+    """The judge of text and motion, without which its rows are left out; raises JudgeMissing where they are named."""
+    if arguments.rows is not None and "matching" not in arguments.rows:
+        return None
+    try:
+        return load_judge(model.representation, encoder.width, arguments.judge, encoder.identity)
+    except JudgeMissing as error:
+        if arguments.rows is not None:
+            raise
+        print(f"without the rows of matching: {error}", file=sys.stderr)
+        return None
 
 
 def _arguments() -> argparse.Namespace:
@@ -101,8 +139,11 @@ def _arguments() -> argparse.Namespace:
     parser.add_argument("data", type=Path, help="data set made by `python -m motiongen_ardy.data build`")
     parser.add_argument("--split", default="test", choices=("test", "validation"), help="default %(default)s")
     parser.add_argument("--steps", type=_numbers, default=(4,), help="denoising steps, as 4 or 4,10 (default 4)")
-    parser.add_argument("--rows", type=_families, default=tuple(FAMILIES), help=f"of {','.join(FAMILIES)}; default all")
-    parser.add_argument("--seeds", type=int, default=Size.seeds, help="takes of each clip (default %(default)s)")
+    parser.add_argument("--rows", type=_families, help=f"of {','.join(FAMILIES)}; default all that can be judged")
+    parser.add_argument("--judge", type=Path, default=FOLDER, help="folder of a judge of text and motion, for matching")
+    parser.add_argument(
+        "--seeds", type=_at_least_one, default=Size.seeds, help="takes of each clip (default %(default)s)"
+    )
     parser.add_argument("--quick", action="store_true", help="few clips, one seed, one-minute sessions")
     parser.add_argument(
         "--raw", action="store_true", help="without projection of the root and clean-up; its own bounds"
@@ -115,7 +156,7 @@ def _arguments() -> argparse.Namespace:
     parser.add_argument("--json", type=Path, help="write the figures here; with several step counts one file each")
     parser.add_argument("--png", type=Path, help="folder to draw a sheet of each part into")
     parser.add_argument("--takes", type=Path, help="folder to write a few takes of each part into, for a gallery")
-    parser.add_argument("--threads", type=int, default=1, help="cores (default %(default)s)")
+    parser.add_argument("--threads", type=_at_least_one, default=1, help="cores (default %(default)s)")
     return parser.parse_args()
 
 
@@ -127,6 +168,12 @@ def _weight(text: str) -> float:
     if not math.isfinite(weight):
         raise argparse.ArgumentTypeError(f"{text!r} is no weight; give a finite number")
     return weight
+
+
+def _at_least_one(text: str) -> int:
+    if not text.strip().isdecimal() or int(text) < 1:
+        raise argparse.ArgumentTypeError(f"{text!r} is not a whole number of 1 or more")
+    return int(text)
 
 
 def _numbers(text: str) -> tuple[int, ...]:
@@ -170,9 +217,9 @@ def _judge(
     layout = natural_layout(dataset.skeleton, model.config.fps)
     cases = load_cases(dataset, layout)
     size = QUICK if arguments.quick else replace(Size(), seeds=arguments.seeds)
-    context = Context(sampler, cases, captured_figures(cases, layout), size, arguments.raw)
+    context = Context(sampler, cases, captured_figures(cases, layout), size, arguments.raw, subject.judge)
     began = time.monotonic()
-    for name in arguments.rows:
+    for name in arguments.rows or [name for name in FAMILIES if name != "matching" or subject.judge is not None]:
         start = time.monotonic()
         FAMILIES[name](context)
         console.print(f"{name}: {time.monotonic() - start:.0f} s, {sampler.num_windows} windows so far")
@@ -194,13 +241,12 @@ def _judge(
         "windows": sampler.num_windows,
         "seconds": round(time.monotonic() - began),
     }
-    return Report(about, context.figures)
+    return Report(about, context.figures, context.unjudged)
 
 
 def _draw(context: Context, folder: Path, steps: int) -> None:
     from motiongen_ardy.evaluate.sheets import draw_sheet  # matplotlib takes a second to import
 
-    folder.mkdir(parents=True, exist_ok=True)
     for family, exhibits in context.exhibits.items():
         draw_sheet(exhibits, context.layout, folder / f"{family}-{steps}.png")
 

@@ -23,7 +23,7 @@ def main() -> None:
             print(text)
         else:
             put_between_marks(arguments.into, text)
-    except ReportError as error:
+    except (ReportError, OSError) as error:
         parser.error(str(error))
 
 

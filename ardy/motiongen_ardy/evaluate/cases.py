@@ -13,7 +13,7 @@ from torch import Tensor
 
 from motiongen_ardy.core.representation import Representation
 from motiongen_ardy.core.rotation import quaternion_to_matrix
-from motiongen_ardy.data.dataset import Clip, MotionDataset
+from motiongen_ardy.data.dataset import Clip, DatasetError, MotionDataset
 from motiongen_ardy.evaluate.measures.feet import slowest_foot
 from motiongen_ardy.evaluate.measures.root import is_moving, is_running
 from motiongen_ardy.evaluate.measures.smooth import accelerations, differences
@@ -81,8 +81,15 @@ class Captured:
 
 
 def load_cases(dataset: MotionDataset, layout: Representation) -> list[Case]:
-    """A case of every clip longer than its history, in an order that neither content nor name decides."""
+    """A case of every clip longer than its history, in an order that neither content nor name decides.
+
+    Raises DatasetError where there is none.
+    """
     cases = [_case(clip, layout) for clip in dataset.clips if clip.num_frames > HISTORY + 4]
+    if not cases:
+        raise DatasetError(
+            f"no clip of this split is longer than {HISTORY + 4} frames, so that no motion goes on from it"
+        )
     return sorted(cases, key=lambda case: hashlib.sha1(case.id.encode()).hexdigest())
 
 

@@ -15,6 +15,7 @@ from motiongen_ardy.core.skeleton import Skeleton
 from motiongen_ardy.evaluate.bounds import bounds
 from motiongen_ardy.evaluate.cases import MOVING, STANDING, Captured, Case
 from motiongen_ardy.evaluate.figure import Bound, Company, Figure, Sample, summarize
+from motiongen_ardy.evaluate.judge import TextJudge
 from motiongen_ardy.evaluate.measures.feet import slowest_foot
 from motiongen_ardy.evaluate.measures.root import is_running
 from motiongen_ardy.evaluate.measures.smooth import accelerations
@@ -50,14 +51,19 @@ class Exhibit:
 
 @dataclass
 class Context:
-    """figures and exhibits grow as the parts run."""
+    """figures, unjudged and exhibits grow as the parts run.
+
+    judge: of text and motion, None where none is needed. unjudged: rows with a bound that no take could be held to.
+    """
 
     sampler: Sampler
     cases: list[Case]
     captured: Captured
     size: Size
     raw: bool = False
+    judge: TextJudge | None = None
     figures: list[Figure] = field(default_factory=list)
+    unjudged: list[str] = field(default_factory=list)
     exhibits: dict[str, list[Exhibit]] = field(default_factory=dict)
 
     @property
@@ -154,23 +160,26 @@ class Context:
         for group in (MOVING, STANDING):
             takes = [result for result in results if result.take.group == group]
             if not takes:
+                if group == MOVING and bound is not None:
+                    self.unjudged.append(f"{family}: {row}")
                 continue
             samples = [Sample(result.take.case, measure(result)) for result in takes]
             limit = None if bound is None else self.bound(bound, group)
             company = self.company(takes, from_standing or group == STANDING, first)
             known = [] if data is None else [data(result) for result in takes]
             known = [value for value in known if not math.isnan(value)]
-            self.add(
-                summarize(
-                    (family, row, group),
-                    unit,
-                    samples,
-                    bound=limit,
-                    data=float(np.mean(known)) if known else None,
-                    company=company,
-                    more_is_better=more_is_better,
-                )
+            figure = summarize(
+                (family, row, group),
+                unit,
+                samples,
+                bound=limit,
+                data=float(np.mean(known)) if known else None,
+                company=company,
+                more_is_better=more_is_better,
             )
+            if figure is None and limit is not None:
+                self.unjudged.append(f"{family}: {row}")
+            self.add(figure)
 
     def run(self, takes: Sequence[Take]) -> list[Result]:
         return self.sampler.run(takes)

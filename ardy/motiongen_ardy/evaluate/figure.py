@@ -78,9 +78,12 @@ class Figure:
 
 
 def _rounded(value: Any) -> Any:
+    """Four digits of a number; None for one that is not finite, which JSON has no word for."""
     if isinstance(value, dict):
         return {key: _rounded(entry) for key, entry in value.items()}
-    return float(f"{value:.4g}") if isinstance(value, float) and math.isfinite(value) else value
+    if not isinstance(value, float):
+        return value
+    return float(f"{value:.4g}") if math.isfinite(value) else None
 
 
 def summarize(

@@ -11,17 +11,22 @@ from collections.abc import Sequence
 from pathlib import Path
 
 import torch
+from safetensors import SafetensorError, safe_open
 from safetensors.torch import load_file, save_file
 from torch import Tensor, nn
 from torch.nn import functional
 from torch.nn.utils.rnn import pack_padded_sequence
 
+from motiongen_ardy.core.files import written_whole
 from motiongen_ardy.core.representation import Representation
 
 DIM = 64
 HIDDEN = 128
 STRIDE = 2
 MAX_FRAMES = 120
+# Of the judge that comes with the package, whose file does not say so.
+JUDGE_FPS = 20
+JUDGE_TEXTS = "static-b8a02ae25cd7"
 FOLDER = Path(__file__).parent / "text_judge"
 WEIGHTS_FILE = "judge.safetensors"
 
@@ -31,13 +36,18 @@ class JudgeMissing(ValueError):
 
 
 class TextJudge(nn.Module):
-    """The two encoders. frame_dim: width of `judge_frames`; text_dim: of the text embeddings."""
+    """The two encoders. frame_dim: width of `judge_frames`; text_dim: of the text embeddings.
+
+    fps: frames a second of the motions that it knows; text_encoder: the identity of what made the embeddings that it
+    knows, "" where that was not noted.
+    """
 
     mean: Tensor
     std: Tensor
 
-    def __init__(self, frame_dim: int, text_dim: int) -> None:
+    def __init__(self, frame_dim: int, text_dim: int, fps: int = JUDGE_FPS, text_encoder: str = "") -> None:
         super().__init__()
+        self.fps, self.text_encoder = fps, text_encoder
         self.register_buffer("mean", torch.zeros(frame_dim))
         self.register_buffer("std", torch.ones(frame_dim))
         self.frame = nn.Sequential(nn.Linear(frame_dim, HIDDEN), nn.GELU())
@@ -86,23 +96,32 @@ def frame_dim(layout: Representation) -> int:
 
 
 def save_judge(judge: TextJudge, folder: Path) -> None:
-    """Weights as float16, which halves the file."""
+    """Weights as float16, which halves the file, with the frame rate and the text encoder that they are of."""
     folder.mkdir(parents=True, exist_ok=True)
-    save_file({name: value.half().contiguous() for name, value in judge.state_dict().items()}, folder / WEIGHTS_FILE)
+    tensors = {name: value.half().contiguous() for name, value in judge.state_dict().items()}
+    with written_whole(folder / WEIGHTS_FILE) as partial:
+        save_file(tensors, partial, {"fps": str(judge.fps), "text_encoder": judge.text_encoder})
 
 
-def load_judge(layout: Representation, text_dim: int, folder: Path = FOLDER) -> TextJudge:
-    """The judge of a folder; the one that comes with the package by default.
+def load_judge(layout: Representation, text_dim: int, folder: Path = FOLDER, text_encoder: str = "") -> TextJudge:
+    """The judge of a folder; the one that comes with the package by default. text_encoder: the identity of the model's.
 
-    Raises JudgeMissing for a folder without readable weights, or with those for another skeleton or text encoder.
+    Raises JudgeMissing for a folder without readable weights, or with those for another skeleton, frame rate or text
+    encoder.
     """
+    path = folder / WEIGHTS_FILE
+    wanted = f"{layout.skeleton.name} at {layout.fps} frames a second and texts of width {text_dim}"
+    train = "train one with `python -m motiongen_ardy.evaluate.judge_training DATA FOLDER` and name it with --judge"
     judge = TextJudge(frame_dim(layout), text_dim)
     try:
-        state = load_file(folder / WEIGHTS_FILE)
-        judge.load_state_dict({name: value.float() for name, value in state.items()})
-    except (OSError, RuntimeError) as error:
-        raise JudgeMissing(
-            f"{folder / WEIGHTS_FILE} is no judge for {layout.skeleton.name} and texts of width {text_dim}: {error};"
-            " train one with `python -m motiongen_ardy.evaluate.judge_training DATA FOLDER`"
-        ) from error
+        with safe_open(path, "pt") as file:
+            told = file.metadata() or {}
+        judge.load_state_dict({name: value.float() for name, value in load_file(path).items()})
+        judge.fps, judge.text_encoder = int(told.get("fps", JUDGE_FPS)), told.get("text_encoder", JUDGE_TEXTS)
+    except (OSError, RuntimeError, ValueError, SafetensorError) as error:
+        raise JudgeMissing(f"{path} is no judge for {wanted}: {' '.join(str(error).split())}; {train}") from error
+    if judge.fps != layout.fps:
+        raise JudgeMissing(f"{path} is no judge for {wanted}: it knows motion at {judge.fps}; {train}")
+    if text_encoder and judge.text_encoder not in ("", text_encoder):
+        raise JudgeMissing(f"{path} is no judge for {wanted}: it knows texts by {judge.text_encoder}; {train}")
     return judge.eval()

@@ -3,7 +3,9 @@
 from __future__ import annotations
 
 import argparse
+import sys
 import time
+from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path
 
@@ -13,9 +15,9 @@ from torch import Tensor, nn
 from torch.nn import functional
 
 from motiongen_ardy.core.representation import Representation
-from motiongen_ardy.data.dataset import MotionDataset
+from motiongen_ardy.data.dataset import Clip, DatasetError, MotionDataset
 from motiongen_ardy.evaluate.judge import MAX_FRAMES, TextJudge, frame_dim, judge_frames, save_judge
-from motiongen_ardy.text import TextEncoder, load_text_encoder
+from motiongen_ardy.text import TextEncoder, TextWidthMismatch, UnknownTextEncoder, load_text_encoder
 from motiongen_ardy.train.feature_bank import FeatureBank, build_feature_bank, natural_layout
 
 MIN_FRAMES = 40
@@ -36,7 +38,8 @@ class JudgeBatches:
 
     def __init__(self, bank: FeatureBank, layout: Representation, encoder: TextEncoder, seed: int) -> None:
         self._bank, self._layout = bank, layout
-        self._texts = torch.from_numpy(encoder.encode(bank.texts))
+        self._texts = torch.from_numpy(encoder.encode(bank.captions.texts))
+        self._number = {text: number for number, text in enumerate(bank.captions.texts)}
         names = [(caption_set(clip.content, clip.style)) for clip in bank.clips]
         known = {name: number for number, name in enumerate(sorted(set(names)))}
         self._labels = np.array([known[name] for name in names])
@@ -44,17 +47,27 @@ class JudgeBatches:
 
     def draw(self, size: int) -> JudgeBatch:
         bank, random = self._bank, self._random
-        clips = random.choice(bank.num_clips, size, p=bank.weight)
+        clips = random.choice(bank.num_clips, size, p=bank.weight.numpy())
         rows, texts = [], []
         for clip in clips:
-            length = min(int(bank.length[clip]), int(random.integers(MIN_FRAMES, MAX_FRAMES + 1)))
-            start = int(random.integers(bank.length[clip] - length + 1))
+            whole = int(bank.length[clip])
+            length = min(whole, int(random.integers(MIN_FRAMES, MAX_FRAMES + 1)))
+            start = int(random.integers(whole - length + 1))
             first = int(bank.first[clip]) + start
             rows.append(judge_frames(self._layout, bank.features[first : first + length]))
-            texts.append(bank.draw_caption(random, int(clip), start, length))
+            captions = captions_of(bank.clips[clip], start, length)
+            texts.append(self._number[captions[int(random.integers(len(captions)))]])
         lengths = torch.tensor([len(row) for row in rows])
         padded = nn.utils.rnn.pad_sequence(rows, batch_first=True)
         return JudgeBatch(padded, lengths, self._texts[texts], torch.from_numpy(self._labels[clips]))
+
+
+def captions_of(clip: Clip, start: int, length: int) -> tuple[str, ...]:
+    """What may be said of frames start .. start + length - 1: a segment's captions where it holds them all."""
+    for segment in clip.segments:
+        if segment.start <= start and start + length <= segment.start + segment.length:
+            return segment.captions
+    return clip.captions
 
 
 def caption_set(content: str, style: str) -> str:
@@ -78,7 +91,7 @@ def train_judge(dataset: MotionDataset, encoder: TextEncoder, fps: int, steps: i
     layout = natural_layout(dataset.skeleton, fps)
     bank = build_feature_bank(dataset, layout)
     batches = JudgeBatches(bank, layout, encoder, seed)
-    judge = TextJudge(frame_dim(layout), encoder.width)
+    judge = TextJudge(frame_dim(layout), encoder.width, fps, encoder.identity)
     sample = batches.draw(512)
     valid = torch.cat([row[:length] for row, length in zip(sample.frames, sample.lengths, strict=True)])
     judge.mean.copy_(valid.mean(dim=0))
@@ -99,8 +112,8 @@ def train_judge(dataset: MotionDataset, encoder: TextEncoder, fps: int, steps: i
     return judge.eval()
 
 
-def main() -> None:
-    """Command line."""
+def main(given: Sequence[str] | None = None) -> int:
+    """Command line. Returns 2 for input that cannot be used."""
     parser = argparse.ArgumentParser(prog="python -m motiongen_ardy.evaluate.judge_training", description=__doc__)
     parser.add_argument(
         "data", type=Path, help="data set made by `python -m motiongen_ardy.data build`; its train split is used"
@@ -109,11 +122,20 @@ def main() -> None:
     parser.add_argument("--steps", type=int, default=1500, help="default %(default)s")
     parser.add_argument("--text-encoder", default="static")
     parser.add_argument("--text-width", type=int, default=256, help="of an encoder without one of its own")
-    arguments = parser.parse_args()
-    dataset = MotionDataset.load(arguments.data, "train")
-    encoder = load_text_encoder(arguments.text_encoder, arguments.text_width)
-    save_judge(train_judge(dataset, encoder, round(dataset.fps), arguments.steps), arguments.folder)
+    arguments = parser.parse_args(given)
+    try:
+        dataset = MotionDataset.load(arguments.data, "train")
+        fps = round(dataset.fps)
+        dataset.require(dataset.skeleton.name, fps)  # models count in whole frames a second
+        width = arguments.text_width if arguments.text_encoder == "hashed" else None
+        encoder = load_text_encoder(arguments.text_encoder, width)
+        arguments.folder.mkdir(parents=True, exist_ok=True)
+        save_judge(train_judge(dataset, encoder, fps, arguments.steps), arguments.folder)
+    except (DatasetError, UnknownTextEncoder, TextWidthMismatch, OSError) as error:
+        print(f"error: {error}", file=sys.stderr)
+        return 2
+    return 0
 
 
 if __name__ == "__main__":
-    main()
+    sys.exit(main())

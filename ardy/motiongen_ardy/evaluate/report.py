@@ -8,8 +8,10 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
+from rich.markup import escape
 from rich.table import Table
 
+from motiongen_ardy.core.files import written_whole
 from motiongen_ardy.evaluate.figure import Figure
 
 BEGIN, END = "<!-- table -->", "<!-- end of table -->"
@@ -22,10 +24,14 @@ class ReportError(ValueError):
 
 @dataclass(frozen=True)
 class Report:
-    """about: model, data, steps, guidance, seconds and what else tells one run from another."""
+    """about: model, data, steps, guidance, seconds and what else tells one run from another.
+
+    unjudged: rows with a bound that no take could be held to, as the set has no clips for them.
+    """
 
     about: dict[str, Any]
     figures: Sequence[Figure]
+    unjudged: Sequence[str] = ()
 
     @property
     def missed(self) -> list[Figure]:
@@ -34,13 +40,15 @@ class Report:
 
     def write(self, path: Path) -> None:
         """As JSON, a figure a line."""
-        lines = [json.dumps(figure.as_json(), ensure_ascii=False) for figure in self.figures]
+        lines = [json.dumps(figure.as_json(), ensure_ascii=False, allow_nan=False) for figure in self.figures]
         head = json.dumps(self.about, ensure_ascii=False)
-        path.write_text(f'{{"about": {head},\n"figures": [\n' + ",\n".join(lines) + "\n]}\n", encoding="utf-8")
+        text = f'{{"about": {head},\n"figures": [\n' + ",\n".join(lines) + "\n]}\n"
+        with written_whole(path) as partial:
+            partial.write_text(text, encoding="utf-8")
 
     def table(self) -> Table:
         """For the terminal."""
-        title = ", ".join(f"{key} {value}" for key, value in self.about.items())
+        title = escape(", ".join(f"{key} {value}" for key, value in self.about.items()))
         table = Table(title=title, caption="feet: the goal is met, but feet or accelerations of its takes are not")
         for name in ("row", "group", "n", "mean", "+-", "worst 5 %", "data", "feet", "acc p99", "bound", "met"):
             table.add_column(name, justify="left" if name in ("row", "group", "bound", "met") else "right")

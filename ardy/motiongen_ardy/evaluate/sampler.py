@@ -30,6 +30,10 @@ from motiongen_ardy.model.rollout import RolloutRequest, next_window, usual_hist
 from motiongen_ardy.text import TextEncoder
 
 
+class MotionNotFinite(ValueError):
+    """Raised for a model whose motion holds NaN or infinite numbers, of which no figure can be made."""
+
+
 @dataclass(frozen=True)
 class Sampling:
     """How windows are made: steps, guidance (the model's own if None), and how many rows go through at once."""
@@ -88,7 +92,7 @@ class Sampler:
 
     @torch.inference_mode()
     def run(self, takes: Sequence[Take]) -> list[Result]:
-        """All takes, in their order."""
+        """All takes, in their order. Raises MotionNotFinite."""
         layout = self.model.representation
         none = torch.zeros(0, layout.feature_dim)
         growing = [
@@ -169,8 +173,12 @@ class Sampler:
             growing.features = torch.cat([growing.features, frames[: due.end - first]])
 
     def _result(self, growing: _Growing) -> Result:
-        layout = self.model.representation
-        return result_of(layout, growing.take, layout.denormalize(growing.features), tuple(growing.starts))
+        layout, take = self.model.representation, growing.take
+        if not bool(growing.features.isfinite().all()):
+            # Figures leave out what is not a number, so that a model of nothing else would miss no bound.
+            frame = int((~growing.features.isfinite().all(dim=1)).nonzero()[0])
+            raise MotionNotFinite(f"the model's motion is not finite from frame {frame} on, in {take.case!r}")
+        return result_of(layout, take, layout.denormalize(growing.features), tuple(growing.starts))
 
 
 def result_of(layout: Representation, take: Take, features: Tensor, starts: tuple[int, ...] = ()) -> Result:

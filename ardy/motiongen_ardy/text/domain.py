@@ -59,7 +59,11 @@ def make_domain(text_encoder: str, captions: Vectors, most: int, threshold: floa
 def spread_out(captions: Vectors, most: int) -> tuple[Vectors, Vectors, list[int]]:
     """The mean (W,) of captions (N, W) as unit vectors, the directions (N, W) from it to them, and the numbers of at
     most so many of them that stand for the rest: each the furthest from those before it.
+
+    Raises DomainError where they do not differ: from their mean there is then no direction to any of them.
     """
+    if not len(captions) or float(np.ptp(_units(captions), axis=0).max()) < 1e-6:
+        raise DomainError(f"no two captions differ, of {len(captions)}; a prompt is compared with two at least")
     mean = _units(captions).mean(axis=0).astype(np.float32)
     directions = _directions(captions, mean)
     kept = [int((_units(captions) @ mean).argmax())]

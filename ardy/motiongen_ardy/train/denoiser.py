@@ -25,10 +25,12 @@ from motiongen_ardy.model.tokenizer.model import Tokenizer
 from motiongen_ardy.text import load_text_encoder
 from motiongen_ardy.train.denoiser_loss import DenoiserLoss
 from motiongen_ardy.train.feature_bank import build_feature_bank, natural_layout
-from motiongen_ardy.train.loop import Trainer, distributed
+from motiongen_ardy.train.loop import Trainer
 from motiongen_ardy.train.loop_settings import LoopSettings, add_loop_arguments, loop_settings
+from motiongen_ardy.train.processes import distributed
 from motiongen_ardy.train.recipe import Recipe, read_recipe
 from motiongen_ardy.train.refusals import UNUSABLE
+from motiongen_ardy.train.run_folder import held
 from motiongen_ardy.train.windows import OwnHistory, TrainingWindows, WindowSampler, WindowShape
 
 OWN_HISTORY_FROM = 0.3
@@ -38,11 +40,13 @@ OWN_HISTORY_CHANCE = 0.3
 class DenoiserTask:
     """Draws windows and exports whole checkpoints."""
 
-    def __init__(self, model: Model, sampler: WindowSampler, recipe: Recipe) -> None:
+    def __init__(self, model: Model, sampler: WindowSampler, recipe: Recipe, text_encoder: str = "") -> None:
+        """text_encoder: the identity of what made the sampler's vectors; "" where that is not known."""
         self.model = model
         self.sampler = sampler
         self.files = recipe.files
         self.module = DenoiserLoss(model, recipe.loss)
+        self.terms = {"text encoder": text_encoder} if text_encoder else {}
         self.fingerprint = "" if model.tokenizer is None else fingerprint_of(model.tokenizer)
 
     def kinds(self, progress: float) -> Sequence[tuple[Hashable, float]]:
@@ -87,15 +91,17 @@ def train_denoiser(
     recipe: Recipe | None = None,
 ) -> Trainer:
     """Train a model's denoiser where it lies and return the finished trainer; its folder holds the checkpoint."""
-    with distributed() as (rank, num_processes):
+    with distributed() as (rank, num_processes), held(settings.out, rank):
         torch.manual_seed(settings.seed + rank)
         config = model.config
         dataset.require(config.skeleton, config.fps)
         device = model.representation.stats.mean.device
         bank = build_feature_bank(dataset, natural_layout(dataset.skeleton, config.fps), device=device)
-        embeddings = load_text_encoder(text_encoder, config.denoiser.text_dim).encode(bank.captions.texts)
+        encoder = load_text_encoder(text_encoder, config.denoiser.text_dim)
+        embeddings = encoder.encode(bank.captions.texts)
         sampler = WindowSampler(bank, embeddings, model.representation, config.horizon, batch, config.patch)
-        trainer = Trainer(DenoiserTask(model, sampler, recipe or Recipe()), settings, rank, num_processes)
+        task = DenoiserTask(model, sampler, recipe or Recipe(), encoder.identity)
+        trainer = Trainer(task, settings, rank, num_processes)
         trainer.run()
         return trainer
 

@@ -14,7 +14,7 @@ from motiongen_ardy.core.representation import LOCAL_ROOT_WIDTH, ROOT_WIDTH, Rep
 from motiongen_ardy.core.rotation import quaternion_to_matrix
 from motiongen_ardy.core.skeleton import Skeleton
 from motiongen_ardy.core.stats import Stats
-from motiongen_ardy.data.dataset import Clip, MotionDataset
+from motiongen_ardy.data.dataset import Clip, DatasetError, MotionDataset
 from motiongen_ardy.train.caption_spans import CaptionSpans, caption_spans
 
 MIN_CLIP_FRAMES = 16
@@ -70,8 +70,13 @@ def build_feature_bank(
 
     Clips are drawn in proportion to their length over the square root of their content's total length, so that rare
     contents are seen without being worn out. layout: a representation of the data's skeleton; statistics are not used.
+    Raises DatasetError where no clip is long enough.
     """
     clips = [clip for clip in dataset.clips if clip.num_frames >= MIN_CLIP_FRAMES]
+    if not clips:
+        raise DatasetError(
+            f"none of the {len(dataset.clips)} clips to train on has {MIN_CLIP_FRAMES} frames; record longer ones"
+        )
     if mirror:
         clips += [clip.mirrored(dataset.skeleton) for clip in clips if clip.mirror_allowed]
     length = np.array([clip.num_frames for clip in clips])

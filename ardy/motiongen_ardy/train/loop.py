@@ -6,14 +6,13 @@ replayed from then on: these networks are so small that launching their kernels 
 
 from __future__ import annotations
 
-import atexit
 import contextlib
 import copy
-import os
 import signal
 import time
-from collections.abc import Hashable, Iterator, Sequence
+from collections.abc import Callable, Hashable, Iterator, Mapping, Sequence
 from pathlib import Path
+from types import FrameType
 from typing import Any, Protocol
 
 import numpy as np
@@ -26,21 +25,14 @@ from torch.nn.parallel import DistributedDataParallel
 from torch.optim.lr_scheduler import LambdaLR
 from torch.utils.tensorboard import SummaryWriter
 
-from motiongen_ardy.core.files import written_whole
 from motiongen_ardy.train.loop_settings import LoopSettings
 from motiongen_ardy.train.moving_average import MovingAverage
 from motiongen_ardy.train.optimizer import AdamAtan2, warmup_cosine
+from motiongen_ardy.train.run_folder import check_goes_on, loading, read_state, write_state, writing
 
-STATE_FILE = "state.pt"
 UNFINISHED = 3
-
-
 WARM_UP_UPDATES = 3
-
-
 AVERAGE_EVERY = 5
-
-
 STOP_EVERY = 10
 """Steps between two times at which processes that train together agree whether to stop."""
 
@@ -48,18 +40,20 @@ STOP_EVERY = 10
 Batch = Any
 
 
-class ResumeError(ValueError):
-    """Raised for a run folder whose training cannot go on with what is given; the message says what to do."""
+class Diverged(FloatingPointError):
+    """Raised where a loss or the gradient is not finite; what was saved before is kept."""
 
 
 class Task(Protocol):
     """What is trained. `module(batch)` gives the total loss and its named parts.
 
     fingerprint: of what the module is trained on top of and does not change; "" where that is nothing.
+    terms: what else a run that goes on must begin from anew if it changes, as words by name.
     """
 
     module: nn.Module
     fingerprint: str
+    terms: Mapping[str, str]
 
     def kinds(self, progress: float) -> Sequence[tuple[Hashable, float]]:
         """The kinds of batches, each of one shape, and how often each is drawn, at a share 0..1 of the training."""
@@ -72,21 +66,14 @@ class Task(Protocol):
 
 
 @contextlib.contextmanager
-def distributed() -> Iterator[tuple[int, int]]:
-    """(rank, number of processes); joins the process group when started by torchrun.
-
-    One group serves all trainings of a process, and is left at its end: a second one would find the first one's
-    addresses in torchrun's store, and wait for them for ever.
-    """
-    if "RANK" not in os.environ:
-        yield 0, 1
-        return
-    if not torch.distributed.is_initialized():
-        torch.distributed.init_process_group("nccl" if torch.cuda.is_available() else "gloo")
-        atexit.register(torch.distributed.destroy_process_group)
-        if torch.cuda.is_available():
-            torch.cuda.set_device(int(os.environ["LOCAL_RANK"]))
-    yield torch.distributed.get_rank(), torch.distributed.get_world_size()
+def _answered(handler: Callable[[int, FrameType | None], None]) -> Iterator[None]:
+    """While SIGTERM and Ctrl-C are a handler's."""
+    previous = {number: signal.signal(number, handler) for number in (signal.SIGTERM, signal.SIGINT)}
+    try:
+        yield
+    finally:
+        for number, before in previous.items():
+            signal.signal(number, before)
 
 
 class Trainer:
@@ -125,43 +112,42 @@ class Trainer:
         self.choices = np.random.default_rng(seed)
 
     def _resume(self) -> None:
-        path = self.settings.out / STATE_FILE
-        if not path.exists():
+        folder = self.settings.out
+        state = read_state(folder)
+        if state is None:
             return
-        state = torch.load(path, map_location="cpu", weights_only=True)
-        if state.get("fingerprint", self.task.fingerprint) != self.task.fingerprint:  # older states have none
-            raise ResumeError(
-                f"{path} is of a denoiser that began with another tokenizer, whose latents meant something else: give"
-                " that one, or another run folder, or delete this one to begin anew"
-            )
-        self.task.module.load_state_dict(state["module"])
-        self.averaged.load_state_dict(state["averaged"])
-        self.optimizer.load_state_dict(state["optimizer"])
-        self.step = state["step"]
+        check_goes_on(folder, state, self.task.fingerprint, self.task.terms)
+        with loading(folder):
+            self.task.module.load_state_dict(state["module"])
+            self.averaged.load_state_dict(state["averaged"])
+            self.optimizer.load_state_dict(state["optimizer"])
+            self.step = int(state["step"])
         # The schedule is a function of the step alone, so a longer --steps or another --lr holds from here on.
         rate = self.settings.learning_rate
         for group in self.optimizer.param_groups:
             group["initial_lr"] = rate
             group["lr"] = torch.tensor(rate, device=self.device) if self.captures else rate
-            group["step"] = group["step"].to(self.device)
+            if "step" in group:  # a run that was stopped before its first update has none
+                group["step"] = group["step"].to(self.device)
         self.schedule.last_epoch = self.step
         self._seed()
 
     def save(self) -> None:
-        """Write the state to resume from (atomically) and export the averaged weights."""
+        """Write the state to resume from (atomically) and export the averaged weights. Raises RunFolderError."""
         if self.rank:
             return
-        self.settings.out.mkdir(parents=True, exist_ok=True)
         state = {
             "module": self.task.module.state_dict(),
             "averaged": self.averaged.state_dict(),
             "optimizer": self.optimizer.state_dict(),
             "step": self.step,
             "fingerprint": self.task.fingerprint,
+            "terms": dict(self.task.terms),
         }
-        with written_whole(self.settings.out / STATE_FILE) as partial:
-            torch.save(state, partial)
-        self.task.export(copy.deepcopy(self.averaged.module).eval(), self.settings.out)
+        with writing(self.settings.out):
+            self.settings.out.mkdir(parents=True, exist_ok=True)
+            write_state(self.settings.out, state)
+            self.task.export(copy.deepcopy(self.averaged.module).eval(), self.settings.out)
 
     @property
     def exit_code(self) -> int:
@@ -222,47 +208,65 @@ class Trainer:
         return losses
 
     def check_finite(self, losses: dict[str, Tensor]) -> None:
-        """Raise FloatingPointError where a loss or the gradient is not finite."""
+        """Raise Diverged where a loss or the gradient is not finite."""
         wrong = {name: float(value) for name, value in losses.items() if not bool(torch.isfinite(value))}
         if wrong:
-            raise FloatingPointError(f"step {self.step}: these are not finite: {wrong}")
+            raise self._diverged(f"these are not finite: {wrong}")
+
+    def check_sound(self, losses: dict[str, Tensor]) -> None:
+        """Before a save: raise Diverged where losses or weights are not finite, not to lose the sound ones."""
+        self.check_finite(losses)
+        if not all(bool(weights.isfinite().all()) for weights in self.task.module.parameters()):
+            raise self._diverged("weights are not finite")
+
+    def _diverged(self, what: str) -> Diverged:
+        return Diverged(
+            f"step {self.step}: {what}; what was saved before is kept: go on from there with a lower --lr than"
+            f" {self.settings.learning_rate:g}, or with --float32"
+        )
 
     def run(self) -> None:
-        """Train until done; saves every few minutes and at the end, also after SIGTERM and Ctrl-C."""
+        """Train until done; saves every few minutes and at the end, also after SIGTERM and Ctrl-C.
+
+        A second Ctrl-C ends one process at once, unsaved. Raises Diverged, and RunFolderError where it cannot save.
+        """
+        with _answered(self._ask_to_stop):
+            self.check_sound(self._train())
+            self.save()
+            if torch.distributed.is_initialized():
+                torch.distributed.barrier()  # whoever returns may rely on what the first process has written
+
+    def _train(self) -> dict[str, Tensor]:
+        """Train until done or asked to stop; the losses of the last step, none where nothing was left to train."""
         settings = self.settings
+        losses: dict[str, Tensor] = {}
         started = saved = time.monotonic()
-        previous = signal.signal(signal.SIGTERM, self._ask_to_stop)
-        writer = SummaryWriter(str(settings.out / "log")) if self.rank == 0 else None
         columns = (TextColumn("{task.description}"), BarColumn(), MofNCompleteColumn(), TimeElapsedColumn())
-        try:
-            with Progress(*columns, TimeRemainingColumn(), disable=self.rank != 0) as progress:
-                bar = progress.add_task("training", total=settings.steps, completed=self.step)
-                running: dict[str, Tensor] = {}
-                is_over = False
-                while self.step < settings.steps and not is_over:
-                    losses = self.train_step()
-                    for name, value in losses.items():
-                        running[name] = value.clone() if name not in running else running[name].lerp(value, 0.02)
-                    now = time.monotonic()
-                    if self.step % settings.log_every == 0:
-                        self.check_finite(losses)
-                    if self.step % settings.log_every == 0 and writer is not None:
+        with (
+            writing(settings.out),
+            contextlib.nullcontext() if self.rank else SummaryWriter(str(settings.out / "log")) as writer,
+            Progress(*columns, TimeRemainingColumn(), disable=self.rank != 0) as progress,
+        ):
+            bar = progress.add_task("training", total=settings.steps, completed=self.step)
+            running: dict[str, Tensor] = {}
+            is_over = False
+            while self.step < settings.steps and not is_over:
+                losses = self.train_step()
+                for name, value in losses.items():
+                    running[name] = value.clone() if name not in running else running[name].lerp(value, 0.02)
+                now = time.monotonic()
+                if self.step % settings.log_every == 0:
+                    self.check_finite(losses)
+                    if writer is not None:
                         self._log(writer, running)
                         text = " ".join(f"{name} {float(value):.4f}" for name, value in running.items())
                         progress.update(bar, completed=self.step, description=text)
-                    if now - saved > 60 * settings.save_minutes:
-                        self.save()
-                        saved = now
-                    is_over = self.stops(started)
-        except KeyboardInterrupt:
-            self.stopping = True
-        finally:
-            signal.signal(signal.SIGTERM, previous)
-            if writer is not None:
-                writer.close()
-        self.save()
-        if torch.distributed.is_initialized():
-            torch.distributed.barrier()  # whoever returns may rely on what the first process has written
+                if now - saved > 60 * settings.save_minutes:
+                    self.check_sound(losses)
+                    self.save()
+                    saved = now
+                is_over = self.stops(started)
+        return losses
 
     def stops(self, started: float) -> bool:
         """Whether to stop after this step, by the clock from `started` on or since somebody asked for it.
@@ -285,5 +289,8 @@ class Trainer:
             writer.add_scalar(f"loss/{name}", float(value), self.step)
         writer.add_scalar("learning_rate", self.schedule.get_last_lr()[0], self.step)
 
-    def _ask_to_stop(self, _signal: int, _frame: object) -> None:
+    def _ask_to_stop(self, number: int, _frame: FrameType | None) -> None:
+        """Stop after a step, not within one: its update would be half made, and who trains along would wait for it."""
         self.stopping = True
+        if number == signal.SIGINT and not torch.distributed.is_initialized():  # torchrun passes each one on once more
+            signal.signal(number, signal.default_int_handler)

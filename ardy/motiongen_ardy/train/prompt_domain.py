@@ -17,11 +17,14 @@ from importlib import resources
 from pathlib import Path
 
 from motiongen_ardy.capabilities import CAPABILITIES_FILE, read_capabilities
-from motiongen_ardy.checkpoint.files import CheckpointError
+from motiongen_ardy.checkpoint.checkpoint import CONFIG_FILE
+from motiongen_ardy.checkpoint.config import read_model_config
+from motiongen_ardy.checkpoint.files import CheckpointError, path_inside, read_yaml
+from motiongen_ardy.core.problems import Problems
 from motiongen_ardy.data.dataset import Clip, DatasetError, MotionDataset
 from motiongen_ardy.text import load_text_encoder
 from motiongen_ardy.text.domain import DOMAIN_FILE, DomainError, best_threshold, make_domain, write_domain
-from motiongen_ardy.text.encoder import UnknownTextEncoder
+from motiongen_ardy.text.encoder import TextWidthMismatch, UnknownTextEncoder
 
 MIN_CLIPS = 8
 MOST_KEPT = 700  # at 256 numbers a caption, 180 kB
@@ -59,6 +62,15 @@ def read_prompts(path: Path) -> list[str]:
     return prompts
 
 
+def text_width(folder: Path) -> int | None:
+    """Numbers of a text's vector that a checkpoint folder's model takes, None for a folder that has no model yet.
+
+    Raises CheckpointError or ConfigError.
+    """
+    path = path_inside(folder, CONFIG_FILE)
+    return read_model_config(read_yaml(path))[0].denoiser.text_dim if path.exists() else None
+
+
 def main(arguments: list[str] | None = None) -> int:
     """Command line. Returns 2 for input that cannot be used."""
     parser = argparse.ArgumentParser(prog="python -m motiongen_ardy.train.prompt_domain", description=__doc__)
@@ -83,12 +95,12 @@ def main(arguments: list[str] | None = None) -> int:
             raise DomainError(f"--without {' '.join(unknown)}: the training set has no such label; it has {known}")
         captions = known_captions(clips, options.min_clips, options.without)
         inside, outside = read_prompts(options.inside), read_prompts(options.outside)
-        encoder = load_text_encoder(options.text_encoder)
+        encoder = load_text_encoder(options.text_encoder, text_width(options.out))
         domain = make_domain(encoder.identity, encoder.encode(captions), options.most)
         near, far = (domain.distances(encoder.encode(texts)) for texts in (inside, outside))
         threshold, alarms, misses = best_threshold(near, far)
         write_domain(options.out / DOMAIN_FILE, replace(domain, threshold=threshold))
-    except (CheckpointError, DatasetError, DomainError, UnknownTextEncoder, ConnectionError) as error:
+    except (Problems, DatasetError, DomainError, UnknownTextEncoder, TextWidthMismatch, OSError) as error:
         print(f"error: {error}", file=sys.stderr)
         return 2
     print(f"{len(domain.directions)} of {len(captions)} captions kept; threshold {threshold:.3f}")

@@ -21,12 +21,13 @@ from motiongen_ardy.capabilities import DIRECTIONS, read_capabilities
 from motiongen_ardy.checkpoint.files import CheckpointError
 from motiongen_ardy.checkpoint.paces_file import PACES_FILE, write_paces
 from motiongen_ardy.checkpoint.sampling_file import SAMPLING_FILE
+from motiongen_ardy.core.problems import Problems
 from motiongen_ardy.data.dataset import Clip, DatasetError, MotionDataset
 from motiongen_ardy.model.sampling.paces import SPEED_FRAMES, PromptPaces
 from motiongen_ardy.text import load_text_encoder
 from motiongen_ardy.text.domain import DomainError, best_threshold, spread_out
-from motiongen_ardy.text.encoder import UnknownTextEncoder
-from motiongen_ardy.train.prompt_domain import CONFIGS, MIN_CLIPS, known_captions, read_prompts
+from motiongen_ardy.text.encoder import TextWidthMismatch, UnknownTextEncoder
+from motiongen_ardy.train.prompt_domain import CONFIGS, MIN_CLIPS, known_captions, read_prompts, text_width
 
 MOST_KEPT = 400  # at 256 numbers of two bytes a caption, 200 kB
 MIN_FRAMES = 20
@@ -81,7 +82,7 @@ def main(arguments: list[str] | None = None) -> int:
                 f"no label is shown by {MIN_CLIPS} captured clips or parts of clips, so no paces are known: "
                 f"set fit_prompts to false in {options.folder / SAMPLING_FILE}, if it is true there"
             )
-        encoder = load_text_encoder(options.text_encoder)
+        encoder = load_text_encoder(options.text_encoder, text_width(options.folder))
         vectors = encoder.encode(captions)
         mean, directions, kept = spread_out(vectors, options.most)
         speeds = np.array([measured[text] for text in captions], np.float32)
@@ -99,7 +100,7 @@ def main(arguments: list[str] | None = None) -> int:
         threshold, alarms, misses = best_threshold(near, far)
         paces = replace(paces, threshold=threshold)
         write_paces(options.folder / PACES_FILE, paces)
-    except (CheckpointError, DatasetError, DomainError, UnknownTextEncoder, ConnectionError) as error:
+    except (Problems, DatasetError, DomainError, UnknownTextEncoder, TextWidthMismatch, OSError) as error:
         print(f"error: {error}", file=sys.stderr)
         return 2
     slow, fast = paces.speeds.numpy()[nearest].T

@@ -25,11 +25,13 @@ from motiongen_ardy.data.dataset import MotionDataset
 from motiongen_ardy.model.config import TokenizerConfig
 from motiongen_ardy.model.tokenizer import Tokenizer, build_tokenizer
 from motiongen_ardy.train.feature_bank import FeatureBank, build_feature_bank, measure_stats, natural_layout
-from motiongen_ardy.train.loop import STATE_FILE, Trainer, distributed
+from motiongen_ardy.train.loop import Trainer
 from motiongen_ardy.train.loop_settings import LoopSettings, add_loop_arguments, loop_settings
 from motiongen_ardy.train.losses import captured_kinematics, consistency, kinematic_errors, kinematics, skate, smooth_l1
+from motiongen_ardy.train.processes import distributed
 from motiongen_ardy.train.recipe import read_recipe
 from motiongen_ardy.train.refusals import UNUSABLE
+from motiongen_ardy.train.run_folder import STATE_FILE, held, writing
 
 WEIGHTS = {
     "reconstruction": 1.0,
@@ -114,6 +116,7 @@ class TokenizerTask:
         self.representation = representation
         self.batch = batch
         self.patch = config.patch
+        self.terms = {"skeleton": representation.skeleton.name, "frames a second": str(representation.fps)}
         self.module = TokenizerLoss(build_tokenizer(config, representation))
 
     def kinds(self, _progress: float) -> Sequence[tuple[Hashable, float]]:
@@ -167,7 +170,7 @@ def train_tokenizer(
     config: TokenizerConfig, dataset: MotionDataset, settings: LoopSettings, batch: int, device: str = "cpu"
 ) -> Trainer:
     """Train on a data set's clips and return the finished trainer; its folder holds the result."""
-    with distributed() as (rank, num_processes):
+    with distributed() as (rank, num_processes), held(settings.out, rank):
         torch.manual_seed(settings.seed)
         dataset.require(dataset.skeleton.name, round(dataset.fps))  # models count in whole frames a second
         layout = natural_layout(dataset.skeleton, int(dataset.fps))
@@ -179,7 +182,8 @@ def train_tokenizer(
         else:
             stats = measure_stats(bank, layout)
             if rank == 0:
-                save_stats(stats, settings.out / MOTION_STATS)
+                with writing(settings.out):
+                    save_stats(stats, settings.out / MOTION_STATS)
         representation = Representation(dataset.skeleton, int(dataset.fps), stats).to(device)
         task = TokenizerTask(config, bank, representation, batch)
         task.module.to(device)

@@ -80,6 +80,8 @@ def test_two_channel_orders_of_one_rotation_differ() -> None:
         ("Frames: 2", "Frames: 3"),
         ("Frame Time: 0.0333333", "Frame Time: 1e-310"),
         ("Frame Time: 0.0333333", "Frame Time: 0"),
+        ("Frame Time: 0.0333333", "Frame Time: 33.3333"),
+        ("Frame Time: 0.0333333", "Frame Time: 1e30"),
         ("0 90 0 0 0 90 0 0 0", "0 90 0 0 0 90 0 0"),
         ("0 90 0 0 0 90 0 0 0", "0 90 0 0 0 nan 0 0 0"),
     ],

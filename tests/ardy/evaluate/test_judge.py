@@ -10,6 +10,7 @@ import torch
 from motiongen_ardy.core.skeleton import load_skeleton
 from motiongen_ardy.evaluate.judge import JudgeMissing, TextJudge, frame_dim, judge_frames, load_judge, save_judge
 from motiongen_ardy.evaluate.judge_training import JudgeBatch, contrastive_loss
+from motiongen_ardy.text import load_text_encoder
 from motiongen_ardy.train.feature_bank import natural_layout
 
 LAYOUT = natural_layout(load_skeleton("core27"), 20)
@@ -51,6 +52,19 @@ def test_a_judge_for_other_texts_or_none_is_refused(tmp_path: Path) -> None:
         load_judge(LAYOUT, 17, tmp_path)
 
 
+def test_a_judge_of_another_rate_or_encoder_is_refused(tmp_path: Path) -> None:
+    """Its figures would be numbers without meaning: what it reads is frames, and vectors of one encoder."""
+    with pytest.raises(JudgeMissing, match=r"core27 at 30 frames a second .* it knows motion at 20; train one with"):
+        load_judge(natural_layout(load_skeleton("core27"), 30), 256)
+    save_judge(TextJudge(frame_dim(LAYOUT), 16, 30, "mine"), tmp_path)
+    with pytest.raises(JudgeMissing, match="it knows motion at 30"):
+        load_judge(LAYOUT, 16, tmp_path)
+    save_judge(TextJudge(frame_dim(LAYOUT), 16, 20, "mine"), tmp_path)
+    with pytest.raises(JudgeMissing, match="it knows texts by mine"):
+        load_judge(LAYOUT, 16, tmp_path, "another")
+    assert load_judge(LAYOUT, 16, tmp_path, "mine").text_encoder == "mine"
+
+
 def test_training_brings_pairs_together_and_spares_what_says_the_same() -> None:
     torch.manual_seed(0)
     judge = TextJudge(6, 8)
@@ -71,4 +85,7 @@ def test_training_brings_pairs_together_and_spares_what_says_the_same() -> None:
 def test_the_judge_of_the_package_knows_its_texts() -> None:
     judge = load_judge(LAYOUT, 256)
     assert judge.std.min() > 0
+    assert judge.text_encoder == load_text_encoder("static").identity
+    with pytest.raises(JudgeMissing, match="it knows texts by static-"):
+        load_judge(LAYOUT, 256, text_encoder=load_text_encoder("hashed", 256).identity)
     assert sum(value.numel() for value in judge.state_dict().values()) * 2 < 2_000_000

@@ -28,6 +28,7 @@ class OneWeight:
 
     def __init__(self) -> None:
         self.fingerprint = ""
+        self.terms: dict[str, str] = {}
         self.module = nn.Linear(1, 1)
 
     def kinds(self, progress: float) -> Sequence[tuple[Hashable, float]]:
@@ -69,6 +70,7 @@ def test_a_process_has_its_device_before_anything_is_put_there(monkeypatch: pyte
         done.append(f"put on {device}")
         raise InterruptedError
 
+    monkeypatch.setattr(torch.cuda, "device_count", lambda: 1)
     monkeypatch.setattr(denoiser, "distributed", joined)
     monkeypatch.setattr(denoiser, "load_tokenizer", load)
     monkeypatch.setattr(sys, "argv", ["denoiser", "data", "out", "--tokenizer", "run", "--device", "cuda"])

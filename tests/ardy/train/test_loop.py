@@ -17,9 +17,10 @@ from motiongen_ardy.model.rollout import RolloutRequest, rollout
 from motiongen_ardy.train.denoiser import denoiser_of, train_denoiser
 from motiongen_ardy.train.denoiser_loss import DenoiserLoss
 from motiongen_ardy.train.feature_bank import build_feature_bank, natural_layout
-from motiongen_ardy.train.loop import STATE_FILE, UNFINISHED, ResumeError
+from motiongen_ardy.train.loop import UNFINISHED
 from motiongen_ardy.train.loop_settings import LoopSettings
 from motiongen_ardy.train.recipe import MINI_DENOISER
+from motiongen_ardy.train.run_folder import STATE_FILE, ResumeError
 from motiongen_ardy.train.tokenizer import TokenizerTask, train_tokenizer
 from motiongen_ardy.train.windows import OwnHistory, WindowSampler
 from motiongen_server.runner.facts import model_facts

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import math
 import shutil
+from collections.abc import Callable
 from dataclasses import replace
 from pathlib import Path
 
@@ -16,7 +17,9 @@ from motiongen_ardy.checkpoint.paces_file import PACES_FILE, read_paces
 from motiongen_ardy.core.skeleton import load_skeleton
 from motiongen_ardy.data.dataset import Clip, MotionDataset, Segment
 from motiongen_ardy.text import load_text_encoder
+from motiongen_ardy.train import prompt_domain
 from motiongen_ardy.train.prompt_paces import caption_speeds, main
+from tests.ardy.conftest import GOLDEN
 from tests.ardy.train.clips import swinging_clip
 
 CONFIGS = Path(__file__).parents[3] / "ardy" / "motiongen_ardy" / "train" / "configs"
@@ -65,6 +68,35 @@ def test_the_command_writes_what_a_checkpoint_reads(tmp_path: Path, capsys: pyte
     capsys.readouterr()
     assert main([str(tmp_path / "few"), str(folder)]) == 2
     assert "set fit_prompts to false" in capsys.readouterr().err
+
+
+def test_vectors_of_another_width_than_the_model_takes_are_not_written(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    """They would make the folder one that nothing loads."""
+    clips = [replace(clip(number, 1.0, ("a person walks", "someone goes")), id=f"{number}") for number in range(9)]
+    MotionDataset(load_skeleton("core27"), 20.0, tuple(clips)).save(tmp_path / "data")
+    folder = tmp_path / "checkpoint"
+    shutil.copytree(GOLDEN / "tiny-core27" / "checkpoint", folder)
+    shutil.copy(CONFIGS / "mini-capabilities.yaml", folder / "capabilities.yaml")
+    for command in (main, prompt_domain.main):
+        assert command([str(tmp_path / "data"), str(folder)]) == 2
+        assert "gives vectors of 256 numbers, but the model takes 32" in capsys.readouterr().err
+        assert command([str(tmp_path / "data"), str(folder), "--text-encoder", "hashed"]) == 0
+    paces = load_checkpoint(folder).paces
+    assert paces is not None
+    assert paces.mean.shape == (32,)
+
+
+@pytest.mark.parametrize("command", [main, prompt_domain.main])
+def test_captions_that_do_not_differ_are_told(
+    command: Callable[[list[str]], int], tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    clips = [replace(clip(number, 1.0, ("a person walks",)), id=f"{number}") for number in range(9)]
+    MotionDataset(load_skeleton("core27"), 20.0, tuple(clips)).save(tmp_path / "data")
+    shutil.copy(CONFIGS / "mini-capabilities.yaml", tmp_path / "capabilities.yaml")
+    assert command([str(tmp_path / "data"), str(tmp_path)]) == 2
+    assert "error: no two captions differ, of 1" in capsys.readouterr().err
 
 
 def test_the_built_in_model_knows_how_fast_its_prompts_go() -> None:

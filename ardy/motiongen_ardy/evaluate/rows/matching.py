@@ -8,18 +8,23 @@ import torch
 from motiongen_ardy.evaluate.cases import MOVING, STANDING, Case
 from motiongen_ardy.evaluate.context import Context
 from motiongen_ardy.evaluate.figure import Bound, Sample, summarize
-from motiongen_ardy.evaluate.judge import MAX_FRAMES, load_judge
+from motiongen_ardy.evaluate.judge import MAX_FRAMES
 from motiongen_ardy.evaluate.measures.matching import frechet_distance, ranks
 from motiongen_ardy.evaluate.take import Take
 
 FAMILY = "text"
+MIN_CASES = 2  # of which a spread is known
 
 
 def add(context: Context) -> None:
     """R-precision top-1 to top-3 of the takes beside the captures', and both distances to other captures."""
     cases = [case for case in context.cases if not case.derived and case.num_frames >= 40]
-    judge = load_judge(context.layout, context.sampler.text("").shape[-1])
+    judge = context.judge
+    assert judge is not None, "a command that names these rows has loaded it"
     told, others = cases[::2][: context.size.matched], cases[1::2]
+    if min(len(told), len(others)) < MIN_CASES:
+        context.unjudged.append(f"{FAMILY}: R-precision, of {len(cases)} captured clips of 40 frames")
+        return
     texts = judge.texts(torch.cat([context.sampler.text(case.caption) for case in told]))
     labels = [case.label for case in told]
     captured = judge.embed(context.layout, [case.features for case in told])

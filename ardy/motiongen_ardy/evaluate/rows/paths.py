@@ -130,8 +130,9 @@ def _headings(context: Context) -> None:
         done = [next(results) for _ in group]
         every += done
         context.add_goal("heading", f"{off} degrees off the way", "degrees", done, measure, bound="heading")
-        title = f"heading {off} off the way: {measure(done[0]):.0f} degrees off"
-        context.show("heading", [Exhibit(title, done[0], path=_asked(done[0]))])
+        for first in done[:1]:
+            title = f"heading {off} off the way: {measure(first):.0f} degrees off"
+            context.show("heading", [Exhibit(title, first, path=_asked(first))])
     context.add_goal("heading", "while moving, all: root", "m", every, off_path)
 
 

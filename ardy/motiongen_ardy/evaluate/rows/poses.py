@@ -15,13 +15,13 @@ from motiongen_ardy.evaluate.cases import HISTORY, Case
 from motiongen_ardy.evaluate.context import Context, Exhibit
 from motiongen_ardy.evaluate.take import Result, Take
 
-AHEAD = 30
+AHEAD_S = 1.5
 HEAD_TURN_DEG = 45
 LOWER_M = 0.10
 
 
 def add(context: Context) -> None:
-    """All rows of poses, of the clip's own pose 1.5 s ahead."""
+    """All rows of poses, of the clip's own pose 1.5 s ahead; none of heads of skeletons that have none."""
     forms: dict[str, tuple[str, tuple[int, ...]]] = {"keyframe, body": ("keyframe", _all(context))}
     chains = limb_chains(context.skeleton)
     forms |= {
@@ -30,8 +30,9 @@ def add(context: Context) -> None:
         "both hands": ("hand", (chains["LeftHand"][0], chains["RightHand"][0])),
     }
     limbs = {"one hand": ["RightHand"], "one foot": ["LeftFoot"], "both hands": ["LeftHand", "RightHand"]}
-    frame = HISTORY - 1 + AHEAD
-    takes: dict[str, list[Take]] = {name: [] for name in (*forms, "head rotation", "root height")}
+    frame = HISTORY - 1 + context.frames(AHEAD_S)
+    heads = ["head rotation"] if "Head" in context.skeleton.joint_names else []
+    takes: dict[str, list[Take]] = {name: [] for name in (*forms, *heads, "root height")}
     for number, case in enumerate(context.both(frame + 1)):
         for name, group in takes.items():
             targets = Targets(context.skeleton)
@@ -62,7 +63,7 @@ def add(context: Context) -> None:
         else:
             context.add_goal("pose", f"{name}, {LOWER_M * 100:g} cm lower", "m", done, _height(frame), bound="keyframe")
         title = f"{name} at frame {frame}"
-        context.show("pose", [Exhibit(title, result) for result in (done[0], done[-1])])
+        context.show("pose", [Exhibit(title, result) for result in (*done[:1], *done[-1:])])
 
 
 def _all(context: Context) -> tuple[int, ...]:
@@ -76,8 +77,8 @@ def _take(case: Case, name: str, seed: int, frame: int, targets: Targets) -> Tak
 
 def _ask(targets: Targets, name: str, frame: int, pose: Tensor, turns: Tensor, side: int) -> None:
     """The clip's root with its head turned aside, or lowered."""
-    head = targets.skeleton.index("Head")
     if name == "head rotation":
+        head = targets.skeleton.index("Head")
         aside = rotation_y(torch.tensor(math.radians(side * HEAD_TURN_DEG))) @ turns[head]
         targets.add_joints(frame, [0, head], pose[[0, head]])
         targets.add_joints(frame, [head], pose[[head]], aside[None])

@@ -31,7 +31,7 @@ def add(context: Context) -> None:
     minutes = context.size.long_s / 60
     captured = [case.motion.positions for case in context.cases if not case.derived]
     shares = [glide_share(context.skeleton, positions, context.fps) for positions in captured]
-    glide_of_data = np.average(shares, weights=[len(positions) for positions in captured])
+    glide_of_data = float(np.average(shares, weights=[len(one) for one in captured])) if captured else None
     for result in context.run(takes):
         name = f"{minutes:g} minutes, seed {result.take.seed}"
         figures = _figures(context, result)
@@ -39,7 +39,7 @@ def add(context: Context) -> None:
             glide = row == "glide share"
             bound = context.bound("glide share") if glide else None
             sample = [Sample(name, value)]
-            data = float(glide_of_data) if glide else None
+            data = glide_of_data if glide else None
             context.add(summarize((FAMILY, f"{name}: {row}", MOVING), unit, sample, bound=bound, data=data))
         context.show(FAMILY, [Exhibit(f"{name}: last 15 s", result_frames(result, -15 * context.fps))])
 
@@ -61,14 +61,15 @@ def _figures(context: Context, result: Result) -> dict[str, tuple[str, float]]:
     # Seconds of each session's own tenth: an hour that sinks by a millimetre a minute shows in the last one.
     tenth = max(fps, len(positions) // 10)
     low = foot_joints(skeleton, positions)[..., 1].amin(dim=-1)
-    tilt = over_seconds(lean(skeleton, positions), fps, 2)
     moving = torch.cat([torch.arange(first, end) for first, end, text in _spans(result) if "stand" not in text])
-    return {
+    figures = {
         "glide share": ("", glide_share(skeleton, positions, fps)),
         "drift of the ground": ("m", float((low[-tenth:].mean() - low[:tenth].mean()).abs())),
-        "lean, largest over 2 s": ("degrees", float(tilt.max())),
-        "frozen share under prompts that move": ("", frozen_share(positions[moving], fps)),
     }
+    if "Neck" in skeleton.joint_names:
+        figures["lean, largest over 2 s"] = ("degrees", float(over_seconds(lean(skeleton, positions), fps, 2).max()))
+    figures["frozen share under prompts that move"] = ("", frozen_share(positions[moving], fps))
+    return figures
 
 
 def _spans(result: Result) -> list[tuple[int, int, str]]:

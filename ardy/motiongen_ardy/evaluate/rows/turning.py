@@ -90,11 +90,11 @@ def _gestures(context: Context) -> None:
 @torch.no_grad()
 def _reconstruction(context: Context) -> None:
     """Joint error of clips that are encoded and decoded, 6 s of each at most, with no denoising."""
-    layout, codec = context.layout, context.sampler.model.codec
+    layout, codec, patch = context.layout, context.sampler.model.codec, context.sampler.model.config.patch
     for group in (MOVING, STANDING):
         samples = []
         for case in context.chosen(group, 16, 60):
-            length = min(case.num_frames // 4 * 4, 6 * context.fps)
+            length = min(case.num_frames, 6 * context.fps) // patch * patch
             frames = case.features[None, :length]
             tokens = codec.to_hybrid(layout.normalize(frames))
             decoded = layout.denormalize(codec.from_hybrid(tokens, torch.tensor([length])))[0]

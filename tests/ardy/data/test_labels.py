@@ -1,0 +1,46 @@
+"""The labels table: what it says is taken whole or refused, and nothing of it is lost without a word."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import pytest
+
+from motiongen_ardy.data.labels import LabelsError, read_labels
+from tests.ardy.data.captures import HEADER, write_table
+
+GOOD = "a,a.bvh,walk,normal,train,he walks"
+
+
+def test_a_text_with_commas_and_quotes_is_taken_whole(tmp_path: Path) -> None:
+    row = 'b,b.bvh,walk,normal,train,"he walks, then says ""hello""|she walks"'
+    _, label = read_labels(write_table(tmp_path / "labels.csv", GOOD, row))
+    assert label.texts == ('he walks, then says "hello"', "she walks")
+
+
+@pytest.mark.parametrize(
+    ("row", "said"),
+    [
+        ("b,b.bvh,walk,normal,train,he walks, and waves", "line 3: 1 cells more than the header has columns"),
+        ('b,b.bvh,walk,normal,train,"he walks', "cannot be read: unexpected end of data; a cell in quotation marks"),
+        ('b,b.bvh,walk,normal,train,"he" walks', "after line 2: cannot be read: .* a cell in quotation marks"),
+        ("b,./a.bvh,walk,normal,test,he walks", "line 3: 'b' has the file of 'a', ./a.bvh; a file has one row"),
+        ("b,x/../a.bvh,walk,normal,train,he walks", "'b' has the file of 'a'"),
+    ],
+)
+def test_what_would_be_lost_or_told_twice_is_refused(row: str, said: str, tmp_path: Path) -> None:
+    with pytest.raises(LabelsError, match=said):
+        read_labels(write_table(tmp_path / "labels.csv", GOOD, row))
+
+
+def test_a_quotation_mark_left_open_does_not_take_in_the_rows_after_it(tmp_path: Path) -> None:
+    rows = (GOOD, 'b,b.bvh,walk,normal,train,"he walks', "c,c.bvh,walk,normal,train,she walks")
+    with pytest.raises(LabelsError, match="after line 2"):
+        read_labels(write_table(tmp_path / "labels.csv", *rows))
+
+
+def test_a_column_that_is_there_twice_is_refused(tmp_path: Path) -> None:
+    path = write_table(tmp_path / "labels.csv", GOOD + ",she walks")
+    path.write_text(path.read_text().replace(HEADER, HEADER + ",texts"))
+    with pytest.raises(LabelsError, match="columns are there twice: texts"):
+        read_labels(path)

@@ -11,7 +11,7 @@ from typing import NoReturn
 import grpc
 import pytest
 
-from motiongen.v1 import session_pb2
+from motiongen.v1 import service_pb2, session_pb2
 from motiongen_compliance.heard import Heard
 from motiongen_server.engine.types import Code, Outcome, Output, SessionKey
 from motiongen_server.identity.callers import Callers
@@ -104,6 +104,7 @@ async def test_a_fault_in_one_stream_s_outputs_ends_that_stream_and_others_have_
         faulty.add(stream_of(heard))
         number = stream_of(await (await other.hello()).open(1))
         told = Outcome(SessionKey(number, 9), 77, Code.NOT_FOUND, reason="TOLD", message="told")
+        other.note(service_pb2.StreamMotionRequest(events=[session_pb2.SessionEvent(session=9, event_seq=77)]))
         server.service.deliver([*(Outcome(SessionKey(each, 1), 2, Code.OK) for each in faulty), told])
         assert await end_of(first) == (grpc.StatusCode.INTERNAL, "INTERNAL")
         await other.until(lambda: 9 in other.sessions and other.sessions[9].outcomes)

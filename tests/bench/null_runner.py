@@ -12,7 +12,8 @@ from dataclasses import replace
 import numpy as np
 from numpy.typing import NDArray
 
-from motiongen_server.engine.types import ChannelBlock, RigLayout, RowStatus, WindowJob, WindowResult
+from motiongen_server.engine.standing_runner import StandingRunner
+from motiongen_server.engine.types import ChannelBlock, RigLayout, RowStatus
 from tests.server.engine import fakes
 
 NUM_JOINTS = 27
@@ -43,48 +44,19 @@ FACTS = replace(
 )
 
 
-class NullRunner:
-    """Satisfies `motiongen_server.engine.ports.Runner`; every window rests. step_s: what a step waits."""
+class NullRunner(StandingRunner):
+    """Of the built-in rig. step_s: what a step waits."""
 
     facts = FACTS
 
     def __init__(self, step_s: float = 0.0) -> None:
+        super().__init__(FACTS)
         self._step_s = step_s
-        self._steps_done: dict[int, int] = {}
-        self._frames = np.zeros((FACTS.horizon, FACTS.row_width), np.float32)
-        self._frames[:, 3 : 3 + 4 * NUM_JOINTS : 4] = 1.0
-        self._features = np.zeros((FACTS.horizon, FACTS.feature_dim), np.float32)
-        self._tokens = np.zeros((FACTS.horizon // FACTS.patch, FACTS.token_width), np.float32)
-
-    def num_passes(self, job: WindowJob) -> int:
-        del job
-        return 1
-
-    def features(self, rows: NDArray[np.float32]) -> NDArray[np.float32]:
-        return np.zeros((len(rows), FEATURE_DIM), np.float32)
-
-    def outputs(self, names: Sequence[str], rows: NDArray[np.float32]) -> NDArray[np.float32]:
-        """None are offered."""
-        raise NotImplementedError(f"no outputs {names} of {len(rows)} rows")
-
-    def prepare(self, jobs: Sequence[WindowJob]) -> None:
-        self._steps_done.update((job.job_id, 0) for job in jobs)
 
     def denoise(self, job_ids: Sequence[int]) -> list[RowStatus]:
         if self._step_s:
             time.sleep(self._step_s)
-        for job_id in job_ids:
-            self._steps_done[job_id] += 1
-        return [RowStatus(job_id, self._steps_done[job_id], finite=True) for job_id in job_ids]
-
-    def decode(self, job_ids: Sequence[int]) -> list[WindowResult]:
-        for job_id in job_ids:
-            del self._steps_done[job_id]
-        return [WindowResult(job_id, self._frames, self._features, self._tokens) for job_id in job_ids]
-
-    def discard(self, job_ids: Sequence[int]) -> None:
-        for job_id in job_ids:
-            self._steps_done.pop(job_id, None)
+        return super().denoise(job_ids)
 
 
 class NullEncoder:

@@ -15,21 +15,17 @@ import numpy as np
 
 from motiongen_server.engine.config import EngineConfig
 from motiongen_server.engine.engine import Engine
+from motiongen_server.engine.standing_runner import StandingRunner
 from motiongen_server.engine.types import (
-    ChannelBlock,
     Chunk,
-    Float32Array,
     ModelFacts,
     Open,
     Output,
     Playhead,
     Priority,
     Prompt,
-    RowStatus,
     SessionKey,
     SessionSpec,
-    WindowJob,
-    WindowResult,
 )
 
 _SESSIONS = 192
@@ -52,7 +48,7 @@ def own_time_s(facts: ModelFacts, config: EngineConfig, processor_s: Callable[[]
                 screens[output.session.handle].hear(output, clock.now())
 
     everybody = replace(config, max_sessions=_SESSIONS, admit_load=(inf, inf, inf, inf), degrade=False, snapshots=False)
-    engine = Engine(_Standing(facts), clock, deliver, everybody)
+    engine = Engine(StandingRunner(facts), clock, deliver, everybody)
     windows, used_s, num_steps = 0, 0.0, min(facts.default_steps, _MOST_STEPS)
     opening = ceil(facts.horizon / facts.fps / _ROUND_S)  # as long as a window plays, so that as many begin each round
     rounds_each = max(1 / _WINDOW_ROUNDS, _SESSIONS / opening / config.max_rows)
@@ -94,58 +90,6 @@ class _Screen:
 
     def frame(self, now: float, fps: float) -> int:
         return min(self.end - 1, int(fps * (now - self.begun_at)))
-
-
-class _Standing:
-    """Makes characters stand, in no time. Satisfies `motiongen_server.engine.ports.Runner`."""
-
-    def __init__(self, facts: ModelFacts) -> None:
-        self.facts = facts
-        self._steps_done: dict[int, int] = {}
-        self._frames = np.concatenate([_resting(block, facts.horizon) for block in facts.rig.blocks], axis=1)
-        self._features = np.zeros((facts.horizon, facts.feature_dim), np.float32)
-        self._tokens = np.zeros((facts.horizon // facts.patch, facts.token_width), np.float32)
-
-    def num_passes(self, job: WindowJob) -> int:
-        """One each."""
-        del job
-        return 1
-
-    def features(self, rows: Float32Array) -> Float32Array:
-        """Zeros."""
-        return np.zeros((len(rows), self.facts.feature_dim), np.float32)
-
-    def outputs(self, names: Sequence[str], rows: Float32Array) -> Float32Array:
-        """Nobody asks for any."""
-        raise NotImplementedError(f"no outputs {names} of {len(rows)} rows")
-
-    def prepare(self, jobs: Sequence[WindowJob]) -> None:
-        """Take in new jobs."""
-        self._steps_done.update((job.job_id, 0) for job in jobs)
-
-    def denoise(self, job_ids: Sequence[int]) -> list[RowStatus]:
-        """Count their steps."""
-        for job_id in job_ids:
-            self._steps_done[job_id] += 1
-        return [RowStatus(job_id, self._steps_done[job_id], finite=True) for job_id in job_ids]
-
-    def decode(self, job_ids: Sequence[int]) -> list[WindowResult]:
-        """The same frames for all."""
-        self.discard(job_ids)
-        return [WindowResult(job_id, self._frames, self._features, self._tokens) for job_id in job_ids]
-
-    def discard(self, job_ids: Sequence[int]) -> None:
-        """Forget jobs."""
-        for job_id in job_ids:
-            self._steps_done.pop(job_id, None)
-
-
-def _resting(block: ChannelBlock, frames: int) -> Float32Array:
-    """(frames, its width): no rotation, and zeros."""
-    values = np.zeros((frames, block.width), np.float32)
-    if block.name == "joint_rotation_quat_wxyz":
-        values[:, ::4] = 1.0
-    return values
 
 
 def _spec(facts: ModelFacts, handle: int, num_steps: int) -> SessionSpec:

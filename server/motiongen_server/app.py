@@ -31,8 +31,8 @@ from motiongen_server.ops.metrics import Metrics
 from motiongen_server.ops.port import OpsPort
 from motiongen_server.ops.tracing import WindowSpans, open_window_spans
 from motiongen_server.replicas.opening import open_other_servers
+from motiongen_server.rpc.calls.health import Health
 from motiongen_server.rpc.handlers import SERVICE_NAME
-from motiongen_server.rpc.health import Health
 from motiongen_server.rpc.service import MotionService
 from motiongen_server.rpc.starting import StartingService
 from motiongen_server.settings import SettingError

@@ -11,11 +11,11 @@ from motiongen_server.addresses import join_address
 from motiongen_server.config import ServerConfig
 from motiongen_server.identity.setup import listen
 from motiongen_server.identity.tls import ServerTls
+from motiongen_server.rpc.calls.health import SERVICE_NAME as HEALTH_NAME
+from motiongen_server.rpc.calls.health import Health, add_health
+from motiongen_server.rpc.calls.reflection import add_reflection
+from motiongen_server.rpc.calls.requests import Requests
 from motiongen_server.rpc.handlers import SERVICE_NAME, Handlers, add_methods
-from motiongen_server.rpc.health import SERVICE_NAME as HEALTH_NAME
-from motiongen_server.rpc.health import Health, add_health
-from motiongen_server.rpc.reflection import add_reflection
-from motiongen_server.rpc.requests import Requests
 from motiongen_server.transport import make_grpc_server
 
 

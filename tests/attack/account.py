@@ -27,7 +27,8 @@ CORNERS = [0.0, 1.0]
 class Flood:
     """Messages that are alike. events: of the message of a number. cost: of one message, at least, in tokens.
 
-    Costs are written down here once more, as `rpc/budget.py` explains them, so that one that is lost there is noticed.
+    Costs are written down here once more, as `rpc/budgets/stream_budget.py` explains them, so that one that is lost
+    there is noticed.
     """
 
     name: str

@@ -23,11 +23,11 @@ with atheris.instrument_imports(include=["motiongen_server.rpc", "motiongen_serv
     from motiongen_server.models.registry import LoadedModel, ModelRegistry
     from motiongen_server.rpc.clip.request import check_extent, clip_request, clip_specs
     from motiongen_server.rpc.convert import UNENCODED
-    from motiongen_server.rpc.stream import Stream
-    from motiongen_server.rpc.stream_reader import StreamReader
+    from motiongen_server.rpc.streams.reader import StreamReader
+    from motiongen_server.rpc.streams.stream import Stream
     from motiongen_server.snapshots.record import SessionRecord
 
-from tests.server.rpc.test_event_order import Engine, Prompts, make_catalog
+from tests.server.rpc.streams.test_event_order import Engine, Prompts, make_catalog
 from tests.server.snapshots.records import a_record
 
 Event = session_pb2.SessionEvent

@@ -56,7 +56,7 @@ def server_process(module: str, *arguments: str, revision: Revision | None = Non
     Its state folder is its own: what the user's holds, or what runs before have left there, would be measured too.
     """
     tree, environment = (ROOT, dict(os.environ)) if revision is None else (revision.tree, revision.environment)
-    is_known = "--port" in arguments and (tree / "server/motiongen_server/rpc/loop_time.py").exists()
+    is_known = "--port" in arguments and any((tree / "server/motiongen_server/rpc").rglob("loop_time.py"))
     unbounded = NO_LOOP_SHARE if is_known and NO_LOOP_SHARE[0] not in arguments else ()
     command = [sys.executable, "-m", module, *arguments, *unbounded]
     with tempfile.TemporaryDirectory(prefix="motiongen-null-") as state:

@@ -20,10 +20,10 @@ from motiongen_server.identity.tls import ServerTls
 from motiongen_server.models.registry import LoadedModel, ModelRegistry
 from motiongen_server.replicas.other_servers import OtherServers
 from motiongen_server.rpc.abilities import NOTHING_CLAIMED, Abilities
+from motiongen_server.rpc.budgets.loop_time import UNLIMITED
 from motiongen_server.rpc.catalog import Catalog
 from motiongen_server.rpc.handlers import add_methods
 from motiongen_server.rpc.limits import Limits, PeerLimits, ServiceLimits
-from motiongen_server.rpc.loop_time import UNLIMITED
 from motiongen_server.rpc.service import MotionService
 from motiongen_server.snapshots.store import SnapshotStore
 from motiongen_server.text.prompts import PromptEncoder

@@ -13,7 +13,7 @@ import pytest
 from motiongen_client import LinePolicy, MotionClient, Session, SessionOptions, backoff, calls
 from motiongen_server.replicas.directory import Replica
 from motiongen_server.replicas.other_servers import OtherServers
-from motiongen_server.rpc import event_errors
+from motiongen_server.rpc.errors import events as event_errors
 from motiongen_server.snapshots import writer
 from motiongen_server.snapshots.sqlite_store import SqliteStore
 from motiongen_server.snapshots.store import Held, Lease, Renewal, StoreFailed

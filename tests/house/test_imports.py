@@ -39,6 +39,13 @@ PARTS = ("ardy", "server", "client/python", "client/tools", "compliance", "proto
 ARDY = "ardy/motiongen_ardy"
 SERVER = "server/motiongen_server"
 
+CALLS = "grpc google.protobuf ~.rpc.calls ~.rpc.budgets ~.rpc.errors ~.rpc.limits ~.errors ~.engine.types ~.identity"
+SESSIONS = (
+    "numpy motiongen ~.rpc.sessions ~.rpc.convert ~.rpc.budgets ~.rpc.errors ~.rpc.limits ~.rpc.send_queue"
+    " ~.rpc.sparing_log ~.rpc.stream_metrics ~.errors ~.engine.types ~.models.registry ~.snapshots ~.text"
+)
+STREAMS = "grpc ~.rpc.streams ~.rpc.calls ~.rpc.handlers ~.rpc.request_parts ~.rpc.wire_fields ~.identity ~.replicas"
+
 # The first room that holds a file decides. `~` in `may` stands for the server's own package.
 ROOMS = (
     room("proto/generate.py", "google grpc_tools"),
@@ -75,9 +82,15 @@ ROOMS = (
     ),
     room(f"{SERVER}/rpc/catalog.py", "motiongen ~.rpc.abilities ~.engine.types ~.rpc.limits ~.text.presets"),
     room(f"{SERVER}/rpc/abilities.py", "numpy ~.engine.types"),
-    room(f"{SERVER}/rpc/send_queue.py {SERVER}/rpc/token_bucket.py {SERVER}/rpc/limits.py", "~.engine.types"),
-    room(f"{SERVER}/rpc/health.py", "grpc grpc_health ~.errors ~.rpc"),
-    room(f"{SERVER}/rpc/reflection.py", "grpc grpc_reflection google.protobuf ~.rpc"),
+    room(f"{SERVER}/rpc/send_queue.py {SERVER}/rpc/budgets/token_bucket.py {SERVER}/rpc/limits.py", "~.engine.types"),
+    # errors know nobody, budgets errors, calls and sessions budgets, streams sessions; the servicer all of them
+    room(f"{SERVER}/rpc/errors", "grpc ~.errors ~.engine.types ~.rpc.errors"),
+    room(f"{SERVER}/rpc/budgets", "~.rpc.budgets ~.rpc.errors ~.rpc.limits ~.engine.types ~.errors ~.identity"),
+    room(f"{SERVER}/rpc/calls/health.py", f"grpc_health {CALLS}"),
+    room(f"{SERVER}/rpc/calls/reflection.py", f"grpc_reflection {CALLS}"),
+    room(f"{SERVER}/rpc/calls", CALLS),
+    room(f"{SERVER}/rpc/sessions", SESSIONS),
+    room(f"{SERVER}/rpc/streams", f"{STREAMS} {SESSIONS}"),
     room(
         f"{SERVER}/rpc",
         "grpc google motiongen numpy ~.rpc ~.text ~.errors ~.config"
@@ -97,9 +110,8 @@ ROOMS = (
     room(
         f"{SERVER}/text/encoder",
         f"{GRPC} google motiongen motiongen_ardy.text numpy prometheus_client torch"
-        " ~.text ~.ops ~.errors ~.addresses ~.config ~.settings ~.background ~.engine.types ~.rpc.token_bucket"
-        " ~.identity ~.protection ~.rpc.call_admission ~.rpc.call_context ~.rpc.health ~.rpc.limits ~.rpc.peers"
-        " ~.rpc.requests ~.transport",
+        " ~.text ~.ops ~.errors ~.addresses ~.config ~.settings ~.background ~.engine.types ~.rpc.budgets.token_bucket"
+        " ~.identity ~.protection ~.rpc.calls ~.rpc.limits ~.rpc.budgets.peers ~.transport",
     ),
     room(f"{SERVER}/models/loader.py", "motiongen_ardy.text ~"),
     room(f"{SERVER}/models/repertoire.py", "numpy motiongen_ardy.capabilities ~"),
@@ -123,8 +135,7 @@ ROOMS = (
     room(f"{SERVER}/transport.py", "grpc ~.config ~.settings ~.rpc.limits"),
     room(
         f"{SERVER}/grpc_port.py",
-        f"{GRPC} ~.addresses ~.config ~.identity.setup ~.identity.tls ~.rpc.handlers ~.rpc.health ~.rpc.reflection"
-        " ~.rpc.requests ~.transport",
+        f"{GRPC} ~.addresses ~.config ~.identity.setup ~.identity.tls ~.rpc.handlers ~.rpc.calls ~.transport",
     ),
     room(f"{SERVER}/app.py {SERVER}/run.py {SERVER}/__main__.py", f"{GRPC} google motiongen ~"),
     room(SERVER, ""),

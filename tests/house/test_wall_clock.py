@@ -10,7 +10,7 @@ CALENDAR = {
     "server/motiongen_server/identity/callers.py": "whether a token has expired",
     "server/motiongen_server/ops/tracing.py": "the dates of spans",
     "server/motiongen_server/snapshots/sqlite_store.py": "when a record expires that no server renews",
-    "server/motiongen_server/rpc/stream_reader.py": "the server's time, which only clients are told",
+    "server/motiongen_server/rpc/streams/reader.py": "the server's time, which only clients are told",
 }
 READS = {
     "time.time",

@@ -12,7 +12,7 @@ from grpc_health.v1 import health_pb2, health_pb2_grpc
 
 from motiongen_server.grpc_port import GrpcPort
 from motiongen_server.identity.tls import ServerTls, TlsFiles
-from motiongen_server.rpc.health import Health
+from motiongen_server.rpc.calls.health import Health
 from motiongen_server.rpc.starting import StartingService
 from motiongen_server.settings import SettingError
 from tests.server.application import NOT_SERVING, SERVING, config

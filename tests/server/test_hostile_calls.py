@@ -17,8 +17,8 @@ from grpc_status import rpc_status
 
 from motiongen.v1 import service_pb2, service_pb2_grpc, session_pb2
 from motiongen_compliance.talk import Talk
-from motiongen_server.rpc import stream_writer
 from motiongen_server.rpc.limits import PeerLimits, ServiceLimits
+from motiongen_server.rpc.streams import writer as stream_writer
 from tests.attack.hostile_calls import NARROW
 from tests.channels import ALONE
 from tests.contract.local import LocalServer

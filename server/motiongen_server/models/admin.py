@@ -15,9 +15,9 @@ from motiongen_server.identity.caller import Role
 from motiongen_server.identity.callers import Callers
 from motiongen_server.models.manager import CannotKeep, ModelManager
 from motiongen_server.models.registry import LoadedModel, ModelState
-from motiongen_server.rpc.call_context import CallContext, unary_method
-from motiongen_server.rpc.issuer_keys import keys_for
-from motiongen_server.rpc.requests import Requests, parsed_as
+from motiongen_server.rpc.calls.context import CallContext, unary_method
+from motiongen_server.rpc.calls.issuer_keys import keys_for
+from motiongen_server.rpc.calls.requests import Requests, parsed_as
 
 MAX_GRACE_S = 3600.0
 SERVICE_NAME = admin_pb2.DESCRIPTOR.services_by_name["MotionAdminService"].full_name

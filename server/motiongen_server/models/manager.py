@@ -13,7 +13,7 @@ from motiongen_server.engine.engine_port import EnginePort
 from motiongen_server.engine.types import Code
 from motiongen_server.models.registry import LoadedModel, ModelRegistry, ModelState
 from motiongen_server.ops.memory import settle_again
-from motiongen_server.rpc.event_errors import model_failed, model_reloading
+from motiongen_server.rpc.errors.events import model_failed, model_reloading
 from motiongen_server.settings import SettingError
 
 _log = logging.getLogger(__name__)

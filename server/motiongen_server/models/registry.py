@@ -11,7 +11,7 @@ from motiongen.v1 import service_pb2
 from motiongen_server.engine.engine_port import EnginePort
 from motiongen_server.errors import EventRefused
 from motiongen_server.rpc.catalog import Catalog
-from motiongen_server.rpc.event_errors import unknown_model
+from motiongen_server.rpc.errors.events import unknown_model
 from motiongen_server.rpc.limits import Limits
 from motiongen_server.text.prompts import PromptEncoder
 

@@ -9,8 +9,8 @@ import grpc
 import grpc.aio
 
 from motiongen.v1 import service_pb2
-from motiongen_server.rpc.call_context import CallContext, streaming_method, unary_method
-from motiongen_server.rpc.requests import Requests
+from motiongen_server.rpc.calls.context import CallContext, streaming_method, unary_method
+from motiongen_server.rpc.calls.requests import Requests
 
 SERVICE = service_pb2.DESCRIPTOR.services_by_name["MotionService"]
 SERVICE_NAME = SERVICE.full_name

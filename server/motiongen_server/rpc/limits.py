@@ -58,11 +58,11 @@ class PeerLimits:
     """Of all that one address has open together.
 
     calls: for catalogues and clips, open at once. events_per_second: tokens, of which an event takes one; see
-    `rpc.budget`. prompts_per_second: texts that were not known. calls_per_second: new streams, clips, catalogues.
-    bytes_per_second: received. session_weight: of `peers.SESSION_WEIGHTS`; heroes, nears, crowds, batches: sessions of
-    each class. clip_samples: under way. share: its weight beside others where there is more to denoise than time;
-    steps_per_second: rows of denoising steps. waiting_bytes: of events that wait for prompts to be encoded, or for the
-    store. held_bytes: of messages that wait until they are paid for, with what they are taken apart into.
+    `budgets.stream_budget`. prompts_per_second: texts that were not known. calls_per_second: new streams, clips,
+    catalogues. bytes_per_second: received. session_weight: of `peers.SESSION_WEIGHTS`; heroes, nears, crowds, batches:
+    sessions of each class. clip_samples: under way. share: its weight beside others where there is more to denoise than
+    time; steps_per_second: rows of denoising steps. waiting_bytes: of events that wait for prompts to be encoded, or
+    for the store. held_bytes: of messages that wait until they are paid for, with what they are taken apart into.
     """
 
     streams: int = 1024
@@ -93,7 +93,7 @@ class ServiceLimits:
     calls for clips that are under way. max_waiting_bytes: of unsent updates, answers that clients have not confirmed,
     and what has come and waits, of all streams together. reconnect_after_s: when clients are told to connect again as
     the server goes away; 0: at once. loop_share: of the event loop's time, what clients' messages may take; see
-    `rpc.loop_time`.
+    `rpc.budgets.loop_time`.
     """
 
     max_streams: int = 2048

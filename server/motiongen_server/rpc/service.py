@@ -18,28 +18,28 @@ from motiongen_server.identity.caller import Caller
 from motiongen_server.identity.callers import Callers
 from motiongen_server.models.registry import LoadedModel, ModelRegistry
 from motiongen_server.replicas.other_servers import OtherServers
-from motiongen_server.rpc.call_admission import CallAdmission
-from motiongen_server.rpc.call_context import CallContext, refuse
-from motiongen_server.rpc.call_work import begin_work, work_for
+from motiongen_server.rpc.budgets.gateway_lag import GatewayLag
+from motiongen_server.rpc.budgets.loop_time import CLOCKS, Clocks, LoopTime
+from motiongen_server.rpc.budgets.peers import Peer
+from motiongen_server.rpc.budgets.waiting_memory import WaitingMemory
+from motiongen_server.rpc.calls.admission import CallAdmission
+from motiongen_server.rpc.calls.context import CallContext, refuse
+from motiongen_server.rpc.calls.requests import parsed_as
+from motiongen_server.rpc.calls.work import begin_work, work_for
 from motiongen_server.rpc.clip import ClipService, clip_request
-from motiongen_server.rpc.durability import Durability
-from motiongen_server.rpc.gateway_lag import GatewayLag
-from motiongen_server.rpc.goodbye import say_draining
+from motiongen_server.rpc.errors.streams import stream_failed, too_many_streams
 from motiongen_server.rpc.handlers import StreamContext
-from motiongen_server.rpc.kept_sessions import KeptSessions
 from motiongen_server.rpc.limits import OTHER_CALLS, ServiceLimits
-from motiongen_server.rpc.loop_time import CLOCKS, Clocks, LoopTime
-from motiongen_server.rpc.peers import Peer
-from motiongen_server.rpc.requests import parsed_as
-from motiongen_server.rpc.session_entry import Carrier
-from motiongen_server.rpc.stream import Stream
-from motiongen_server.rpc.stream_errors import stream_failed, too_many_streams
+from motiongen_server.rpc.sessions.durability import Durability
+from motiongen_server.rpc.sessions.entry import Carrier
+from motiongen_server.rpc.sessions.kept_sessions import KeptSessions
 from motiongen_server.rpc.stream_metrics import NoStreamMetrics, StreamMetrics
-from motiongen_server.rpc.stream_reader import StreamReader
-from motiongen_server.rpc.stream_tracing import RecordWindow, StreamTracing
-from motiongen_server.rpc.stream_watch import StreamWatch
-from motiongen_server.rpc.stream_writer import cut, write
-from motiongen_server.rpc.waiting_memory import WaitingMemory
+from motiongen_server.rpc.streams.goodbye import say_draining
+from motiongen_server.rpc.streams.reader import StreamReader
+from motiongen_server.rpc.streams.stream import Stream
+from motiongen_server.rpc.streams.tracing import RecordWindow, StreamTracing
+from motiongen_server.rpc.streams.watch import StreamWatch
+from motiongen_server.rpc.streams.writer import cut, write
 from motiongen_server.snapshots.store import SnapshotStore
 
 _log = logging.getLogger(__name__)

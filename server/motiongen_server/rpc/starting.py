@@ -8,7 +8,7 @@ import grpc
 
 from motiongen.v1 import service_pb2
 from motiongen_server.errors import StreamRefused
-from motiongen_server.rpc.call_context import CallContext
+from motiongen_server.rpc.calls.context import CallContext
 from motiongen_server.rpc.handlers import StreamContext
 from motiongen_server.rpc.service import MotionService
 

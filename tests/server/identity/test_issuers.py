@@ -14,12 +14,12 @@ from motiongen.v1 import service_pb2, service_pb2_grpc
 from motiongen_server.identity import callers
 from motiongen_server.identity.jwt_tokens import unchecked
 from motiongen_server.identity.tokens import new_token
-from motiongen_server.rpc import check_budget
+from motiongen_server.rpc.budgets import check_budget
 from motiongen_server.rpc.limits import PeerLimits, ServiceLimits
 from tests.server.identity.files import TenantsFile, bearer
 from tests.server.identity.issuer import Issuer
 from tests.server.identity.test_streams import connected
-from tests.server.rpc.test_stream_watch import end_of
+from tests.server.rpc.streams.test_stream_watch import end_of
 
 
 @pytest.fixture

@@ -17,11 +17,11 @@ from motiongen.v1 import service_pb2, service_pb2_grpc, session_pb2
 from motiongen_compliance.heard import RuleBroken
 from motiongen_compliance.talk import Talk
 from motiongen_server.identity.tokens import new_token
+from motiongen_server.rpc.budgets.peers import Peers
 from motiongen_server.rpc.limits import PeerLimits, ServiceLimits
-from motiongen_server.rpc.peers import Peers
 from tests.contract.local import LocalServer
 from tests.server.identity.files import TenantsFile, bearer
-from tests.server.rpc.test_stream_watch import end_of
+from tests.server.rpc.streams.test_stream_watch import end_of
 from tests.waiting import LIMIT_S
 
 HERO = session_pb2.PRIORITY_CLASS_HERO

@@ -10,7 +10,7 @@ from motiongen_server.engine.types import Code, Guidance, ModelFacts
 from motiongen_server.errors import EventRefused
 from motiongen_server.models.registry import LoadedModel, ModelRegistry
 from motiongen_server.rpc.catalog import Catalog
-from motiongen_server.rpc.event_errors import model_failed
+from motiongen_server.rpc.errors.events import model_failed
 from motiongen_server.rpc.limits import Limits
 from motiongen_server.text.prompts import PromptEncoder
 from tests.contract.local import LengthEncoder

@@ -21,8 +21,8 @@ from motiongen_server.engine.types import (
     SessionKey,
     Warned,
 )
-from motiongen_server.rpc.response import response_of
 from motiongen_server.rpc.send_queue import MAX_RUN_FRAMES, UPDATE_OVERHEAD_BYTES, Run, SendQueue, size_of
+from motiongen_server.rpc.streams.response import response_of
 
 KEY, OTHER = SessionKey(1, 1), SessionKey(1, 2)
 WIDTH = 5

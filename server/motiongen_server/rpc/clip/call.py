@@ -25,7 +25,7 @@ from motiongen_server.models.registry import LoadedModel
 from motiongen_server.rpc.clip.request import last_frame_of
 from motiongen_server.rpc.convert import residual_of, write_update
 from motiongen_server.rpc.convert.frames import FrameCoding
-from motiongen_server.rpc.session_entry import session_name
+from motiongen_server.rpc.sessions.entry import session_name
 
 OPEN_SEQ = 1
 

@@ -16,22 +16,22 @@ from motiongen_server.engine.types import Chunk, Close, CloseReason, Code, Open,
 from motiongen_server.engine.types.refusals import draining
 from motiongen_server.errors import EventRefused, StreamRefused
 from motiongen_server.models.registry import LoadedModel, ModelRegistry
-from motiongen_server.rpc.bounded_write import write_within
-from motiongen_server.rpc.budget import CONSTRAINT_CALLS, PATH_CALLS
-from motiongen_server.rpc.call_context import CallContext
-from motiongen_server.rpc.call_work import work_for
+from motiongen_server.rpc.budgets.peers import Peer
+from motiongen_server.rpc.budgets.stream_budget import CONSTRAINT_CALLS, PATH_CALLS
+from motiongen_server.rpc.budgets.waiting_memory import WaitingMemory
+from motiongen_server.rpc.calls.bounded_write import write_within
+from motiongen_server.rpc.calls.context import CallContext
+from motiongen_server.rpc.calls.work import work_for
 from motiongen_server.rpc.clip.call import Call, refused
 from motiongen_server.rpc.clip.holding import Holding
 from motiongen_server.rpc.clip.request import check_extent, clip_specs, opening_event
 from motiongen_server.rpc.convert import UNENCODED, coding_of, num_paths, prompt_texts, warnings_of, with_embeddings
-from motiongen_server.rpc.encoding import encoded
-from motiongen_server.rpc.event_errors import too_many_clips
+from motiongen_server.rpc.errors.events import too_many_clips
+from motiongen_server.rpc.errors.streams import CLIENT_GONE, failed_inside
 from motiongen_server.rpc.limits import ServiceLimits
-from motiongen_server.rpc.peers import Peer
 from motiongen_server.rpc.request_parts import TAKEN_APART
-from motiongen_server.rpc.stream_errors import CLIENT_GONE, failed_inside
+from motiongen_server.rpc.sessions.encoding import encoded
 from motiongen_server.rpc.stream_metrics import NoStreamMetrics, StreamMetrics
-from motiongen_server.rpc.waiting_memory import WaitingMemory
 from motiongen_server.text.turns import Asker
 
 

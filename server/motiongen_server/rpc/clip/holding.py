@@ -7,8 +7,8 @@ from collections.abc import Callable, Sequence
 
 from motiongen_server.engine.types import Chunk, ConstraintReached, Output
 from motiongen_server.errors import StreamRefused
+from motiongen_server.rpc.errors.streams import failed_inside
 from motiongen_server.rpc.send_queue import size_of
-from motiongen_server.rpc.stream_errors import failed_inside
 
 OBJECT_BYTES = 256
 """Of an output in memory besides its rows, or what it takes on the wire."""

@@ -23,7 +23,7 @@ from motiongen_server.engine.types import (
 from motiongen_server.rpc.catalog import Catalog
 from motiongen_server.rpc.convert import engine_event
 from motiongen_server.rpc.convert.checks import check_range, refuse
-from motiongen_server.rpc.stream_errors import malformed, request_of_too_many_fields
+from motiongen_server.rpc.errors.streams import malformed, request_of_too_many_fields
 from motiongen_server.rpc.wire_fields import CLIP, Malformed, num_fields
 
 MAX_SEED = 1 << 64

@@ -21,9 +21,9 @@ from motiongen_server.addresses import join_address
 from motiongen_server.identity.setup import listen, make_callers, make_ops_context, make_tls, warn_of_exposure
 from motiongen_server.ops.http import ops_app
 from motiongen_server.ops.port import OpsPort
-from motiongen_server.rpc.health import Health, add_health
+from motiongen_server.rpc.calls.health import Health, add_health
+from motiongen_server.rpc.calls.requests import Requests
 from motiongen_server.rpc.limits import PeerLimits
-from motiongen_server.rpc.requests import Requests
 from motiongen_server.settings import SettingError
 from motiongen_server.text.encoder.config import EncoderConfig
 from motiongen_server.text.encoder.service import SERVICE_NAME, TextEncoderService, add_text_encoder

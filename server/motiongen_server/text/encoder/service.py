@@ -14,11 +14,11 @@ from motiongen.v1 import encoder_pb2, motion_pb2
 from motiongen_server.errors import EventRefused, StreamRefused
 from motiongen_server.identity.caller import Role
 from motiongen_server.identity.callers import Callers
-from motiongen_server.rpc.call_admission import CallAdmission
-from motiongen_server.rpc.call_context import CallContext, unary_method
+from motiongen_server.rpc.budgets.peers import Peer
+from motiongen_server.rpc.calls.admission import CallAdmission
+from motiongen_server.rpc.calls.context import CallContext, unary_method
+from motiongen_server.rpc.calls.requests import Requests, parsed_as
 from motiongen_server.rpc.limits import PeerLimits
-from motiongen_server.rpc.peers import Peer
-from motiongen_server.rpc.requests import Requests, parsed_as
 from motiongen_server.text.event_errors import too_many_texts
 from motiongen_server.text.ports import Embedding
 from motiongen_server.text.prompts import PromptEncoder

@@ -14,16 +14,16 @@ from motiongen.v1 import motion_pb2, service_pb2
 from motiongen_server.engine.types import Code, Open
 from motiongen_server.errors import EventRefused, StreamRefused
 from motiongen_server.rpc import service as service_module
-from motiongen_server.rpc.call_work import begin_work, work_for
+from motiongen_server.rpc.budgets.loop_time import REFUSED_TIMES, UNLIMITED, Clocks, LoopTime
+from motiongen_server.rpc.budgets.peers import Peer, Peers
+from motiongen_server.rpc.calls.work import begin_work, work_for
 from motiongen_server.rpc.clip import clip_service
 from motiongen_server.rpc.clip.request import clip_specs
+from motiongen_server.rpc.errors.streams import malformed
 from motiongen_server.rpc.limits import PeerLimits, ServiceLimits
-from motiongen_server.rpc.loop_time import REFUSED_TIMES, UNLIMITED, Clocks, LoopTime
-from motiongen_server.rpc.peers import Peer, Peers
-from motiongen_server.rpc.stream_errors import malformed
 from tests.contract.local import LocalServer
+from tests.server.rpc.budgets.test_loop_time import Clock
 from tests.server.rpc.clip.test_calls import clip, generate, hold_up, no_job_is_left, refusal, waypoint
-from tests.server.rpc.test_loop_time import Clock
 from tests.waiting import LIMIT_S, until_true
 
 WORDS = [motion_pb2.PromptSpan(prompt_id=1, text="walk")]

@@ -1,0 +1,37 @@
+"""What the gateway's event loop does for a call of one request: measured and charged as what it does for streams is."""
+
+from __future__ import annotations
+
+import time
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager
+from functools import partial
+
+from motiongen_server.errors import EventRefused, StreamRefused
+from motiongen_server.rpc.budgets.loop_time import Work
+from motiongen_server.rpc.budgets.peers import Peer
+from motiongen_server.rpc.errors.too_many_calls import too_much_loop_time
+
+
+def begin_work(peer: Peer) -> Callable[[], None]:
+    """Before anything of a request is looked at: its peer counts among those that use the loop until what is returned
+    is called. Raises StreamRefused while the peer owes for what its streams and calls took.
+    """
+    peer.loop.enter(peer)
+    if (owed_s := peer.loop_part.ahead_s(time.monotonic())) > 0:
+        peer.loop.leave(peer)
+        raise too_much_loop_time(owed_s, peer.kind)
+    return partial(peer.loop.leave, peer)
+
+
+@contextmanager
+def work_for(peer: Peer) -> Iterator[None]:
+    """Around what is done for a call without waiting. It counts `REFUSED_TIMES` where it ends with a refusal."""
+    work = Work(peer.loop, lambda seconds: peer.loop_part.charge(seconds, time.monotonic()))
+    with work:
+        work.num_events += 1
+        try:
+            yield
+        except (EventRefused, StreamRefused):
+            work.num_refused += 1
+            raise

@@ -1,0 +1,163 @@
+"""The way of one event of a session to the engine: its prompts encoded, its order kept, and refusals told."""
+
+from __future__ import annotations
+
+import asyncio
+import logging
+import secrets
+from collections.abc import Callable, Sequence
+from dataclasses import replace
+
+import numpy as np
+from numpy.typing import NDArray
+
+from motiongen.v1 import session_pb2
+from motiongen_server.engine.types import Close, Closed, Open, Outcome, Output, SessionKey, SetOptions
+from motiongen_server.engine.types.refusals import session_closed, too_many_pending
+from motiongen_server.errors import EventRefused
+from motiongen_server.models.registry import LoadedModel
+from motiongen_server.rpc.convert import UNENCODED, coding_of, engine_event, prompt_texts, warnings_of
+from motiongen_server.rpc.errors.events import internal
+from motiongen_server.rpc.sessions.encoding import encoded
+from motiongen_server.rpc.sessions.entry import SessionEntry
+from motiongen_server.text.turns import Asker
+
+_log = logging.getLogger(__name__)
+
+Embeddings = dict[str, NDArray[np.float32]]
+
+SESSION_CLOSED = session_closed().reason
+MAX_WAITING_EVENTS = 64
+"""Events of one session that may wait for a prompt to be encoded."""
+
+
+def pass_on(entry: SessionEntry, event: session_pb2.SessionEvent, now: float) -> None:
+    """Submit at once if nothing of the session waits and its prompts are known, else queue behind the encoder.
+
+    now: when it was read. Raises EventRefused.
+    """
+    if len(entry.waiting) >= MAX_WAITING_EVENTS and event.WhichOneof("event") != "close":
+        raise too_many_pending("events", MAX_WAITING_EVENTS)
+    texts = prompt_texts(event, entry.model.catalog)
+    if not entry.waiting and entry.encoding is None:
+        known = _known_embeddings(entry.model, texts)
+        if known is not None:
+            _submit(entry, event, now, known)
+            return
+    entry.place.peer.check_waiting(event.ByteSize())
+    # All that can be wrong with it is found before anything is encoded for it, or waits.
+    engine_event(event, entry.key, now, UNENCODED, entry.model.catalog)
+    kept = session_pb2.SessionEvent()
+    kept.CopyFrom(event)  # else the whole message would be kept with it
+    entry.wait_for_prompts(kept, now, texts)
+    if entry.encoding is None:
+        entry.encoding = asyncio.get_running_loop().create_task(_encode_waiting(entry))
+
+
+def end_waiting(entry: SessionEntry, closed: Closed) -> None:
+    """Answer what waits for the encoder before the end of its session is told; let go of it where that goes on."""
+    if entry.goes_on_after(closed):
+        _drop_waiting(entry)
+    else:
+        refuse_waiting(entry)
+
+
+def refuse_waiting(entry: SessionEntry) -> None:
+    """Answer what waits for the encoder: its session is over."""
+    for event in _drop_waiting(entry):
+        entry.carrier.take(session_closed().outcome(entry.key, event.event_seq))
+
+
+def _drop_waiting(entry: SessionEntry) -> list[session_pb2.SessionEvent]:
+    """Let go of what waits for the encoder, and return it, oldest first."""
+    if entry.encoding is not None and entry.encoding is not asyncio.current_task():
+        entry.encoding.cancel()
+    return entry.take_all_waiting()
+
+
+def without_needless_refusals(
+    outputs: Sequence[Output], entry_of: Callable[[SessionKey], SessionEntry | None]
+) -> Sequence[Output]:
+    """Outputs, less refusals before the end of a session that goes on elsewhere: its client says those events again."""
+    leaving = {
+        said.session
+        for said in outputs
+        if isinstance(said, Closed) and (entry := entry_of(said.session)) is not None and entry.goes_on_after(said)
+    }
+    if not leaving:
+        return outputs
+    return [
+        said
+        for said in outputs
+        if not (isinstance(said, Outcome) and said.reason == SESSION_CLOSED and said.session in leaving)
+    ]
+
+
+def tell_internal_error(entry: SessionEntry, event_seq: int, error: Exception) -> None:
+    """Answer an event with a number that is in the log beside what happened."""
+    error_id = secrets.token_hex(4)
+    _log.error("event failed, error id %s", error_id, exc_info=error)
+    entry.carrier.take(internal(error_id).outcome(entry.key, event_seq))
+
+
+def _known_embeddings(model: LoadedModel, texts: Sequence[str]) -> Embeddings | None:
+    known = {}
+    for text in texts:
+        embedding = model.prompts.cached(text)
+        if embedding is None:
+            return None
+        known[text] = embedding
+    return known
+
+
+async def _encode_waiting(entry: SessionEntry) -> None:
+    asker = Asker(entry.place.peer.name, entry.key.stream)
+    try:
+        while entry.waiting:
+            # It stays while it is encoded, so that `refuse_waiting` finds it.
+            event, received_at, texts = entry.waiting[0]
+            embeddings: Embeddings = {}
+            failure: Exception | None = None
+            try:
+                if not entry.closing:
+                    embeddings = await encoded(entry.model.prompts, texts, asker, entry.place.prompts)
+            except Exception as error:
+                failure = error
+            if not entry.waiting or entry.waiting[0][0] is not event:
+                return  # its session ended meanwhile, and it was answered
+            entry.take_waiting()
+            try:
+                if failure is not None:
+                    raise failure
+                with entry.carrier.work:
+                    _submit(entry, event, received_at, embeddings)
+            except EventRefused as refusal:
+                entry.carrier.take(refusal.outcome(entry.key, event.event_seq))
+            except Exception as error:
+                tell_internal_error(entry, event.event_seq, error)
+    finally:
+        if entry.encoding is asyncio.current_task():
+            entry.encoding = None
+        entry.carrier.take()  # a stream that ends may have waited for this alone
+
+
+def _submit(entry: SessionEntry, message: session_pb2.SessionEvent, now: float, embeddings: Embeddings) -> None:
+    if entry.closing:
+        raise session_closed()
+    event = engine_event(message, entry.key, now, embeddings, entry.model.catalog)
+    if isinstance(event, SetOptions):
+        steps = event.denoise_steps
+        steps_hz = None if steps is None else entry.model.steps_hz(steps)
+        entry.asked_options[message.event_seq] = event, entry.place.change(event.priority, steps_hz)
+    warnings = warnings_of(message, event, entry.model.catalog)
+    if warnings:
+        entry.warnings[message.event_seq] = warnings
+    entry.closing = isinstance(event, Close)
+    if isinstance(event, Open):
+        entry.coding = coding_of(message.open, entry.model.catalog)
+        entry.place.begin_steps(entry.model.steps_hz(event.spec.denoise_steps))
+        event = replace(event, spec=replace(event.spec, owner=entry.place.peer.owner))
+    entry.known_to_engine = True
+    refusal = entry.model.engine.submit(event)
+    if refusal is not None:
+        entry.carrier.take_now(refusal)

@@ -1,0 +1,98 @@
+"""How a session that another server held goes on here: its books and its engine's state, out of a record."""
+
+from __future__ import annotations
+
+import logging
+from dataclasses import replace
+
+from motiongen.v1 import session_pb2
+from motiongen_server.engine.types import GoingOn, Open, SessionKey
+from motiongen_server.errors import EventRefused
+from motiongen_server.models.registry import ModelRegistry
+from motiongen_server.rpc.budgets.peers import Peer
+from motiongen_server.rpc.budgets.token_bucket import TokenBucket
+from motiongen_server.rpc.convert.frames import FrameCoding
+from motiongen_server.rpc.errors.events import events_not_saved, resume_superseded, session_not_kept
+from motiongen_server.rpc.sessions.durability import Durability, NotKept, lease_of
+from motiongen_server.rpc.sessions.entry import Carrier, SessionEntry
+from motiongen_server.rpc.sparing_log import SparingLog
+from motiongen_server.snapshots.record import SessionRecord
+from motiongen_server.text.turns import Asker
+
+_log = SparingLog(logging.getLogger(__name__))  # any client can make tokens up
+
+
+async def claimed(
+    durability: Durability, opening: session_pb2.OpenSession, peer: Peer, models: ModelRegistry, asker: Asker
+) -> tuple[str, SessionRecord]:
+    """The record that an OpenSession's token stands for, and the token from now on; no other server writes it any more.
+
+    Raises EventRefused where there is none, or it lacks what the client knows of: acknowledged events are never lost;
+    and where that cannot be known at present, since the store does not answer.
+    A message that was under way for long, and a server without the model, take nothing from who serves the session.
+    """
+    point = opening.resume_point
+
+    def check(record: SessionRecord) -> None:
+        if point.attempt <= record.attempt:
+            raise resume_superseded(point.attempt, record.attempt)
+        models.find(record.snapshot.spec.model_id)
+
+    try:
+        token, record = await durability.take_over(opening.resume_token, peer.tenant, asker, check)
+    except NotKept as error:
+        _log.info("a session is not gone on with: %s", error)
+        raise session_not_kept() from error
+    if record.taken_seq < point.answered_seq:
+        raise events_not_saved(record.taken_seq, point.answered_seq)
+    return token, record
+
+
+def adopted(
+    record: SessionRecord,
+    token: str,
+    opening: session_pb2.OpenSession,
+    key: SessionKey,
+    *,
+    models: ModelRegistry,
+    peer: Peer,
+    carrier: Carrier,
+    events_per_second: float,
+    now: float,
+) -> tuple[SessionEntry, Open]:
+    """The books of a session on a stream, by the handle of the key, and what its engine is to be given.
+
+    Raises EventRefused where its model is not served, or its peer has no place or no steps for it.
+    """
+    snapshot, point = record.snapshot, opening.resume_point
+    model = models.find(snapshot.spec.model_id)
+    spec = replace(snapshot.spec, session=key, gaits=model.catalog.gaits, owner=peer.owner)
+    place, bucket = peer.place(spec.priority, now), TokenBucket(events_per_second, now)
+    try:
+        place.begin_steps(model.steps_hz(spec.denoise_steps))
+    except EventRefused:
+        place.release()
+        raise
+    entry = SessionEntry(key, model, record.request_id, bucket, carrier, key.handle, place)
+    entry.token, entry.attempt = token, point.attempt
+    entry.told_epoch = lease_of(opening.resume_token).epoch
+    entry.is_resuming = entry.known_to_engine = True
+    entry.last_seq = record.taken_seq
+    unanswered = record.unanswered
+    entry.applied_seq = min(unanswered, default=record.taken_seq + 1) - 1
+    entry.answered = {seq for seq in range(entry.applied_seq + 1, record.taken_seq + 1) if seq not in unanswered}
+    entry.warnings = dict(record.warnings)
+    entry.coding = FrameCoding(
+        record.opened.scalar_type, len(model.catalog.facts.rig.joint_names), record.opened.outputs
+    )
+    entry.opened = replace(record.opened, session=key, session_token=token)
+    entry.level = None if record.level is None else replace(record.level, session=key)
+    for answer in record.answers:
+        entry.answers.keep(replace(answer, session=key))
+    entry.reached.extend(replace(each, session=key) for each in record.reached)
+    entry.confirm(point.answered_seq)
+    held_to = point.next_frame  # who does not say what it shows may show all that it holds
+    playhead = point.playhead if point.HasField("playhead") else held_to
+    committed_to = point.committed_to if point.HasField("committed_to") else held_to
+    asked = GoingOn(snapshot, point.attempt, point.next_frame, point.plan, playhead, committed_to)
+    return entry, Open(spec, 1, now, asked)

@@ -1,0 +1,200 @@
+"""StreamSessions: the sessions that a stream carries, and what the engine says of them on its way to the client."""
+
+from __future__ import annotations
+
+import time
+from collections.abc import Callable, Sequence
+from dataclasses import replace
+
+from motiongen.v1 import session_pb2
+from motiongen_server.engine.types import (
+    Chunk,
+    Closed,
+    Code,
+    EventRefused,
+    Opened,
+    Outcome,
+    Output,
+    PlanNotice,
+    Priority,
+    Resumed,
+    SessionKey,
+    SnapshotTaken,
+)
+from motiongen_server.models.registry import LoadedModel
+from motiongen_server.replicas.hint import FOR_WANT_OF_ROOM, OtherServer, RefusedOpen
+from motiongen_server.rpc.budgets.loop_time import Work
+from motiongen_server.rpc.convert import asked_steps
+from motiongen_server.rpc.errors.events import resume_out_of_range
+from motiongen_server.rpc.limits import Limits
+from motiongen_server.rpc.sessions.entry import SessionEntry
+from motiongen_server.rpc.sessions.event_path import end_waiting, refuse_waiting, without_needless_refusals
+from motiongen_server.rpc.sessions.kept_sessions import KeptSessions
+from motiongen_server.rpc.stream_metrics import StreamMetrics
+from motiongen_server.rpc.streams.output import StreamOutput
+
+_FRAMES_AND_PLANS = (Chunk, PlanNotice)  # a union would be made anew for every output
+
+
+class StreamSessions(StreamOutput):
+    """The half of a `Stream` that hears the engine. empty_since: monotonic seconds, while there is no session.
+
+    other_servers: those with room for a session of a model, as far as is known.
+    """
+
+    def __init__(
+        self, number: int, limits: Limits, stream_metrics: StreamMetrics, kept: KeptSessions, work: Work
+    ) -> None:
+        super().__init__(limits, stream_metrics, work)
+        self.number = number
+        self.empty_since = time.monotonic()
+        self.other_servers: Callable[[str], tuple[OtherServer, ...]] = lambda _: ()
+        self._kept = kept
+        self._entries: dict[int, SessionEntry] = {}  # by the handle that they have here
+        self._by_key: dict[SessionKey, SessionEntry] = {}
+
+    @property
+    def num_sessions(self) -> int:
+        return len(self._entries)
+
+    @property
+    def num_waiting_bytes(self) -> int:
+        """What waits to be written, of what has come waits for prompts, and is kept to be told again, about."""
+        entries = list(self._entries.values())  # metrics ask on another thread
+        return super().num_waiting_bytes + sum(entry.held_bytes for entry in entries)
+
+    def take(self, *outputs: Output) -> None:
+        """Take outputs for this stream's client, in order."""
+        self.take_all(outputs)
+
+    def take_now(self, *outputs: Output) -> None:
+        """Take outputs for this stream's client, which do not wait for the flush interval."""
+        self.take_all(outputs)
+        self.urgent.set()
+
+    def take_all(self, outputs: Sequence[Output]) -> None:
+        """Take outputs for this stream's client, in order, and keep the books of their sessions.
+
+        A plan that answers edits does not wait for the flush interval, nor do the frames that come with it: whoever
+        steers waits for them.
+        """
+        entries, answers_edits = self._by_key, False
+        for said in without_needless_refusals(outputs, entries.get):
+            entry = entries.get(said.session)
+            if isinstance(said, _FRAMES_AND_PLANS):
+                if entry is None or entry.muted or entry.is_resuming:
+                    continue
+                self._put(said, entry)
+                answers_edits |= isinstance(said, PlanNotice) and bool(said.event_seqs)
+            elif isinstance(said, SnapshotTaken):
+                if entry is not None:
+                    self._kept.save(entry, said)
+            elif entry is None:
+                self.send_queue.put(said, 0)
+            elif isinstance(said, Resumed):
+                self._go_on(said, entry)
+            else:
+                with self.work:
+                    self._book(said, entry)
+        self._check_backlog()
+        if answers_edits:
+            self.urgent.set()
+        self.ready.set()
+
+    def _put(self, said: Output, entry: SessionEntry) -> None:
+        """Queue what is said of a session, by the handle that it has here."""
+        if entry.key.handle != entry.handle:
+            said = replace(said, session=SessionKey(self.number, entry.handle))
+        if isinstance(said, Chunk):
+            self.send_queue.put_chunk(said, entry.applied_seq, entry.coding)
+        else:
+            if self.tracing is not None and isinstance(said, PlanNotice):
+                self.tracing.announce(said, entry)
+            self.send_queue.put(said, entry.applied_seq)
+
+    def _book(self, said: Output, entry: SessionEntry) -> None:
+        """Note what is said of a session, and tell it, unless that has to wait until the session is resumed."""
+        if isinstance(said, Closed):  # before the end is told and the handle can be used again
+            end_waiting(entry, said)
+        noted = entry.note(said)
+        if entry.is_resuming:
+            if isinstance(said, Closed):  # it crossed the resume, which nobody will answer
+                self._welcome_back(entry, 0)
+            elif isinstance(said, Outcome) and said.event_seq == 1:  # the engine does not go on with a snapshot
+                self._stream_metrics.count_resume("refused")
+                self._end(entry)
+                self._say(replace(self._hinted(said, entry.model), session=SessionKey(self.number, entry.handle)), None)
+            return
+        if isinstance(noted, Opened):
+            self._kept.add(entry)
+        elif isinstance(noted, Closed):
+            self._end(entry)
+        elif isinstance(noted, Outcome) and noted.event_seq == 1:  # a refused OpenSession: the handle is unused
+            if noted.code is Code.RESOURCE_EXHAUSTED:
+                self._stream_metrics.reject(noted.reason)
+            refuse_waiting(entry)
+            self._end(entry)
+            noted = self._hinted(noted, entry.model)
+        self._put(noted, entry)
+
+    def _turn_away(
+        self, event: session_pb2.SessionEvent, model: LoadedModel, priority: Priority
+    ) -> EventRefused | None:
+        """Refuse an open that would not be let in, before anything else of it is read. Returns why, if it was.
+
+        Where many ask again and again, nobody who plays is to notice.
+        """
+        facts = model.catalog.facts
+        steps = asked_steps(event.open, facts)
+        refusal = model.engine.refusal_of(priority, steps) if facts.min_steps <= steps <= facts.max_steps else None
+        if refusal is None:
+            return None
+        if refusal.code is Code.RESOURCE_EXHAUSTED:
+            self._stream_metrics.reject(refusal.reason)
+        self._say(self._hinted(refusal.outcome(SessionKey(self.number, event.session), event.event_seq), model), None)
+        return refusal
+
+    def _hinted(self, refusal: Outcome, model: LoadedModel) -> Outcome:
+        """The refusal of an open, with the servers that have room where this one has none."""
+        if refusal.reason not in FOR_WANT_OF_ROOM:
+            return refusal
+        return RefusedOpen.of(refusal, self.other_servers(model.model_id))
+
+    def _end(self, entry: SessionEntry) -> None:
+        self._kept.forget(entry)
+        self._remove(entry)
+
+    def _go_on(self, resumed: Resumed, entry: SessionEntry) -> None:
+        """The engine has taken up a resume: what follows are the frames that the client lacks."""
+        if resumed.attempt != entry.attempt:
+            return  # a later one is on its way
+        if resumed.start_frame is not None:
+            self._welcome_back(entry, resumed.start_frame, resumed.notice)
+            return
+        self._stream_metrics.count_resume("refused")
+        self._remove(entry)
+        if not self._kept.park(entry):  # else it ends with its grace, unless the client finds out where it is
+            self._kept.end(entry)
+        self._say(resume_out_of_range().outcome(SessionKey(self.number, entry.handle), 1), None)
+
+    def _welcome_back(self, entry: SessionEntry, start_frame: int, notice: PlanNotice | None = None) -> None:
+        """Tell a client that has resumed a session all that it may not have heard."""
+        entry.is_resuming = False
+        self._stream_metrics.count_resume("resumed")
+        if entry.closed is not None:
+            self._end(entry)
+        for said in entry.welcome_back(start_frame, notice):
+            self._put(said, entry)
+        self.ready.set()
+
+    def _say(self, outcome: Outcome, entry: SessionEntry | None) -> None:
+        """Answer an event that is none of its session's."""
+        self.send_queue.put(outcome, entry.applied_seq if entry is not None else 0)
+        self._check_backlog()
+        self.ready.set()
+
+    def _remove(self, entry: SessionEntry) -> None:
+        del self._entries[entry.handle]
+        del self._by_key[entry.key]
+        if not self._entries:
+            self.empty_since = time.monotonic()

@@ -1,0 +1,75 @@
+"""StreamTracing: the windows of a stream whose first frames have not been written yet, and the traces told of them."""
+
+from __future__ import annotations
+
+import time
+from collections.abc import Callable, Iterable
+
+from motiongen_server.engine.types import PlanNotice
+from motiongen_server.engine.types.tracing import WindowTrace
+from motiongen_server.rpc.send_queue import Run, Said
+from motiongen_server.rpc.sessions.entry import SessionEntry
+
+RecordWindow = Callable[[WindowTrace], None]
+"""Takes a window's trace; returns at once."""
+
+
+class StreamTracing:
+    """By handle: a session has one newest plan, and a plan before it that was not written is not going to be."""
+
+    def __init__(self, record: RecordWindow, clock: Callable[[], float] = time.monotonic) -> None:
+        self._record = record
+        self._now = clock
+        self._waiting: dict[int, tuple[PlanNotice, SessionEntry]] = {}
+        self._taken: list[int] = []
+
+    def announce(self, notice: PlanNotice, entry: SessionEntry) -> None:
+        """A plan is on its way to the client."""
+        self.end(entry.handle)
+        if notice.timing is not None:
+            self._waiting[entry.handle] = notice, entry
+
+    def take(self, items: Iterable[Run | Said]) -> None:
+        """These are being written."""
+        for item in items:
+            if isinstance(item, Run) and item.handle in self._waiting and item.plan == self._plan_of(item.handle):
+                self._taken.append(item.handle)
+
+    def note_written(self) -> None:
+        """What was taken last has been written."""
+        for handle in self._taken:
+            self._tell(handle, is_sent=True)
+        self._taken.clear()
+
+    def end(self, handle: int) -> None:
+        """The frames of the plan that waits there will not be written."""
+        self._tell(handle, is_sent=False)
+
+    def end_all(self) -> None:
+        """Nothing more will be written."""
+        for handle in tuple(self._waiting):
+            self.end(handle)
+
+    def _plan_of(self, handle: int) -> int:
+        return self._waiting[handle][0].plan
+
+    def _tell(self, handle: int, is_sent: bool) -> None:
+        waiting = self._waiting.pop(handle, None)
+        if waiting is None:
+            return
+        notice, entry = waiting
+        assert notice.timing is not None
+        self._record(
+            WindowTrace(
+                timing=notice.timing,
+                session="" if entry.opened is None else entry.opened.session_id,
+                request_id=entry.request_id,
+                model_id="" if entry.opened is None else entry.opened.model_id,
+                plan=notice.plan,
+                first_frame=notice.valid_from,
+                cause=notice.cause,
+                num_events=len(notice.event_seqs),
+                sent_at=self._now(),
+                is_sent=is_sent,
+            )
+        )

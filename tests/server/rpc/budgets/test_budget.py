@@ -1,0 +1,171 @@
+"""Who sends too much is read more slowly, and owes it together with all that comes from the same address."""
+
+from __future__ import annotations
+
+import pytest
+
+from motiongen_server.engine.types import Owner, Priority
+from motiongen_server.errors import EventRefused
+from motiongen_server.rpc.budgets.peers import MOST_IDLE, Peer, Peers, address_of
+from motiongen_server.rpc.budgets.stream_budget import BYTES_A_TOKEN, MESSAGE_COST, StreamBudget
+from motiongen_server.rpc.limits import PeerLimits
+
+
+def peer_of(**limits: float) -> Peer:
+    return Peer(PeerLimits(**limits), 0.0)  # type: ignore[arg-type]
+
+
+def test_a_burst_is_free_and_what_is_beyond_it_is_owed() -> None:
+    budget = StreamBudget(100.0, peer_of(), 0.0)
+    budget.charge(100.0, 0.0)
+    assert budget.owed_s(0.0) == 0
+    budget.charge(50.0, 0.0)
+    assert budget.owed_s(0.0) == pytest.approx(0.5)
+    assert budget.owed_s(0.25) == pytest.approx(0.25)
+    assert budget.owed_s(0.5) == 0
+
+
+def test_bytes_are_charged_too() -> None:
+    budget = StreamBudget(MESSAGE_COST + 10, peer_of(), 0.0)
+    budget.charge_message(int(20 * BYTES_A_TOKEN), 0.0)
+    assert budget.owed_s(0.0) * (MESSAGE_COST + 10) == pytest.approx(10)
+
+
+def test_bytes_of_all_streams_of_a_peer_are_counted_for_themselves() -> None:
+    peer = peer_of(bytes_per_second=1000.0)
+    peer.num_streams = 1
+    budget = StreamBudget(1e9, peer, 0.0)
+    budget.charge_message(1500, 0.0)
+    assert budget.owed_s(0.0) == pytest.approx(0.5)
+    assert peer.bytes.owed_s(0.0) == pytest.approx(0.5)
+
+
+def test_streams_of_one_peer_pay_together_and_others_do_not() -> None:
+    peer = peer_of(events_per_second=100.0)
+    peer.num_streams = 2
+    first, second = StreamBudget(1000.0, peer, 0.0), StreamBudget(1000.0, peer, 0.0)
+    elsewhere = StreamBudget(1000.0, peer_of(events_per_second=100.0), 0.0)
+    first.charge(200.0, 0.0)
+    assert first.owed_s(0.0) == pytest.approx(1.0)
+    second.charge(60.0, 0.0)
+    assert second.owed_s(0.0) == pytest.approx(0.2), "more than half of what both may have"
+    assert elsewhere.owed_s(0.0) == 0
+
+
+def test_who_keeps_to_an_equal_part_never_waits_for_another_stream_of_its_peer() -> None:
+    peer = peer_of(events_per_second=100.0)
+    peer.num_streams = 2
+    greedy, modest = StreamBudget(1e6, peer, 0.0), StreamBudget(1e6, peer, 0.0)
+    greedy.charge(10_000.0, 0.0)
+    for tenth in range(100):
+        modest.charge(4.0, tenth / 10)
+        assert modest.owed_s(tenth / 10) == 0
+    assert greedy.owed_s(10.0) > 10
+
+
+def test_heroes_of_one_peer_are_few_and_a_place_can_be_taken_again() -> None:
+    peer = peer_of(heroes=2)
+    places = [peer.place(Priority.HERO, 0.0) for _ in range(2)]
+    with pytest.raises(EventRefused) as refused:
+        peer.place(Priority.HERO, 0.0)
+    assert (refused.value.reason, refused.value.field) == ("PEER_SESSION_LIMIT", "open.priority")
+    peer.place(Priority.NEAR, 0.0)
+    places[0].release()
+    places[0].release()
+    peer.place(Priority.HERO, 0.0)
+    with pytest.raises(EventRefused):
+        peer.place(Priority.HERO, 0.0)
+
+
+def test_sessions_count_by_their_class() -> None:
+    peer = peer_of(session_weight=7)
+    held = [peer.place(priority, 0.0) for priority in (Priority.HERO, Priority.NEAR, Priority.CROWD)]
+    with pytest.raises(EventRefused, match="as many sessions"):
+        peer.place(Priority.BATCH, 0.0)
+    held[1].release()
+    peer.place(Priority.CROWD, 0.0)
+    peer.place(Priority.BATCH, 0.0)
+    assert peer.session_weight == 7
+
+
+def test_what_sessions_take_to_play_on_stays_within_the_quota() -> None:
+    peer = peer_of(steps_per_second=10.0)
+    places = [peer.place(Priority.CROWD, 0.0) for _ in range(3)]
+    for place in places[:2]:
+        place.begin_steps(4.0)
+    with pytest.raises(EventRefused, match="take 12 denoising steps") as refused:
+        places[2].begin_steps(4.0)
+    assert (refused.value.reason, refused.value.field) == ("STEPS_QUOTA", "open.denoise_steps")
+    places[0].release()
+    places[0].release()
+    places[2].begin_steps(4.0)
+    with pytest.raises(EventRefused):
+        peer.place(Priority.CROWD, 0.0).begin_steps(4.0)
+
+
+def test_engines_know_a_peer_by_its_name_its_share_and_its_quota() -> None:
+    peers = Peers(PeerLimits(share=2.5, steps_per_second=40.0))
+    one, other = peers.find("ipv4:10.0.0.7:5", 0.0), peers.find("ipv4:10.0.0.8:5", 0.0)
+    assert one.owner == Owner("ipv4:10.0.0.7", 2.5, 40.0)
+    assert other.owner.name != one.owner.name
+
+
+def test_samples_of_clips_are_counted_while_they_are_made() -> None:
+    peer = peer_of(clip_samples=4)
+    peer.begin_clip(3)
+    with pytest.raises(EventRefused) as refused:
+        peer.begin_clip(2)
+    assert refused.value.reason == "PEER_CLIP_LIMIT"
+    peer.end_clip(3)
+    peer.begin_clip(4)
+
+
+def test_a_peer_is_its_address_and_not_its_port() -> None:
+    assert address_of("ipv4:10.0.0.7:1234") == address_of("ipv4:10.0.0.7:4321") == "ipv4:10.0.0.7"
+    assert address_of("ipv6:%5B::1%5D:99") == "ipv6:%5B::1%5D"
+    assert address_of("unix:") == address_of("unix:/run/x") == "unix"
+
+
+def test_peers_that_owe_nothing_are_forgotten_and_others_are_not() -> None:
+    peers = Peers(PeerLimits(events_per_second=10.0))
+    debtor = peers.find("ipv4:1.1.1.1:1", 0.0)
+    debtor.events.charge(1000.0, 0.0)
+    holder = peers.find("ipv4:2.2.2.2:1", 0.0)
+    holder.place(Priority.NEAR, 0.0)
+    quiet = peers.find("ipv4:3.3.3.3:1", 0.0)
+    for number in range(MOST_IDLE):
+        peers.find(f"ipv4:9.{number >> 8}.{number & 255}.1:1", 0.0)
+    assert peers.find("ipv4:1.1.1.1:2", 1.0) is debtor
+    assert peers.find("ipv4:2.2.2.2:2", 1.0) is holder
+    assert peers.find("ipv4:3.3.3.3:2", 1.0) is not quiet
+
+
+@pytest.mark.parametrize(("priority", "quota"), [(Priority.NEAR, "nears"), (Priority.CROWD, "crowds"),
+                                                 (Priority.BATCH, "batches")])  # fmt: skip
+def test_each_class_has_a_quota_that_a_refusal_names(priority: Priority, quota: str) -> None:
+    peer = peer_of(**{quota: 1})
+    peer.place(priority, 0.0)
+    with pytest.raises(EventRefused, match=rf"1 sessions of the class {priority.name}, its quota \({quota}\)"):
+        peer.place(priority, 0.0)
+    peer.place(Priority.HERO, 0.0)
+
+
+def test_who_begins_streams_again_and_again_gets_no_more_by_that() -> None:
+    peer = peer_of(events_per_second=100.0, bytes_per_second=1e9)
+    peer.num_streams, sent = 1, 0.0
+    for tenth in range(100):
+        stream = StreamBudget(1e6, peer, tenth / 10)  # the one before has ended
+        while stream.owed_s(tenth / 10) == 0:
+            stream.charge(10.0, tenth / 10)
+            sent += 10.0
+    assert sent <= 100 * (10 + 1) + 100 * 10, "what ten seconds bring, and of each stream what tells that it owes"
+
+
+def test_a_session_that_comes_again_brings_no_new_prompts_with_it() -> None:
+    peer = peer_of(prompts_per_second=20.0)
+    first = peer.place(Priority.NEAR, 0.0)
+    first.prompts.charge(60.0, 0.0)
+    first.release()
+    second = peer.place(Priority.NEAR, 0.0)
+    second.prompts.charge(1.0, 0.0)
+    assert second.prompts.owed_s(0.0) > 0

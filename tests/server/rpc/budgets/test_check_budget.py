@@ -1,0 +1,96 @@
+"""Checks of signed tokens: who shows many that do not hold is refused, and nobody else, not even of its address."""
+
+from __future__ import annotations
+
+import contextlib
+
+import pytest
+
+from motiongen_server.errors import StreamRefused
+from motiongen_server.rpc.budgets.check_budget import CHECKS_PER_SECOND, CheckBudget
+
+FLOOD, OTHER = "ipv4:10.0.0.7:1001", "ipv4:10.0.0.7:1002"
+SHORT, LONG = 512, 7 * 1024
+
+
+class Checks:
+    """A budget, and the time that a test moves."""
+
+    def __init__(self) -> None:
+        self.now = 1000.0
+        self.budget = CheckBudget(lambda: self.now)
+
+    def failing(self, peer: str, times: int, num_characters: int = SHORT) -> int:
+        """Show so many tokens that do not hold; returns how many were looked at."""
+        looked_at = 0
+        for _ in range(times):
+            with contextlib.suppress(StreamRefused):
+                self.budget.charge(peer, num_characters)
+                looked_at += 1
+        return looked_at
+
+    def holding(self, peer: str) -> None:
+        """Show one that holds. Raises StreamRefused."""
+        self.budget.charge(peer, SHORT)()
+
+
+def test_only_so_many_that_fail_are_looked_at_and_fewer_of_long_ones() -> None:
+    checks = Checks()
+    assert checks.failing(FLOOD, 5_000) <= CHECKS_PER_SECOND
+    checks = Checks()
+    assert checks.failing(FLOOD, 5_000, LONG) <= CHECKS_PER_SECOND / 8 + 1
+    for _ in range(100):  # ten seconds
+        checks.now += 0.1
+        assert checks.failing(FLOOD, 500, LONG) <= CHECKS_PER_SECOND / 80 + 1
+
+
+def test_who_owes_is_told_when_to_show_it_again() -> None:
+    checks = Checks()
+    checks.failing(FLOOD, 5_000)
+    with pytest.raises(StreamRefused, match="show yours again in") as refused:
+        checks.holding(FLOOD)
+    assert (refused.value.code.name, refused.value.reason) == ("RESOURCE_EXHAUSTED", "TOO_MANY_CALLS")
+    checks.now += refused.value.retry_after_s
+    checks.holding(FLOOD)
+
+
+def test_tokens_that_hold_are_charged_to_nobody() -> None:
+    checks = Checks()
+    for _ in range(20_000):
+        checks.holding(FLOOD)
+
+
+@pytest.mark.parametrize("other", [OTHER, "ipv4:10.0.0.8:1001"], ids=["same address", "another"])
+def test_beside_a_flood_those_of_others_are_looked_at(other: str) -> None:
+    checks = Checks()
+    for _ in range(100):
+        checks.failing(FLOOD, 1_000)
+        checks.holding(other)
+        checks.now += 0.05
+
+
+def test_a_flood_from_many_addresses_leaves_an_address_its_part() -> None:
+    checks = Checks()
+    for _ in range(20):
+        for number in range(50):
+            checks.failing(f"ipv4:10.1.0.{number}:1", 100)
+        checks.holding(OTHER)
+        checks.now += 0.05
+
+
+def test_the_checks_of_all_together_are_bounded() -> None:
+    checks, peers = Checks(), [f"ipv4:10.1.{number}.1:1" for number in range(50)]
+    looked_at = 0
+    for _ in range(100):  # ten seconds
+        looked_at += sum(checks.failing(peer, 100) for peer in peers)
+        checks.now += 0.1
+    assert looked_at <= (10 + 1) * CHECKS_PER_SECOND + len(peers)
+
+
+def test_connections_that_show_nothing_new_are_forgotten() -> None:
+    checks = Checks()
+    for number in range(10_000):
+        checks.now += 0.02
+        checks.failing(f"ipv4:10.0.{number % 250}.7:{number}", 1)
+    assert len(checks.budget._connections) < 250
+    assert len(checks.budget._addresses) < 250

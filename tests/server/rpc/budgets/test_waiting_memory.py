@@ -1,0 +1,252 @@
+"""One account of what waits: streams, calls for clips, parked sessions; who gives memory up first, and who is ended."""
+
+from __future__ import annotations
+
+import asyncio
+import time
+from dataclasses import replace
+
+import grpc.aio
+import pytest
+
+from motiongen.v1 import service_pb2, session_pb2
+from motiongen.v1.service_pb2_grpc import MotionServiceStub
+from motiongen_server.engine.config import EngineConfig
+from motiongen_server.engine.types import Chunk, Close, SessionKey
+from motiongen_server.errors import StreamRefused
+from motiongen_server.rpc.budgets.waiting_memory import WaitingMemory
+from motiongen_server.rpc.clip.holding import OBJECT_BYTES, Holding
+from motiongen_server.rpc.limits import ServiceLimits
+from motiongen_server.rpc.sessions.kept_sessions import KeptSessions
+from motiongen_server.rpc.stream_metrics import NoStreamMetrics
+from motiongen_server.rpc.streams.watch import StreamWatch
+from tests.contract.local import LocalServer
+from tests.server.engine.fakes import ROW_WIDTH
+from tests.server.rpc.clip.test_calls import clip, generate, refusal
+from tests.server.rpc.sessions.test_kept_answers import placed
+from tests.server.rpc.sessions.test_kept_sessions import resume, token_of
+from tests.server.rpc.streams.test_event_order import PAUSE, Engine, Line
+from tests.server.rpc.streams.test_stream_watch import FRAMES, connected, holding, talk_on
+from tests.waiting import LIMIT_S, until_true
+
+CLIP = SessionKey(9, 0)
+
+
+def chunk(num_frames: int) -> Chunk:
+    return Chunk(CLIP, 1, 0, FRAMES[:num_frames], num_frames)
+
+
+def call_with(num_frames: int) -> Holding:
+    """A call for a clip whose client has not read so many frames."""
+    call = Holding(0)
+    call.put([chunk(num_frames)])
+    return call
+
+
+async def test_streams_and_clips_are_one_account_and_whoever_holds_most_is_ended() -> None:
+    stream, calls = holding(300), {7: call_with(100), 8: call_with(500)}
+    memory = WaitingMemory(0, {1: stream})
+    for number, call in calls.items():
+        memory.begin(number, call)
+    total = stream.num_waiting_bytes + sum(call.num_waiting_bytes for call in calls.values())
+    assert memory.num_bytes == total
+    memory = WaitingMemory(total - 1, {1: stream})
+    for number, call in calls.items():
+        memory.begin(number, call)
+    memory.bound()
+    assert stream.refusal is None
+    assert calls[7].refusal is None
+    assert calls[8].refusal is not None
+    assert (calls[8].refusal.code, calls[8].refusal.reason) == (grpc.StatusCode.RESOURCE_EXHAUSTED, "SLOW_READER")
+    assert memory.num_bytes == stream.num_waiting_bytes + calls[7].num_waiting_bytes
+
+
+async def test_what_a_clip_was_told_is_counted_until_it_is_written_and_nothing_once_it_is_ended() -> None:
+    noted: list[int] = []
+    call = Holding(1000, noted.append)
+    call.put([chunk(10), chunk(20)])
+    one, two = (OBJECT_BYTES + frames * ROW_WIDTH * 4 for frames in (10, 20))
+    assert call.num_waiting_bytes == 1000 + one + two
+    output = await call.next()
+    assert call.num_waiting_bytes == 1000 + one + two, "it is being written"
+    call.done(output)
+    assert call.num_waiting_bytes == 1000 + two
+    ended: list[bool] = []
+    call.cut = lambda: ended.append(True)
+    call.fail(RuntimeError("a fault"))
+    assert call.refusal is not None
+    assert call.refusal.code is grpc.StatusCode.INTERNAL
+    call.put([chunk(30)])
+    assert (call.num_waiting_bytes, ended, noted) == (1000, [True], [one + two, -one])
+
+
+async def test_what_comes_between_two_looks_is_bounded_at_once() -> None:
+    memory = WaitingMemory(10_000, {})
+    calls = [Holding(0, memory.note) for _ in range(4)]
+    for number, call in enumerate(calls):
+        memory.begin(number, call)
+    for call in calls:
+        call.put([chunk(3_000 // (4 * ROW_WIDTH))])
+    assert sum(call.refusal is not None for call in calls) == 1
+    assert 6_000 < memory.num_bytes <= 10_000
+
+
+class Faulty:
+    """Cannot be ended."""
+
+    refusal: StreamRefused | None = None
+    num_waiting_bytes = 10_000
+
+    def __init__(self) -> None:
+        self.failures: list[Exception] = []
+
+    def refuse(self, refusal: StreamRefused) -> None:
+        raise RuntimeError(refusal.reason)
+
+    def fail(self, error: Exception) -> None:
+        self.failures.append(error)
+
+
+async def test_a_fault_in_one_is_its_own() -> None:
+    faulty, call = Faulty(), call_with(10)
+    memory = WaitingMemory(0, {1: faulty})
+    memory.begin(2, call)
+    memory.bound()
+    assert [str(error) for error in faulty.failures] == ["SLOW_READER"]
+    assert call.refusal is not None
+
+
+class Resumes(NoStreamMetrics):
+    """Counts what became of sessions whose transport was lost."""
+
+    def __init__(self) -> None:
+        self.counted: list[str] = []
+
+    def count_resume(self, how: str) -> None:
+        self.counted.append(how)
+
+
+@pytest.fixture
+def resumes() -> Resumes:
+    return Resumes()
+
+
+@pytest.fixture
+async def kept(resumes: Resumes) -> KeptSessions:
+    return KeptSessions(30.0, resumes)
+
+
+def parked(kept: KeptSessions) -> tuple[Engine, str]:
+    """A session whose client is gone and has not heard where its constraints are; its engine, and its token."""
+    line = Line(kept=kept)
+    line.open()
+    line.send(2, set_play_state=PAUSE)
+    line.stream.take(placed(2))
+    line.stream.lose()
+    return line.engine, token_of(line)
+
+
+async def test_what_is_kept_for_those_who_are_away_counts_too(kept: KeptSessions) -> None:
+    memory = WaitingMemory(1 << 20, {}, kept)
+    assert memory.is_idle
+    parked(kept)
+    assert memory.num_bytes > 256 * 300
+    assert not memory.is_idle
+
+
+async def test_who_is_away_gives_up_placements_before_a_stream_is_ended_and_can_resume(kept: KeptSessions) -> None:
+    stream = holding(300)
+    memory = WaitingMemory(stream.num_waiting_bytes + 1000, {stream.number: stream}, kept)
+    engine, token = parked(kept)
+    memory.bound()
+    assert stream.refusal is None
+    assert memory.num_bytes <= stream.num_waiting_bytes + 1000
+    entry = kept.find(token)
+    assert entry is not None
+    assert [(answer.event_seq, answer.placements) for answer in entry.answers] == [(2, ())], "it hears what came of it"
+    assert resume(kept, engine, token).refusals() == []
+
+
+async def test_then_who_is_away_is_waited_for_no_more_and_still_no_stream_is_ended(
+    kept: KeptSessions, resumes: Resumes
+) -> None:
+    stream = holding(300)
+    memory = WaitingMemory(stream.num_waiting_bytes, {stream.number: stream}, kept)
+    engine, token = parked(kept)
+    memory.bound()
+    assert stream.refusal is None
+    assert memory.num_bytes == stream.num_waiting_bytes
+    assert engine.kinds()[-1] is Close
+    assert (kept.num_parked, resumes.counted) == (0, ["let_go"])
+    assert resume(kept, engine, token).refusals() == [(1, "SESSION_NOT_KEPT")]
+
+
+async def test_only_as_much_is_given_up_as_is_needed_and_of_who_holds_most(kept: KeptSessions) -> None:
+    small, large = Line(kept=kept), Line(kept=kept, number=2)
+    for line, num_answers in ((small, 1), (large, 2)):
+        line.open()
+        for event_seq in range(2, 2 + num_answers):
+            line.send(event_seq, set_play_state=PAUSE)
+            line.stream.take(replace(placed(event_seq), session=SessionKey(line.number, 7)))
+        line.stream.lose()
+    entries = [kept.find(token_of(line)) for line in (small, large)]
+    before = [entry.held_bytes for entry in entries if entry is not None]
+    kept.let_go(1000)
+    after = [entry.held_bytes for entry in entries if entry is not None]
+    assert after[0] == before[0]
+    assert after[1] < before[1]
+
+
+async def test_a_message_that_is_being_written_counts(kept: KeptSessions) -> None:
+    stream = holding(300)
+    waiting = stream.num_waiting_bytes
+    assert stream.next_response() is not None
+    assert 0.9 * waiting < stream.num_waiting_bytes < 1.1 * waiting
+    stream.note_written()
+    assert stream.num_waiting_bytes == 0
+    stream.reply(service_pb2.StreamMotionResponse())
+    assert stream.num_waiting_bytes > 0
+
+
+async def test_clips_that_nobody_reads_are_ended_where_all_hold_too_much_and_a_stream_plays_on() -> None:
+    """Its chunks fit into what gRPC takes in without being read, so the account is looked at while they are made."""
+    limits = ServiceLimits(max_waiting_bytes=4_000)
+    async with (
+        asyncio.timeout(LIMIT_S),
+        LocalServer(engine_config=EngineConfig(max_clips=64), service_limits=limits) as server,
+        connected(server) as (channel, catalog),
+    ):
+        talk = await talk_on(channel, catalog).hello()
+        await talk.open(1)
+        code, info, _ = await refusal(server, clip(400, 16))
+        assert (code, info.reason) == (grpc.StatusCode.RESOURCE_EXHAUSTED, "SLOW_READER")
+        await until_true(lambda: server.engine.num_sessions == 1)
+        await talk.plays_on(1)
+        assert len((await generate(server, clip(8)))[0].rows) == 8
+
+
+async def test_calls_are_looked_at_without_any_stream() -> None:
+    """What a call asks for counts as long as it waits for its prompts."""
+    text = "a prompt"
+    asked = service_pb2.GenerateClipRequest(frame_count=8, open=session_pb2.OpenSession(request_id="r" * 60))
+    asked.open.prompts.add(prompt_id=1, text=text)
+    async with asyncio.timeout(LIMIT_S), LocalServer() as server:
+        gate = asyncio.Event()
+
+        async def encode(*_: object) -> None:
+            await gate.wait()
+
+        server.prompts.encode_all = encode  # type: ignore[method-assign, assignment]
+        async with grpc.aio.insecure_channel(server.address) as channel:
+            call = MotionServiceStub(channel).GenerateClip(asked)
+            await until_true(lambda: server.service.num_waiting_bytes == 2 * asked.ByteSize())
+            assert server.service.watch._timer is not None
+            call.cancel()
+            await until_true(lambda: not server.service.num_waiting_bytes)
+            await until_true(lambda: server.service.watch._timer is None)
+
+
+async def test_a_watch_without_an_account_counts_its_streams() -> None:
+    stream = holding(300)
+    StreamWatch(ServiceLimits(max_waiting_bytes=10), {stream.number: stream}).look(time.monotonic())
+    assert stream.refusal is not None

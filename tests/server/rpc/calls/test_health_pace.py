@@ -1,0 +1,125 @@
+"""The pace of health checks: who floods waits, and keeps nobody else waiting, not even of the same address."""
+
+from __future__ import annotations
+
+import asyncio
+
+import pytest
+
+from motiongen_server.errors import StreamRefused
+from motiongen_server.rpc.calls import health_pace
+from motiongen_server.rpc.calls.health_pace import (
+    CHECKS_PER_SECOND,
+    MOST_WAITING_OF_A_CONNECTION,
+    MOST_WAITING_OF_AN_ADDRESS,
+    HealthPace,
+)
+
+FLOOD, OTHER = "ipv4:10.0.0.7:1001", "ipv4:10.0.0.7:1002"
+
+
+class Time:
+    """Monotonic seconds, and who sleeps how long."""
+
+    def __init__(self, monkeypatch: pytest.MonkeyPatch) -> None:
+        self.now = 1000.0
+        self.slept: list[float] = []
+        monkeypatch.setattr(health_pace.asyncio, "sleep", self.sleep)
+
+    async def sleep(self, seconds: float) -> None:
+        self.slept.append(seconds)
+        await asyncio.Event().wait()
+
+
+async def _settle(tasks: list[asyncio.Task[None]]) -> int:
+    """Let all begin; returns how many of them are answered."""
+    for _ in range(3):
+        waited = asyncio.get_running_loop().create_future()
+        asyncio.get_running_loop().call_soon(waited.set_result, None)
+        await waited
+    return sum(task.done() and task.exception() is None for task in tasks)
+
+
+async def _end(tasks: list[asyncio.Task[None]]) -> None:
+    for task in tasks:
+        task.cancel()
+    await asyncio.gather(*tasks, return_exceptions=True)
+
+
+async def test_a_flood_is_answered_once_a_second_s_worth_then_waits_and_then_is_refused(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    time = Time(monkeypatch)
+    pace = HealthPace(lambda: time.now)
+    tasks = [asyncio.create_task(pace.wait(FLOOD)) for _ in range(500)]
+    assert await _settle(tasks) == CHECKS_PER_SECOND
+    refused = [task.exception() for task in tasks if task.done() and task.exception() is not None]
+    assert len(refused) == 500 - CHECKS_PER_SECOND - MOST_WAITING_OF_A_CONNECTION
+    assert all(isinstance(each, StreamRefused) and each.reason == "TOO_MANY_CALLS" for each in refused)
+    assert 0 < min(time.slept) <= max(time.slept) <= 1.0
+    await _end(tasks)
+
+
+async def test_who_shares_the_address_of_a_flood_is_answered_as_it_asks(monkeypatch: pytest.MonkeyPatch) -> None:
+    time = Time(monkeypatch)
+    pace = HealthPace(lambda: time.now)
+    await pace.wait(OTHER)
+    tasks = [asyncio.create_task(pace.wait(FLOOD)) for _ in range(500)]
+    await _settle(tasks)
+    for _ in range(20):
+        time.now += 0.1  # ten checks a second, of fifty that are its part
+        tasks += [asyncio.create_task(pace.wait(FLOOD)) for _ in range(50)]
+        asked = asyncio.create_task(pace.wait(OTHER))
+        assert await _settle([asked]) == 1
+    await _end(tasks)
+
+
+async def test_a_first_check_of_a_connection_is_never_refused(monkeypatch: pytest.MonkeyPatch) -> None:
+    time = Time(monkeypatch)
+    pace = HealthPace(lambda: time.now)
+    peers = [f"ipv4:10.0.0.7:{port}" for port in range(400)]
+    tasks = [asyncio.create_task(pace.wait(peer)) for peer in peers for _ in range(4)]
+    await _settle(tasks)
+    assert len(time.slept) == MOST_WAITING_OF_AN_ADDRESS
+    assert max(time.slept) <= 1.0
+    first = asyncio.create_task(pace.wait(OTHER))
+    assert await _settle([first]) == 1, "no more may wait, so it is answered at once"
+    await _end([*tasks, first])
+
+
+async def test_those_of_one_address_that_wait_keep_no_other_address_waiting(monkeypatch: pytest.MonkeyPatch) -> None:
+    time = Time(monkeypatch)
+    pace = HealthPace(lambda: time.now)
+    tasks = [asyncio.create_task(pace.wait(f"ipv4:10.0.0.7:{port}")) for port in range(400) for _ in range(4)]
+    await _settle(tasks)
+    elsewhere = [asyncio.create_task(pace.wait("ipv4:10.0.0.8:1")) for _ in range(50)]
+    assert await _settle(elsewhere) == 50
+    await _end([*tasks, *elsewhere])
+
+
+async def test_connections_that_ask_no_more_are_forgotten(monkeypatch: pytest.MonkeyPatch) -> None:
+    time = Time(monkeypatch)
+    pace = HealthPace(lambda: time.now)
+    for number in range(10_000):
+        time.now += 0.02
+        await pace.wait(f"ipv4:10.0.{number % 250}.7:{number}")
+    assert len(pace._connections) < 250
+    assert len(pace._addresses) < 250
+
+
+async def test_many_connections_are_not_answered_at_once_again_and_again(monkeypatch: pytest.MonkeyPatch) -> None:
+    """Each asks one check after another. Those beyond what may wait would else be answered as fast as they ask."""
+    time = Time(monkeypatch)
+    pace = HealthPace(lambda: time.now)
+    peers = [f"ipv4:10.0.0.7:{port}" for port in range(300)]
+    asked = [asyncio.create_task(pace.wait(peer)) for peer in peers]
+    await _settle(asked)
+    answered = 0
+    for _ in range(50):  # a second
+        time.now += 0.02
+        free = [peer for peer, task in zip(peers, asked, strict=True) if task.done()]
+        again = {peer: asyncio.create_task(pace.wait(peer)) for peer in free}
+        answered += await _settle(list(again.values()))
+        asked = [again.get(peer, task) for peer, task in zip(peers, asked, strict=True)]
+    assert answered <= CHECKS_PER_SECOND + len(peers)
+    await _end(asked)

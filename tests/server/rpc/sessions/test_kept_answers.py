@@ -1,0 +1,88 @@
+"""Answers that are kept for a client that resumes: how much of them, and what is let go first."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import pytest
+
+from motiongen.v1 import session_pb2
+from motiongen_server.engine.types import Code, Outcome, Placement, SessionKey, Warned
+from motiongen_server.rpc.sessions.kept_answers import (
+    MAX_KEPT_ANSWERS,
+    MAX_KEPT_BYTES,
+    PLACEMENT_OBJECT_BYTES,
+    KeptAnswers,
+)
+from motiongen_server.rpc.sessions.kept_sessions import KeptSessions
+from motiongen_server.snapshots.record import MAX_BYTES, write_record
+from tests.server.rpc.streams.test_event_order import PAUSE, Line
+from tests.server.snapshots.records import a_record
+
+KEY = SessionKey(1, 7)
+FULL = tuple(Placement(number, 2**40, 2**40, 2**40, 2**40, 1.5, 2.5, 0.5) for number in range(256))
+
+
+def placed(event_seq: int) -> Outcome:
+    """The answer to an edit of as many constraints as there may be, all of which the engine has put somewhere."""
+    return Outcome(KEY, event_seq, Code.OK, 80, placements=FULL)
+
+
+@pytest.fixture
+def kept() -> KeptAnswers:
+    """Of a client that never says what it has heard."""
+    kept = KeptAnswers()
+    for event_seq in range(2, 502):
+        kept.keep(placed(event_seq))
+    return kept
+
+
+def test_the_newest_are_kept_whole_and_of_older_ones_what_became_of_the_events(kept: KeptAnswers) -> None:
+    answers = list(kept)
+    assert [answer.event_seq for answer in answers] == list(range(502 - MAX_KEPT_ANSWERS, 502))
+    assert {(answer.code, answer.effective_frame) for answer in answers} == {(Code.OK, 80)}
+    num_whole = sum(answer.placements == FULL for answer in answers)
+    assert num_whole >= 2
+    assert all(answer.placements == FULL for answer in answers[-num_whole:])
+
+
+def test_they_take_no_more_than_they_may_in_memory_and_in_a_record(kept: KeptAnswers) -> None:
+    assert kept.num_bytes <= MAX_KEPT_BYTES
+    without = replace(a_record(), answers=())
+    with_them = replace(without, answers=kept.up_to(501))
+    assert len(write_record(with_them)) < len(write_record(without)) + MAX_KEPT_BYTES / 2
+    assert MAX_KEPT_BYTES < MAX_BYTES / 2
+
+
+def test_texts_are_bounded_too() -> None:
+    kept = KeptAnswers()
+    for event_seq in range(2, 102):
+        kept.keep(Outcome(KEY, event_seq, Code.NOT_FOUND, None, "R", allowed="a" * 10_000))
+    assert kept.num_bytes <= MAX_KEPT_BYTES
+    assert [answer.event_seq for answer in kept] == list(range(102 - len(kept), 102))
+
+
+def test_warnings_go_with_the_placements() -> None:
+    kept = KeptAnswers()
+    kept.keep(replace(placed(2), warnings=(Warned("R", "m", "f"),)))
+    for event_seq in range(3, 8):
+        kept.keep(placed(event_seq))
+    assert next(iter(kept)) == Outcome(KEY, 2, Code.OK, 80)
+
+
+def test_what_is_confirmed_takes_nothing(kept: KeptAnswers) -> None:
+    kept.confirm(500)
+    assert list(kept) == [placed(501)]
+    kept.confirm(501)
+    assert (len(kept), kept.num_bytes) == (0, 0)
+
+
+async def test_they_count_among_what_is_held_for_a_stream_until_its_client_has_heard_them() -> None:
+    line = Line(kept=KeptSessions(30.0))
+    line.open()
+    line.send(2, set_play_state=PAUSE)
+    line.stream.take(placed(2))
+    assert line.updates()[-1].outcome.event_seq == 2
+    assert line.stream.num_waiting_bytes > 256 * PLACEMENT_OBJECT_BYTES
+    line.send(0, playhead=session_pb2.Playhead(frame=0, answered_seq=2))
+    assert line.stream.num_waiting_bytes == 0

@@ -1,0 +1,143 @@
+"""Sessions that outlive their streams: which are resumed, and which are only seen to their ends."""
+
+from __future__ import annotations
+
+import asyncio
+
+import pytest
+
+from motiongen.v1 import session_pb2
+from motiongen_server.engine.types import Close, Closed, CloseReason, Code, Open, Outcome, Resume, Resumed, SessionKey
+from motiongen_server.rpc.sessions.durability import Durability
+from motiongen_server.rpc.sessions.kept_sessions import KeptSessions
+from tests.server.rpc.streams.test_event_order import HANDLE, Engine, Line
+from tests.server.snapshots.test_writer import Store
+
+KEY = SessionKey(1, HANDLE)
+
+
+@pytest.fixture
+async def kept() -> KeptSessions:
+    return KeptSessions(30.0)
+
+
+@pytest.fixture
+async def line(kept: KeptSessions) -> Line:
+    return Line(kept=kept)
+
+
+def token_of(line: Line) -> str:
+    return next(update.opened.session_token for update in line.updates() if update.HasField("opened"))
+
+
+def resume(kept: KeptSessions, engine: Engine, token: str) -> Line:
+    """Another stream that asks for the session."""
+    line = Line(engine=engine, kept=kept, number=2)
+    point = session_pb2.ResumePoint(attempt=1, answered_seq=1)
+    line.send(1, open=session_pb2.OpenSession(resume_token=token, resume_point=point))
+    return line
+
+
+async def test_a_session_whose_transport_is_lost_is_resumed(line: Line, kept: KeptSessions) -> None:
+    line.open()
+    line.stream.lose()
+    assert resume(kept, line.engine, token_of(line)).refusals() == []
+    assert line.engine.kinds() == [Open, Resume]
+
+
+async def test_one_that_its_client_has_finished_is_not_though_its_end_is_still_to_come(
+    line: Line, kept: KeptSessions
+) -> None:
+    line.open()
+    token = token_of(line)
+    line.stream.close_all(CloseReason.CLIENT)
+    line.stream.end()
+    line.stream.lose()
+    assert resume(kept, line.engine, token).refusals() == [(1, "SESSION_NOT_KEPT")]
+    assert line.engine.kinds() == [Open, Close]
+
+
+async def test_nothing_is_left_of_it_after_its_end(line: Line, kept: KeptSessions) -> None:
+    line.open()
+    line.stream.end()
+    line.stream.lose()
+    carrier = kept.carrier_of(KEY)
+    assert carrier is not None
+    carrier.take(Closed(KEY, CloseReason.CLIENT, Code.OK, "", 0, 0))
+    assert not kept.has_away
+    assert kept.num_parked == 0
+
+
+async def test_nothing_is_left_of_one_that_is_refused_after_its_stream_has_gone(line: Line, kept: KeptSessions) -> None:
+    line.send(1, open=session_pb2.OpenSession())
+    line.stream.lose()
+    carrier = kept.carrier_of(KEY)
+    assert carrier is not None
+    carrier.take(Outcome(KEY, 1, Code.RESOURCE_EXHAUSTED))
+    assert not kept.has_away
+
+
+async def test_one_that_no_lost_transport_is_waited_for_can_still_be_saved() -> None:
+    """Its server may be lost, too; and without a token nothing of a session is saved."""
+    durability = Durability(Store(), asyncio.get_running_loop(), lambda _: None)
+    line = Line(kept=KeptSessions(0.0, durability=durability))
+    line.open()
+    assert token_of(line)
+    line.stream.lose()
+    assert line.engine.kinds() == [Open, Close], "it is closed at once all the same"
+    await asyncio.to_thread(durability.close)
+
+
+async def test_the_handle_of_one_that_another_stream_goes_on_with_is_refused_with_what_is_so(
+    line: Line, kept: KeptSessions
+) -> None:
+    line.open()
+    other = resume(kept, line.engine, token_of(line))
+    line.send(1, open=session_pb2.OpenSession())
+    refused = next(update.outcome for update in line.updates() if update.HasField("outcome"))
+    assert (refused.reason, refused.allowed.partition(",")[0]) == ("HANDLE_IN_USE", "another handle")
+    other.stream.take(Closed(KEY, CloseReason.CLIENT, Code.OK, "", 0, 0))
+    line.send(1, open=session_pb2.OpenSession())
+    assert len(line.refusals()) == 1, "the session has ended"
+
+
+async def test_one_that_cannot_be_kept_is_closed_when_a_resume_is_refused_and_leaves_nothing() -> None:
+    durability = Durability(Store(), asyncio.get_running_loop(), lambda _: None)
+    kept = KeptSessions(0.0, durability=durability)
+    line = Line(kept=kept)
+    line.open()
+    token = token_of(line)
+    other = resume(kept, line.engine, token)
+    place = line.stream.peer
+    assert place.num_sessions == 1
+    other.stream.take(Resumed(KEY, 1, None))
+    assert other.refusals() == [(1, "RESUME_OUT_OF_RANGE")]
+    assert line.engine.kinds() == [Open, Resume, Close]
+    assert place.num_sessions == 0
+    again = resume(kept, line.engine, token)
+    await asyncio.sleep(0)
+    assert again.refusals() == [], "the store is asked"
+    carrier = kept.carrier_of(KEY)
+    assert carrier is not None
+    num_told = len(other.updates())
+    carrier.take(Closed(KEY, CloseReason.CLIENT, Code.OK, "", 0, 0))
+    assert len(other.updates()) == num_told, "its end is nothing to the stream that could not go on with it"
+    assert not kept.has_away
+    await asyncio.to_thread(durability.close)
+
+
+async def test_one_that_waits_for_its_client_is_closed_where_the_server_fails_to_keep_its_books(
+    line: Line, kept: KeptSessions, caplog: pytest.LogCaptureFixture
+) -> None:
+    line.open()
+    line.stream.lose()
+    carrier = kept.carrier_of(KEY)
+    assert carrier is not None
+    carrier.fail(RuntimeError("a fault"))
+    assert "error id" in caplog.text
+    assert line.engine.kinds() == [Open, Close]
+    assert (kept.num_parked, line.stream.peer.num_sessions) == (0, 0)
+    carrier = kept.carrier_of(KEY)
+    assert carrier is not None
+    carrier.take(Closed(KEY, CloseReason.CLIENT, Code.OK, "", 0, 0))
+    assert not kept.has_away

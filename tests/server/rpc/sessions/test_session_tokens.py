@@ -1,0 +1,184 @@
+"""Which tokens a session is gone on with by: the newest, and those before it while its client may not have that."""
+
+from __future__ import annotations
+
+import asyncio
+from collections.abc import AsyncIterator
+from pathlib import Path
+
+import pytest
+
+from motiongen.v1 import session_pb2
+from motiongen_server.engine.types import Resume, Resumed, SessionKey, SnapshotTaken
+from motiongen_server.errors import EventRefused
+from motiongen_server.rpc.budgets.peers import Peer
+from motiongen_server.rpc.limits import PeerLimits
+from motiongen_server.rpc.sessions.durability import Durability, lease_of
+from motiongen_server.rpc.sessions.entry import SessionEntry
+from motiongen_server.rpc.sessions.kept_sessions import KeptSessions
+from motiongen_server.rpc.sessions.taking_over import claimed
+from motiongen_server.snapshots.record import read_record, write_record
+from motiongen_server.snapshots.sqlite_store import SqliteStore
+from motiongen_server.snapshots.store import Held, Lease, Renewal
+from motiongen_server.text.turns import Asker
+from tests.server.rpc.sessions.test_taking_over import RECORD, of_model, resuming
+from tests.server.rpc.streams.test_event_order import HANDLE, PAUSE, Line
+from tests.waiting import until_true
+
+FIRST, SECOND, THIRD = (f"secret.{epoch}" for epoch in (1, 2, 3))
+NAME = lease_of(FIRST).name
+KEY = SessionKey(1, HANDLE)
+
+
+class Servers:
+    """One that adopts a session, as it lies in the store, and another, which may be asked for it at any moment."""
+
+    def __init__(self, path: Path) -> None:
+        loop = asyncio.get_running_loop()
+        self.store = SqliteStore(path, 60.0)
+        self.store.save([(lease_of(FIRST), write_record(RECORD))])
+        self.one, self.other = (Durability(SqliteStore(path, 60.0), loop, lambda _: None) for _ in range(2))
+        self.kept = KeptSessions(30.0, durability=self.one)
+        self._attempt = RECORD.attempt
+
+    def line(self, number: int = 1) -> Line:
+        """Of a client, to the first."""
+        line = Line(of_model("fake").default.catalog, kept=self.kept, number=number)
+        line.stream.peer.tenant = RECORD.tenant
+        return line
+
+    def resuming(self, token: str) -> session_pb2.OpenSession:
+        """The next attempt."""
+        self._attempt += 1
+        opening = resuming(self._attempt)
+        opening.resume_token = token
+        return opening
+
+    async def ask_other(self, token: str) -> str:
+        """What the other says to whoever comes with that token: a new one, or why there is none."""
+        peer = Peer(PeerLimits(), 0.0, RECORD.tenant)
+        try:
+            told, _ = await claimed(self.other, self.resuming(token), peer, of_model("fake"), Asker())
+        except EventRefused as refusal:
+            return refusal.reason
+        return told
+
+    async def adopted(self) -> Line:
+        """Of a client that was told the second token, and may not have heard of that."""
+        line = self.line()
+        line.send(1, open=self.resuming(FIRST))
+        await until_true(lambda: bool(line.engine.events))
+        line.stream.take(Resumed(KEY, self._attempt, 0))
+        (update,) = (each for each in line.updates() if each.HasField("opened"))
+        assert update.opened.session_token == SECOND
+        return line
+
+    async def saved(self, line: Line) -> None:
+        """The engine has taken a snapshot, and it is in the store."""
+        before = self.store.read(NAME)
+        line.stream.take(SnapshotTaken(KEY, RECORD.snapshot))
+        await until_true(lambda: self.one.writer.lag_s == 0.0 and self.store.read(NAME) != before)
+
+    async def close(self) -> None:
+        for each in (self.one, self.other):
+            await asyncio.to_thread(each.close)
+
+
+@pytest.fixture
+async def servers(tmp_path: Path) -> AsyncIterator[Servers]:
+    servers = Servers(tmp_path / "store.sqlite")
+    yield servers
+    await servers.close()
+
+
+@pytest.mark.parametrize("token", ["secret.0", SECOND, "secret.77", "secret.999999999999"])
+async def test_a_token_that_nobody_was_told_takes_nothing(servers: Servers, token: str) -> None:
+    assert await servers.ask_other(token) == "SESSION_NOT_KEPT"
+    assert servers.store.renew([lease_of(FIRST)]) == [Renewal.KEPT]
+
+
+async def test_answers_that_are_lost_cost_a_client_nothing_however_many(servers: Servers) -> None:
+    """It has the token that it came with, and comes again."""
+    for epoch in range(2, 7):
+        assert await servers.ask_other(FIRST) == f"secret.{epoch}"
+    assert await servers.ask_other("secret.6") == "secret.7", "that one was heard"
+
+
+async def test_the_token_before_is_good_until_the_client_was_heard_with_the_newest(servers: Servers) -> None:
+    line = await servers.adopted()
+    await servers.saved(line)
+    assert await servers.ask_other(FIRST) == THIRD, "it may not have heard"
+
+
+@pytest.mark.parametrize("says", ["an event", "its playhead"])
+async def test_the_token_before_is_no_good_once_it_was(servers: Servers, says: str) -> None:
+    line = await servers.adopted()
+    if says == "an event":
+        line.send(RECORD.taken_seq + 1, set_play_state=PAUSE)
+    else:
+        line.send(0, playhead=session_pb2.Playhead(frame=50))
+    await servers.saved(line)
+    assert await servers.ask_other(FIRST) == "SESSION_NOT_KEPT"
+    assert servers.store.renew([lease_of(SECOND)]) == [Renewal.KEPT], "who has the session is left alone"
+    assert await servers.ask_other(SECOND) == THIRD
+
+
+async def test_the_token_before_is_no_good_once_the_newest_was_come_with(servers: Servers) -> None:
+    line = await servers.adopted()
+    assert await servers.ask_other(SECOND) == THIRD
+    line = servers.line(2)
+    line.send(1, open=servers.resuming(THIRD))
+    await until_true(lambda: bool(line.engine.events))
+    assert line.refusals() == []
+    fourth = lease_of("secret.4")
+    held = servers.store.read(NAME)
+    assert held is not None
+    assert held.epoch == 4
+    entry = servers.kept.find("secret.4")
+    assert isinstance(entry, SessionEntry)
+    line.stream.take(SnapshotTaken(entry.key, RECORD.snapshot))
+    await until_true(lambda: servers.store.read(NAME) != held)
+    assert servers.store.renew([fourth]) == [Renewal.KEPT]
+    assert await servers.ask_other(SECOND) == "SESSION_NOT_KEPT"
+
+
+@pytest.mark.parametrize("token", [FIRST, "secret.77"])
+async def test_the_same_holds_where_the_session_is_parked_by_the_server_that_is_asked(
+    servers: Servers, token: str
+) -> None:
+    line = await servers.adopted()
+    line.send(0, playhead=session_pb2.Playhead(frame=50))
+    await servers.saved(line)
+    line.stream.lose()
+    assert servers.kept.num_parked == 1
+    again = servers.line(2)
+    again.send(1, open=servers.resuming(token))
+    await until_true(again.refusals)
+    assert again.refusals() == [(1, "SESSION_NOT_KEPT")]
+    assert servers.store.renew([lease_of(SECOND)]) == [Renewal.KEPT]
+    again.send(1, open=servers.resuming(SECOND))
+    assert again.stream.num_sessions == 1, "the server has it still"
+    assert Resume in line.engine.kinds()
+
+
+async def test_who_takes_a_session_that_another_took_in_between_looks_again(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """An earlier attempt of the same client, which had given it up, may be worked off then."""
+    servers, num_taken = Servers(tmp_path / "store.sqlite"), 0
+    take = SqliteStore.take
+
+    def late(store: SqliteStore, lease: Lease, holder: str) -> Held | None:
+        nonlocal num_taken
+        num_taken += 1
+        if num_taken == 1:
+            take(store, lease, "the attempt before")
+        return take(store, lease, holder)
+
+    monkeypatch.setattr(SqliteStore, "take", late)
+    assert await servers.ask_other(FIRST) == THIRD
+    assert num_taken == 2
+    held = servers.store.read(NAME)
+    assert held is not None
+    assert read_record(held.data).taken_seq == RECORD.taken_seq
+    await servers.close()

@@ -1,0 +1,200 @@
+"""Who resumes sessions that the store has to be asked for: in turns, paid beforehand, and told to come again."""
+
+from __future__ import annotations
+
+import asyncio
+import threading
+import time
+from collections.abc import AsyncIterator
+from pathlib import Path
+
+import pytest
+
+from motiongen.v1 import session_pb2
+from motiongen_server.errors import EventRefused
+from motiongen_server.rpc.budgets.loop_time import REFUSED_TIMES, Clocks, LoopTime, Work
+from motiongen_server.rpc.budgets.peers import Peer
+from motiongen_server.rpc.budgets.stream_budget import REFUSAL_COST, StreamBudget
+from motiongen_server.rpc.limits import PeerLimits
+from motiongen_server.rpc.sessions import store_turns
+from motiongen_server.rpc.sessions.durability import Durability, lease_of
+from motiongen_server.rpc.sessions.kept_sessions import KeptSessions
+from motiongen_server.rpc.sessions.store_turns import ASKED_AGAIN_S, AWAY_S, StoreAway, StoreTurns
+from motiongen_server.snapshots.record import write_record
+from motiongen_server.snapshots.sqlite_store import SqliteStore
+from motiongen_server.snapshots.store import Held, StoreFailed
+from motiongen_server.snapshots.taker import TAKERS
+from motiongen_server.text.turns import Asker
+from tests.server.rpc.budgets.test_loop_time import Ticks
+from tests.server.rpc.sessions.test_taking_over import RECORD, TOKEN, of_model, resuming
+from tests.server.rpc.streams.test_event_order import Line
+from tests.waiting import LIMIT_S, until_true
+
+
+class Store(SqliteStore):
+    """Notes which names it is asked for. gate: it answers once that is open; is_broken: it does not."""
+
+    def __init__(self, path: Path) -> None:
+        super().__init__(path, 60.0)
+        self.gate = threading.Event()
+        self.is_broken = False
+        self.asked: list[str] = []
+
+    def read(self, name: str) -> Held | None:
+        self.asked.append(name)
+        self.gate.wait(LIMIT_S)
+        if self.is_broken:
+            raise StoreFailed("the disk is full")
+        return super().read(name)
+
+
+class Server:
+    """What streams of several peers share."""
+
+    def __init__(self, path: Path) -> None:
+        self.store = Store(path)
+        self.durability = Durability(self.store, asyncio.get_running_loop(), lambda _: None)
+        self._kept = KeptSessions(30.0, durability=self.durability)
+        self._num_lines = 0
+
+    def line(self, peer: str) -> Line:
+        """To a client of that peer, whose tenant has the session of the store once it was saved."""
+        self._num_lines += 1
+        line = Line(of_model("fake").default.catalog, kept=self._kept, number=self._num_lines)
+        line.stream.peer.name, line.stream.peer.tenant = peer, RECORD.tenant
+        return line
+
+
+@pytest.fixture
+async def server(tmp_path: Path) -> AsyncIterator[Server]:
+    server = Server(tmp_path / "store.sqlite")
+    yield server
+    server.store.gate.set()
+    await asyncio.to_thread(server.durability.close)
+
+
+def resume(line: Line, handle: int, token: str) -> None:
+    opening = resuming(9)
+    opening.resume_token = token
+    line.stream.receive(session_pb2.SessionEvent(session=handle, event_seq=1, open=opening), time.monotonic())
+
+
+async def test_who_makes_up_tokens_is_asked_for_in_turn_with_others(server: Server) -> None:
+    """All that was asked for first came first: hundreds of tokens of nobody's kept all others waiting."""
+    flood, other = server.line("flood"), server.line("other")
+    for handle in range(1, 101):
+        resume(flood, handle, f"made-up-{handle}.1")
+    resume(other, 1, "of-a-client.1")
+    server.store.gate.set()
+    await until_true(lambda: len(flood.refusals()) == 100)
+    assert server.store.asked.index(lease_of("of-a-client.1").name) < 2 * TAKERS
+
+
+async def test_where_more_wait_than_may_who_has_most_comes_again(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr(store_turns, "MOST_ASKING", TAKERS + 3)
+    server = Server(tmp_path / "store.sqlite")
+    flood, other = server.line("flood"), server.line("other")
+    for handle in range(1, TAKERS + 4):
+        resume(flood, handle, f"made-up-{handle}.1")
+    resume(other, 1, "of-a-client.1")
+    await until_true(flood.refusals)
+    server.store.gate.set()
+    await until_true(lambda: len(flood.refusals()) == TAKERS + 3 and other.refusals())
+    assert sorted(reason for _, reason in flood.refusals()) == ["SESSION_NOT_KEPT" for _ in range(TAKERS + 2)] + [
+        "SESSION_STORE_BUSY"
+    ]
+    assert other.refusals() == [(1, "SESSION_NOT_KEPT")]
+    (busy,) = (each.outcome for each in flood.updates() if each.outcome.reason == "SESSION_STORE_BUSY")
+    assert busy.HasField("retry_after")
+    await asyncio.to_thread(server.durability.close)
+
+
+@pytest.mark.parametrize("how", ["it fails", "it does not answer"])
+async def test_a_store_that_does_not_answer_has_clients_come_again(
+    server: Server, how: str, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """They let go of a session that is not kept, for good."""
+    server.store.save([(lease_of(TOKEN), write_record(RECORD))])
+    line = server.line("studio")
+    if how == "it fails":
+        server.store.is_broken = True
+        server.store.gate.set()
+    else:
+        monkeypatch.setattr(store_turns, "TAKE_S", 0.0)
+    resume(line, 7, TOKEN)
+    await until_true(line.refusals)
+    assert line.refusals() == [(1, "SESSION_STORE_UNAVAILABLE")]
+    assert line.heard[0].outcome.HasField("retry_after")
+
+    server.store.is_broken = False
+    server.store.gate.set()
+    monkeypatch.undo()
+    resume(line, 7, TOKEN)
+    await until_true(lambda: bool(line.engine.events))
+    assert len(line.refusals()) == 1
+
+
+async def test_a_store_that_stays_away_is_not_waited_for_for_ever() -> None:
+    now = [0.0]
+    turns = StoreTurns(lambda: now[0])
+
+    async def fail() -> None:
+        raise StoreFailed("it is gone")
+
+    async def asked() -> str:
+        try:
+            await turns.take(Asker(), fail)
+        except EventRefused as refusal:
+            return refusal.reason
+        except StoreAway:
+            return "away"
+        return ""
+
+    async def asked_until(end_s: float) -> set[str]:
+        heard = set()
+        while now[0] <= end_s:
+            heard.add(await asked())
+            now[0] += 1.0
+        return heard
+
+    assert await asked_until(AWAY_S) == {"SESSION_STORE_UNAVAILABLE"}
+    assert await asked() == "away"
+    turns.note_answer()
+    assert await asked() == "SESSION_STORE_UNAVAILABLE", "it had answered somebody"
+    now[0] += AWAY_S + ASKED_AGAIN_S
+    assert await asked() == "SESSION_STORE_UNAVAILABLE", "nobody had asked in between"
+
+
+async def test_a_resume_is_paid_for_before_the_store_has_answered_and_given_back_where_it_is_none_that_is_refused(
+    server: Server,
+) -> None:
+    """Else a slow store let a client ask for thousands before it paid for the first."""
+    server.store.save([(lease_of(TOKEN), write_record(RECORD))])
+    line = server.line("studio")
+    now = time.monotonic()
+    line.stream.budget = StreamBudget(1e-3, Peer(PeerLimits(), now), now)  # nothing comes back within the test
+    owed_s = line.stream.owed_s
+    resume(line, 7, TOKEN)
+    assert owed_s(time.monotonic()) > 0.9 * REFUSAL_COST * 1e3
+    server.store.gate.set()
+    await until_true(lambda: bool(line.engine.events))
+    assert owed_s(time.monotonic()) == 0.0
+    resume(line, 8, "made-up.1")
+    await until_true(line.refusals)
+    assert 0.9 * REFUSAL_COST * 1e3 < owed_s(time.monotonic()) < 1.1 * REFUSAL_COST * 1e3, "once"
+
+
+async def test_what_the_loop_does_for_a_resume_is_charged_more_where_it_is_refused(server: Server) -> None:
+    line, ticks = server.line("studio"), Ticks()
+    loop, charged = LoopTime(clocks=Clocks(ticks, ticks)), list[float]()
+    line.stream.work = Work(loop, charged.append)
+    resume(line, 7, "made-up.1")
+    assert loop.taken_s == 0.0, "the message is the reader's to measure"
+    server.store.gate.set()
+    await until_true(lambda: not line.stream.peer.waiting_bytes)
+    asked_s, answered_s = charged
+    assert asked_s > 0, "until the store is asked"
+    assert answered_s == pytest.approx(REFUSED_TIMES * (loop.taken_s - asked_s)), "from its answer on"
+    assert line.refusals() == [(1, "SESSION_NOT_KEPT")]

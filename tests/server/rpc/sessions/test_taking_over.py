@@ -1,0 +1,296 @@
+"""Sessions that other servers have: who may take them over, what it costs, and what a refusal leaves as it was."""
+
+from __future__ import annotations
+
+import asyncio
+import logging
+import threading
+import time
+from collections.abc import AsyncIterator
+from dataclasses import replace
+from pathlib import Path
+from typing import cast
+
+import grpc.aio
+import pytest
+
+from motiongen.v1 import motion_pb2, service_pb2, service_pb2_grpc, session_pb2
+from motiongen_server.engine.types import Guidance
+from motiongen_server.errors import EventRefused
+from motiongen_server.models.registry import LoadedModel, ModelRegistry
+from motiongen_server.rpc.budgets.peers import Peer
+from motiongen_server.rpc.catalog import Catalog
+from motiongen_server.rpc.limits import Limits, PeerLimits
+from motiongen_server.rpc.sessions import taking_over
+from motiongen_server.rpc.sessions.durability import Durability, lease_of
+from motiongen_server.rpc.sessions.entry import Carrier
+from motiongen_server.rpc.sessions.kept_answers import MAX_KEPT_BYTES
+from motiongen_server.rpc.sessions.kept_sessions import KeptSessions
+from motiongen_server.rpc.sessions.taking_over import adopted, claimed
+from motiongen_server.rpc.streams import take_overs as stream_take_overs
+from motiongen_server.snapshots.record import write_record
+from motiongen_server.snapshots.sqlite_store import SqliteStore
+from motiongen_server.snapshots.store import Held, Lease, Renewal
+from motiongen_server.text.turns import Asker
+from tests.contract.local import LocalServer
+from tests.server.engine.fakes import FACTS
+from tests.server.rpc.sessions.test_kept_answers import placed
+from tests.server.rpc.streams.test_event_order import Engine, Line, Prompts
+from tests.server.snapshots.records import KEY, a_record
+from tests.waiting import LIMIT_S, until_true
+
+TOKEN = "secret.1"
+NOBODY = cast(Carrier, None)  # tells of it
+RECORD = a_record()
+
+
+def of_model(model_id: str) -> ModelRegistry:
+    facts = replace(FACTS, model_id=model_id)
+    catalog = Catalog(facts, Limits(), Guidance(2.0, 2.0), "CC0-1.0", text_encoder="counted", history_frames=16)
+    return ModelRegistry(LoadedModel("fake", Engine(), Prompts(), catalog))  # type: ignore[arg-type]
+
+
+def resuming(attempt: int) -> session_pb2.OpenSession:
+    return session_pb2.OpenSession(resume_token=TOKEN, resume_point=session_pb2.ResumePoint(attempt=attempt))
+
+
+@pytest.fixture
+def store(tmp_path: Path) -> SqliteStore:
+    """With a session that another server has."""
+    store = SqliteStore(tmp_path / "store.sqlite", 60.0)
+    store.save([(lease_of(TOKEN), write_record(RECORD))])
+    return store
+
+
+@pytest.fixture
+async def durability(store: SqliteStore) -> AsyncIterator[Durability]:
+    durability = Durability(store, asyncio.get_running_loop(), lambda _: None)
+    yield durability
+    await asyncio.to_thread(durability.close)
+
+
+@pytest.mark.parametrize(
+    ("tenant", "attempt", "model_id", "reason"),
+    [
+        ("thief", 9, "fake", "SESSION_NOT_KEPT"),
+        ("studio", RECORD.attempt, "fake", "RESUME_SUPERSEDED"),
+        ("studio", 9, "another", "UNKNOWN_MODEL"),
+    ],
+)
+async def test_who_may_not_take_a_session_over_takes_nothing_from_who_has_it(
+    durability: Durability, store: SqliteStore, tenant: str, attempt: int, model_id: str, reason: str
+) -> None:
+    peer = Peer(PeerLimits(), 0.0, tenant)
+    with pytest.raises(EventRefused) as refused:
+        await claimed(durability, resuming(attempt), peer, of_model(model_id), Asker())
+    assert refused.value.reason == reason
+    assert store.renew([lease_of(TOKEN)]) == [Renewal.KEPT]
+
+
+async def test_who_may_does(durability: Durability, store: SqliteStore) -> None:
+    peer = Peer(PeerLimits(), 0.0, "studio")
+    token, record = await claimed(durability, resuming(9), peer, of_model("fake"), Asker())
+    assert (token, record.taken_seq) == ("secret.2", RECORD.taken_seq)
+    assert store.renew([lease_of(TOKEN)]) == [Renewal.FENCED]
+
+
+async def test_who_makes_up_tokens_fills_no_log(
+    durability: Durability, caplog: pytest.LogCaptureFixture, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    now = [0.0]
+    monkeypatch.setattr(taking_over._log, "_clock", lambda: now[0])
+    monkeypatch.setattr(taking_over._log, "_quiet_until", 0.0)
+    monkeypatch.setattr(taking_over._log, "_left_out", 0)
+    caplog.set_level(logging.INFO, taking_over.__name__)
+    opening, peer, models = resuming(9), Peer(PeerLimits(), 0.0, "studio"), of_model("fake")
+    opening.resume_token = "made up"
+    for _ in range(1000):
+        now[0] += 0.02
+        with pytest.raises(EventRefused):
+            await claimed(durability, opening, peer, models, Asker())
+    lines = [record.message for record in caplog.records]
+    assert 2 <= len(lines) <= 3, "one in ten seconds, and twenty have passed"
+    assert ["like it since the last one" in line for line in lines] == [False] + [True] * (len(lines) - 1)
+
+
+def test_its_steps_count_for_its_tenant_as_those_of_any_session() -> None:
+    models = of_model("fake")
+    needed_hz = models.default.steps_hz(RECORD.snapshot.spec.denoise_steps)
+    peer = Peer(PeerLimits(steps_per_second=1.5 * needed_hz, share=3.0), 0.0, "studio", "tenant:studio")
+
+    def take_over() -> float:
+        entry, event = adopted(
+            RECORD,
+            TOKEN,
+            resuming(9),
+            KEY,
+            models=models,
+            peer=peer,
+            carrier=NOBODY,
+            events_per_second=50.0,
+            now=0.0,
+        )
+        assert entry.place.peer is peer
+        return event.spec.owner.weight
+
+    assert take_over() == 3.0, "the share that its tenant has now"
+    with pytest.raises(EventRefused) as refused:
+        take_over()
+    assert refused.value.reason == "STEPS_QUOTA"
+    assert peer.num_sessions == 1
+
+
+async def test_of_what_another_server_has_kept_for_its_client_no_more_is_kept_than_may() -> None:
+    answers = tuple(replace(placed(number), session=KEY) for number in range(1, 6))
+    entry, _ = adopted(
+        replace(RECORD, answers=answers),
+        TOKEN,
+        resuming(9),
+        KEY,
+        models=of_model("fake"),
+        peer=Peer(PeerLimits(), 0.0, "studio"),
+        carrier=NOBODY,
+        events_per_second=50.0,
+        now=0.0,
+    )
+    assert len(entry.answers) == 5
+    assert entry.held_bytes <= MAX_KEPT_BYTES
+
+
+class SlowStore(SqliteStore):
+    """Says what it has once its gate is open."""
+
+    def __init__(self, path: Path) -> None:
+        super().__init__(path, 60.0)
+        self.gate = threading.Event()
+
+    def read(self, name: str) -> Held | None:
+        self.gate.wait(LIMIT_S)
+        return super().read(name)
+
+    def take(self, lease: Lease, holder: str) -> Held | None:
+        self.gate.wait(LIMIT_S)
+        return super().take(lease, holder)
+
+
+async def test_a_client_that_finishes_while_the_store_is_asked_has_its_answer(tmp_path: Path) -> None:
+    store = SlowStore(tmp_path / "store.sqlite")
+    opening = session_pb2.SessionEvent(session=1, event_seq=1, open=resuming(1))
+    request = service_pb2.StreamMotionRequest(hello=service_pb2.ClientHello(), events=[opening])
+    heard: list[session_pb2.SessionUpdate] = []
+    async with (
+        asyncio.timeout(LIMIT_S),
+        LocalServer(snapshots=store) as server,
+        grpc.aio.insecure_channel(server.address) as channel,
+    ):
+        call = service_pb2_grpc.MotionServiceStub(channel).StreamMotion(iter([request]))
+        async for response in call:
+            heard += response.updates
+            if not response.ByteSize():  # the server has seen that its client has finished
+                store.gate.set()
+        assert await call.code() is grpc.StatusCode.OK
+    assert [update.outcome.reason for update in heard] == ["SESSION_NOT_KEPT"]
+
+
+FAR = motion_pb2.RootTrajectory(positions=[1.0] * 800)
+"""3.2 kB."""
+
+
+def path(event_seq: int) -> session_pb2.EditConstraints:
+    return session_pb2.EditConstraints(
+        upsert=[motion_pb2.Constraint(constraint_id=event_seq, frame=40, root_trajectory=FAR)]
+    )
+
+
+async def test_what_comes_behind_a_session_on_its_way_is_bounded_counted_and_taken_as_it_is_paid_for(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monotonic, leapt_s = time.monotonic, [0.0]
+    monkeypatch.setattr(time, "monotonic", lambda: monotonic() + leapt_s[0])  # the event loop's time too
+    store = SlowStore(tmp_path / "store.sqlite")
+    durability = Durability(store, asyncio.get_running_loop(), lambda _: None)
+    line = Line(kept=KeptSessions(30.0, durability=durability))
+    stream, peer = line.stream, line.stream.peer
+    peer.limits = PeerLimits(waiting_bytes=20_000)
+    line.send(1, open=resuming(1))
+    for event_seq in range(2, 12):
+        line.send(event_seq, edit_constraints=path(event_seq))
+    assert [seq for seq, _ in line.refusals()] == [8, 9, 10, 11], "there was no place for these"
+    assert {reason for _, reason in line.refusals()} == {"TOO_MANY_PENDING_EVENTS"}
+    assert 16_000 < peer.waiting_bytes == stream.num_waiting_bytes <= 20_000
+
+    stream.budget.charge(1e6, time.monotonic())
+    store.gate.set()
+    await until_true(lambda: line.refusals()[4:] == [(1, "SESSION_NOT_KEPT")])
+    for _ in range(50):
+        await asyncio.sleep(0)
+    line.send(12, edit_constraints=path(12))
+    assert len(line.refusals()) == 6, "nothing behind it is taken while the stream owes; the last had no place"
+    leapt_s[0] = 1e4
+    await until_true(lambda: not peer.waiting_bytes)
+    assert line.refusals()[6:] == [(event_seq, "SESSION_NOT_OPEN") for event_seq in range(2, 8)]
+    assert stream.num_waiting_bytes == 0
+    await asyncio.to_thread(durability.close)
+
+
+async def test_no_opening_of_a_session_on_its_way_is_greater_than_may_wait(tmp_path: Path) -> None:
+    durability = Durability(SlowStore(tmp_path / "store.sqlite"), asyncio.get_running_loop(), lambda _: None)
+    line = Line(kept=KeptSessions(30.0, durability=durability))
+    line.stream.peer.limits = PeerLimits(waiting_bytes=20_000)
+    opening = resuming(1)
+    opening.request_id = "x" * 20_000
+    line.send(1, open=opening)
+    assert line.refusals() == [(1, "TOO_MANY_PENDING_EVENTS")]
+    assert line.stream.peer.waiting_bytes == 0
+    await asyncio.to_thread(durability.close)
+
+
+def _waiting_line(tmp_path: Path) -> tuple[Line, SlowStore, Durability]:
+    store = SlowStore(tmp_path / "store.sqlite")
+    durability = Durability(store, asyncio.get_running_loop(), lambda _: None)
+    return Line(kept=KeptSessions(30.0, durability=durability)), store, durability
+
+
+async def test_one_that_is_asked_for_behind_another_on_its_handle_is_taken_over_in_its_turn(tmp_path: Path) -> None:
+    line, store, durability = _waiting_line(tmp_path)
+    line.send(1, open=resuming(1))
+    line.send(1, open=resuming(2))
+    for event_seq in (2, 3):
+        line.send(event_seq, edit_constraints=path(event_seq))
+    store.gate.set()
+    await until_true(lambda: len(line.refusals()) == 4)
+    assert line.refusals() == [(1, "SESSION_NOT_KEPT")] * 2 + [(2, "SESSION_NOT_OPEN"), (3, "SESSION_NOT_OPEN")]
+    await until_true(lambda: not line.stream.peer.waiting_bytes)
+    assert line.stream.num_waiting_bytes == 0
+    await asyncio.to_thread(durability.close)
+
+
+async def test_nothing_behind_one_on_its_way_is_taken_once_its_client_has_gone(tmp_path: Path) -> None:
+    """A session that was opened then would be carried by nobody."""
+    line, store, durability = _waiting_line(tmp_path)
+    line.send(1, open=resuming(1))
+    line.send(1, open=session_pb2.OpenSession())
+    line.stream.budget.charge(1e6, time.monotonic())
+    store.gate.set()
+    await until_true(lambda: bool(line.refusals()))
+    line.stream.lose()
+    await until_true(lambda: not line.stream.peer.waiting_bytes)
+    assert line.engine.events == []
+    assert line.stream.num_sessions == 0
+    await asyncio.to_thread(durability.close)
+
+
+async def test_a_fault_in_taking_one_over_ends_its_stream(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    """Else its client would wait for an answer for ever."""
+
+    async def broken(*_: object) -> None:
+        raise RuntimeError("a bug")
+
+    monkeypatch.setattr(stream_take_overs, "claimed", broken)
+    line, store, durability = _waiting_line(tmp_path)
+    line.send(1, open=resuming(1))
+    await until_true(lambda: line.stream.refusal is not None)
+    assert line.stream.refusal is not None
+    assert line.stream.refusal.reason == "INTERNAL"
+    store.gate.set()
+    await asyncio.to_thread(durability.close)

@@ -1,0 +1,273 @@
+"""What a stream does with the order, the pace and the end of a session's events, before the engine sees them."""
+
+from __future__ import annotations
+
+import asyncio
+import time
+from collections.abc import Sequence
+from dataclasses import dataclass, field
+
+import numpy as np
+import pytest
+from numpy.typing import NDArray
+
+from motiongen.v1 import motion_pb2, service_pb2, session_pb2
+from motiongen_server.engine.types import (
+    ChannelBlock,
+    Close,
+    Closed,
+    CloseReason,
+    Code,
+    Event,
+    EventRefused,
+    Guidance,
+    ModelFacts,
+    Open,
+    Opened,
+    Outcome,
+    Playhead,
+    Priority,
+    RigLayout,
+    SetPlayState,
+    SetPrompts,
+)
+from motiongen_server.engine_process.ledger import no_room
+from motiongen_server.models.registry import LoadedModel, ModelRegistry
+from motiongen_server.rpc.catalog import Catalog
+from motiongen_server.rpc.convert import prompt_texts
+from motiongen_server.rpc.errors.events import too_many_fields
+from motiongen_server.rpc.limits import Limits
+from motiongen_server.rpc.sessions import event_path
+from motiongen_server.rpc.sessions.kept_sessions import KeptSessions
+from motiongen_server.rpc.stream_metrics import StreamMetrics
+from motiongen_server.rpc.streams.stream import Stream
+from motiongen_server.text.turns import Asker
+
+HANDLE = 7
+
+
+def make_catalog(**limits: float) -> Catalog:
+    rig = RigLayout("stick", ("root",), (-1,), np.zeros((1, 3), np.float32), (ChannelBlock("root_translation_m", 3),))
+    facts = ModelFacts(
+        model_id="tiny",
+        rig=rig,
+        fps=20,
+        horizon=40,
+        patch=4,
+        feature_dim=8,
+        max_window_frames=200,
+        min_steps=2,
+        max_steps=10,
+        default_steps=4,
+        embedding_dim=3,
+    )
+    return Catalog(facts, Limits(**limits), Guidance(2.0, 2.0), "CC0-1.0", text_encoder="counted", history_frames=16)  # type: ignore[arg-type]
+
+
+@dataclass
+class Prompts:
+    """An encoder that knows no text until the test lets it go on."""
+
+    go: asyncio.Event = field(default_factory=asyncio.Event)
+    asked: list[str] = field(default_factory=list)
+    askers: list[Asker] = field(default_factory=list)
+
+    def cached(self, text: str) -> NDArray[np.float32] | None:
+        return np.ones(3, np.float32) if self.go.is_set() else None
+
+    async def encode_all(self, texts: Sequence[str], asker: Asker) -> dict[str, NDArray[np.float32]]:
+        self.asked += texts
+        self.askers.append(asker)
+        await self.go.wait()
+        return {text: np.ones(3, np.float32) for text in texts}
+
+
+@dataclass
+class Engine:
+    """Notes what it is given."""
+
+    events: list[Event] = field(default_factory=list)
+    most_steps: int = 1000
+
+    def submit(self, event: Event) -> Outcome | None:
+        self.events.append(event)
+        return None
+
+    def refusal_of(self, priority: Priority, denoise_steps: int) -> EventRefused | None:
+        return no_room(priority, denoise_steps, 2.0) if denoise_steps > self.most_steps else None
+
+    def kinds(self) -> list[type]:
+        return [type(event) for event in self.events]
+
+
+@dataclass
+class Line:
+    """A stream between a client and an engine, both played by the test. kept: sessions that outlive their streams."""
+
+    catalog: Catalog = field(default_factory=make_catalog)
+    engine: Engine = field(default_factory=Engine)
+    prompts: Prompts = field(default_factory=Prompts)
+    kept: KeptSessions | None = None
+    number: int = 1
+    metrics: StreamMetrics | None = None
+
+    def __post_init__(self) -> None:
+        self.models = ModelRegistry(LoadedModel("fake", self.engine, self.prompts, self.catalog))  # type: ignore[arg-type]
+        self.stream = Stream(self.number, self.models, self.metrics, kept=self.kept)
+        self.heard: list[session_pb2.SessionUpdate] = []
+
+    def send(self, event_seq: int, at: float | None = None, **event: object) -> None:
+        """at: when it comes, in monotonic seconds; None: now."""
+        message = session_pb2.SessionEvent(session=HANDLE, event_seq=event_seq, **event)  # type: ignore[arg-type]
+        self.stream.receive(message, time.monotonic() if at is None else at)
+
+    def open(self) -> None:
+        """Open a session, and let the engine say so."""
+        self.send(1, open=session_pb2.OpenSession(request_id="first"))
+        self.stream.take(Opened(self.engine.events[-1].session, 1, 0, 40, 4, 4, "tiny", "stick", 20))
+
+    async def encoded(self) -> None:
+        """Let the encoder go on until nothing waits for it."""
+        self.stream.ready.clear()
+        self.prompts.go.set()
+        await self.stream.ready.wait()
+
+    def updates(self) -> list[session_pb2.SessionUpdate]:
+        """All that was said so far."""
+        while (response := self.stream.next_response()) is not None:
+            self.heard.extend(service_pb2.StreamMotionResponse.FromString(response).updates)
+        return self.heard
+
+    def refusals(self) -> list[tuple[int, str]]:
+        """Number and reason of each refused event."""
+        outcomes = [update.outcome for update in self.updates() if update.HasField("outcome")]
+        return [(outcome.event_seq, outcome.reason) for outcome in outcomes if outcome.code != Code.OK]
+
+
+PAUSE = session_pb2.SetPlayState(state=session_pb2.PLAY_STATE_PAUSED)
+WALK = session_pb2.EditPrompts(upsert=[motion_pb2.PromptSpan(prompt_id=1, text="walk")])
+
+
+@pytest.fixture
+async def line() -> Line:
+    return Line()
+
+
+async def test_a_repetition_is_dropped_and_a_gap_refused(line: Line) -> None:
+    line.open()
+    line.send(2, set_play_state=PAUSE)
+    line.send(2, set_play_state=PAUSE)
+    line.send(4, set_play_state=PAUSE)
+    line.send(3, set_play_state=PAUSE)
+    assert line.refusals() == [(4, "SEQUENCE_GAP")]
+    assert [event.event_seq for event in line.engine.events] == [1, 2, 3]
+
+
+async def test_the_same_open_again_is_dropped_and_another_refused(line: Line) -> None:
+    line.open()
+    line.send(1, open=session_pb2.OpenSession(request_id="first"))
+    assert line.refusals() == []
+    line.send(1, open=session_pb2.OpenSession(request_id="second"))
+    assert line.refusals() == [(1, "HANDLE_IN_USE")]
+    line.send(2, set_play_state=PAUSE)
+    assert line.refusals() == [(1, "HANDLE_IN_USE")], "the open session is not touched"
+
+
+async def test_a_playhead_with_a_number_is_refused_and_the_session_lives(line: Line) -> None:
+    line.open()
+    line.send(1, playhead=session_pb2.Playhead(frame=3))
+    line.send(0, playhead=session_pb2.Playhead(frame=3))
+    line.send(2, set_play_state=PAUSE)
+    assert line.refusals() == [(1, "INVALID_EVENT_SEQ")]
+    assert [event.event_seq for event in line.engine.events] == [1, 0, 2]
+
+
+async def test_an_event_that_comes_too_fast_uses_up_its_number() -> None:
+    line = Line(make_catalog(events_per_second=3.0))
+    line.open()
+    now = time.monotonic()  # all of them come at this moment, so that none is allowed again between two
+    for event_seq in range(2, 6):
+        line.send(event_seq, at=now, set_play_state=PAUSE)
+    assert {reason for _, reason in line.refusals()} == {"TOO_MANY_EVENTS"}
+    assert [event.event_seq for event in line.engine.events] + [seq for seq, _ in line.refusals()] == [1, 2, 3, 4, 5]
+
+
+async def test_events_after_the_close_are_refused_before_the_end_is_told(line: Line) -> None:
+    line.open()
+    line.send(2, close=session_pb2.CloseSession())
+    line.send(3, set_play_state=PAUSE)
+    line.send(0, playhead=session_pb2.Playhead(frame=9))
+    line.stream.take(Closed(line.engine.events[0].session, CloseReason.CLIENT, Code.OK, "", 0, 0))
+    assert line.engine.kinds() == [Open, Close]
+    assert line.refusals() == [(3, "SESSION_CLOSED")]
+    last = line.updates()[-1]
+    assert last.HasField("closed")
+    assert last.applied_seq == 3
+
+
+async def test_a_report_does_not_overtake_the_open(line: Line) -> None:
+    line.send(1, open=session_pb2.OpenSession(prompts=WALK.upsert))
+    line.send(0, playhead=session_pb2.Playhead(frame=0))
+    assert line.engine.events == []
+    await line.encoded()
+    line.send(0, playhead=session_pb2.Playhead(frame=0))
+    assert line.engine.kinds() == [Open, Playhead]
+
+
+async def test_events_wait_behind_a_prompt_that_is_being_encoded(line: Line) -> None:
+    line.open()
+    line.send(2, edit_prompts=WALK)
+    line.send(3, close=session_pb2.CloseSession())
+    line.send(4, edit_prompts=WALK)
+    assert line.engine.kinds() == [Open]
+    await line.encoded()
+    assert line.engine.kinds() == [Open, SetPrompts, Close]
+    assert line.refusals() == [(4, "SESSION_CLOSED")]
+
+
+async def test_a_prompt_is_checked_once_and_a_wrong_one_does_not_wait_for_the_encoder(
+    line: Line, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    checked: list[int] = []
+
+    def counted(event: session_pb2.SessionEvent, catalog: Catalog) -> tuple[str, ...]:
+        checked.append(event.event_seq)
+        return prompt_texts(event, catalog)
+
+    monkeypatch.setattr(event_path, "prompt_texts", counted)
+    line.open()
+    line.send(2, edit_prompts=WALK)
+    line.send(3, edit_prompts=session_pb2.EditPrompts(upsert=[motion_pb2.PromptSpan(prompt_id=1, text=" ")]))
+    line.send(4, edit_prompts=WALK)
+    assert line.refusals() == [(3, "EMPTY_PROMPT")]
+    await line.encoded()
+    assert [event.event_seq for event in line.engine.events] == [1, 2, 4]
+    assert checked == [1, 2, 3, 4]
+
+
+async def test_what_waits_when_the_stream_ends_is_answered(line: Line) -> None:
+    line.send(1, open=session_pb2.OpenSession(prompts=WALK.upsert))
+    line.send(2, set_play_state=PAUSE)
+    line.stream.close_all(CloseReason.DRAINED)
+    assert line.refusals() == [(1, "SESSION_CLOSED"), (2, "SESSION_CLOSED")]
+    assert line.stream.num_sessions == 0
+    assert line.engine.events == []
+
+
+async def test_an_event_whose_content_was_not_read_is_answered_by_its_number(line: Line) -> None:
+    unread = too_many_fields(4416)
+    shell = session_pb2.SessionEvent(session=HANDLE, event_seq=2, edit_constraints=session_pb2.EditConstraints())
+    opening = session_pb2.SessionEvent(session=HANDLE, event_seq=1, open=session_pb2.OpenSession())
+    line.stream.receive(opening, time.monotonic(), unread)
+    assert line.engine.events == [], "an open without its content opens nothing"
+    line.open()
+    line.stream.receive(shell, time.monotonic(), unread)
+    line.send(3, set_play_state=PAUSE)
+    assert line.refusals() == [(1, "TOO_MANY_FIELDS"), (2, "TOO_MANY_FIELDS")]
+    assert line.engine.kinds() == [Open, SetPlayState]
+
+
+async def test_it_is_no_event_of_a_session_that_is_not_there(line: Line) -> None:
+    shell = session_pb2.SessionEvent(session=HANDLE, event_seq=2, edit_constraints=session_pb2.EditConstraints())
+    line.stream.receive(shell, time.monotonic(), too_many_fields(4416))
+    assert line.refusals() == [(2, "TOO_MANY_FIELDS")]

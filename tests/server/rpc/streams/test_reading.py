@@ -1,0 +1,80 @@
+"""When a stream reads on: not while more answers wait than its client reads, but always once it has ended."""
+
+from __future__ import annotations
+
+import asyncio
+import time
+
+import pytest
+
+from motiongen.v1 import service_pb2, session_pb2
+from motiongen_server.engine.types import Code, Outcome, SessionKey
+from motiongen_server.rpc.streams.output import MAX_WAITING_REPLIES
+from tests.server.rpc.streams.test_event_order import Line, make_catalog
+
+PONG = service_pb2.StreamMotionResponse(pong=service_pb2.Pong(client_time_ns=1))
+ROUNDS = 10
+
+
+async def is_waiting(task: asyncio.Task[None]) -> bool:
+    for _ in range(ROUNDS):
+        await asyncio.sleep(0)  # the event loop goes round; nothing here depends on time
+    return not task.done()
+
+
+@pytest.fixture
+async def line() -> Line:
+    return Line(make_catalog(hard_backlog_bytes=1_000))
+
+
+async def test_there_is_room_while_the_client_reads(line: Line) -> None:
+    assert not await is_waiting(asyncio.create_task(line.stream.room()))
+
+
+async def test_answers_that_are_not_read_stop_the_reading_until_they_are(line: Line) -> None:
+    for number in range(4):
+        line.stream.take(Outcome(SessionKey(1, 5), number, Code.NOT_FOUND, reason="R", message="m" * 300))
+    reading = asyncio.create_task(line.stream.room())
+    assert await is_waiting(reading)
+    assert line.stream.next_response() is not None
+    assert not await is_waiting(reading)
+
+
+async def test_pongs_that_are_not_read_stop_the_reading_too(line: Line) -> None:
+    for _ in range(MAX_WAITING_REPLIES + 1):
+        line.stream.reply(PONG)
+    reading = asyncio.create_task(line.stream.room())
+    assert await is_waiting(reading)
+    line.stream.next_response()
+    assert not await is_waiting(reading)
+
+
+async def test_the_end_of_the_stream_ends_the_wait(line: Line) -> None:
+    for _ in range(MAX_WAITING_REPLIES + 1):
+        line.stream.reply(PONG)
+    reading = asyncio.create_task(line.stream.room())
+    assert await is_waiting(reading)
+    line.stream.end()
+    assert not await is_waiting(reading)
+
+
+async def test_a_stream_that_owes_is_not_read_until_it_has_paid(monkeypatch: pytest.MonkeyPatch) -> None:
+    monotonic, leapt_s = time.monotonic, [0.0]
+    monkeypatch.setattr(time, "monotonic", lambda: monotonic() + leapt_s[0])  # the event loop's time too
+    line = Line(make_catalog(stream_events_per_second=1.0))
+    line.stream.budget.charge(3601.0, time.monotonic())  # an hour, and the second that it may use at once
+    reading = asyncio.create_task(line.stream.room())
+    assert await is_waiting(reading)
+    leapt_s[0] += 1800.0
+    assert await is_waiting(reading), "half of it is paid"
+    leapt_s[0] += 1800.0
+    assert not await is_waiting(reading)
+
+
+async def test_a_refusal_costs_more_than_what_is_taken() -> None:
+    line = Line(make_catalog(stream_events_per_second=10.0))
+    line.send(5, set_play_state=session_pb2.SetPlayState())
+    now = time.monotonic()
+    assert line.stream.budget.owed_s(now) == 0
+    line.send(5, set_play_state=session_pb2.SetPlayState())
+    assert line.stream.budget.owed_s(now) > 0

@@ -1,0 +1,168 @@
+"""What waits for the flush interval, and what does not."""
+
+from __future__ import annotations
+
+import asyncio
+import contextlib
+from collections.abc import AsyncIterator
+from contextlib import asynccontextmanager
+
+import grpc.aio
+import numpy as np
+import pytest
+
+from motiongen.v1 import service_pb2, session_pb2
+from motiongen_server.engine.types import Chunk, Close, PlanCause, PlanNotice, SessionKey
+from motiongen_server.rpc.errors.streams import stream_empty
+from motiongen_server.rpc.service import MotionService
+from motiongen_server.rpc.streams import writer as stream_writer
+from tests.server.rpc.streams.test_event_order import Line
+
+ENDLESS_S = 1e6
+SOON_S = 30.0
+ROW_WIDTH = 11
+
+
+class Context:
+    """A client that reads everything at once. messages: what was written to it."""
+
+    def __init__(self) -> None:
+        self.messages: asyncio.Queue[bytes] = asyncio.Queue()
+
+    async def write(self, message: bytes) -> None:
+        self.messages.put_nowait(message)
+
+    async def next_updates(self) -> list[session_pb2.SessionUpdate]:
+        message = await asyncio.wait_for(self.messages.get(), SOON_S)
+        return list(service_pb2.StreamMotionResponse.FromString(message).updates)
+
+    async def is_silent(self) -> bool:
+        """Whether nothing comes though the loop goes round."""
+        for _ in range(50):
+            await asyncio.sleep(0)
+        return self.messages.empty()
+
+
+@asynccontextmanager
+async def written() -> AsyncIterator[tuple[Line, SessionKey, Context]]:
+    """A line to a client that was told something just now, and has an endless flush interval."""
+    line, context = Line(), Context()
+    line.stream.flush_s = ENDLESS_S
+    writer = asyncio.create_task(stream_writer.write(line.stream, context))  # type: ignore[arg-type]
+    line.open()
+    assert await context.next_updates()
+    yield line, line.engine.events[0].session, context
+    writer.cancel()
+    with contextlib.suppress(asyncio.CancelledError):
+        await writer
+
+
+def chunk(key: SessionKey, plan: int) -> Chunk:
+    return Chunk(key, plan, 0, np.zeros((8, ROW_WIDTH), np.float32), 0)
+
+
+async def test_frames_wait_for_the_flush_interval() -> None:
+    async with written() as (line, key, context):
+        line.stream.take(PlanNotice(key, 2, 0, PlanCause.CONTINUE, ()), chunk(key, 2))
+        assert await context.is_silent()
+
+
+async def test_a_plan_that_answers_an_edit_goes_at_once_with_its_frames_and_what_waits() -> None:
+    async with written() as (line, key, context):
+        line.stream.take(chunk(key, 1))
+        assert await context.is_silent()
+        line.stream.take(PlanNotice(key, 2, 8, PlanCause.EDIT, (2,)), chunk(key, 2))
+        said = [update.WhichOneof("update") for update in await context.next_updates()]
+        assert said.count("plan") == 1
+        assert "chunk" in said[said.index("plan") :]
+        line.stream.take(PlanNotice(key, 3, 8, PlanCause.CONTINUE, ()), chunk(key, 3))
+        assert await context.is_silent()
+
+
+class GoneContext(Context):
+    """A client that goes while the first message is written, which gRPC has not seen yet."""
+
+    async def read(self) -> bytes:
+        await asyncio.Event().wait()
+        raise AssertionError("it says nothing")
+
+    async def write(self, message: bytes) -> None:
+        raise grpc.aio.InternalError("a write of the call has failed")
+
+
+async def test_a_call_whose_client_has_gone_is_cancelled_and_its_sessions_with_it() -> None:
+    line = Line()
+    line.open()
+    service = MotionService(line.models)
+    with pytest.raises(asyncio.CancelledError):
+        await service._serve(line.stream, GoneContext())  # type: ignore[arg-type]
+    assert line.engine.kinds()[-1] is Close
+
+
+class SlowContext(Context):
+    """A client that takes a message when the test says so."""
+
+    def __init__(self) -> None:
+        super().__init__()
+        self.reads = asyncio.Event()
+
+    async def write(self, message: bytes) -> None:
+        await self.reads.wait()
+        await super().write(message)
+
+
+async def test_what_is_being_written_is_finished_before_a_refused_stream_is_told_so() -> None:
+    """gRPC takes no status beside the first response of a call: the client heard none."""
+    line, context = Line(), SlowContext()
+    writer = asyncio.create_task(stream_writer.write(line.stream, context))  # type: ignore[arg-type]
+    line.stream.cut = lambda: stream_writer.cut(line.stream, writer)
+    line.open()
+    assert await context.is_silent()
+    line.stream.take(chunk(line.engine.events[0].session, 1))
+    line.stream.refuse(stream_empty(300.0))
+    assert await context.is_silent()
+    assert not writer.done()
+    context.reads.set()
+    await asyncio.wait_for(writer, SOON_S)
+    assert context.messages.qsize() == 1, "and nothing after it"
+
+
+async def test_who_takes_nothing_more_does_not_hold_up_the_end(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(stream_writer, "LAST_WRITE_S", 0.01)
+    line, context = Line(), SlowContext()
+    writer = asyncio.create_task(stream_writer.write(line.stream, context))  # type: ignore[arg-type]
+    line.stream.cut = lambda: stream_writer.cut(line.stream, writer)
+    context.reads.set()
+    line.open()
+    assert await context.next_updates()
+    context.reads.clear()
+    line.stream.take(PlanNotice(line.engine.events[0].session, 2, 0, PlanCause.EDIT, (2,)))
+    assert await context.is_silent()
+    line.stream.refuse(stream_empty(300.0))
+    await asyncio.wait({writer}, timeout=SOON_S)
+    assert writer.cancelled()
+
+
+async def test_a_first_message_that_is_not_taken_is_never_given_up(monkeypatch: pytest.MonkeyPatch) -> None:
+    """gRPC would hold the call, without anybody who counts it."""
+    monkeypatch.setattr(stream_writer, "LAST_WRITE_S", 0.0)
+    line, context = Line(), SlowContext()
+    writer = asyncio.create_task(stream_writer.write(line.stream, context))  # type: ignore[arg-type]
+    line.stream.cut = lambda: stream_writer.cut(line.stream, writer)
+    line.open()
+    assert await context.is_silent()
+    line.stream.refuse(stream_empty(300.0))
+    assert await context.is_silent()
+    assert not writer.done()
+    context.reads.set()
+    await asyncio.wait_for(writer, SOON_S)
+
+
+async def test_a_stream_that_writes_nothing_ends_at_once() -> None:
+    async with written() as (line, _, context):
+        writer = next(task for task in asyncio.all_tasks() if task.get_coro().__name__ == "write")
+        line.stream.cut = lambda: stream_writer.cut(line.stream, writer)
+        line.stream.refuse(stream_empty(300.0))
+        await asyncio.wait({writer}, timeout=SOON_S)
+        assert writer.cancelled()
+        assert context.messages.empty()

@@ -20,7 +20,7 @@ from motiongen.v1 import service_pb2, session_pb2
 from motiongen_server.config import parse_config
 from motiongen_server.engine.types import Output
 from motiongen_server.models.factory import make_limits
-from motiongen_server.rpc.budgets.peers import Peer
+from motiongen_server.rpc.budgets.peer import Peer
 from motiongen_server.rpc.streams.reader import StreamReader
 from motiongen_server.rpc.streams.stream import Stream
 from tests.bench.null_load import LOOKAHEAD

@@ -13,7 +13,7 @@ from numpy.typing import NDArray
 
 from motiongen_server.engine.config import EngineConfig
 from motiongen_server.engine.engine import Engine
-from motiongen_server.engine.types import Gait, Guidance, ModelFacts
+from motiongen_server.engine.types import Gait, Guidance, ModelFacts, Owner
 from motiongen_server.identity.callers import Callers
 from motiongen_server.identity.setup import listen
 from motiongen_server.identity.tls import ServerTls
@@ -46,6 +46,13 @@ class LengthEncoder:
 
     def encode(self, texts: Sequence[str]) -> NDArray[np.float32]:
         return np.array([[len(text), 0] for text in texts], np.float32)
+
+
+class LocalEngine(Engine):
+    """An engine of this process as the service uses one."""
+
+    def note_owner(self, owner: Owner) -> None:
+        self.intake.note_owner(owner)
 
 
 class LocalServer:
@@ -83,7 +90,7 @@ class LocalServer:
         limits = self.limits
         self.runner = FakeRunner(RealTime(), facts=self._facts)
         self.prompts = PromptEncoder(LengthEncoder(), 1000)
-        self.engine = Engine(self.runner, self.runner.clock, self._deliver, self._engine_config)
+        self.engine = LocalEngine(self.runner, self.runner.clock, self._deliver, self._engine_config)
         catalog = Catalog(
             self._facts,
             limits,

@@ -110,8 +110,8 @@ ROOMS = (
     room(
         f"{SERVER}/text/encoder",
         f"{GRPC} google motiongen motiongen_ardy.text numpy prometheus_client torch"
-        " ~.text ~.ops ~.errors ~.addresses ~.config ~.settings ~.background ~.engine.types ~.rpc.budgets.token_bucket"
-        " ~.identity ~.protection ~.rpc.calls ~.rpc.limits ~.rpc.budgets.peers ~.transport",
+        " ~.text ~.ops ~.errors ~.addresses ~.config ~.settings ~.background ~.engine.types"
+        " ~.identity ~.protection ~.rpc.calls ~.rpc.limits ~.rpc.budgets ~.transport",
     ),
     room(f"{SERVER}/models/loader.py", "motiongen_ardy.text ~"),
     room(f"{SERVER}/models/repertoire.py", "numpy motiongen_ardy.capabilities ~"),

@@ -10,7 +10,7 @@ from motiongen_server.config import ServerConfig
 from motiongen_server.engine.engine import Engine
 from motiongen_server.engine.ports import Deliver, Runner
 from motiongen_server.engine.scheduling.device import Device
-from motiongen_server.engine.types import Event, EventRefused, ModelFacts, Outcome, Priority
+from motiongen_server.engine.types import Event, EventRefused, ModelFacts, Outcome, Owner, Priority
 from motiongen_server.engine_process.model_loading import build_engine
 from motiongen_server.ops.metrics import Metrics
 from motiongen_server.rpc.abilities import NOTHING_CLAIMED, Abilities
@@ -49,6 +49,9 @@ class InProcessModel:
 
     def submit(self, event: Event) -> Outcome | None:
         return self.engine.submit(event)
+
+    def note_owner(self, owner: Owner) -> None:
+        self.engine.intake.note_owner(owner)
 
     def refusal_of(self, priority: Priority, denoise_steps: int, *, is_clip: bool = False) -> EventRefused | None:
         return self.engine.refusal_of(priority, denoise_steps, is_clip=is_clip)

@@ -9,6 +9,7 @@ from motiongen_server.engine.config import EngineConfig
 from motiongen_server.engine.intake import Intake
 from motiongen_server.engine.load_response import LoadResponse
 from motiongen_server.engine.mailbox import Mailbox
+from motiongen_server.engine.newest_owners import NewestOwners
 from motiongen_server.engine.open_sessions import OpenSessions
 from motiongen_server.engine.ports import Clock, Deliver, Inbox, Observe, Runner
 from motiongen_server.engine.running_windows import RunningWindows
@@ -37,7 +38,6 @@ from motiongen_server.engine.types import (
     Playhead,
     Priority,
     Resume,
-    StepsOf,
 )
 from motiongen_server.engine.types.refusals import handle_in_use, session_not_open
 from motiongen_server.engine.types.report import StepReport
@@ -48,8 +48,8 @@ _IDLE_TICK_S = 0.5  # the longest sleep: it keeps the heartbeat fresh
 class Engine:
     """Generates the motion of all sessions with one runner.
 
-    What stands under "from any thread" may be used from any. All else belongs to the thread that calls `step`, which
-    calls `deliver`. sessions, windows, admission: those of the moment. observe: takes the report of every round.
+    What stands under "from any thread", and intake, may be used from any. All else belongs to the thread that calls
+    `step`, which calls `deliver`. sessions, windows, admission: of the moment. observe: takes a report of each round.
     """
 
     def __init__(
@@ -83,12 +83,14 @@ class Engine:
             costs = CostTable.assumed(config.initial_step_s)
             scheduler = Scheduler(costs, config.max_rows, max_step_s=config.max_step_s, under_quota=under_quota)
         self.admission = Admission(runner.facts, config, under_quota=under_quota)
-        self._intake = Intake(self.admission, self._mailbox, config.max_pending_events)
         self._load_monitor = LoadMonitor(runner.facts, self.admission, now, config.degrade, self.lease)
         self.sessions = OpenSessions()
         self.windows = RunningWindows(
             runner, clock, scheduler, self.lease, max_rows=config.max_rows, failed=self._fail, trace_as=config.trace_as
         )
+        self._owners = NewestOwners(self.admission, self.sessions)
+        most_pending, quotas = config.max_pending_events, self.windows.quotas
+        self.intake = Intake(self.admission, self._mailbox, most_pending, quotas, self._owners)
         self._session_events = SessionEvents(self.admission, self.sessions, self.windows, self._load_monitor)
         self._load_response = LoadResponse(self._load_monitor, self.windows, self.sessions)
         self._ordinals = itertools.count()
@@ -116,15 +118,11 @@ class Engine:
 
     def submit(self, event: Event) -> Outcome | None:
         """Hand in an event. The answer comes through `deliver`; only one that is refused here is returned, at once."""
-        return self._intake.submit(event)
+        return self.intake.submit(event)
 
     def refusal_of(self, priority: Priority, denoise_steps: int, *, is_clip: bool = False) -> EventRefused | None:
         """Why a session would not be let in as things stand; no place is held."""
         return self.admission.refusal_of(priority, denoise_steps, is_clip=is_clip)
-
-    def note_steps_elsewhere(self, taken: StepsOf) -> None:
-        """Other engines have done so many steps for owners that have a quota."""
-        self.windows.quotas.note_elsewhere(taken)
 
     def drain(self) -> None:
         """Take no new sessions; those that are open are served on."""
@@ -148,6 +146,7 @@ class Engine:
         self._report = report = StepReport()
         self._heartbeat_at = now = self._clock.now()
         self._take_events()
+        self._owners.apply()
         self.sessions.touch_due(now)
         self._close_silent(now)
         self._attend_touched()
@@ -216,6 +215,7 @@ class Engine:
             self._report.opens.append(self._refuse(event, failed))
             return
         self.sessions.add(state)
+        self._owners.renew(state)
         if event.going_on is not None:  # it has had its first window elsewhere
             self.admission.note_begun(state.key)
         self._send_queue += first_words(state, event, now, self._report)

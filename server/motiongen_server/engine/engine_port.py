@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from typing import Protocol
 
-from motiongen_server.engine.types import Event, EventRefused, Outcome, Priority
+from motiongen_server.engine.types import Event, EventRefused, Outcome, Owner, Priority
 
 
 class EventSink(Protocol):
@@ -46,6 +46,10 @@ class EnginePort(EventSink, Protocol):
     @property
     def free_share(self) -> float:
         """Of all that sessions may take, the share that is left to new ones, 0 to 1: a reading of this moment."""
+        ...
+
+    def note_owner(self, owner: Owner) -> None:
+        """An owner has another share and quota from now on; they hold for the sessions that it has, too."""
         ...
 
     def drain(self) -> None:

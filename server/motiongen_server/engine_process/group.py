@@ -10,9 +10,10 @@ import time
 from collections.abc import Sequence
 
 from motiongen_server.engine.spread import spread_delay_s
-from motiongen_server.engine.types import Event, EventRefused, ModelFacts, Open, Outcome, Priority
+from motiongen_server.engine.types import Event, EventRefused, ModelFacts, Open, Outcome, Owner, Priority
 from motiongen_server.engine.types.refusals import draining, session_limit
 from motiongen_server.engine_process.ledger import RETRY_AFTER_S, engine_restarting, no_room
+from motiongen_server.engine_process.messages import OwnerChanged
 from motiongen_server.engine_process.model_link import ModelLink, refused_without_engine
 from motiongen_server.engine_process.process import EngineProcess
 from motiongen_server.rpc.abilities import Abilities
@@ -155,6 +156,12 @@ class EngineGroup:
 
         _, link = min(free, key=taken)
         return link.submit(event)
+
+    def note_owner(self, owner: Owner) -> None:
+        """An owner may have this from now on, with the sessions that it has."""
+        for process, link in self._members:
+            if link.is_up:  # else it begins with none of its sessions
+                process.tell(OwnerChanged(link.slot, owner))
 
     def drain(self) -> None:
         """Take no new sessions; those that are open are served on."""

@@ -24,6 +24,7 @@ from motiongen_server.engine_process.messages import (
     Events,
     Load,
     LoadEncoder,
+    OwnerChanged,
     Ready,
     StepsElsewhere,
     Stop,
@@ -209,6 +210,9 @@ class EngineHost:
             for slot in tuple(self._slots.values()):
                 if slot.number != message.slot:
                     slot.note_steps_elsewhere(message.taken)
+        elif isinstance(message, OwnerChanged):
+            if (slot := self._slots.get(message.slot)) is not None:  # else nobody of that owner is there
+                slot.note_owner(message.owner)
         elif isinstance(message, EncodeTexts):
             self._texts.put(message)
         elif isinstance(message, Load | LoadEncoder):

@@ -9,7 +9,7 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 from motiongen_server.config import ServerConfig
-from motiongen_server.engine.types import Close, Event, Float32Array, ModelFacts, Output, StepsOf
+from motiongen_server.engine.types import Close, Event, Float32Array, ModelFacts, Output, Owner, StepsOf
 from motiongen_server.engine.types.report import StepReport
 from motiongen_server.engine_process.codec import Codec
 from motiongen_server.rpc.abilities import Abilities
@@ -98,6 +98,14 @@ class StepsElsewhere:
 
 
 @dataclass(frozen=True, slots=True)
+class OwnerChanged:
+    """What the owner of that name may have from now on, its sessions that are open too."""
+
+    slot: int
+    owner: Owner
+
+
+@dataclass(frozen=True, slots=True)
 class Stop:
     """Unload every slot, and end."""
 
@@ -171,11 +179,13 @@ class Ended:
     error: str
 
 
-ToEngine = Begin | Load | Unload | Events | CloseAhead | LoadEncoder | EncodeTexts | StepsElsewhere | Stop
+ToEngine = (
+    Begin | Load | Unload | Events | CloseAhead | LoadEncoder | EncodeTexts | StepsElsewhere | OwnerChanged | Stop
+)
 ToGateway = Joined | Ready | Unloaded | Outputs | Pulse | EncoderReady | Encoded | Ended
 
 TO_ENGINE: Codec[ToEngine] = Codec(
-    Begin, Load, Unload, Events, CloseAhead, LoadEncoder, EncodeTexts, StepsElsewhere, Stop
+    Begin, Load, Unload, Events, CloseAhead, LoadEncoder, EncodeTexts, StepsElsewhere, OwnerChanged, Stop
 )
 TO_GATEWAY: Codec[ToGateway] = Codec(
     Joined, Ready, Unloaded, Outputs, Pulse, EncoderReady, Encoded, Ended, writable=False

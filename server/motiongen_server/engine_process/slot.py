@@ -10,7 +10,7 @@ from motiongen_server.engine.engine import Engine
 from motiongen_server.engine.loop import run as run_loop
 from motiongen_server.engine.mailbox import Mailbox
 from motiongen_server.engine.ports import Deliver, Inbox, Observe
-from motiongen_server.engine.types import ModelFacts, StepsOf
+from motiongen_server.engine.types import ModelFacts, Owner, StepsOf
 from motiongen_server.engine_process.arrivals import Arrivals
 from motiongen_server.engine_process.messages import CloseAhead, Events
 from motiongen_server.rpc.abilities import NOTHING_CLAIMED, Abilities
@@ -78,7 +78,12 @@ class Slot:
     def note_steps_elsewhere(self, taken: StepsOf) -> None:
         """Tell the engine what others did for owners that have a quota. From any thread."""
         if self._engine is not None:
-            self._engine.note_steps_elsewhere(taken)
+            self._engine.intake.note_steps_elsewhere(taken)
+
+    def note_owner(self, owner: Owner) -> None:
+        """Tell the engine what an owner may have from now on. From any thread."""
+        if self._engine is not None:
+            self._engine.intake.note_owner(owner)
 
     def stop(self) -> None:
         """Let the engine finish."""

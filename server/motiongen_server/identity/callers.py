@@ -173,6 +173,11 @@ class Callers:
         )
         return None if name in there else credentials_revoked()
 
+    def quota(self, caller: Caller) -> Mapping[str, float]:
+        """What its tenant may have, by what is known since the last look."""
+        tenant = None if self._tenants is None else self._tenants.value.by_name.get(caller.tenant)
+        return caller.quota if tenant is None else tenant.quota
+
     def _still_signs(self, tenant: Tenant, issuer: str, key_id: str) -> bool:
         assert self._tenants is not None
         known = self._tenants.value.issuers.get(issuer)

@@ -9,6 +9,7 @@ from enum import IntEnum
 
 from motiongen.v1 import service_pb2
 from motiongen_server.engine.engine_port import EnginePort
+from motiongen_server.engine.types import Owner
 from motiongen_server.errors import EventRefused
 from motiongen_server.rpc.catalog import Catalog
 from motiongen_server.rpc.errors.events import unknown_model
@@ -100,6 +101,11 @@ class ModelRegistry:
         if self._served.get(served.model_id) is served:
             del self._served[served.model_id]
             self._response = _catalog_response(self._served.values())
+
+    def note_owner(self, owner: Owner) -> None:
+        """Tell all engines what an owner may have from now on."""
+        for each in self:
+            each.engine.note_owner(owner)
 
     @property
     def free_share(self) -> float:

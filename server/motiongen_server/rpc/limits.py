@@ -59,7 +59,7 @@ class PeerLimits:
 
     calls: for catalogues and clips, open at once. events_per_second: tokens, of which an event takes one; see
     `budgets.stream_budget`. prompts_per_second: texts that were not known. calls_per_second: new streams, clips,
-    catalogues. bytes_per_second: received. session_weight: of `peers.SESSION_WEIGHTS`; heroes, nears, crowds, batches:
+    catalogues. bytes_per_second: received. session_weight: of `peer.SESSION_WEIGHTS`; heroes, nears, crowds, batches:
     sessions of each class. clip_samples: under way. share: its weight beside others where there is more to denoise than
     time; steps_per_second: rows of denoising steps. waiting_bytes: of events that wait for prompts to be encoded, or
     for the store. held_bytes: of messages that wait until they are paid for, with what they are taken apart into.

@@ -20,7 +20,8 @@ from motiongen_server.models.registry import LoadedModel, ModelRegistry
 from motiongen_server.replicas.other_servers import OtherServers
 from motiongen_server.rpc.budgets.gateway_lag import GatewayLag
 from motiongen_server.rpc.budgets.loop_time import CLOCKS, Clocks, LoopTime
-from motiongen_server.rpc.budgets.peers import Peer
+from motiongen_server.rpc.budgets.peer import Peer
+from motiongen_server.rpc.budgets.peers import Peers
 from motiongen_server.rpc.budgets.waiting_memory import WaitingMemory
 from motiongen_server.rpc.calls.admission import CallAdmission
 from motiongen_server.rpc.calls.context import CallContext, refuse
@@ -83,12 +84,11 @@ class MotionService:
         self._kept = KeptSessions(models.limits.resume_grace_s, stream_metrics, self.durability)
         self._streams: dict[int, Stream] = {}
         self._memory = WaitingMemory(self._limits.max_waiting_bytes, self._streams, self._kept)
+        peers = Peers(self._limits.peer, self._loop_time, models.note_owner)
         most_calls = self._limits.max_clip_calls + OTHER_CALLS
-        self._admission = CallAdmission(
-            self._callers, self._limits.peer, most_calls, loop=self._loop_time, memory=self._memory
-        )
+        self._admission = CallAdmission(self._callers, peers, most_calls, memory=self._memory)
         self.clips = ClipService(models, self._numbers, stream_metrics, self._limits, self._memory)
-        self.watch = StreamWatch(self._limits, self._streams, self._callers, self._memory)
+        self.watch = StreamWatch(self._limits, self._streams, self._callers, self._memory, self._admission.renew)
         self._lag = GatewayLag(lambda: bool(self._streams))
         models.is_gateway_full = lambda: self._lag.is_too_long
         self._all_ended = asyncio.Event()

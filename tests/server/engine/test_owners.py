@@ -111,7 +111,7 @@ def _steered_at(stages: list[Stage], owner: Owner, seconds: float) -> list[int]:
             heard[number] = len(stage.reports)
             for other in stages:
                 if other is not stage:
-                    other.engine.note_steps_elsewhere(tuple(taken))
+                    other.engine.intake.note_steps_elsewhere(tuple(taken))
     assert all(viewer.underruns == 0 for there in viewers for viewer in there)
     return [sum(len(batch) for batch in stage.runner.batches) for stage in stages]
 

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-import threading
+import itertools
 from dataclasses import replace
 
 import pytest
@@ -12,6 +12,7 @@ from motiongen_server.engine_process.messages import StepsElsewhere, ToEngine
 from motiongen_server.engine_process.process import EngineProcess
 from tests.server.engine.fakes import FRAME, PLAN, SEED
 from tests.server.engine_process.audience import KEY, LIMIT_S, close, opening, play, playhead, remote
+from tests.waiting import until
 
 
 def test_a_session_from_open_to_close() -> None:
@@ -50,30 +51,56 @@ def test_refusals_of_the_engine_come_back_and_its_limits_hold() -> None:
         assert engine.num_sessions == 1
 
 
-def test_what_an_owner_with_a_quota_had_of_one_engine_the_others_are_told(monkeypatch: pytest.MonkeyPatch) -> None:
+@pytest.fixture
+def told(monkeypatch: pytest.MonkeyPatch) -> list[tuple[str, StepsElsewhere]]:
+    """What each engine process is told of others' steps, as that happens."""
     told: list[tuple[str, StepsElsewhere]] = []
-    is_told, tell = threading.Event(), EngineProcess.tell
+    tell = EngineProcess.tell
 
-    def note(process: EngineProcess, message: ToEngine) -> None:
+    def note(process: EngineProcess, message: ToEngine) -> bool:
         if isinstance(message, StepsElsewhere):
             told.append((process.name, message))
-            is_told.set()
-        tell(process, message)
+        return tell(process, message)
 
     monkeypatch.setattr(EngineProcess, "tell", note)
+    return told
+
+
+def test_what_an_owner_with_a_quota_had_of_one_engine_the_others_are_told(
+    told: list[tuple[str, StepsElsewhere]],
+) -> None:
     owner = Owner("studio", 2.0, 1200.0)
     with remote(engines=2) as there:
         there.engine.submit(opening(SessionKey(1, 2)))  # nobody counts it
         event = opening()
         there.engine.submit(replace(event, spec=replace(event.spec, owner=owner)))
         there.audience.wait_for_frames(40)
-        assert is_told.wait(LIMIT_S)
+        until(lambda: told)
         there.engine.submit(playhead(30))  # it is well afterwards
         there.audience.wait_for_frames(60)
     num_steps = event.spec.denoise_steps
     assert {name for name, _ in told[:2]} == {"0", "1"}
     assert sorted(message.slot for _, message in told[:2]) == [0, 1], "and the engine itself is not charged twice"
     assert all(message.taken == ((owner, num_steps),) for _, message in told[:2])
+
+
+def test_what_an_owner_may_have_by_now_reaches_the_engine_of_its_sessions(
+    told: list[tuple[str, StepsElsewhere]],
+) -> None:
+    before, after = Owner("studio", 2.0, 1200.0), Owner("studio", 1.0, 900.0)
+    numbers = itertools.count(1)
+    with remote() as there:
+
+        def another_is_of(owner: Owner) -> bool:
+            """Open one more session, of the owner as it was before; what is counted for it is said soon after."""
+            event = opening(SessionKey(1, next(numbers)))
+            assert there.engine.submit(replace(event, spec=replace(event.spec, owner=before))) is None
+            there.audience.wait_for_frames(40, event.session)
+            return any(message.taken[0][0] == owner for _, message in told)
+
+        until(lambda: another_is_of(before))
+        there.engine.note_owner(after)
+        until(lambda: another_is_of(after))
 
 
 def test_what_waits_for_an_engine_that_does_not_take_it_is_bounded_and_nothing_is_lost() -> None:

@@ -7,10 +7,10 @@ from dataclasses import replace
 from math import inf
 from typing import Any, cast
 
-from motiongen_server.engine.types import Close, CloseReason, Open, Priority, SessionKey
+from motiongen_server.engine.types import Close, CloseReason, Open, Owner, Priority, SessionKey
 from motiongen_server.engine.types.report import StepReport
 from motiongen_server.engine_process.group import EngineGroup
-from motiongen_server.engine_process.messages import Pulse, Ready
+from motiongen_server.engine_process.messages import OwnerChanged, Pulse, Ready, ToEngine
 from motiongen_server.engine_process.model_link import ModelLink
 from motiongen_server.rpc.abilities import NOTHING_CLAIMED
 from tests.server.engine.fakes import FACTS
@@ -24,6 +24,12 @@ class Process:
 
     def __init__(self, link: ModelLink) -> None:
         self._link = link
+
+        self.told: list[ToEngine] = []
+
+    def tell(self, message: ToEngine) -> bool:
+        self.told.append(message)
+        return True
 
     @property
     def load(self) -> float:
@@ -157,3 +163,13 @@ def test_a_spare_engine_is_given_sessions_only_while_another_is_lost() -> None:
     assert links[0].take_ready(Ready(1, FACTS, "CC0-1.0", NOTHING_CLAIMED))
     assert group.submit(Open(spec(SessionKey(1, 5)), 1, 0.0)) is None
     assert [link.num_sessions for link in links] == [1, 1], "sessions stay where they are"
+
+
+def test_engine_processes_that_are_up_are_told_what_an_owner_may_have_by_now() -> None:
+    links = [ModelLink(3, "model", lambda outputs: None, lambda: None) for _ in range(2)]
+    processes = [Process(link) for link in links]
+    assert links[0].take_ready(Ready(3, FACTS, "CC0-1.0", NOTHING_CLAIMED))
+    group = EngineGroup(cast(Any, list(zip(processes, links, strict=True))), 1 << 16)
+    owner = Owner("tenant:studio", 2.0, 50.0)
+    group.note_owner(owner)
+    assert [process.told for process in processes] == [[OwnerChanged(3, owner)], []]

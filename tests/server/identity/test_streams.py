@@ -16,13 +16,14 @@ import pytest
 from motiongen.v1 import service_pb2, service_pb2_grpc, session_pb2
 from motiongen_compliance.heard import RuleBroken
 from motiongen_compliance.talk import Talk
+from motiongen_server.engine.types import Owner
 from motiongen_server.identity.tokens import new_token
 from motiongen_server.rpc.budgets.peers import Peers
 from motiongen_server.rpc.limits import PeerLimits, ServiceLimits
 from tests.contract.local import LocalServer
 from tests.server.identity.files import TenantsFile, bearer
 from tests.server.rpc.streams.test_stream_watch import end_of
-from tests.waiting import LIMIT_S
+from tests.waiting import LIMIT_S, until_true
 
 HERO = session_pb2.PRIORITY_CLASS_HERO
 EXPIRES, EXPIRES_AT = "2027-01-15T08:01:00Z", 1_800_000_060.0
@@ -163,6 +164,26 @@ async def test_sessions_that_take_more_steps_than_their_tenant_has_are_refused(t
             await talk.open(handle)
         with pytest.raises(RuleBroken, match="STEPS_QUOTA"):
             await talk.open(3)
+
+
+async def test_a_quota_that_changes_holds_for_sessions_that_are_open(tenants: TenantsFile) -> None:
+    token = tenants.one("quota = { share = 2, steps_per_second = 50 }")
+    async with (
+        asyncio.timeout(LIMIT_S),
+        LocalServer(callers=tenants.callers()) as server,
+        grpc.aio.insecure_channel(server.address) as channel,
+    ):
+        talk = await Line(channel, server.address).talk(token)
+        await talk.open(1)
+        tenants.write(tenants.path.read_text().replace("= 50 ", "= 5 "))
+
+        def owner() -> Owner:
+            (state,) = server.engine.sessions
+            return state.spec.owner
+
+        await until_true(lambda: owner().steps_per_s == 5)
+        assert owner() == Owner("tenant:studio", 2, 5)
+        await talk.plays_on(1)
 
 
 def test_a_quota_that_changes_holds_from_the_next_call(tenants: TenantsFile) -> None:

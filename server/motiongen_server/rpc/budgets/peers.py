@@ -1,261 +1,34 @@
-"""Peers: what all streams and calls of one tenant, or from one address where nobody is asked, may have together."""
+"""Peers: who has something open or owes something, by tenant, or by address where nobody is asked."""
 
 from __future__ import annotations
 
-from collections import Counter
-from collections.abc import Callable
-from contextlib import AbstractContextManager
+from collections.abc import Callable, Mapping
 from dataclasses import replace
 from typing import Any, cast
 
-from motiongen_server.engine.types import Owner, Priority
+from motiongen_server.engine.types import Owner
 from motiongen_server.identity.caller import Caller
-from motiongen_server.rpc.budgets.held_requests import HeldRequests, Holder
 from motiongen_server.rpc.budgets.loop_time import LoopTime
-from motiongen_server.rpc.budgets.token_bucket import Share, TokenBucket
-from motiongen_server.rpc.errors.events import peer_class, peer_clips, peer_sessions, peer_steps, peer_waiting
-from motiongen_server.rpc.errors.too_many_calls import too_many_calls
+from motiongen_server.rpc.budgets.peer import Peer
 from motiongen_server.rpc.limits import PeerLimits
 
-SESSION_WEIGHTS = {Priority.HERO: 4, Priority.NEAR: 2, Priority.CROWD: 1, Priority.BATCH: 1}
-"""What a session of each class counts for: a hero is planned anew far more often."""
-CLASS_QUOTAS = {
-    Priority.HERO: "heroes",
-    Priority.NEAR: "nears",
-    Priority.CROWD: "crowds",
-    Priority.BATCH: "batches",
-}
-"""The field of `PeerLimits` that says how many sessions of a class there may be."""
-_Held = tuple[Priority, float]
-_Asked = tuple[Priority | None, float | None]
 MOST_IDLE = 1024
 """Peers that have nothing open are remembered for what they owe, up to so many."""
-
-
-class Peer:
-    """One address, or one tenant. tenant: its name, "" for an address. name: no other peer's.
-
-    loop: the time of the event loop that serves it; without a limit where it is left out. loop_part: its part of that.
-    """
-
-    def __init__(
-        self, limits: PeerLimits, now: float, tenant: str = "", name: str = "", loop: LoopTime | None = None
-    ) -> None:
-        self.tenant = tenant
-        self.name = name
-        self.num_streams = 0
-        self._sessions: Counter[Priority] = Counter()
-        self._clip_samples = 0
-        self.waiting_bytes = 0  # of events that wait for prompts to be encoded, or for the store
-        self.held = HeldRequests()
-        self._steps_hz = 0.0
-        self.limits = limits
-        self.events = TokenBucket(limits.events_per_second, now)
-        self.bytes = TokenBucket(limits.bytes_per_second, now)
-        self.prompts = TokenBucket(limits.prompts_per_second, now)
-        self.calls = TokenBucket(limits.calls_per_second, now)
-        self.loop = loop or LoopTime(now=now)
-        self.loop_part = Share(self.loop.bucket, lambda: self.loop.num_peers, now)
-
-    def begin_stream(self) -> None:
-        """One of its streams begins."""
-        self.num_streams += 1
-        self.loop.enter(self)
-
-    def end_stream(self) -> None:
-        """One of them has ended."""
-        self.num_streams -= 1
-        self.loop.leave(self)
-
-    def adopt(self, limits: PeerLimits, now: float) -> None:
-        """Take these limits from now on; what is open stays open, and what is owed is owed."""
-        self.limits = limits
-        self.events.set_rate(limits.events_per_second, now)
-        self.bytes.set_rate(limits.bytes_per_second, now)
-        self.prompts.set_rate(limits.prompts_per_second, now)
-        self.calls.set_rate(limits.calls_per_second, now)
-
-    @property
-    def kind(self) -> str:
-        """What it is, for messages."""
-        return "tenant" if self.tenant else "address"
-
-    @property
-    def owner(self) -> Owner:
-        """What the engines know it as."""
-        return Owner(self.name, self.limits.share, self.limits.steps_per_second)
-
-    @property
-    def session_weight(self) -> int:
-        """Of the sessions that it has."""
-        return sum(SESSION_WEIGHTS[priority] * count for priority, count in self._sessions.items())
-
-    def is_idle(self, now: float) -> bool:
-        """Whether nothing would be lost if it were forgotten."""
-        is_open = self.loop.serves(self) or self._clip_samples or self._sessions.total()
-        buckets = (self.events, self.bytes, self.prompts, self.calls, self.loop_part)
-        return not is_open and all(each.is_full(now) for each in buckets)
-
-    @property
-    def num_sessions(self) -> int:
-        """That it has open, of all classes."""
-        return self._sessions.total()
-
-    def charge_call(self, cost: float, now: float) -> None:
-        """Charge a call. Raises StreamRefused while calls are owed for: there is nothing to be read later."""
-        self.check_paid(now)
-        self.calls.charge(cost, now)
-
-    def check_paid(self, now: float) -> None:
-        """Raises StreamRefused while calls are owed for."""
-        if (owed_s := self.calls.owed_s(now)) > 0:
-            raise too_many_calls(owed_s, self.kind)
-
-    def prompts_share(self, now: float) -> Share:
-        """A session's part of the prompts."""
-        return Share(self.prompts, lambda: self.num_sessions, now)
-
-    def place(self, priority: Priority, now: float) -> Place:
-        """A place for a session, held until it is released. Raises EventRefused where there is none."""
-        limits = self.limits
-        quota = CLASS_QUOTAS[priority]
-        if self._sessions[priority] >= getattr(limits, quota):
-            raise peer_class(quota, getattr(limits, quota), priority, self.kind)
-        if self.session_weight + SESSION_WEIGHTS[priority] > limits.session_weight:
-            raise peer_sessions(limits.session_weight, self.kind)
-        self._sessions[priority] += 1
-        return Place(self, priority, now)
-
-    def leave(self, priority: Priority, steps_hz: float) -> None:
-        """A session of that class is over, which took so many denoising steps a second to play on."""
-        self._sessions[priority] -= 1
-        # What rounding has left goes with the last.
-        self._steps_hz = self._steps_hz - steps_hz if self.num_sessions else 0.0
-
-    def begin_steps(self, steps_hz: float, field: str = "open.denoise_steps") -> None:
-        """Note what a session takes to play on. Raises EventRefused where that is more than may be.
-
-        field: which asks for that.
-        """
-        most, asked = self.limits.steps_per_second, self._steps_hz + steps_hz
-        if asked > most:
-            raise peer_steps(asked, most, self.kind, field)
-        self._steps_hz = asked
-
-    def change(self, before: Priority, after: Priority, steps_hz: float) -> None:
-        """A session takes another class, and so many more steps a second. Raises EventRefused where it may not.
-
-        Who asks for no more than before is refused nothing, also where its quota was made smaller than what is open.
-        """
-        limits, quota = self.limits, CLASS_QUOTAS[after]
-        if after is not before and self._sessions[after] >= getattr(limits, quota):
-            raise peer_class(quota, getattr(limits, quota), after, self.kind, "set_options.priority")
-        more = SESSION_WEIGHTS[after] - SESSION_WEIGHTS[before]
-        if more > 0 and self.session_weight + more > limits.session_weight:
-            raise peer_sessions(limits.session_weight, self.kind, "set_options.priority")
-        if steps_hz > 0:
-            self.begin_steps(steps_hz, "set_options.denoise_steps")
-            steps_hz = 0.0
-        self.take_back(before, after, steps_hz)
-
-    def take_back(self, before: Priority, after: Priority, steps_hz: float) -> None:
-        """A session is of its earlier class again, or of one that asks for no more; nothing is refused."""
-        self._steps_hz += steps_hz
-        self._sessions[before] -= 1
-        self._sessions[after] += 1
-
-    def check_waiting(self, num_bytes: int) -> None:
-        """Raises EventRefused where no event of that size may wait besides those that do."""
-        most = self.limits.waiting_bytes
-        if self.waiting_bytes + num_bytes > most:
-            raise peer_waiting(most, self.kind)
-
-    def holding(self, stream: Holder, num_bytes: int) -> AbstractContextManager[None]:
-        """A message of one of its streams is held for a block; see `HeldRequests.holding`. Raises Ended."""
-        return self.held.holding(stream, num_bytes, self.limits.held_bytes, self.kind)
-
-    def bound_held(self) -> None:
-        """See `HeldRequests.bound`."""
-        self.held.bound(self.limits.held_bytes, self.kind)
-
-    def begin_clip(self, num_samples: int) -> None:
-        """Note samples that are about to be made. Raises EventRefused where it has as many as it may."""
-        if self._clip_samples + num_samples > self.limits.clip_samples:
-            raise peer_clips(self.limits.clip_samples, self.kind)
-        self._clip_samples += num_samples
-
-    def end_clip(self, num_samples: int) -> None:
-        """They are made, or given up."""
-        self._clip_samples -= num_samples
-
-
-class Place:
-    """A session's place among those of its peer.
-
-    Options may be asked for while the engine has not answered earlier ones; it answers in order.
-    """
-
-    __slots__ = ("_asked", "_is_held", "_settled", "peer", "prompts")
-
-    def __init__(self, peer: Peer, priority: Priority, now: float) -> None:
-        self.prompts = peer.prompts_share(now)
-        self.peer = peer
-        self._settled = priority, 0.0  # class, and denoising steps a second
-        self._asked: list[_Asked] = []
-        self._is_held = True
-
-    def begin_steps(self, steps_hz: float) -> None:
-        """The session begins, and takes so many denoising steps a second to play on. Raises EventRefused."""
-        if self._is_held:
-            self.peer.begin_steps(steps_hz)
-            self._settled = self._settled[0], steps_hz
-
-    def change(self, priority: Priority | None, steps_hz: float | None) -> Callable[[bool], None]:
-        """The session is to be of another class, or to take other steps a second; None: as before.
-
-        Returns what is to be told whether the engine took that. Raises EventRefused where its peer may not have it.
-        """
-        asked = priority, steps_hz
-        if self._is_held:
-            (before, before_hz), (after, after_hz) = self._present, _changed(self._present, asked)
-            self.peer.change(before, after, after_hz - before_hz)
-            self._asked.append(asked)
-        return lambda is_taken: self._settle(asked, is_taken)
-
-    @property
-    def _present(self) -> _Held:
-        """What the session counts for: also what the engine has not answered yet."""
-        held = self._settled
-        for asked in self._asked:
-            held = _changed(held, asked)
-        return held
-
-    def _settle(self, asked: _Asked, is_taken: bool) -> None:
-        if not self._is_held or asked not in self._asked:
-            return
-        before, before_hz = self._present
-        self._asked.remove(asked)
-        if is_taken:
-            self._settled = _changed(self._settled, asked)
-        after, after_hz = self._present
-        self.peer.take_back(before, after, after_hz - before_hz)
-
-    def release(self) -> None:
-        """The session is over. May be called again."""
-        if self._is_held:
-            self._is_held = False
-            self.peer.leave(*self._present)
-
-
-def _changed(held: _Held, asked: _Asked) -> _Held:
-    return held[0] if asked[0] is None else asked[0], held[1] if asked[1] is None else asked[1]
 
 
 class Peers:
     """All addresses and tenants that have something open, or owe something. Lives on the event loop."""
 
-    def __init__(self, limits: PeerLimits | None = None, loop: LoopTime | None = None) -> None:
-        """loop: the time of the event loop; without a limit where it is left out."""
+    def __init__(
+        self,
+        limits: PeerLimits | None = None,
+        loop: LoopTime | None = None,
+        note_owner: Callable[[Owner], None] = lambda owner: None,
+    ) -> None:
+        """loop: the time of the event loop; without a limit where it is left out. note_owner: is told what a tenant is
+        known as by now, whenever that may be another than before.
+        """
+        self._note_owner = note_owner
         self._limits = limits or PeerLimits()
         self._loop = loop or LoopTime()
         self._peers: dict[str, Peer] = {}
@@ -268,11 +41,26 @@ class Peers:
         """Who a caller's streams and calls are counted for: its tenant, by its quota, or the address it calls from."""
         if not caller.tenant:
             return address
-        limits = replace(self._limits, **cast(dict[str, Any], caller.quota))
-        found = self._find(f"tenant:{caller.tenant}", caller.tenant, limits, now)
-        if found.limits != limits:
-            found.adopt(limits, now)
+        name = f"tenant:{caller.tenant}"
+        found = self._peers.get(name)
+        if found is None:
+            found = self._find(name, caller.tenant, self._limits_by(caller.quota), now)
+            found.quota = caller.quota
+            self._note_owner(found.owner)  # which the engines may remember by what it had before it was forgotten here
+        self.renew(found, caller.quota, now)
         return found
+
+    def renew(self, tenant: Peer, quota: Mapping[str, float], now: float) -> None:
+        """A tenant has this quota from now on, for all that it has open too."""
+        if quota is tenant.quota:
+            return
+        tenant.quota, before = quota, tenant.owner
+        tenant.adopt(self._limits_by(quota), now)
+        if tenant.owner != before:
+            self._note_owner(tenant.owner)
+
+    def _limits_by(self, quota: Mapping[str, float]) -> PeerLimits:
+        return replace(self._limits, **cast(dict[str, Any], quota))
 
     def _find(self, name: str, tenant: str, limits: PeerLimits, now: float) -> Peer:
         found = self._peers.get(name)

@@ -11,7 +11,7 @@ Tokens are what is known beforehand. What a message really took of the event loo
 from __future__ import annotations
 
 from motiongen_server.engine.types import Code
-from motiongen_server.rpc.budgets.peers import Peer
+from motiongen_server.rpc.budgets.peer import Peer
 from motiongen_server.rpc.budgets.token_bucket import Share, TokenBucket
 
 MESSAGE_COST = 1.0

@@ -16,15 +16,14 @@ from motiongen_server.identity.callers import Callers
 from motiongen_server.rpc.budgets.call_places import CallPlaces
 from motiongen_server.rpc.budgets.check_budget import CheckBudget
 from motiongen_server.rpc.budgets.held_requests import Ended
-from motiongen_server.rpc.budgets.loop_time import LoopTime
-from motiongen_server.rpc.budgets.peers import Peer, Peers
+from motiongen_server.rpc.budgets.peer import Peer
+from motiongen_server.rpc.budgets.peers import Peers
 from motiongen_server.rpc.budgets.stream_budget import BYTES_A_CALL, CALL_COST
 from motiongen_server.rpc.budgets.waiting_memory import WaitingMemory
 from motiongen_server.rpc.calls.context import CallContext
 from motiongen_server.rpc.calls.issuer_keys import keys_for
 from motiongen_server.rpc.calls.requests import SMALL_REQUEST_BYTES, AwaitedRequest
 from motiongen_server.rpc.errors.streams import failed_inside
-from motiongen_server.rpc.limits import PeerLimits
 
 Context: TypeAlias = "grpc.aio.ServicerContext[Any, Any]"
 
@@ -35,19 +34,17 @@ class CallAdmission:
     def __init__(
         self,
         callers: Callers,
-        limits: PeerLimits | None,
+        peers: Peers,
         most_calls: int,
         role: Role = Role.MOTION,
-        loop: LoopTime | None = None,
         memory: WaitingMemory | None = None,
     ) -> None:
-        """limits: of one address, and of a tenant whose quota says nothing else. most_calls: that have one request.
+        """peers: whom calls are charged to. most_calls: that have one request. role: that callers must have.
 
-        role: that callers must have. loop: the event loop's time, of which peers have parts; None: without a limit.
         memory: in which counts what is held of requests, besides among what their peers hold; None: there is none.
         """
         self._callers = callers
-        self._peers = Peers(limits, loop)
+        self._peers = peers
         self._places = CallPlaces(most_calls)
         self._role = role
         self._checks = CheckBudget()
@@ -71,6 +68,11 @@ class CallAdmission:
         peer = self._peers.of(caller, address, now)
         peer.charge_call(CALL_COST, now)
         return peer, caller
+
+    def renew(self, peer: Peer, caller: Caller, now: float) -> None:
+        """What is counted for a tenant goes by the quota that it has by now."""
+        if peer.tenant:
+            self._peers.renew(peer, self._callers.quota(caller), now)
 
     async def _identify(self, context: Context | CallContext) -> Caller:
         """Who calls. A token that has to be read and checked is paid for by its connection unless it holds."""

@@ -20,7 +20,8 @@ from google.protobuf.message import Message
 from grpc_reflection.v1alpha import reflection, reflection_pb2
 
 from motiongen_server.rpc.budgets.call_places import CallPlaces
-from motiongen_server.rpc.budgets.peers import Peer, Peers
+from motiongen_server.rpc.budgets.peer import Peer
+from motiongen_server.rpc.budgets.peers import Peers
 from motiongen_server.rpc.budgets.stream_budget import CALL_COST
 from motiongen_server.rpc.calls.context import CallContext, streaming_method
 from motiongen_server.rpc.calls.requests import Requests, parsed_as

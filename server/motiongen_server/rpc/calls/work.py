@@ -9,7 +9,7 @@ from functools import partial
 
 from motiongen_server.errors import EventRefused, StreamRefused
 from motiongen_server.rpc.budgets.loop_time import Work
-from motiongen_server.rpc.budgets.peers import Peer
+from motiongen_server.rpc.budgets.peer import Peer
 from motiongen_server.rpc.errors.too_many_calls import too_much_loop_time
 
 

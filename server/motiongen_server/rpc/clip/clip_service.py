@@ -16,7 +16,7 @@ from motiongen_server.engine.types import Chunk, Close, CloseReason, Code, Open,
 from motiongen_server.engine.types.refusals import draining
 from motiongen_server.errors import EventRefused, StreamRefused
 from motiongen_server.models.registry import LoadedModel, ModelRegistry
-from motiongen_server.rpc.budgets.peers import Peer
+from motiongen_server.rpc.budgets.peer import Peer
 from motiongen_server.rpc.budgets.stream_budget import CONSTRAINT_CALLS, PATH_CALLS
 from motiongen_server.rpc.budgets.waiting_memory import WaitingMemory
 from motiongen_server.rpc.calls.bounded_write import write_within

@@ -27,7 +27,7 @@ from motiongen_server.engine.types import (
     Warned,
 )
 from motiongen_server.models.registry import LoadedModel
-from motiongen_server.rpc.budgets.peers import Place
+from motiongen_server.rpc.budgets.peer import Place
 from motiongen_server.rpc.budgets.token_bucket import TokenBucket
 from motiongen_server.rpc.convert.frames import PLAIN, FrameCoding
 from motiongen_server.rpc.errors.events import invalid_event_seq, sequence_gap

@@ -9,7 +9,7 @@ from motiongen.v1 import session_pb2
 from motiongen_server.engine.types import GoingOn, Open, SessionKey
 from motiongen_server.errors import EventRefused
 from motiongen_server.models.registry import ModelRegistry
-from motiongen_server.rpc.budgets.peers import Peer
+from motiongen_server.rpc.budgets.peer import Peer
 from motiongen_server.rpc.budgets.token_bucket import TokenBucket
 from motiongen_server.rpc.convert.frames import FrameCoding
 from motiongen_server.rpc.errors.events import events_not_saved, resume_superseded, session_not_kept

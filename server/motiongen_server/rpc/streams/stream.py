@@ -21,7 +21,7 @@ from motiongen_server.engine.types.refusals import draining, handle_in_use, sess
 from motiongen_server.errors import EventRefused, StreamRefused
 from motiongen_server.identity.caller import ANYBODY
 from motiongen_server.models.registry import LoadedModel, ModelRegistry
-from motiongen_server.rpc.budgets.peers import Peer
+from motiongen_server.rpc.budgets.peer import Peer
 from motiongen_server.rpc.budgets.stream_budget import CONSTRAINT_COST, FREE, PATH_COST, REFUSAL_COST
 from motiongen_server.rpc.budgets.token_bucket import TokenBucket
 from motiongen_server.rpc.convert import check_resume, constraints_in, num_paths, playhead_of

@@ -15,7 +15,7 @@ from motiongen_server.engine.types.refusals import draining, too_many_pending
 from motiongen_server.errors import EventRefused
 from motiongen_server.models.registry import ModelRegistry
 from motiongen_server.rpc.budgets.loop_time import Work
-from motiongen_server.rpc.budgets.peers import Peer
+from motiongen_server.rpc.budgets.peer import Peer
 from motiongen_server.rpc.budgets.stream_budget import FREE, REFUSAL_COST, StreamBudget
 from motiongen_server.rpc.sessions.durability import Durability
 from motiongen_server.rpc.sessions.event_path import MAX_WAITING_EVENTS

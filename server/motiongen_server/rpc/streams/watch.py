@@ -5,11 +5,12 @@ from __future__ import annotations
 import asyncio
 import logging
 import time
-from collections.abc import Mapping
+from collections.abc import Callable, Mapping
 
 from motiongen_server.errors import StreamRefused
-from motiongen_server.identity.caller import ANYBODY, CREDENTIALS_EXPIRED
+from motiongen_server.identity.caller import ANYBODY, CREDENTIALS_EXPIRED, Caller
 from motiongen_server.identity.callers import Callers
+from motiongen_server.rpc.budgets.peer import Peer
 from motiongen_server.rpc.budgets.waiting_memory import WaitingMemory, alone
 from motiongen_server.rpc.errors.streams import client_silent, hello_late, reader_stuck, stream_empty
 from motiongen_server.rpc.limits import ServiceLimits
@@ -18,6 +19,8 @@ from motiongen_server.rpc.streams.goodbye import EXPIRY_NOTICE_S, say_expiring
 from motiongen_server.rpc.streams.stream import Stream
 
 _log = logging.getLogger(__name__)
+
+Renew = Callable[[Peer, Caller, float], None]
 
 LOOK_EVERY_S = 0.25
 
@@ -33,8 +36,13 @@ class StreamWatch:
         streams: Mapping[int, Stream],
         callers: Callers | None = None,
         memory: WaitingMemory | None = None,
+        renew: Renew = lambda peer, caller, now: None,
     ) -> None:
-        """memory: what is held, for streams and besides; of the streams alone where it is left out."""
+        """memory: what is held, for streams and besides; of the streams alone where it is left out.
+
+        renew: gives a stream's peer the quota that its caller's tenant has by now.
+        """
+        self._renew = renew
         self._limits = limits
         self._memory = memory or WaitingMemory(limits.max_waiting_bytes, streams)
         self._memory.on_begin = self.begin
@@ -74,10 +82,13 @@ class StreamWatch:
             # Its machine may have stopped behind a proxy, which answers gRPC's own keepalives.
             stream.expire(client_silent(self._limits.silent_timeout_s))
         else:
-            self._check_caller(stream)
+            self._check_caller(stream, now)
 
-    def _check_caller(self, stream: Stream) -> None:
-        """Tell a client whose credentials are about to expire, and end its stream when they have."""
+    def _check_caller(self, stream: Stream, now: float) -> None:
+        """Tell a client whose credentials are about to expire, and end its stream when they have.
+
+        Who may go on does so by the quota that its tenant has by now.
+        """
         caller = stream.caller
         if caller is ANYBODY:
             return
@@ -86,7 +97,9 @@ class StreamWatch:
             stream.expire(lapse)  # its sessions wait for new credentials as they wait for a line that was lost
         elif lapse is not None:
             stream.refuse(lapse)
-        elif remaining_s is not None and remaining_s < EXPIRY_NOTICE_S and stream.greeted:
+        else:
+            self._renew(stream.peer, caller, now)
+        if lapse is None and remaining_s is not None and remaining_s < EXPIRY_NOTICE_S and stream.greeted:
             say_expiring(stream, remaining_s)
 
     def is_silent(self, stream: Stream, now: float) -> bool:

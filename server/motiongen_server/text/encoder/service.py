@@ -14,7 +14,8 @@ from motiongen.v1 import encoder_pb2, motion_pb2
 from motiongen_server.errors import EventRefused, StreamRefused
 from motiongen_server.identity.caller import Role
 from motiongen_server.identity.callers import Callers
-from motiongen_server.rpc.budgets.peers import Peer
+from motiongen_server.rpc.budgets.peer import Peer
+from motiongen_server.rpc.budgets.peers import Peers
 from motiongen_server.rpc.calls.admission import CallAdmission
 from motiongen_server.rpc.calls.context import CallContext, unary_method
 from motiongen_server.rpc.calls.requests import Requests, parsed_as
@@ -48,7 +49,7 @@ class TextEncoderService:
         """width: numbers in a vector. max_texts, max_characters: of one request, of one text. callers: who may call;
         everybody where it is left out. limits: of one address, and of a tenant whose quota says nothing else.
         """
-        self._admission = CallAdmission(callers or Callers(), limits, MOST_CALLS, Role.TEXT)
+        self._admission = CallAdmission(callers or Callers(), Peers(limits), MOST_CALLS, Role.TEXT)
         self._prompts = prompts
         self._width = width
         self._max_texts = max_texts

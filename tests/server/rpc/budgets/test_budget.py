@@ -6,7 +6,9 @@ import pytest
 
 from motiongen_server.engine.types import Owner, Priority
 from motiongen_server.errors import EventRefused
-from motiongen_server.rpc.budgets.peers import MOST_IDLE, Peer, Peers, address_of
+from motiongen_server.identity.caller import Caller
+from motiongen_server.rpc.budgets.peer import Peer
+from motiongen_server.rpc.budgets.peers import MOST_IDLE, Peers, address_of
 from motiongen_server.rpc.budgets.stream_budget import BYTES_A_TOKEN, MESSAGE_COST, StreamBudget
 from motiongen_server.rpc.limits import PeerLimits
 
@@ -108,6 +110,26 @@ def test_engines_know_a_peer_by_its_name_its_share_and_its_quota() -> None:
     one, other = peers.find("ipv4:10.0.0.7:5", 0.0), peers.find("ipv4:10.0.0.8:5", 0.0)
     assert one.owner == Owner("ipv4:10.0.0.7", 2.5, 40.0)
     assert other.owner.name != one.owner.name
+
+
+def test_engines_are_told_of_a_tenant_when_it_comes_and_when_its_share_or_quota_changes() -> None:
+    told: list[Owner] = []
+    peers = Peers(PeerLimits(), note_owner=told.append)
+    address = peers.find("ipv4:10.0.0.7:5", 0.0)
+    assert told == []
+    quota = {"share": 2.0, "events_per_second": 10.0}
+    tenant = peers.of(Caller("studio", quota=quota), address, 0.0)
+    assert told == [Owner("tenant:studio", 2.0)]
+    peers.renew(tenant, {"share": 2.0, "events_per_second": 20.0}, 0.0)
+    assert (tenant.limits.events_per_second, len(told)) == (20.0, 1)
+    peers.renew(tenant, {"share": 2.0, "steps_per_second": 50.0}, 0.0)
+    assert told[1:] == [Owner("tenant:studio", 2.0, 50.0)]
+    assert tenant.limits.events_per_second == PeerLimits().events_per_second
+    for number in range(MOST_IDLE):
+        peers.find(f"ipv4:9.{number >> 8}.{number & 255}.1:1", 1.0)
+    again = peers.of(Caller("studio", quota=quota), address, 2.0)
+    assert again is not tenant
+    assert told[2:] == [Owner("tenant:studio", 2.0)], "they may remember what it had before it was forgotten"
 
 
 def test_samples_of_clips_are_counted_while_they_are_made() -> None:

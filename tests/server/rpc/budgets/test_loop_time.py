@@ -13,7 +13,8 @@ import pytest
 from motiongen.v1 import motion_pb2, service_pb2, session_pb2
 from motiongen_server.engine.types import Chunk, Code, Outcome, SessionKey
 from motiongen_server.rpc.budgets.loop_time import MOST_TIMES, REFUSED_TIMES, Clocks, LoopTime, Work
-from motiongen_server.rpc.budgets.peers import Peer, Peers
+from motiongen_server.rpc.budgets.peer import Peer
+from motiongen_server.rpc.budgets.peers import Peers
 from motiongen_server.rpc.budgets.stream_budget import StreamBudget
 from motiongen_server.rpc.handlers import StreamContext
 from motiongen_server.rpc.limits import PeerLimits

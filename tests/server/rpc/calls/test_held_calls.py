@@ -13,7 +13,7 @@ import pytest
 
 from motiongen_server.rpc import handlers
 from motiongen_server.rpc.budgets.loop_time import UNLIMITED
-from motiongen_server.rpc.budgets.peers import Peer
+from motiongen_server.rpc.budgets.peer import Peer
 from motiongen_server.rpc.calls.requests import Requests
 from motiongen_server.rpc.limits import PeerLimits, ServiceLimits
 from tests.contract.local import LocalServer

@@ -16,7 +16,7 @@ from motiongen.v1 import motion_pb2, service_pb2, session_pb2
 from motiongen.v1.service_pb2_grpc import MotionServiceStub
 from motiongen_server.engine.config import EngineConfig
 from motiongen_server.engine.types import WindowJob
-from motiongen_server.rpc.budgets.peers import Peer
+from motiongen_server.rpc.budgets.peer import Peer
 from motiongen_server.rpc.limits import Limits, PeerLimits
 from tests.contract.local import LocalServer
 from tests.server.engine.fakes import FRAME, PROMPT, ROW_WIDTH, SEED, SPEED

@@ -7,7 +7,7 @@ import asyncio
 import grpc
 
 from motiongen.v1 import service_pb2, session_pb2
-from motiongen_server.rpc.budgets.peers import Peer
+from motiongen_server.rpc.budgets.peer import Peer
 from motiongen_server.rpc.limits import Limits, PeerLimits
 from tests.contract.local import LocalServer
 from tests.waiting import LIMIT_S

@@ -15,7 +15,8 @@ from motiongen_server.engine.types import Code, Open
 from motiongen_server.errors import EventRefused, StreamRefused
 from motiongen_server.rpc import service as service_module
 from motiongen_server.rpc.budgets.loop_time import REFUSED_TIMES, UNLIMITED, Clocks, LoopTime
-from motiongen_server.rpc.budgets.peers import Peer, Peers
+from motiongen_server.rpc.budgets.peer import Peer
+from motiongen_server.rpc.budgets.peers import Peers
 from motiongen_server.rpc.calls.work import begin_work, work_for
 from motiongen_server.rpc.clip import clip_service
 from motiongen_server.rpc.clip.request import clip_specs

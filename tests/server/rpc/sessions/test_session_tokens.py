@@ -11,7 +11,7 @@ import pytest
 from motiongen.v1 import session_pb2
 from motiongen_server.engine.types import Resume, Resumed, SessionKey, SnapshotTaken
 from motiongen_server.errors import EventRefused
-from motiongen_server.rpc.budgets.peers import Peer
+from motiongen_server.rpc.budgets.peer import Peer
 from motiongen_server.rpc.limits import PeerLimits
 from motiongen_server.rpc.sessions.durability import Durability, lease_of
 from motiongen_server.rpc.sessions.entry import SessionEntry

@@ -13,7 +13,7 @@ import pytest
 from motiongen.v1 import session_pb2
 from motiongen_server.errors import EventRefused
 from motiongen_server.rpc.budgets.loop_time import REFUSED_TIMES, Clocks, LoopTime, Work
-from motiongen_server.rpc.budgets.peers import Peer
+from motiongen_server.rpc.budgets.peer import Peer
 from motiongen_server.rpc.budgets.stream_budget import REFUSAL_COST, StreamBudget
 from motiongen_server.rpc.limits import PeerLimits
 from motiongen_server.rpc.sessions import store_turns

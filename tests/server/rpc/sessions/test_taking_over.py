@@ -18,7 +18,7 @@ from motiongen.v1 import motion_pb2, service_pb2, service_pb2_grpc, session_pb2
 from motiongen_server.engine.types import Guidance
 from motiongen_server.errors import EventRefused
 from motiongen_server.models.registry import LoadedModel, ModelRegistry
-from motiongen_server.rpc.budgets.peers import Peer
+from motiongen_server.rpc.budgets.peer import Peer
 from motiongen_server.rpc.catalog import Catalog
 from motiongen_server.rpc.limits import Limits, PeerLimits
 from motiongen_server.rpc.sessions import taking_over

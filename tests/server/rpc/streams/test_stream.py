@@ -16,7 +16,7 @@ from motiongen.v1 import motion_pb2, session_pb2
 from motiongen_server.engine.types import Chunk, Close, Closed, CloseReason, Code, Open, Outcome
 from motiongen_server.engine.types.refusals import session_closed
 from motiongen_server.replicas.hint import OtherServer
-from motiongen_server.rpc.budgets.peers import Peer
+from motiongen_server.rpc.budgets.peer import Peer
 from motiongen_server.rpc.budgets.stream_budget import CONSTRAINT_COST, PATH_COST, REFUSAL_COST
 from motiongen_server.rpc.limits import PeerLimits
 from motiongen_server.rpc.sessions.event_path import MAX_WAITING_EVENTS

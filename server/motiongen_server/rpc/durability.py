@@ -102,11 +102,11 @@ class Durability:
             held = None
             while held is None:  # else another has taken it since, as this client may have, whose answer was lost
                 found = await asyncio.wrap_future(self._taker.read(name))
-                self._turns.note_answer()
                 if found is None:
                     raise NotKept("the store has no such session")
                 read(found)
                 held = await asyncio.wrap_future(self._taker.take(Lease(name, found.epoch)))
+                self._turns.note_answer()  # not before: a store that is full can be read, and lets nobody take
             return token_of(token.rpartition(".")[0], held.epoch), read(held)
 
         try:

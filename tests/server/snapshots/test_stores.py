@@ -16,8 +16,10 @@ from motiongen_server.settings import SettingError
 from motiongen_server.snapshots.sqlite_store import PAGE_BYTES, SqliteStore
 from motiongen_server.snapshots.store import Lease, Renewal, StoreFailed
 from motiongen_server.snapshots.stores import is_for_several_servers, open_snapshot_store, state_folder
+from motiongen_server.snapshots.writer import SnapshotWriter
+from tests.server.snapshots.kept import Heard
 from tests.server.snapshots.store_contract import StoreContract, Two
-from tests.waiting import LIMIT_S
+from tests.waiting import LIMIT_S, until
 
 KEEP_S = 60.0
 
@@ -45,6 +47,18 @@ def test_records_that_nobody_renews_expire(tmp_path: Path) -> None:
     assert store.take(Lease("b", 1), "other") == (2, b"y")
     store.renew([])
     assert store.renew([Lease("a", 1)]) == [Renewal.GONE]
+
+
+def test_what_has_expired_leaves_the_file_though_nobody_plays(tmp_path: Path) -> None:
+    """It is what people asked their characters to do."""
+    now = [1000.0]
+    store = SqliteStore(tmp_path / "a.sqlite", KEEP_S, lambda: now[0])
+    store.save([(Lease("a", 1), b"x")])
+    now[0] += KEEP_S + 1
+    writer = SnapshotWriter(store, Heard())
+    with closing(sqlite3.connect(tmp_path / "a.sqlite")) as looking:
+        until(lambda: looking.execute("SELECT count(*) FROM sessions").fetchone() == (0,))
+    writer.close()
 
 
 def test_a_file_of_a_server_before_this_one_is_gone_on_with(tmp_path: Path) -> None:

@@ -93,6 +93,16 @@ def test_a_file_that_cannot_be_written_fails_with_its_name(tmp_path: Path) -> No
         SqliteStore(tmp_path / "a.sqlite", KEEP_S)
 
 
+def test_a_table_of_another_program_is_left_alone(tmp_path: Path) -> None:
+    with closing(sqlite3.connect(tmp_path / "a.sqlite")) as other:
+        other.execute("CREATE TABLE sessions (user TEXT, expires_at REAL)")
+        other.execute("INSERT INTO sessions VALUES ('somebody', 1.0)")
+        other.commit()
+        with pytest.raises(StoreFailed, match=r"a\.sqlite: no such column"):
+            SqliteStore(tmp_path / "a.sqlite", KEEP_S)
+        assert other.execute("SELECT * FROM sessions").fetchall() == [("somebody", 1.0)]
+
+
 def test_a_full_disk_fails_and_is_written_again_once_there_is_room(tmp_path: Path) -> None:
     store = SqliteStore(tmp_path / "a.sqlite", KEEP_S)
     store.save([(Lease("a", 1), b"old")])
@@ -139,6 +149,7 @@ def test_a_call_that_is_at_work_when_the_store_is_closed_ends_as_it_would(tmp_pa
     "asked",
     [
         "file.sqlite",
+        "sqlite::memory:",
         "http://localhost",
         "redis://localhost:port",
         "redis://localhost/0?timeout=3",
@@ -152,6 +163,21 @@ def test_a_store_that_there_is_not_is_refused(asked: str, tmp_path: Path) -> Non
         open_snapshot_store(asked, KEEP_S, tmp_path)
 
 
+@pytest.mark.parametrize(
+    ("asked", "told"),
+    [
+        ("redi://user:secret@localhost:7000/2", "...@localhost:7000/2"),
+        ("unx:///run/redis.sock?password=secret", "unx:///run/redis.sock"),
+        ("redis://:secret#of-mine@localhost:7000/2", "%23 for #"),
+    ],
+)
+def test_a_misspelled_address_is_refused_without_its_password(asked: str, told: str, tmp_path: Path) -> None:
+    with pytest.raises(SettingError, match="snapshot_store") as refused:
+        open_snapshot_store(asked, KEEP_S, tmp_path)
+    assert told in str(refused.value)
+    assert "secret" not in str(refused.value)
+
+
 def test_the_store_is_where_the_setting_says(tmp_path: Path) -> None:
     assert open_snapshot_store("none", KEEP_S, tmp_path) is None
     for asked in ("auto", "sqlite:"):
@@ -162,6 +188,11 @@ def test_the_store_is_where_the_setting_says(tmp_path: Path) -> None:
     assert str(named) == f"sqlite:{tmp_path}/named"
     redis = open_snapshot_store("redis://:secret@localhost:7000/2", KEEP_S, tmp_path)
     assert str(redis) == "redis://localhost:7000/2"
+    for url, name in (
+        ("unix:///run/redis.sock?db=1", "unix:///run/redis.sock"),
+        ("redis://[::1]", "redis://[::1]:6379"),
+    ):
+        assert str(open_snapshot_store(url, KEEP_S, tmp_path)) == name
     for options in ("redis://localhost/0?max_connections=1", "rediss://localhost/0?ssl_cert_reqs=none"):
         assert open_snapshot_store(options, KEEP_S, tmp_path) is not None
 

@@ -147,6 +147,7 @@ class EngineHost:
         except SettingError as error:
             self._wire.say(EncoderReady("", 0, sendable(str(error))))
             return
+        self._wire.say(EncoderReady(encoder.identity, job.width, ""))  # before any vector: whose it is
         threading.Thread(target=self._encode, args=(encoder,), name="text", daemon=True).start()
         self._wire.say(EncoderReady(encoder.identity, job.width, ""))
 

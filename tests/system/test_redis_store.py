@@ -9,7 +9,7 @@ import pytest
 import redis
 
 from motiongen_server.snapshots.redis_store import RedisStore
-from motiongen_server.snapshots.store import Lease, StoreFailed
+from motiongen_server.snapshots.store import Lease, Renewal, StoreFailed
 from tests.server.snapshots.store_contract import StoreContract, Two
 from tests.system.real_redis import start_redis, url_in
 
@@ -57,5 +57,22 @@ def test_a_redis_that_is_away_or_full_fails_with_its_address(redis_url: str, tmp
     try:
         with pytest.raises(StoreFailed, match="OutOfMemory"):
             RedisStore(redis_url, KEEP_S).save([(Lease("full", 1), bytes(1000))])
+    finally:
+        client.config_set("maxmemory", "0")
+
+
+def test_a_full_redis_renews_and_forgets_though_it_takes_nothing(redis_url: str) -> None:
+    """By this what was saved outlives the time for which nothing can be, and makes room when its session is over."""
+    store, client = RedisStore(redis_url, KEEP_S), redis.Redis.from_url(redis_url)
+    kept, over = Lease("k", 1), Lease("o", 1)
+    store.save([(kept, b"x"), (over, b"y")])
+    client.config_set("maxmemory", "1")
+    try:
+        client.pexpire("motiongen:session:k", 1000)
+        assert store.renew([kept]) == [Renewal.KEPT]
+        left_ms = client.pttl("motiongen:session:k")
+        assert int(left_ms) > 1000  # type: ignore[arg-type]
+        store.drop([over])
+        assert store.read("o") is None
     finally:
         client.config_set("maxmemory", "0")

@@ -130,7 +130,7 @@ class EngineHost:
         slot = Slot(job.slot, outlet.deliver)
         try:
             built = self._build(job.source, outlet.deliver, outlet.observe, slot.inbox)
-            ready = _encoded(Ready(job.slot, built.facts, built.licence, built.abilities), built)
+            ready = _encoded(Ready(job.slot, built.facts, built.licence, built.abilities, built.weights), built)
         except SettingError as error:
             self._wire.say(Unloaded(job.slot, sendable(str(error)), is_setting=True))
         except Exception as error:
@@ -148,8 +148,8 @@ class EngineHost:
         except SettingError as error:
             self._wire.say(EncoderReady("", 0, sendable(str(error))))
             return
+        self._wire.say(EncoderReady(encoder.identity, job.width, ""))  # before any vector: whose it is
         threading.Thread(target=self._encode, args=(encoder,), name="text", daemon=True).start()
-        self._wire.say(EncoderReady(encoder.identity, job.width, ""))
 
     # ---- the encoder's thread ---------------------------------------------------------------------------------------
 

@@ -120,12 +120,16 @@ class Joined:
 
 @dataclass(frozen=True, slots=True)
 class Ready:
-    """The model of a slot is loaded, warm, and takes events. abilities: what it was trained for."""
+    """The model of a slot is loaded, warm, and takes events. abilities: what it was trained for.
+
+    weights: a short name of them, another for others.
+    """
 
     slot: int
     facts: ModelFacts
     licence: str
     abilities: Abilities
+    weights: str = ""
 
 
 @dataclass(frozen=True, slots=True)

@@ -124,6 +124,10 @@ class ModelLink:
         self._ring()
         return None
 
+    def is_of_model(self, other: ModelLink) -> bool:
+        """Whether both hold the same model, weights and all; once they are ready."""
+        return self._facts == other._facts
+
     # ---- from the thread of the engine process ----------------------------------------------------------------------
 
     def take_ready(self, message: Ready) -> bool:

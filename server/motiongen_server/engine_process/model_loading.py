@@ -73,7 +73,7 @@ def prepare(begin: Begin) -> tuple[BuildEngine, LoadText, FreeUnused]:
             if begin.kind == "cuda" and config.cuda_graphs:
                 config = replace(config, max_rows=record_graphs(config, model.runner, device))
             engine = build_engine(config, model.runner, deliver, observe, inbox, device)
-        return Built(engine, model.runner.facts, model.licence, model.abilities)
+        return Built(engine, model.runner.facts, model.licence, model.abilities, model.runner.weights)
 
     def load_text(width: int) -> TextEncoder:
         from motiongen_ardy.text import load_text_encoder

@@ -114,6 +114,12 @@ class EnginePool:
         if errors:
             group.stop()
             raise next((error for error in errors if isinstance(error, SettingError)), errors[0])
+        if not all(link.is_of_model(links[0]) for link in links):
+            group.stop()
+            raise SettingError(
+                f"{source!r} was changed while it was loaded: engine processes hold different models by that name; "
+                "load it once it is whole"
+            )
         for process, link in zip(self.processes, links, strict=True):
             link.observe = self._observer_of(link.ready.result().facts.model_id, process.name)
             link.on_quota_steps = partial(self._tell_others, process, slot)

@@ -28,6 +28,7 @@ class Built:
     facts: ModelFacts
     licence: str
     abilities: Abilities = NOTHING_CLAIMED
+    weights: str = ""
 
 
 BuildEngine = Callable[[str, Deliver, Observe, Inbox], Built]

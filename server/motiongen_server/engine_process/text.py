@@ -34,7 +34,7 @@ class EngineTextEncoder:
         self._lock = threading.Lock()
         self._waiting: dict[int, Future[Float32Array]] = {}
         self._ready: Future[EncoderReady] = Future()
-        self._is_missing = False  # the engine process that there is now could not load it
+        self._missing = ""  # why the engine process that there is now has none that can be used
         process.serve_text(self._take, lambda: (LoadEncoder(width),), self._lose)
         self.identity = self._ready.result().identity
 
@@ -42,8 +42,8 @@ class EngineTextEncoder:
         """(len(texts), width). Raises EncoderLost where the engine process cannot answer now."""
         if self._process.failure is not None:
             raise EncoderLost("the text encoder has failed")
-        if self._is_missing:
-            raise EncoderLost("the text encoder could not be loaded again")
+        if self._missing:
+            raise EncoderLost(self._missing)
         number, answer = next(self._numbers), Future[Float32Array]()
         with self._lock:
             self._waiting[number] = answer
@@ -79,14 +79,21 @@ class EngineTextEncoder:
             else:
                 self._ready.set_result(message)
         elif message.error:
-            # The engines go on: presets, embeddings and prompts that were used before take no encoder.
-            self._is_missing = True
-            _log.error("prompts cannot be encoded until the engine process is started anew: %s", message.error)
-            self._break_off("the text encoder could not be loaded again")
+            self._miss("the text encoder could not be loaded again", message.error)
+        elif message.identity != (before := self._ready.result().identity):
+            # Its vectors would be kept as those of the one before, and mixed with them.
+            now = f"the text encoder is {message.identity!r} now, and was {before!r}"
+            self._miss(now, f"{now}; put the old one back, or restart the server")
+
+    def _miss(self, told: str, logged: str) -> None:
+        """The engines go on: presets, embeddings and prompts that were used before take no encoder."""
+        self._missing = told
+        _log.error("prompts cannot be encoded until the engine process is started anew: %s", logged)
+        self._break_off(told)
 
     def _lose(self) -> None:
         """The engine process is gone; if there is a next one, it loads the encoder again."""
-        self._is_missing = False
+        self._missing = ""
         self._break_off("the text encoder is being started anew")
         with self._lock:
             if self._ready.done():

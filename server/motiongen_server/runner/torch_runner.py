@@ -7,6 +7,7 @@ from contextlib import contextmanager, nullcontext
 
 import torch
 
+from motiongen_ardy.model.fingerprint import fingerprint
 from motiongen_ardy.model.model import Model
 from motiongen_ardy.model.packed import PackedDenoiser
 from motiongen_ardy.model.packed.codec import packed_codec
@@ -23,7 +24,7 @@ from motiongen_server.runner.stepping import Stepping
 
 
 class TorchRunner:
-    """Runs one model; satisfies `motiongen_server.engine.ports.Runner`."""
+    """Runs one model; satisfies `motiongen_server.engine.ports.Runner`. weights: a short name of the model's."""
 
     def __init__(
         self,
@@ -44,6 +45,7 @@ class TorchRunner:
         self._device = model.representation.stats.mean.device
         options = model.sampling
         self._graphs = graphs
+        self.weights = fingerprint(model)  # while it has them all
         self._denoiser = PackedDenoiser(
             model.denoiser,
             config.num_base_steps,

@@ -31,9 +31,19 @@ def open_client(url: str) -> redis.Redis:
 
 
 def name_of(url: str) -> str:
-    """Its address without a password, for messages."""
+    """Its address without a password, for messages. Raises ValueError where it has no such address."""
     parts = urlsplit(url)
-    return f"{parts.scheme}://{parts.hostname or ''}:{parts.port or 6379}{parts.path}"
+    if parts.scheme == "unix":
+        return f"unix://{parts.path}"
+    host = parts.hostname or ""
+    try:
+        port = parts.port or 6379
+    except ValueError:  # whose message has what stands there, which may be a part of the password
+        raise ValueError(
+            f"the {parts.scheme}: address has no port where one should be; "
+            "in a password write %2F for /, %23 for #, %40 for @"
+        ) from None
+    return f"{parts.scheme}://{f'[{host}]' if ':' in host else host}:{port}{parts.path}"
 
 
 @contextmanager

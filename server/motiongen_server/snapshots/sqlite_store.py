@@ -23,6 +23,7 @@ PAGE_BYTES = 16384
 """Of a file that is made here. A record takes three of these pages where it takes ten of SQLite's own 4 KiB, and each
 costs a call to read, one to write and a checksum. A file that there is already keeps its own.
 """
+_CHECK = "SELECT name, epoch, holder, expires_at, data FROM sessions LIMIT 0"
 _SAVE = """
     INSERT INTO sessions VALUES (?, ?, '', ?, ?) ON CONFLICT (name) DO UPDATE
     SET epoch = excluded.epoch, expires_at = excluded.expires_at, data = excluded.data
@@ -61,7 +62,8 @@ class SqliteStore:
             path.touch(mode=0o600)  # what people asked their characters to do is nobody else's business
         except OSError as error:
             raise StoreFailed(f"cannot keep snapshots in {path}: {error}") from error
-        self._do(lambda connection: connection.execute(_SCHEMA))
+        # Another program may have a table of that name: better refused now than with the first session.
+        self._do(lambda connection: (connection.execute(_SCHEMA), connection.execute(_CHECK)))
 
     def __str__(self) -> str:
         return f"sqlite:{self._path}"

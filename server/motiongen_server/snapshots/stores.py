@@ -19,6 +19,8 @@ SQLITE = "sqlite:"
 REDIS = ("redis://", "rediss://", "unix://")
 ALLOWED = f"{AUTO}, {NONE}, {SQLITE}FILE, {SQLITE} for a file in the state folder, or {'HOST, '.join(REDIS)}PATH"
 FILE = "snapshots.sqlite"
+MEMORY = ":memory:"
+"""What SQLite takes for no file."""
 
 
 def open_snapshot_store(asked: str, keep_s: float, folder: Path) -> SnapshotStore | None:
@@ -34,12 +36,20 @@ def open_snapshot_store(asked: str, keep_s: float, folder: Path) -> SnapshotStor
             return _of_this_machine(folder / FILE, keep_s)
         if asked.startswith(SQLITE):
             name = asked.removeprefix(SQLITE)
+            if name == MEMORY:  # of each connection alone
+                raise ValueError(f"{MEMORY} is no file, and nobody could go on with what is in it; give one, or {NONE}")
             return SqliteStore(Path(name) if name else folder / FILE, keep_s)
         if asked.startswith(REDIS):
             return RedisStore(asked, keep_s)
     except (StoreFailed, ValueError) as error:
         raise SettingError(f"snapshot_store cannot be used: {error}") from error
-    raise SettingError(f"snapshot_store is {asked!r}; it must be one of: {ALLOWED}")
+    raise SettingError(f"snapshot_store is {_without_password(asked)!r}; it must be one of: {ALLOWED}")
+
+
+def _without_password(asked: str) -> str:
+    """What was asked for, as it may stand in a log: of an address, also of one that is misspelled, where it leads."""
+    told = asked.partition("?")[0]
+    return f"...{told[told.rindex('@') :]}" if "@" in told else told
 
 
 def is_for_several_servers(asked: str) -> bool:

@@ -44,7 +44,7 @@ class Written(NamedTuple):
 
 
 class Listener(Protocol):
-    """Who is told. Called on the writer's thread; must return at once and never raise."""
+    """Who is told. Called on the writer's thread, `failed` on any; must return at once and never raise."""
 
     def written(self, written: list[Written]) -> None:
         """These records are in the store."""
@@ -79,7 +79,8 @@ class SnapshotWriter:
         self._untold: dict[Lease, int] = {}  # written while the store was in doubt, and up to which event
         self._is_closing = False
         self._is_failing = False
-        self._renew_at = clock() + RENEW_EVERY_S
+        self._renewed_at = clock()
+        self._renew_at = self._renewed_at + RENEW_EVERY_S
         self._thread = threading.Thread(target=self._run, name="snapshots", daemon=True)
         self._thread.start()
 
@@ -107,6 +108,9 @@ class SnapshotWriter:
             self._waiting[lease] = record, since
             self._leases.add(lease)
             self._news.notify()
+            _, oldest = next(iter(self._waiting.values()))  # they are in the order of when they began to wait
+        if self._clock() - oldest > 2 * MAX_LAG_S:  # the thread that would tell is within a call that does not end
+            self._doubt(f"{self._store} has not answered for more than {2 * MAX_LAG_S:g} s")
 
     def hold(self, lease: Lease) -> None:
         """A session was taken over, and may not be saved for long: keep its record, and find out who else takes it."""
@@ -147,9 +151,10 @@ class SnapshotWriter:
                 batch = {lease: self._waiting[lease] for lease in list(self._waiting)[:MOST_AT_ONCE]}
                 dropped, self._dropped = self._dropped, []
             try:
-                self._write(batch)
-                if dropped:
+                if dropped:  # first: a store that is full has room then
                     self._store.drop(dropped)
+                    dropped = []
+                self._write(batch)
                 if self._clock() >= self._renew_at:
                     self._renew()
             except StoreFailed as error:
@@ -222,11 +227,9 @@ class SnapshotWriter:
             leases = [lease for lease in self._leases if lease not in self._waiting and lease not in fresh]
         if self._is_failing and not leases:
             self._store.read(NO_SESSION)  # where there is none to ask after, the store has to be asked something
-        answers: list[Renewal] = []
-        for begin in range(0, len(leases), MOST_AT_ONCE):
-            answers += self._store.renew(leases[begin : begin + MOST_AT_ONCE])
-        self._renew_at = self._clock() + RENEW_EVERY_S
-        of = {each: [lease for lease, said in zip(leases, answers, strict=True) if said is each] for each in Renewal}
+        of = self._ask_after(leases)
+        self._renewed_at = self._clock()
+        self._renew_at = self._renewed_at + RENEW_EVERY_S
         if self._is_failing and not self._is_behind:
             self._is_failing = False
             _log.warning("sessions are saved again, in %s", self._store)
@@ -241,6 +244,23 @@ class SnapshotWriter:
         if of[Renewal.GONE]:
             self._listener.lost(of[Renewal.GONE])
         self._give_up(of[Renewal.FENCED])
+
+    def _ask_after(self, leases: list[Lease]) -> dict[Renewal, list[Lease]]:
+        """Renew them. Where there are none, the store is asked all the same: then it forgets what has expired."""
+        answers: list[Renewal] = []
+        for begin in range(0, max(1, len(leases)), MOST_AT_ONCE):
+            answers += self._store.renew(leases[begin : begin + MOST_AT_ONCE])
+        return {each: [lease for lease, said in zip(leases, answers, strict=True) if said is each] for each in Renewal}
+
+    def _keep_from_expiring(self) -> None:
+        """A store that takes no records, since it is full, has those from before: clients may need them yet."""
+        if self._clock() < self._renewed_at + RENEW_EVERY_S:
+            return
+        self._renewed_at = self._clock()
+        with self._lock:
+            leases = list(self._leases)
+        with contextlib.suppress(Exception):  # it does nothing at all, as it has been said
+            self._give_up(self._ask_after(leases)[Renewal.FENCED])
 
     def _give_up(self, leases: list[Lease]) -> None:
         """Others hold these now."""
@@ -258,14 +278,16 @@ class SnapshotWriter:
 
     def _fail(self, why: str, dropped: list[Lease]) -> None:
         self._doubt(why)
+        self._keep_from_expiring()
         with self._lock:
             self._dropped = [*dropped, *self._dropped][:MOST_DROPPED]  # what is forgotten here expires there
             self._news.wait_for(lambda: self._is_closing, RETRY_S)
             self._renew_at = self._clock()
 
     def _doubt(self, why: str) -> None:
-        if not self._is_failing:
-            self._is_failing = True
+        with self._lock:
+            is_new, self._is_failing = not self._is_failing, True
+        if is_new:
             _log.error("sessions are not saved reliably any more: %s", why)
             self._listener.failed()
 

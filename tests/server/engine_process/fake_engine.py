@@ -3,8 +3,8 @@
 HOW says what is to go wrong: nothing; small (an engine takes one session); settings, load (refused, or failing, while
 it loads); tell_load (refused, with the admit_load that it got); schema (the greeting is of another version); garbage
 (after its first outputs it says what is no message); stuck:FOLDER (of the processes that load, all of which leave a
-file there, the second never comes to an end); hang, die, fail (in the second window of a session with the seed
-`FATAL_SEED`).
+file there, the second never comes to an end); changing (each process that loads finds other weights); hang, die, fail
+(in the second window of a session with the seed `FATAL_SEED`).
 """
 
 from __future__ import annotations
@@ -72,7 +72,7 @@ def build(begin: Begin, how: str, source: str, deliver: Deliver, observe: Observ
     # It plays in real time: without the rest, a busy machine would have sessions refused or served with less.
     engine_config = EngineConfig(max_sessions=max_sessions, admit_load=ANY_LOAD, degrade=False)
     engine = Engine(runner, RealTime(), deliver, engine_config, observe=observe, inbox=inbox)
-    return Built(engine, runner.facts, "CC0-1.0")
+    return Built(engine, runner.facts, "CC0-1.0", weights=str(os.getpid()) if how == "changing" else "")
 
 
 class Stutterer:

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
+
 import pytest
 
 from motiongen_server.engine.types import Closed, CloseReason, Code, Open, Outcome, Priority, SessionKey
@@ -28,6 +30,16 @@ def opened(link: ModelLink, stream: int, count: int, clip_frames: int | None = N
     for key in keys:
         assert link.submit(Open(spec(key, priority=priority, clip_frames=clip_frames), 1, 0.0)) is None
     return keys
+
+
+def test_a_process_that_finds_other_weights_than_the_one_before_is_not_of_that_model() -> None:
+    """As where a folder was replaced under a running server, whose other engines go on with what they hold."""
+    link, ready = ModelLink(1, "model", lambda outputs: None, lambda: None), Ready(1, FACTS, "", NOTHING_CLAIMED, "a1")
+    assert link.take_ready(ready)
+    link.lose(CloseReason.ENGINE_FAULT, "it was killed")
+    assert not link.take_ready(replace(ready, weights="b2"))
+    assert not link.is_up
+    assert link.take_ready(ready), "it was put back"
 
 
 def test_sessions_that_were_opened_since_add_as_much_as_those_before() -> None:

@@ -24,6 +24,14 @@ def test_engines_know_up_to_where_they_are_filled(engines: int, given: float | N
         pool.load("one")
 
 
+def test_engines_that_found_different_models_in_one_folder_do_not_serve_together() -> None:
+    """Somebody was copying another one there: who is given which session would decide how a character moves."""
+    with pool_of("changing", 2) as (pool, _):
+        with pytest.raises(SettingError, match="'one' was changed while it was loaded"):
+            pool.load("one")
+        assert [process.num_sessions for process in pool.processes] == [0, 0]
+
+
 def test_an_engine_for_which_no_core_is_left_gets_no_session(caplog: pytest.LogCaptureFixture) -> None:
     with remote(engines=3) as there:
         with there.stopped():  # they tell no load meanwhile, of which a busy machine makes more for one of them

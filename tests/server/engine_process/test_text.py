@@ -103,3 +103,17 @@ def test_one_that_cannot_be_loaded_again_says_so_at_once_and_comes_back_with_the
     process.is_lost()
     process.say(EncoderReady("length-1", 2, ""))
     assert encoder.encode(["abc"]).tolist() == [[1.0, 1.0]]
+
+
+def test_another_one_in_the_next_process_is_not_taken_for_the_one_before(caplog: pytest.LogCaptureFixture) -> None:
+    """Its vectors are kept by the identity of the one before, on the disk too."""
+    process = Process()
+    encoder = EngineTextEncoder(cast(EngineProcess, process), 2, LIMIT_S)
+    process.is_lost()
+    process.say(EncoderReady("length-2", 2, ""))
+    with pytest.raises(EncoderLost, match="'length-2' now, and was 'length-1'"):
+        encoder.encode(["abc"])
+    assert "restart the server" in caplog.text
+    process.is_lost()
+    process.say(EncoderReady("length-1", 2, ""))
+    assert encoder.encode(["abc"]).tolist() == [[1.0, 1.0]], "it was put back"

@@ -16,8 +16,10 @@ from motiongen_server.settings import SettingError
 from motiongen_server.snapshots.sqlite_store import PAGE_BYTES, SqliteStore
 from motiongen_server.snapshots.store import Lease, Renewal, StoreFailed
 from motiongen_server.snapshots.stores import is_for_several_servers, open_snapshot_store, state_folder
+from motiongen_server.snapshots.writer import SnapshotWriter
+from tests.server.snapshots.kept import Heard
 from tests.server.snapshots.store_contract import StoreContract, Two
-from tests.waiting import LIMIT_S
+from tests.waiting import LIMIT_S, until
 
 KEEP_S = 60.0
 
@@ -45,6 +47,18 @@ def test_records_that_nobody_renews_expire(tmp_path: Path) -> None:
     assert store.take(Lease("b", 1), "other") == (2, b"y")
     store.renew([])
     assert store.renew([Lease("a", 1)]) == [Renewal.GONE]
+
+
+def test_what_has_expired_leaves_the_file_though_nobody_plays(tmp_path: Path) -> None:
+    """It is what people asked their characters to do."""
+    now = [1000.0]
+    store = SqliteStore(tmp_path / "a.sqlite", KEEP_S, lambda: now[0])
+    store.save([(Lease("a", 1), b"x")])
+    now[0] += KEEP_S + 1
+    writer = SnapshotWriter(store, Heard())
+    with closing(sqlite3.connect(tmp_path / "a.sqlite")) as looking:
+        until(lambda: looking.execute("SELECT count(*) FROM sessions").fetchone() == (0,))
+    writer.close()
 
 
 def test_a_file_of_a_server_before_this_one_is_gone_on_with(tmp_path: Path) -> None:
@@ -77,6 +91,16 @@ def test_a_file_that_cannot_be_written_fails_with_its_name(tmp_path: Path) -> No
     (tmp_path / "a.sqlite").write_bytes(b"this is no database at all, and it is long enough to be looked at" * 20)
     with pytest.raises(StoreFailed, match=r"a\.sqlite"):
         SqliteStore(tmp_path / "a.sqlite", KEEP_S)
+
+
+def test_a_table_of_another_program_is_left_alone(tmp_path: Path) -> None:
+    with closing(sqlite3.connect(tmp_path / "a.sqlite")) as other:
+        other.execute("CREATE TABLE sessions (user TEXT, expires_at REAL)")
+        other.execute("INSERT INTO sessions VALUES ('somebody', 1.0)")
+        other.commit()
+        with pytest.raises(StoreFailed, match=r"a\.sqlite: no such column"):
+            SqliteStore(tmp_path / "a.sqlite", KEEP_S)
+        assert other.execute("SELECT * FROM sessions").fetchall() == [("somebody", 1.0)]
 
 
 def test_a_full_disk_fails_and_is_written_again_once_there_is_room(tmp_path: Path) -> None:
@@ -125,6 +149,7 @@ def test_a_call_that_is_at_work_when_the_store_is_closed_ends_as_it_would(tmp_pa
     "asked",
     [
         "file.sqlite",
+        "sqlite::memory:",
         "http://localhost",
         "redis://localhost:port",
         "redis://localhost/0?timeout=3",
@@ -138,6 +163,21 @@ def test_a_store_that_there_is_not_is_refused(asked: str, tmp_path: Path) -> Non
         open_snapshot_store(asked, KEEP_S, tmp_path)
 
 
+@pytest.mark.parametrize(
+    ("asked", "told"),
+    [
+        ("redi://user:secret@localhost:7000/2", "...@localhost:7000/2"),
+        ("unx:///run/redis.sock?password=secret", "unx:///run/redis.sock"),
+        ("redis://:secret#of-mine@localhost:7000/2", "%23 for #"),
+    ],
+)
+def test_a_misspelled_address_is_refused_without_its_password(asked: str, told: str, tmp_path: Path) -> None:
+    with pytest.raises(SettingError, match="snapshot_store") as refused:
+        open_snapshot_store(asked, KEEP_S, tmp_path)
+    assert told in str(refused.value)
+    assert "secret" not in str(refused.value)
+
+
 def test_the_store_is_where_the_setting_says(tmp_path: Path) -> None:
     assert open_snapshot_store("none", KEEP_S, tmp_path) is None
     for asked in ("auto", "sqlite:"):
@@ -148,6 +188,11 @@ def test_the_store_is_where_the_setting_says(tmp_path: Path) -> None:
     assert str(named) == f"sqlite:{tmp_path}/named"
     redis = open_snapshot_store("redis://:secret@localhost:7000/2", KEEP_S, tmp_path)
     assert str(redis) == "redis://localhost:7000/2"
+    for url, name in (
+        ("unix:///run/redis.sock?db=1", "unix:///run/redis.sock"),
+        ("redis://[::1]", "redis://[::1]:6379"),
+    ):
+        assert str(open_snapshot_store(url, KEEP_S, tmp_path)) == name
     for options in ("redis://localhost/0?max_connections=1", "rediss://localhost/0?ssl_cert_reqs=none"):
         assert open_snapshot_store(options, KEEP_S, tmp_path) is not None
 

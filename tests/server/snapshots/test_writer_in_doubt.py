@@ -2,13 +2,13 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
 
 import pytest
 
 from motiongen_server.snapshots import writer
 from motiongen_server.snapshots.record import RecordRefused, read_record
-from motiongen_server.snapshots.store import Lease
+from motiongen_server.snapshots.store import Lease, StoreFailed
 from motiongen_server.snapshots.writer import SnapshotWriter
 from tests.server.snapshots.kept import Heard, Store
 from tests.server.snapshots.records import a_record
@@ -123,6 +123,77 @@ def test_what_is_kept_of_a_session_that_grew_too_big_is_not_relied_upon_after_a_
     store.fails = False
     until(lambda: not saving.is_failing)
     assert ("renewed", B) in heard.said
+
+
+def test_a_store_that_never_answers_is_told_of_by_who_has_more_to_save(store: Store, heard: Heard) -> None:
+    """As of a disk that stands still: the thread that writes is within that call, and tells nobody anything."""
+    now = [0.0]
+    saving = SnapshotWriter(store, heard, lambda: now[0])
+    store.gate.clear()
+    saving.save(A, a_record(1))
+    until(lambda: store.num_saves)
+    now[0] += 2 * writer.MAX_LAG_S
+    saving.save(A, a_record(2))
+    assert heard.said == []
+    now[0] += 1.0
+    saving.save(B, a_record(1))
+    saving.save(B, a_record(2))
+    assert heard.said == ["failed"]
+    assert saving.is_failing
+    store.gate.set()
+    until(lambda: not saving.is_failing)
+    saving.close()
+
+
+class Full(Store):
+    """Takes no record, new or old, until one is dropped, but renews what it has."""
+
+    is_full = False
+
+    def save(self, records: Sequence[tuple[Lease, bytes]]) -> list[bool]:
+        if self.is_full:
+            raise StoreFailed("OOM command not allowed")
+        return super().save(records)
+
+    def drop(self, leases: Sequence[Lease]) -> None:
+        super().drop(leases)
+        self.is_full = False
+
+
+@pytest.fixture
+def full(heard: Heard) -> Iterator[tuple[Full, SnapshotWriter]]:
+    """With records of two sessions, of which one cannot be saved any more."""
+    store = Full()
+    saving = SnapshotWriter(store, heard)
+    saving.save(A, a_record(1))
+    saving.save(B, a_record(1))
+    until(lambda: len(heard.said) == 2)
+    store.is_full = True
+    saving.save(A, a_record(2))
+    until(lambda: "failed" in heard.said)
+    yield store, saving
+    store.is_full = False
+    saving.close()
+
+
+def test_a_full_store_has_room_again_once_sessions_are_over(full: tuple[Full, SnapshotWriter]) -> None:
+    store, saving = full
+    saving.drop(B)
+    until(lambda: not saving.is_failing)
+    assert store.dropped == [B]
+    assert read_record(store.records["a"][1]).taken_seq == 2
+
+
+def test_what_a_full_store_has_does_not_expire_and_is_not_relied_upon(
+    full: tuple[Full, SnapshotWriter], heard: Heard
+) -> None:
+    store, saving = full
+    del store.renewed[:]
+    until(lambda: store.renewed.count(A) >= 3 and store.renewed.count(B) >= 3)
+    assert saving.is_failing
+    assert heard.said[2:] == ["failed"], "clients were told, and nothing is better"
+    store.others = {"b": 2}
+    until(lambda: ("fenced", B) in heard.said)
 
 
 def _refuse(_: object) -> bytes:

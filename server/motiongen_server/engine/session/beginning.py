@@ -6,7 +6,7 @@ from collections.abc import Callable
 
 from motiongen_server.engine.session.events import apply
 from motiongen_server.engine.session.opening import Opening, open_session
-from motiongen_server.engine.session.snapshot import check_going_on, going_on
+from motiongen_server.engine.session.snapshot import check_usable, going_on
 from motiongen_server.engine.session.state import SessionState
 from motiongen_server.engine.types import Float32Array, Open, Output, Resume
 from motiongen_server.engine.types.refusals import prior_frames_failed
@@ -20,7 +20,7 @@ def begun(event: Open, opening: Opening, features_of: MakeFeatures) -> SessionSt
     """The session. Raises EventRefused where it cannot be gone on with."""
     asked = event.going_on
     if asked is not None:
-        check_going_on(asked, opening.facts)
+        check_usable(asked, opening.facts)
     rows = event.spec.prior_rows if asked is None else asked.snapshot.rows
     if rows is None:
         return open_session(event.spec, event.received_at, opening)

@@ -18,9 +18,7 @@ from motiongen_server.engine.session.timeline import Timeline, TokenRun
 from motiongen_server.engine.session.velocity import Velocity
 from motiongen_server.engine.session.windows import history_crop
 from motiongen_server.engine.types import (
-    Code,
     Constraint,
-    EventRefused,
     Float32Array,
     GoingOn,
     HeldVelocity,
@@ -30,6 +28,7 @@ from motiongen_server.engine.types import (
     SnapshotTaken,
     UnansweredEdit,
 )
+from motiongen_server.engine.types.going_on import check_going_on, unusable
 
 
 def news_of(state: SessionState) -> list[SnapshotTaken]:
@@ -90,26 +89,11 @@ def _held(velocity: Velocity) -> HeldVelocity:
     return HeldVelocity(velocity.x, velocity.z, velocity.heading, velocity.hold_frames, velocity.steers_from)
 
 
-def check_going_on(asked: GoingOn, facts: ModelFacts) -> None:
-    """Raise EventRefused where the model, or the client, cannot go on with a snapshot."""
-    held = asked.snapshot
-    rows = held.rows
-    fits = held.spec.model_id == facts.model_id and rows.ndim == 2 and rows.shape[1] == facts.row_width
-    is_known = held.correction in (0, *Correction)
-    if not fits or not is_known or len(rows) < facts.patch or not np.isfinite(rows).all():
-        raise _unusable("it is not of the model that is served here")
-    # A plan that the snapshot does not know of may have replaced what it holds: those frames can never be made again.
-    if asked.plan > held.plan or not held.first_frame <= asked.next_frame <= held.end_frame:
-        raise _unusable(
-            f"it holds frames {held.first_frame} to {held.end_frame - 1} of plans up to {held.plan}, and the client is "
-            f"at frame {asked.next_frame} of plan {asked.plan}"
-        )
-
-
-def _unusable(why: str) -> EventRefused:
-    given = f"the session's snapshot cannot be gone on with: {why}"
-    allowed = "a new session that goes on from the frames held: open.prior_frames"
-    return EventRefused(Code.FAILED_PRECONDITION, "SNAPSHOT_UNUSABLE", given, "open.resume_token", allowed)
+def check_usable(asked: GoingOn, facts: ModelFacts) -> None:
+    """Raise EventRefused where the model, this engine, or the client cannot go on with a snapshot."""
+    check_going_on(asked, facts)
+    if asked.snapshot.correction not in (0, *Correction):
+        raise unusable("a window is to put something right that is not known here")
 
 
 def going_on(event: Open, asked: GoingOn, opening: Opening, features: Float32Array) -> SessionState:

@@ -60,6 +60,7 @@ class Durability:
         self._loop = loop
         self._count = count
         self._entries: dict[Lease, SessionEntry] = {}
+        self._by_name: dict[str, SessionEntry] = {}  # the newest of each record
         self._taker = SnapshotTaker(store)
         self._turns = StoreTurns(loop.time)
         self.writer = SnapshotWriter(store, _OnLoop(self, loop))
@@ -68,15 +69,13 @@ class Durability:
         """Keep a session as its engine and the edge know it now."""
         if entry.opened is None or not entry.token or entry.closing:
             return
-        if entry.lease is None:
-            entry.lease = lease_of(entry.token)
-        self._entries[entry.lease] = entry
-        self.writer.save(entry.lease, _record_of(entry, taken))
+        lease = self._hold(entry) if entry.lease is None else entry.lease
+        self.writer.save(lease, _record_of(entry, taken))
 
     def end(self, entry: SessionEntry) -> None:
         """A session is over here. What may go on elsewhere stays: this server goes away, or has lost its engine."""
         lease, entry.lease = entry.lease, None
-        if lease is None or self._entries.pop(lease, None) is None:
+        if lease is None or self._let_go(lease) is None:
             return
         closed = entry.closed
         if closed is None or closed.reason is CloseReason.DRAINED or closed.code is Code.UNAVAILABLE:
@@ -103,11 +102,11 @@ class Durability:
             held = None
             while held is None:  # else another has taken it since, as this client may have, whose answer was lost
                 found = await asyncio.wrap_future(self._taker.read(name))
-                self._turns.note_answer()
                 if found is None:
                     raise NotKept("the store has no such session")
                 read(found)
                 held = await asyncio.wrap_future(self._taker.take(Lease(name, found.epoch)))
+                self._turns.note_answer()  # not before: a store that is full can be read, and lets nobody take
             return token_of(token.rpartition(".")[0], held.epoch), read(held)
 
         try:
@@ -116,10 +115,37 @@ class Durability:
             raise NotKept(str(error)) from error
 
     def adopt(self, entry: SessionEntry) -> None:
-        """A session that was taken over is this server's now."""
-        entry.lease = lease_of(entry.token)
-        self._entries[entry.lease] = entry
-        self.writer.hold(entry.lease)
+        """A session that was taken over is this server's now, and saved: else what its client has said since would be
+        refused where it goes on elsewhere before it is saved again."""
+        self.writer.hold(self._hold(entry))
+        entry.durable = Durable(entry.key, entry.last_seq, not self.writer.is_failing)
+
+    def held(self, token: str) -> SessionEntry | None:
+        """The session that lives here since it was taken over by that token, or by one as old.
+
+        Its client, which has said nothing of it since, may not have heard: then it comes with what it has.
+        """
+        try:
+            name, epoch = lease_of(token)
+        except NotKept:
+            return None
+        entry = self._by_name.get(name)
+        if entry is None or entry.lease is None or entry.closing or entry.closed is not None:
+            return None
+        return entry if entry.told_epoch <= epoch < entry.lease.epoch else None
+
+    def _hold(self, entry: SessionEntry) -> Lease:
+        """A session's record is this server's to write."""
+        entry.lease = lease = lease_of(entry.token)
+        self._entries[lease] = self._by_name[lease.name] = entry
+        return lease
+
+    def _let_go(self, lease: Lease) -> SessionEntry | None:
+        """It is not any more. Whose it was, None where it was nobody's."""
+        entry = self._entries.pop(lease, None)
+        if entry is not None and self._by_name.get(lease.name) is entry:
+            del self._by_name[lease.name]
+        return entry
 
     def close(self) -> None:
         """Write what waits, and end. Waits for it a moment."""
@@ -154,7 +180,7 @@ class Durability:
         """Other servers go on with these: they end here."""
         for lease in leases:
             self._count("fenced")
-            entry = self._entries.pop(lease, None)
+            entry = self._let_go(lease)
             if entry is not None and not entry.closing:
                 entry.closing = True
                 entry.model.engine.submit(

@@ -87,6 +87,11 @@ class KeptSessions:
         """The session that a token resumes, parked or not."""
         return self._by_token.get(token)
 
+    def resumed_by(self, token: str) -> SessionEntry | None:
+        """The same, also by a token older than its own that is good still: see `Durability.held`."""
+        entry = self.find(token)
+        return self.durability.held(token) if entry is None and self.durability is not None else entry
+
     def save(self, entry: SessionEntry, taken: SnapshotTaken) -> None:
         """The engine has taken a snapshot of a session."""
         if self.durability is not None:
@@ -199,9 +204,12 @@ class _Nobody:
                 continue
             if isinstance(said, Closed):
                 end_waiting(self._entry, said)
+                self._entry.place.release()  # it may wait long for its client to come and hear of that
             self._entry.note(said)
+            # A refused open leaves nothing to resume here, though its session was parked: one that was taken over is
+            # from the moment on that its engine is asked.
             is_refused = isinstance(said, Outcome) and said.event_seq == 1 and said.code is not Code.OK
-            if (isinstance(said, Closed) or is_refused) and self._kept.find(self._entry.token) is None:
+            if is_refused or (isinstance(said, Closed) and self._kept.find(self._entry.token) is None):
                 self._kept.forget(self._entry)
 
     def take_now(self, *outputs: Output) -> None:

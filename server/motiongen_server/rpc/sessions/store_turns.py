@@ -69,7 +69,7 @@ class StoreTurns:
             raise self._failed(str(error) or f"it took more than {TAKE_S:g} s") from error
 
     def note_answer(self) -> None:
-        """The store has answered."""
+        """The store has done what somebody needs of it."""
         self._failing_since = None
 
     def _failed(self, why: str) -> Exception:

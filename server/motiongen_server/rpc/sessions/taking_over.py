@@ -6,7 +6,8 @@ import logging
 from dataclasses import replace
 
 from motiongen.v1 import session_pb2
-from motiongen_server.engine.types import GoingOn, Open, SessionKey
+from motiongen_server.engine.types import GoingOn, Open, SessionKey, SessionSnapshot
+from motiongen_server.engine.types.going_on import check_going_on, check_told
 from motiongen_server.errors import EventRefused
 from motiongen_server.models.registry import ModelRegistry
 from motiongen_server.rpc.budgets.peer import Peer
@@ -28,24 +29,25 @@ async def claimed(
     """The record that an OpenSession's token stands for, and the token from now on; no other server writes it any more.
 
     Raises EventRefused where there is none, or it lacks what the client knows of: acknowledged events are never lost;
-    and where that cannot be known at present, since the store does not answer.
-    A message that was under way for long, and a server without the model, take nothing from who serves the session.
+    where the model here cannot go on with it; and where that cannot be known at present, since the store does not
+    answer. A message that was under way for long, and what is refused, take nothing from who serves the session.
     """
     point = opening.resume_point
 
     def check(record: SessionRecord) -> None:
         if point.attempt <= record.attempt:
             raise resume_superseded(point.attempt, record.attempt)
-        models.find(record.snapshot.spec.model_id)
+        facts = models.find(record.snapshot.spec.model_id).catalog.facts
+        if record.taken_seq < point.answered_seq:
+            raise events_not_saved(record.taken_seq, point.answered_seq)
+        check_told(record.opened, facts)
+        check_going_on(_going_on(record.snapshot, point), facts)
 
     try:
-        token, record = await durability.take_over(opening.resume_token, peer.tenant, asker, check)
+        return await durability.take_over(opening.resume_token, peer.tenant, asker, check)
     except NotKept as error:
         _log.info("a session is not gone on with: %s", error)
         raise session_not_kept() from error
-    if record.taken_seq < point.answered_seq:
-        raise events_not_saved(record.taken_seq, point.answered_seq)
-    return token, record
 
 
 def adopted(
@@ -91,8 +93,11 @@ def adopted(
         entry.answers.keep(replace(answer, session=key))
     entry.reached.extend(replace(each, session=key) for each in record.reached)
     entry.confirm(point.answered_seq)
+    return entry, Open(spec, 1, now, _going_on(snapshot, point))
+
+
+def _going_on(snapshot: SessionSnapshot, point: session_pb2.ResumePoint) -> GoingOn:
     held_to = point.next_frame  # who does not say what it shows may show all that it holds
     playhead = point.playhead if point.HasField("playhead") else held_to
     committed_to = point.committed_to if point.HasField("committed_to") else held_to
-    asked = GoingOn(snapshot, point.attempt, point.next_frame, point.plan, playhead, committed_to)
-    return entry, Open(spec, 1, now, asked)
+    return GoingOn(snapshot, point.attempt, point.next_frame, point.plan, playhead, committed_to)

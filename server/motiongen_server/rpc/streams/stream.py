@@ -182,7 +182,7 @@ class Stream(StreamTakeOvers):
     def _resume(self, event: session_pb2.SessionEvent, now: float) -> None:
         """Take over a session that another stream carries, or carried. Raises EventRefused."""
         check_resume(event.open)
-        entry, point = self._kept.find(event.open.resume_token), event.open.resume_point
+        entry, point = self._kept.resumed_by(event.open.resume_token), event.open.resume_point
         if entry is None and self._kept.durability is not None:
             self._begin_take_over(event, self._kept.durability, now)
             return
@@ -196,7 +196,8 @@ class Stream(StreamTakeOvers):
         self._kept.move(entry, self, event.session)
         self._entries[event.session] = self._by_key[entry.key] = entry
         entry.confirm(point.answered_seq)
-        entry.note_heard()
+        if event.open.resume_token == entry.token:
+            entry.note_heard()
         entry.attempt, entry.is_resuming = point.attempt, True
         if entry.closed is not None:
             self._welcome_back(entry, point.next_frame)

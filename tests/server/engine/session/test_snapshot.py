@@ -12,6 +12,8 @@ from motiongen_server.engine.session.drift import Correction
 from motiongen_server.engine.types import (
     Chunk,
     Code,
+    Direction,
+    Gait,
     GoingOn,
     Open,
     Opened,
@@ -182,12 +184,18 @@ def test_a_client_that_knows_more_than_the_snapshot_is_refused(where: dict[str, 
     assert other.engine.num_sessions == 0
 
 
-@pytest.mark.parametrize("spoilt", ["model", "width", "nan", "short"])
+SPOILT = ["model", "width", "nan", "short", "prompt", "gait", "steps", "look-ahead", "history", "outputs"]
+
+
+@pytest.mark.parametrize("spoilt", SPOILT)
 def test_a_snapshot_that_the_model_cannot_go_on_with_is_refused(spoilt: str) -> None:
+    """What the model itself finds not to fit ends its engine, and all other sessions with it."""
     stage = Stage(SAVING)
     viewer = stage.open(prompts=(prompt(1),))
     stage.run(2.0)
     snapshot = snapshots(stage)[-1]
+    spec, wide = snapshot.spec, np.zeros(FACTS.embedding_dim + 1, np.float32)
+    gait = Gait("walk", "a person walks", 0.5, Direction.FORWARD, wide)
     rows = snapshot.rows.copy()
     rows[3, 1] = np.nan
     spoils = {
@@ -195,6 +203,12 @@ def test_a_snapshot_that_the_model_cannot_go_on_with_is_refused(spoilt: str) -> 
         "width": replace(snapshot, rows=snapshot.rows[:, :-1]),
         "nan": replace(snapshot, rows=rows),
         "short": replace(snapshot, rows=snapshot.rows[: FACTS.patch - 1]),
+        "prompt": replace(snapshot, prompts=(replace(snapshot.prompts[0], embedding=wide),)),
+        "gait": replace(snapshot, gait=gait),
+        "steps": replace(snapshot, spec=replace(spec, denoise_steps=FACTS.max_steps + 1)),
+        "look-ahead": replace(snapshot, spec=replace(spec, lookahead=FACTS.horizon - 1)),
+        "history": replace(snapshot, spec=replace(spec, history_frames=FACTS.patch + 1)),
+        "outputs": replace(snapshot, spec=replace(spec, outputs=("muscles",))),
     }
     other, said = go_on(spoils[spoilt], viewer)
     assert [output.reason for output in said if isinstance(output, Outcome)] == ["SNAPSHOT_UNUSABLE"]

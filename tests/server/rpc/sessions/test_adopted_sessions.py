@@ -9,15 +9,15 @@ from pathlib import Path
 
 import pytest
 
-from motiongen_server.engine.types import Close, CloseReason, Open
+from motiongen_server.engine.types import Close, Closed, CloseReason, Code, Open, Outcome, Resumed
 from motiongen_server.rpc.sessions.durability import Durability, lease_of
 from motiongen_server.rpc.sessions.kept_sessions import KeptSessions
 from motiongen_server.snapshots import writer
 from motiongen_server.snapshots.record import write_record
 from motiongen_server.snapshots.sqlite_store import SqliteStore
-from motiongen_server.snapshots.store import Lease
+from motiongen_server.snapshots.store import Lease, Renewal
 from tests.server.rpc.sessions.test_taking_over import RECORD, TOKEN, of_model, resuming
-from tests.server.rpc.streams.test_event_order import Line
+from tests.server.rpc.streams.test_event_order import WALK, Line
 from tests.waiting import until_true
 
 NAME = lease_of(TOKEN).name
@@ -74,3 +74,35 @@ async def test_one_that_stands_still_ends_once_another_server_has_taken_it(adopt
     end = adopting.line.engine.events[1]
     assert isinstance(end, Close)
     assert end.reason is CloseReason.TAKEN_OVER
+
+
+async def test_nothing_is_left_of_one_that_its_engine_refuses_after_its_line_was_lost(adopting: Adopting) -> None:
+    """Its engine knows no session to close, so its place and its record would be held for good."""
+    line, durability = adopting.line, adopting.durability
+    kept, peer = line.stream._kept, line.stream.peer
+    await adopting.adopt()
+    key = line.engine.events[0].session
+    line.stream.lose()
+    assert (kept.num_parked, peer.num_sessions) == (1, 1)
+    carrier = kept.carrier_of(key)
+    assert carrier is not None
+    carrier.take(Outcome(key, 1, Code.RESOURCE_EXHAUSTED, reason="OVERLOADED"))
+    assert (kept.num_parked, kept.has_away, peer.num_sessions) == (0, False, 0)
+    assert line.engine.kinds() == [Open], "there is nothing to be closed"
+    assert not durability.writer._leases, "else its record would never expire"
+    assert adopting.store.renew([Lease(NAME, 2)]) == [Renewal.KEPT], "its client may come again"
+
+
+async def test_one_is_saved_from_the_beginning_and_its_client_knows(adopting: Adopting) -> None:
+    """Nothing may be saved of it before it goes on elsewhere: what it was told here is then said again there."""
+    line = adopting.line
+    await adopting.adopt()
+    key = line.engine.events[0].session
+    line.stream.take(Resumed(key, 9, 60))
+    (told,) = (update for update in line.updates() if update.HasField("durability"))
+    assert (told.durability.is_kept, told.durable_seq) == (True, RECORD.taken_seq)
+    line.send(RECORD.taken_seq + 1, edit_prompts=WALK)
+    line.stream.close_all(CloseReason.DRAINED)
+    line.stream.take(Closed(key, CloseReason.DRAINED, Code.OK, "", 0, 0))
+    answers = [update.outcome.event_seq for update in line.updates() if update.HasField("outcome")]
+    assert RECORD.taken_seq + 1 not in answers

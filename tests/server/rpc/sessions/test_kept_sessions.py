@@ -68,6 +68,22 @@ async def test_nothing_is_left_of_it_after_its_end(line: Line, kept: KeptSession
     assert kept.num_parked == 0
 
 
+async def test_one_that_has_ended_while_its_client_was_away_has_no_place_any_more(
+    line: Line, kept: KeptSessions
+) -> None:
+    """As when another server has taken it over: it counts there."""
+    line.open()
+    line.stream.lose()
+    assert line.stream.peer.num_sessions == 1
+    carrier = kept.carrier_of(KEY)
+    assert carrier is not None
+    carrier.take(Closed(KEY, CloseReason.TAKEN_OVER, Code.OK, "", 0, 0))
+    assert (kept.num_parked, line.stream.peer.num_sessions) == (1, 0), "its client may come to hear of its end"
+    again = resume(kept, line.engine, token_of(line))
+    assert again.updates()[-1].HasField("closed")
+    assert (kept.num_parked, line.stream.peer.num_sessions) == (0, 0)
+
+
 async def test_nothing_is_left_of_one_that_is_refused_after_its_stream_has_gone(line: Line, kept: KeptSessions) -> None:
     line.send(1, open=session_pb2.OpenSession())
     line.stream.lose()

@@ -9,7 +9,7 @@ from pathlib import Path
 import pytest
 
 from motiongen.v1 import session_pb2
-from motiongen_server.engine.types import Resume, Resumed, SessionKey, SnapshotTaken
+from motiongen_server.engine.types import Open, Resume, Resumed, SessionKey, SnapshotTaken
 from motiongen_server.errors import EventRefused
 from motiongen_server.rpc.budgets.peer import Peer
 from motiongen_server.rpc.limits import PeerLimits
@@ -159,6 +159,25 @@ async def test_the_same_holds_where_the_session_is_parked_by_the_server_that_is_
     again.send(1, open=servers.resuming(SECOND))
     assert again.stream.num_sessions == 1, "the server has it still"
     assert Resume in line.engine.kinds()
+
+
+async def test_a_client_that_did_not_hear_of_it_is_given_the_session_that_the_server_has_already(
+    servers: Servers,
+) -> None:
+    """Taken over once more, from itself, it would be there twice, and count twice, until the store had told."""
+    line = await servers.adopted()
+    line.stream.lose()
+    for number in (2, 3):
+        again = servers.line(number)
+        again.send(1, open=servers.resuming(FIRST))
+        assert again.stream.num_sessions == 1, "the store is not asked"
+        again.stream.take(Resumed(KEY, servers._attempt, 0))
+        (told,) = (update.opened.session_token for update in again.updates() if update.HasField("opened"))
+        assert told == SECOND
+        assert again.stream.peer.num_sessions == 0, "it has its place already"
+        again.stream.lose()
+    assert line.engine.kinds() == [Open, Resume, Resume]
+    assert servers.store.renew([lease_of(SECOND)]) == [Renewal.KEPT]
 
 
 async def test_who_takes_a_session_that_another_took_in_between_looks_again(

@@ -20,9 +20,10 @@ from motiongen_server.rpc.sessions import store_turns
 from motiongen_server.rpc.sessions.durability import Durability, lease_of
 from motiongen_server.rpc.sessions.kept_sessions import KeptSessions
 from motiongen_server.rpc.sessions.store_turns import ASKED_AGAIN_S, AWAY_S, StoreAway, StoreTurns
+from motiongen_server.rpc.sessions.taking_over import claimed
 from motiongen_server.snapshots.record import write_record
 from motiongen_server.snapshots.sqlite_store import SqliteStore
-from motiongen_server.snapshots.store import Held, StoreFailed
+from motiongen_server.snapshots.store import Held, Lease, StoreFailed
 from motiongen_server.snapshots.taker import TAKERS
 from motiongen_server.text.turns import Asker
 from tests.server.rpc.budgets.test_loop_time import Ticks
@@ -32,12 +33,14 @@ from tests.waiting import LIMIT_S, until_true
 
 
 class Store(SqliteStore):
-    """Notes which names it is asked for. gate: it answers once that is open; is_broken: it does not."""
+    """Notes which names it is asked for. gate: it answers once that is open; is_broken: it does not; is_full: it can
+    only be read.
+    """
 
     def __init__(self, path: Path) -> None:
         super().__init__(path, 60.0)
         self.gate = threading.Event()
-        self.is_broken = False
+        self.is_broken = self.is_full = False
         self.asked: list[str] = []
 
     def read(self, name: str) -> Held | None:
@@ -46,6 +49,11 @@ class Store(SqliteStore):
         if self.is_broken:
             raise StoreFailed("the disk is full")
         return super().read(name)
+
+    def take(self, lease: Lease, holder: str) -> Held | None:
+        if self.is_full:
+            raise StoreFailed("the disk is full")
+        return super().take(lease, holder)
 
 
 class Server:
@@ -165,6 +173,23 @@ async def test_a_store_that_stays_away_is_not_waited_for_for_ever() -> None:
     assert await asked() == "SESSION_STORE_UNAVAILABLE", "it had answered somebody"
     now[0] += AWAY_S + ASKED_AGAIN_S
     assert await asked() == "SESSION_STORE_UNAVAILABLE", "nobody had asked in between"
+
+
+async def test_a_store_that_can_only_be_read_is_not_waited_for_for_ever_either(server: Server) -> None:
+    """As a full one: nobody can take a session there, so who waits for its own stands still."""
+    server.store.save([(lease_of(TOKEN), write_record(RECORD))])
+    server.store.gate.set()
+    server.store.is_full = True
+    now = [0.0]
+    server.durability._turns = StoreTurns(lambda: now[0])
+    peer, reasons = Peer(PeerLimits(), 0.0, RECORD.tenant), []
+    while now[0] <= AWAY_S + 1.0:
+        with pytest.raises(EventRefused) as refused:
+            await claimed(server.durability, resuming(9), peer, of_model("fake"), Asker())
+        reasons.append(refused.value.reason)
+        now[0] += 1.0
+    assert reasons[:-1] == ["SESSION_STORE_UNAVAILABLE"] * (len(reasons) - 1)
+    assert reasons[-1] == "SESSION_NOT_KEPT"
 
 
 async def test_a_resume_is_paid_for_before_the_store_has_answered_and_given_back_where_it_is_none_that_is_refused(

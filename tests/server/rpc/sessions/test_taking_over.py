@@ -9,7 +9,7 @@ import time
 from collections.abc import AsyncIterator
 from dataclasses import replace
 from pathlib import Path
-from typing import cast
+from typing import Any, cast
 
 import grpc.aio
 import pytest
@@ -44,14 +44,17 @@ NOBODY = cast(Carrier, None)  # tells of it
 RECORD = a_record()
 
 
-def of_model(model_id: str) -> ModelRegistry:
-    facts = replace(FACTS, model_id=model_id)
+def of_model(model_id: str, **others: Any) -> ModelRegistry:
+    """others: of its facts, where they are other ones than those that the record is of."""
+    facts = replace(FACTS, model_id=model_id, **others)
     catalog = Catalog(facts, Limits(), Guidance(2.0, 2.0), "CC0-1.0", text_encoder="counted", history_frames=16)
     return ModelRegistry(LoadedModel("fake", Engine(), Prompts(), catalog))  # type: ignore[arg-type]
 
 
-def resuming(attempt: int) -> session_pb2.OpenSession:
-    return session_pb2.OpenSession(resume_token=TOKEN, resume_point=session_pb2.ResumePoint(attempt=attempt))
+def resuming(attempt: int, **point: int) -> session_pb2.OpenSession:
+    """From the middle of the frames that the record holds, unless the point says another place."""
+    where = session_pb2.ResumePoint(**{"next_frame": 60, "attempt": attempt, **point})
+    return session_pb2.OpenSession(resume_token=TOKEN, resume_point=where)
 
 
 @pytest.fixture

@@ -1,0 +1,71 @@
+"""Whether a session can be gone on with: its state fits the model here, and its client is where that knows it to be.
+
+The edge asks before it takes a session from who serves it, and the engine before it begins: what does not fit would be
+found by the model only, in the middle of a step of other sessions.
+"""
+
+from __future__ import annotations
+
+import numpy as np
+
+from motiongen_server.engine.types.facts import ModelFacts
+from motiongen_server.engine.types.names import Code
+from motiongen_server.engine.types.outputs import Opened
+from motiongen_server.engine.types.refusals import EventRefused
+from motiongen_server.engine.types.snapshot import GoingOn, SessionSnapshot
+
+
+def check_going_on(asked: GoingOn, facts: ModelFacts) -> None:
+    """Raise EventRefused where the model, or the client, cannot go on with a snapshot."""
+    held = asked.snapshot
+    if why := _misfit(held, facts):
+        raise unusable(f"it is not of the model that is served here: {why}")
+    # A plan that the snapshot does not know of may have replaced what it holds: those frames can never be made again.
+    if asked.plan > held.plan or not held.first_frame <= asked.next_frame <= held.end_frame:
+        raise unusable(
+            f"it holds frames {held.first_frame} to {held.end_frame - 1} of plans up to {held.plan}, and the client is "
+            f"at frame {asked.next_frame} of plan {asked.plan}"
+        )
+
+
+def check_told(told: Opened, facts: ModelFacts) -> None:
+    """Raise EventRefused where the frames here are others than the client was told when its session was opened."""
+    if (told.rig_id, told.fps) != (facts.rig.rig_id, facts.fps):
+        raise unusable(
+            f"its frames are of the rig {told.rig_id[:80]!r}, {told.fps} a second, and those of {facts.model_id} here "
+            f"of {facts.rig.rig_id!r}, {facts.fps} a second"
+        )
+    for block in told.outputs:
+        if block not in facts.outputs:
+            raise unusable(f"its frames have {block.width} numbers {block.name[:80]!r}, which are not made here")
+
+
+def unusable(why: str) -> EventRefused:
+    """A resume came of a session whose saved state is of no use here, or not to this client."""
+    given = f"the session's snapshot cannot be gone on with: {why}"
+    allowed = "a new session that goes on from the frames held: open.prior_frames"
+    return EventRefused(Code.FAILED_PRECONDITION, "SNAPSHOT_UNUSABLE", given, "open.resume_token", allowed)
+
+
+def _misfit(held: SessionSnapshot, facts: ModelFacts) -> str:
+    """What of it does not fit, "" where all does. A model of the same name may be another one on another server."""
+    spec, rows = held.spec, held.rows
+    if spec.model_id != facts.model_id:
+        return f"it is of {spec.model_id[:80]!r}"
+    if rows.ndim != 2 or rows.shape[1] != facts.row_width or len(rows) < facts.patch:
+        return f"its frames are of shape {rows.shape}"
+    if not np.isfinite(rows).all():
+        return "its frames are not finite"
+    embeddings = [each.embedding for each in (*held.prompts, held.gait) if each is not None]
+    if any(each.ndim not in (1, 2) or each.shape[-1] != facts.embedding_dim for each in embeddings):
+        return f"its prompts are not of {facts.embedding_dim} numbers each"
+    if not facts.min_steps <= spec.denoise_steps <= facts.max_steps:
+        return f"it takes {spec.denoise_steps} denoising steps"
+    if spec.lookahead < facts.horizon:
+        return f"its look-ahead is {spec.lookahead} frames"
+    history = facts.patch if spec.history_frames is None else spec.history_frames
+    if history % facts.patch or not facts.patch <= history <= facts.max_history:
+        return f"its windows see a history of {history} frames"
+    if not set(spec.outputs) <= {block.name for block in facts.outputs}:
+        return f"its frames have {', '.join(spec.outputs)[:80]}"
+    return ""

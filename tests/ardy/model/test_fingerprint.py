@@ -1,0 +1,28 @@
+"""The short name of a model's weights: the same wherever the same are loaded, another for others."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import torch
+
+from motiongen_ardy.checkpoint.checkpoint import load_checkpoint
+from motiongen_ardy.model.fingerprint import fingerprint
+from tests.ardy.conftest import GoldenModel
+
+
+def test_the_same_weights_have_the_same_name(golden: GoldenModel) -> None:
+    one, other = (load_checkpoint(golden.folder / "checkpoint") for _ in range(2))
+    assert fingerprint(one) == fingerprint(other)
+
+
+def test_weights_that_were_trained_on_have_another_and_so_has_another_way_of_sampling(golden: GoldenModel) -> None:
+    model = load_checkpoint(golden.folder / "checkpoint")
+    before = fingerprint(model)
+    with torch.no_grad():
+        next(model.denoiser.parameters()).mul_(1.001)
+    after = fingerprint(model)
+    assert after != before
+    guidance = replace(model.sampling.guidance, text=model.sampling.guidance.text / 2)
+    model.sampling = replace(model.sampling, guidance=guidance)
+    assert fingerprint(model) not in (before, after)

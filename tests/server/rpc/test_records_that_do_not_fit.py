@@ -1,0 +1,80 @@
+"""Sessions that another server has, and that cannot be gone on with here: they stay where they are."""
+
+from __future__ import annotations
+
+import asyncio
+from collections.abc import AsyncIterator
+from dataclasses import replace
+from pathlib import Path
+from typing import Any
+
+import pytest
+
+from motiongen_server.errors import EventRefused
+from motiongen_server.rpc.budgets.peer import Peer
+from motiongen_server.rpc.limits import PeerLimits
+from motiongen_server.rpc.sessions.durability import Durability, lease_of
+from motiongen_server.rpc.sessions.taking_over import claimed
+from motiongen_server.snapshots.record import write_record
+from motiongen_server.snapshots.sqlite_store import SqliteStore
+from motiongen_server.snapshots.store import Renewal
+from motiongen_server.text.turns import Asker
+from tests.server.engine.fakes import FACTS
+from tests.server.rpc.sessions.test_taking_over import RECORD, TOKEN, of_model, resuming
+
+
+@pytest.fixture
+async def store(tmp_path: Path) -> SqliteStore:
+    """With a session that another server has."""
+    store = SqliteStore(tmp_path / "store.sqlite", 60.0)
+    store.save([(lease_of(TOKEN), write_record(RECORD))])
+    return store
+
+
+@pytest.fixture
+async def durability(store: SqliteStore) -> AsyncIterator[Durability]:
+    durability = Durability(store, asyncio.get_running_loop(), lambda _: None)
+    yield durability
+    await asyncio.to_thread(durability.close)
+
+
+@pytest.mark.parametrize(
+    ("point", "reason"),
+    [
+        ({"answered_seq": RECORD.taken_seq + 1}, "EVENTS_NOT_SAVED"),
+        ({"plan": RECORD.snapshot.plan + 1}, "SNAPSHOT_UNUSABLE"),
+        ({"next_frame": RECORD.snapshot.first_frame - 1}, "SNAPSHOT_UNUSABLE"),
+        ({"next_frame": RECORD.snapshot.end_frame + 1}, "SNAPSHOT_UNUSABLE"),
+    ],
+)
+async def test_a_client_that_knows_more_than_the_record_takes_nothing_from_who_has_the_session(
+    durability: Durability, store: SqliteStore, point: dict[str, int], reason: str
+) -> None:
+    peer = Peer(PeerLimits(), 0.0, "studio")
+    with pytest.raises(EventRefused) as refused:
+        await claimed(durability, resuming(9, **point), peer, of_model("fake"), Asker())
+    assert refused.value.reason == reason
+    assert store.renew([lease_of(TOKEN)]) == [Renewal.KEPT]
+
+
+@pytest.mark.parametrize(
+    "others",
+    [
+        {"fps": 30},
+        {"rig": replace(FACTS.rig, rig_id="another")},
+        {"embedding_dim": 3},
+        {"min_steps": 5},
+        {"max_steps": 3},
+        {"horizon": 48},
+    ],
+    ids=lambda others: "".join(others),
+)
+async def test_another_model_of_the_same_name_goes_on_with_nothing_and_takes_nothing(
+    durability: Durability, store: SqliteStore, others: dict[str, Any]
+) -> None:
+    """Servers are upgraded one by one, and a folder keeps its name when its model is replaced."""
+    peer = Peer(PeerLimits(), 0.0, "studio")
+    with pytest.raises(EventRefused, match="cannot be gone on with") as refused:
+        await claimed(durability, resuming(9), peer, of_model("fake", **others), Asker())
+    assert refused.value.reason == "SNAPSHOT_UNUSABLE"
+    assert store.renew([lease_of(TOKEN)]) == [Renewal.KEPT]

@@ -51,6 +51,21 @@ def sent(
     return message.updates[0].chunk
 
 
+def test_roots_behind_a_cut_are_as_exact_as_before_it() -> None:
+    """Halves are of distances from a chunk's first root: 400 m away they are 12 cm off."""
+    rows = walk(20)
+    rows[12:, :3] -= [800.0, 0.0, 0.0]
+    response: list[bytes | memoryview] = []
+    append_frames(response, Run(Chunk(SessionKey(1, 1), 3, 8, rows, 4), 2, None), FrameCoding(F16, J))
+    updates = service_pb2.StreamMotionResponse.FromString(b"".join(response)).updates
+    chunks = [update.chunk for update in updates]
+    assert [(each.first_frame, each.frame_count) for each in chunks] == [(8, 12), (20, 8)]
+    assert {(each.plan, each.committed_to) for each in chunks} == {(3, 4)}
+    assert {(update.session, update.applied_seq) for update in updates} == {(1, 2)}
+    read = np.concatenate([FrameReader(RIG, FrameFormat.F16).rows(each) for each in chunks])
+    assert np.abs(read[:, :3] - rows[:, :3]).max() < 1e-3
+
+
 def worst_angle_rad(one: np.ndarray, other: np.ndarray) -> float:
     first, second = (rows[:, 3:-4].reshape(len(rows), -1, 4).astype(np.float64) for rows in (one, other))
     between = quaternion_to_matrix(first).swapaxes(-1, -2) @ quaternion_to_matrix(second)

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
+from itertools import pairwise
 
 import numpy as np
 from numpy.typing import NDArray
@@ -20,6 +21,8 @@ F32, F16, QUANTISED = (
 SCALAR_TYPES = (F32, F16, QUANTISED)
 ROOT_WIDTH, NUM_CONTACTS = 3, 4
 _FARTHEST_MM = 2**31 - 1
+_JUMP_M = 1.0
+"""From frame to frame nobody goes so far."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -31,6 +34,16 @@ class FrameCoding:
     scalar_type: int
     num_joints: int
     outputs: tuple[ChannelBlock, ...] = ()
+
+    def stretches(self, rows: Float32Array) -> list[tuple[int, int]]:
+        """Which rows (T, row_width) may be stored together, each (begin, end).
+
+        Halves are of distances from the first root: behind a jump, which only a cut is, they would be metres off.
+        """
+        if self.scalar_type != F16:
+            return [(0, len(rows))]
+        jumps = np.abs(np.diff(rows[:, :ROOT_WIDTH], axis=0)).max(axis=1, initial=0.0) > _JUMP_M
+        return list(pairwise([0, *(np.flatnonzero(jumps) + 1).tolist(), len(rows)]))
 
     def encode(self, rows: Float32Array) -> tuple[memoryview, Float32Array | None]:
         """The bytes of rows (T, row_width), and what their roots are relative to (3), None where to nothing."""

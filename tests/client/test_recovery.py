@@ -11,7 +11,7 @@ from motiongen_client import EventRefused, InvalidInput, LinePolicy, MotionClien
 from motiongen_client.backoff import FIRST_DELAY_S, LONGEST_DELAY_S, LONGEST_SOON_DELAY_S, SOON_S, Backoff
 from motiongen_client.frame_shift import shifted
 from motiongen_client.wishes import Wishes
-from tests.client.fake_server import FakeServer
+from tests.client.fake_server import FakeServer, FakeStream
 from tests.client.waiting import received, until
 
 
@@ -91,13 +91,33 @@ def test_the_prompt_in_force_comes_last_of_those_that_have_begun() -> None:
     wishes.take_opening(session_pb2.OpenSession(prompts=[span(1, "first"), span(2, "later", 30)]))
     wishes.take(prompts(span(3, "much later", 100)), 100, 0)
     wishes.take(prompts(span(1, "second")), 20, 10)
-    assert [(each.text, each.start_frame) for each in wishes.prompts_from(50)] == [
+    assert [(each.text, each.start_frame) for each in wishes.prompts_from(50, 16)] == [
         ("second", 0),
         ("later", 0),
         ("much later", 50),
     ]
     wishes.take(prompts(remove=(2,)), 60, 55)
-    assert [each.text for each in wishes.prompts_from(60)] == ["second", "much later"]
+    assert [each.text for each in wishes.prompts_from(60, 16)] == ["second", "much later"]
+
+
+def spans_from(wishes: Wishes, frame: int, most: int = 16) -> list[tuple[str, int, int]]:
+    return [(each.text, each.start_frame, each.end_frame) for each in wishes.prompts_from(frame, most)]
+
+
+def test_a_prompt_that_has_begun_goes_on_until_the_one_in_its_place() -> None:
+    wishes = Wishes()
+    wishes.take_opening(session_pb2.OpenSession(prompts=[span(1, "walk")]))
+    wishes.take(prompts(span(1, "run", 200)), 200, 10)
+    assert spans_from(wishes, 150) == [("walk", 0, 50), ("run", 50, 0)]
+    assert spans_from(wishes, 150, 1) == [("run", 50, 0)], "what may be said is less"
+    assert spans_from(wishes, 200) == [("run", 0, 0)]
+    wishes.take(prompts(span(1, "jump", 300)), 300, 20)  # "run" never began
+    assert spans_from(wishes, 150) == [("walk", 0, 150), ("jump", 150, 0)]
+    wishes.take(prompts(span(1, "sit")), 40, 30)
+    assert spans_from(wishes, 35) == [("walk", 0, 5), ("sit", 5, 0)], "the answer names a frame that is to come"
+    wishes.take(prompts(span(2, "wave", 50, 60)), 50, 45)
+    wishes.take(prompts(span(3, "nod", 80, 90)), 80, 70)
+    assert spans_from(wishes, 50) == [("sit", 0, 0), ("nod", 30, 40)], "what has ended is forgotten"
 
 
 def test_constraints_are_those_that_stand_and_what_is_past_is_forgotten() -> None:
@@ -253,3 +273,61 @@ async def test_a_session_opened_anew_goes_back_to_frames_of_before_by_the_frames
     frame = session.reopenings[0].frame
     await session.seek(frame + 5)
     assert (await received(server, "seek", 3))[-1].seek == session_pb2.Seek(frame=5)
+
+
+async def test_what_was_met_already_is_not_asked_for_anew(client: MotionClient, server: FakeServer) -> None:
+    session = await client.open("a person walks")
+    edits = [session.add_waypoint(1, 2, frame=500, last_frame=9000), session.add_waypoint(3, 4, frame=9000)]
+    met, open_still = [(await edit, edit.constraint_ids[0])[1] for edit in edits]
+    news = session_pb2.ConstraintReached(constraint_id=met, met=True, frame=510)
+    server.stream.push(session.handle, constraint_reached=news)
+    await session.constraint_reached(met)
+    server.stream.end()
+    await until(lambda: session.reopenings or None)
+    opening = server.stream.received[0].open
+    assert [each.constraint_id for each in opening.constraints] == [open_still]
+
+
+async def test_a_prompt_for_a_while_goes_by_itself_in_a_session_opened_anew_too(
+    client: MotionClient, server: FakeServer
+) -> None:
+    session = await client.open("a person walks")
+    await session.set_prompt("a person waves", frame=10, end_frame=1000)
+    async for _ in session.frames(seconds=0.4, realtime=False):
+        pass
+    server.stream.end()
+    await until(lambda: session.reopenings or None)
+    assert [each.text for each in server.stream.received[0].open.prompts] == ["a person walks", "a person waves"]
+    async for _ in session.frames(seconds=1, realtime=False):
+        pass
+    await session.set_prompt("a person runs")
+    (sent,) = await received(server, "edit_prompts")
+    assert not sent.edit_prompts.remove, "a server refuses an edit that removes what has ended"
+
+
+async def test_what_a_session_opened_anew_was_opened_with_is_told_in_frames_of_the_application(
+    client: MotionClient, server: FakeServer, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    push = FakeStream.push
+
+    def with_placement(stream: FakeStream, handle: int, **update: object) -> None:
+        opened = update.get("opened")
+        if isinstance(opened, session_pb2.SessionOpened):
+            opened.placements.add(constraint_id=1, first_frame=3, last_frame=9, arrival_frame=5, anchor_frame=2)
+        push(stream, handle, **update)
+
+    monkeypatch.setattr(FakeStream, "push", with_placement)
+    session = await client.open("a person walks")
+    (before,) = session.opened.placements
+    server.stream.end()
+    await until(lambda: session.reopenings or None)
+    frame = session.reopenings[0].frame
+    (after,) = session.opened.placements
+    assert frame > 0
+    assert (before.first_frame, session.opened.start_frame) == (3, frame)
+    assert (after.first_frame, after.last_frame, after.arrival_frame, after.anchor_frame) == (
+        frame + 3,
+        frame + 9,
+        frame + 5,
+        frame + 2,
+    )

@@ -234,6 +234,8 @@ class Conversation(Recovery):
                 playhead = self.playback.playhead
                 effective = playhead if answer.effective_frame is None else answer.effective_frame
                 self._wishes.take(event, effective, playhead, answer.placements)
+                if event.HasField("seek") and answer.effective_frame is not None:
+                    self.playback.note_cut(answer.effective_frame)
                 for target in event.edit_constraints.upsert:
                     self._reached.replaced(target.constraint_id, is_accepted=True)
         if edit is not None:

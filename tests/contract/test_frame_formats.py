@@ -174,6 +174,18 @@ def test_the_root_of_a_robot_far_away_is_as_near_as_ours() -> None:
     assert np.abs(found[:, :3] - qpos[:, :3]).max() <= 0.001
 
 
+@pytest.mark.parametrize("scalar_type", [F16, QUANTISED])
+def test_speeds_that_the_numbers_cannot_hold_are_finite(scalar_type: int) -> None:
+    rows = walk(4)
+    speeds = np.full((4, 3 * J), 400_000.0, np.float32)  # from one end of the world to the other in a frame
+    chunk = sent(
+        np.concatenate([rows, speeds], axis=1), scalar_type, blocks=(ChannelBlock("joint_velocities_mps", 3 * J),)
+    )
+    rig = RIG.with_outputs({"joint_velocities_mps": 3 * J})
+    found = Motion(rig, 8, FrameReader(rig, FORMATS[scalar_type]).rows(chunk)).output("joint_velocities_mps")
+    assert found.min() == found.max() == pytest.approx(65504.0 if scalar_type == F16 else 32.767)
+
+
 @pytest.mark.parametrize("names", [["heart_rate"], ["joint_positions_m", "joint_positions_m"]])
 def test_outputs_that_are_not_offered_or_come_twice_are_refused_by_name(names: list[str]) -> None:
     catalog = Catalog(FACTS, Limits(), Guidance(1.5, 2.5), "CC0-1.0", text_encoder="hashed-1", history_frames=16)

@@ -21,6 +21,8 @@ F32, F16, QUANTISED = (
 SCALAR_TYPES = (F32, F16, QUANTISED)
 ROOT_WIDTH, NUM_CONTACTS = 3, 4
 _FARTHEST_MM = 2**31 - 1
+_LARGEST_HALF = 65504.0
+"""That is finite: a trajectory may ask for speeds beyond it, from one end of the world to the other in a frame."""
 _JUMP_M = 1.0
 """From frame to frame nobody goes so far."""
 
@@ -51,7 +53,7 @@ class FrameCoding:
             origin, halves = rows[0, :ROOT_WIDTH].copy(), rows.copy()
             halves[:, :ROOT_WIDTH] -= origin
             make_relative(halves[:, self._own_width :], self.outputs, origin)
-            return _bytes(halves.astype("<f2")), origin
+            return _bytes(np.clip(halves, -_LARGEST_HALF, _LARGEST_HALF).astype("<f2")), origin
         if self.scalar_type == QUANTISED:
             return _bytes(self._quantised(rows)), None
         return _bytes(np.ascontiguousarray(rows, "<f4")), None

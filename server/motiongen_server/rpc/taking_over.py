@@ -89,7 +89,8 @@ def adopted(
     entry.level = None if record.level is None else replace(record.level, session=key)
     for answer in record.answers:
         entry.answers.keep(replace(answer, session=key))
-    entry.reached.extend(replace(each, session=key) for each in record.reached)
+    entry.sent_to = point.next_frame
+    entry.reached.extend((replace(each, session=key), point.next_frame) for each in record.reached)
     entry.confirm(point.answered_seq)
     held_to = point.next_frame  # who does not say what it shows may show all that it holds
     playhead = point.playhead if point.HasField("playhead") else held_to

@@ -9,7 +9,7 @@ from collections.abc import Iterator
 import numpy as np
 import pytest
 
-from motiongen_client import EventRefused, ServerUnavailable, SessionEnded, Waypoint
+from motiongen_client import EventRefused, ServerUnavailable, SessionEnded, StreamLost, Waypoint
 from motiongen_client import Session as Asynchronous
 from motiongen_client.blocking import MotionClient
 from motiongen_client.blocking_session import Session as Blocking
@@ -35,6 +35,25 @@ def test_frames_prompts_and_waypoints(client: MotionClient) -> None:
     assert len(session.motion(end_frame=100)) == 100  # a late reader is given more at once
     assert session.stats.plans >= 3
     assert session.close().reason == "client"
+
+
+def test_a_client_that_was_never_connected_says_so() -> None:
+    client = MotionClient("localhost:1")
+    for call in (client.open, client.stream, lambda: client.generate_clip("a person walks", num_frames=8)):
+        with pytest.raises(StreamLost, match="never connected"):
+            call()
+    client.close()
+
+
+def test_who_connects_twice_has_one_thread_and_may_connect_again_after_the_end(server: FakeServer) -> None:
+    def threads() -> int:
+        return sum(thread.name == "motiongen-client" for thread in threading.enumerate())
+
+    before, client = threads(), MotionClient(server.address)
+    for _ in range(2):
+        with client.connect():
+            assert threads() == before + 1
+        assert threads() == before
 
 
 def test_everything_a_character_can_be_told_can_be_told_here() -> None:

@@ -97,3 +97,28 @@ async def test_an_edit_without_an_answer_is_said_again_to_whoever_goes_on(
     assert line.said[-1].edit_prompts.upsert[0].text == "run"
     session.hear(session_pb2.SessionUpdate(session=1, outcome=session_pb2.EditOutcome(event_seq=2, effective_frame=4)))
     assert (await edit).effective_frame == 4
+
+
+async def test_a_session_that_is_gone_on_with_has_the_steps_that_are_said_of_it_then(
+    session: Session, line: Line
+) -> None:
+    session.interrupt()
+    session.reattach(convert.catalog(catalog(100)))
+    resumed = opened()
+    resumed.opened.denoise_steps = 6  # what SetOptions asked for since
+    session.hear(resumed)
+    assert (session.service_level.tier, session.service_level.denoise_steps) == ("full", 6)
+
+
+async def test_a_cut_that_was_made_while_the_line_was_lost_is_known_by_its_answer(session: Session) -> None:
+    session.teleport(5.0, 0.0)
+    session.interrupt()
+    session.reattach(convert.catalog(catalog(100)))
+    session.hear(opened())
+    plan = session_pb2.PlanNotice(plan=3, valid_from=0, cause=session_pb2.PLAN_CAUSE_RESUME, event_seqs=[2])
+    session.hear(session_pb2.SessionUpdate(session=1, plan=plan))
+    for _ in range(2):  # told again to whoever resumes again
+        outcome = session_pb2.EditOutcome(event_seq=2, effective_frame=20)
+        session.hear(session_pb2.SessionUpdate(session=1, outcome=outcome))
+    assert [frame for frame in range(40) if session.playback.is_cut(frame)] == [20]
+    assert session.playback.cut_before(30) == 20

@@ -14,6 +14,7 @@ import pytest
 
 from motiongen.v1 import service_pb2, session_pb2
 from motiongen_client import LinePolicy, MotionClient, StreamLost
+from motiongen_client.call import Call
 from tests.client.fake_server import FakeServer
 from tests.client.synthetic import HORIZON, catalog
 from tests.client.waiting import received, until
@@ -110,6 +111,27 @@ async def test_a_client_that_is_closed_says_so_to_who_opens(server: FakeServer) 
     with pytest.raises(StreamLost, match=r"never connected"):
         await MotionClient(server.address).generate_clip("walk", num_frames=8)
     assert len(server.streams) == before
+
+
+async def test_who_gives_up_while_hellos_are_exchanged_leaves_no_task(server: FakeServer) -> None:
+    channel = grpc.aio.insecure_channel(server.address)
+    call = Call(channel, lambda response: None, lambda call, failure: None, 1 << 20)
+    greeting = asyncio.create_task(call.greet("", server.address, LIMIT_S))
+    await until(lambda: [task for task in asyncio.all_tasks() if task.get_name() == "motiongen-hello"])
+    greeting.cancel()
+    with pytest.raises(asyncio.CancelledError):
+        await greeting
+    await call.close()
+    await channel.close()
+    assert not [task for task in asyncio.all_tasks() if task.get_name().startswith("motiongen-")]
+
+
+async def test_who_connects_twice_is_connected_once(server: FakeServer) -> None:
+    async with await MotionClient(server.address).connect() as client:
+        channel = client._channel
+        assert await client.connect() is client
+        assert client._channel is channel
+    assert len(server.metadata) == 1
 
 
 @pytest.fixture

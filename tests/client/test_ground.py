@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 
@@ -206,3 +208,5 @@ def test_what_the_callback_gives_is_checked_and_the_rig_too() -> None:
         Ground(RIG, lambda x, z: x * np.nan).apply(WALK)
     with pytest.raises(InvalidInput, match="a thigh and a shin"):
         Ground(client_rig("g134"), level)
+    with pytest.raises(InvalidInput, match="toes"):
+        Ground(replace(RIG, limbs={**RIG.limbs, "LeftFoot": RIG.limbs["LeftFoot"][:1]}), level)

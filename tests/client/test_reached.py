@@ -91,6 +91,48 @@ async def test_a_constraint_that_takes_the_place_of_another_has_news_of_its_own(
     assert (await waiting).frame == 60
 
 
+async def test_old_news_is_not_of_the_constraint_that_has_the_id_now(client: MotionClient, server: FakeServer) -> None:
+    session = await client.open("a person walks")
+    called: list[ConstraintReached] = []
+    session.on_constraint_reached = called.append
+    await session.add_waypoint(1, 2, frame=30)
+    server.stream.push(session.handle, constraint_reached=told(30))
+    await session.constraint_reached(1)
+    await session.replace_constraint(1, HeadingTarget(60, 1.0))
+    waiting = asyncio.ensure_future(session.constraint_reached(1))
+    server.stream.push(session.handle, constraint_reached=told(30))  # told again, to a session that resumes
+    server.stream.push(session.handle, constraint_reached=told(60))
+    assert (await waiting).frame == 60
+    assert [each.frame for each in called] == [30, 60]
+
+
+@pytest.mark.parametrize("is_refused", [False, True])
+async def test_news_that_crosses_a_replacement_is_of_the_one_before(
+    client: MotionClient, server: FakeServer, is_refused: bool
+) -> None:
+    session = await client.open("a person walks")
+    await session.add_waypoint(1, 2, frame=30)
+
+    def refuse(event: session_pb2.SessionEvent) -> str:
+        if event.HasField("edit_constraints"):
+            server.stream.push(session.handle, constraint_reached=told(30))
+        return "FRAME_COMMITTED" if is_refused and event.HasField("edit_constraints") else ""
+
+    server.refuse = refuse
+    edit = session.replace_constraint(1, Waypoint(60, 1.0, 2.0))
+    waiting = asyncio.ensure_future(session.constraint_reached(1))
+    if is_refused:
+        with pytest.raises(EventRefused):
+            await edit
+        assert (await waiting).frame == 30
+        return
+    await edit
+    await session.set_prompt("a person runs")
+    assert not waiting.done()
+    server.stream.push(session.handle, constraint_reached=told(60))
+    assert (await waiting).frame == 60
+
+
 @pytest.mark.parametrize("joints", [[], [1, 2]])
 def test_rotations_that_do_not_fit_their_joints_are_refused_here(joints: list[int]) -> None:
     with pytest.raises(InvalidInput):

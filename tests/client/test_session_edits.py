@@ -52,6 +52,24 @@ async def test_scheduled_prompts_that_have_passed_make_room(client: MotionClient
     assert sorted(server.stream.characters[1].prompts.values()) == ["five", "four"]
 
 
+@pytest.mark.parametrize("reason", ["PROMPT_TOO_LONG", "UNKNOWN_PROMPT"])
+async def test_prompts_that_a_refused_edit_was_to_drop_are_dropped_by_the_next(
+    client: MotionClient, server: FakeServer, reason: str
+) -> None:
+    session = await client.open("one")
+    await session.set_prompt("two", frame=20)
+    async for _ in session.frames(seconds=0.5):
+        pass
+    server.refuse = lambda event: reason if event.HasField("edit_prompts") else ""
+    for edit in (session.set_prompt("three"), session.remove_prompts([2])):
+        with pytest.raises(EventRefused):
+            await edit
+    server.refuse = lambda event: ""
+    await session.set_prompt("four")
+    dropped = [list(event.edit_prompts.remove) for event in await received(server, "edit_prompts", 4)]
+    assert dropped == [[], [2], [2], [] if reason == "UNKNOWN_PROMPT" else [2]]
+
+
 async def test_constraints_are_added_replaced_and_removed_by_id(client: MotionClient, server: FakeServer) -> None:
     session = await client.open("a person walks")
     first = session.add_waypoint(1, 2, frame=30)
@@ -98,6 +116,8 @@ async def test_a_velocity_that_is_no_number_is_refused_here(client: MotionClient
     session = await client.open("a person walks")
     with pytest.raises(InvalidInput, match="finite"):
         session.set_velocity(**{"x_mps": 0.0, "z_mps": 0.0, **wrong})
+    with pytest.raises(InvalidInput, match="seconds"):
+        session.set_velocity(0.0, 0.0, seconds=1e12)
 
 
 async def test_a_refusal_says_when_to_ask_again(client: MotionClient, server: FakeServer) -> None:
@@ -166,6 +186,10 @@ async def test_a_prompt_for_a_while_is_not_removed_by_the_next_since_it_goes_by_
 
 async def test_prompts_that_cannot_be_are_refused_here(client: MotionClient) -> None:
     session = await client.open("one")
+    with pytest.raises(InvalidInput, match="later_prompts"):
+        await client.open("one", later_prompts={-1: "two"})
+    with pytest.raises(InvalidInput, match="later_prompts"):
+        await client.generate_clip("one", num_frames=8, later_prompts={-1: "two"})
     with pytest.raises(InvalidInput, match="above 40"):
         session.set_prompt("two", frame=40, end_frame=40)
     with pytest.raises(InvalidInput, match="of an earlier Edit"):

@@ -27,7 +27,11 @@ from motiongen_client import (
     [
         (lambda: Waypoint(-1, 0, 0), "frame"),
         (lambda: Waypoint(1.5, 0, 0), "frame"),  # type: ignore[arg-type]
+        (lambda: Waypoint(2**53 + 1, 0, 0), "frame"),
         (lambda: Waypoint(1, math.nan, 0), "x_m"),
+        (lambda: JointTargets(1, [-1], [[0, 0, 0]]), "joints"),
+        (lambda: JointTargets(1, [2**32], [[0, 0, 0]]), "joints"),
+        (lambda: RootTrajectory(1, [[1e300, 0]]), "positions_m"),
         (lambda: Waypoint(1, 0, math.inf), "z_m"),
         (lambda: Waypoint(1, 0, "3"), "z_m"),  # type: ignore[arg-type]
         (lambda: Waypoint(1, 0, 10**400), "z_m"),

@@ -51,6 +51,21 @@ def sent(
     return message.updates[0].chunk
 
 
+def test_roots_behind_a_cut_are_as_exact_as_before_it() -> None:
+    """Halves are of distances from a chunk's first root: 400 m away they are 12 cm off."""
+    rows = walk(20)
+    rows[12:, :3] -= [800.0, 0.0, 0.0]
+    response: list[bytes | memoryview] = []
+    append_frames(response, Run(Chunk(SessionKey(1, 1), 3, 8, rows, 4), 2, None), FrameCoding(F16, J))
+    updates = service_pb2.StreamMotionResponse.FromString(b"".join(response)).updates
+    chunks = [update.chunk for update in updates]
+    assert [(each.first_frame, each.frame_count) for each in chunks] == [(8, 12), (20, 8)]
+    assert {(each.plan, each.committed_to) for each in chunks} == {(3, 4)}
+    assert {(update.session, update.applied_seq) for update in updates} == {(1, 2)}
+    read = np.concatenate([FrameReader(RIG, FrameFormat.F16).rows(each) for each in chunks])
+    assert np.abs(read[:, :3] - rows[:, :3]).max() < 1e-3
+
+
 def worst_angle_rad(one: np.ndarray, other: np.ndarray) -> float:
     first, second = (rows[:, 3:-4].reshape(len(rows), -1, 4).astype(np.float64) for rows in (one, other))
     between = quaternion_to_matrix(first).swapaxes(-1, -2) @ quaternion_to_matrix(second)
@@ -157,6 +172,18 @@ def test_the_root_of_a_robot_far_away_is_as_near_as_ours() -> None:
     rig = RIG.with_outputs({"g1_qpos": 36})
     found = Motion(rig, 8, FrameReader(rig, FrameFormat.F16).rows(chunk)).output("g1_qpos")
     assert np.abs(found[:, :3] - qpos[:, :3]).max() <= 0.001
+
+
+@pytest.mark.parametrize("scalar_type", [F16, QUANTISED])
+def test_speeds_that_the_numbers_cannot_hold_are_finite(scalar_type: int) -> None:
+    rows = walk(4)
+    speeds = np.full((4, 3 * J), 400_000.0, np.float32)  # from one end of the world to the other in a frame
+    chunk = sent(
+        np.concatenate([rows, speeds], axis=1), scalar_type, blocks=(ChannelBlock("joint_velocities_mps", 3 * J),)
+    )
+    rig = RIG.with_outputs({"joint_velocities_mps": 3 * J})
+    found = Motion(rig, 8, FrameReader(rig, FORMATS[scalar_type]).rows(chunk)).output("joint_velocities_mps")
+    assert found.min() == found.max() == pytest.approx(65504.0 if scalar_type == F16 else 32.767)
 
 
 @pytest.mark.parametrize("names", [["heart_rate"], ["joint_positions_m", "joint_positions_m"]])

@@ -207,6 +207,17 @@ def test_the_retargets_of_the_data_tools_are_read() -> None:
         (lambda document: document.update(follow={"hand_l": {"from": "LeftHand"}}), "follow.hand_l"),
         (lambda document: document.update(follow={"ribs": {"between": ["Hips", "Head"]}}), "between with fraction"),
         (lambda document: document["joints"]["LeftToeBase"]["turn"].update(degrees="slope"), "one of pitch"),
+        (lambda document: document["joints"]["LeftToeBase"]["turn"].update(about=["left"]), "turn.about"),
+        (lambda document: document["joints"]["Hips"].update(axes=5), "joints.Hips.axes"),
+        (lambda document: document["joints"]["Hips"].update(axes=[["up"], "left", "back"]), "joints.Hips.axes"),
+        (lambda document: document["joints"]["Hips"].update({"from": ["pelvis"]}), "joints.Hips.from"),
+        (lambda document: document.update(joints=["Hips"]), "joints"),
+        (lambda document: document.update(follow=None), "follow"),
+        (lambda document: document.update(values=[1.0]), "values"),
+        (lambda document: document.update(groups="steep"), "groups"),
+        (lambda document: document.update(metres_per_unit=10**400), "metres_per_unit"),
+        (lambda document: document["root"]["scale"].update({"from": 3}), "root.scale.from"),
+        (lambda document: document["root"]["scale"].update(to=[["LeftUpLeg"]]), "root.scale.to.*two joints"),
     ],
 )
 def test_a_mistake_in_a_map_is_named_by_its_place(change: Any, says: str) -> None:
@@ -238,3 +249,25 @@ def test_a_skeleton_that_is_none_is_refused(fields: dict[str, Any], says: str) -
     sound: dict[str, Any] = {"joint_names": ["a"], "parents": [-1], "offsets": np.zeros((1, 3))}
     with pytest.raises(InvalidInput, match=says):
         UserSkeleton(**{**sound, **fields})
+
+
+def test_what_has_no_length_is_no_scale() -> None:
+    sound = skeleton()
+    flat = UserSkeleton(sound.joint_names, sound.parents, np.zeros_like(sound.offsets), sound.rest_quat_wxyz)
+    with pytest.raises(InvalidInput, match=r"root\.scale\.from: 'bones without length'"):
+        Retargeter(RIG, JointMap.of(DOCUMENT), flat)
+
+
+def test_feet_that_drive_nothing_tell_no_height() -> None:
+    document = copy.deepcopy(DOCUMENT)
+    document["root"]["ground"] = {"lowest_of": ["LeftHandThumb1"], "height": 0.0}
+    with pytest.raises(InvalidInput, match="lowest_of"):
+        Retargeter(RIG, JointMap.of(document), skeleton())
+
+
+@pytest.mark.parametrize("text", [b"{", b"\xff\xfe", b"[" * 100_000, b"9" * 5000, b"[]"])
+def test_a_file_that_is_no_map_is_refused(tmp_path: Path, text: bytes) -> None:
+    path = tmp_path / "map.json"
+    path.write_bytes(text)
+    with pytest.raises(InvalidInput):
+        read_joint_map(path)

@@ -211,7 +211,20 @@ def test_the_array_of_a_frame_may_be_used_again() -> None:
     np.testing.assert_allclose(hold.command(0.01), yawed(0.3))
 
 
+@pytest.mark.parametrize("now_s", [1.0, 0.5])
+def test_no_joint_moves_while_no_time_passes_or_a_clock_goes_back(now_s: float) -> None:
+    hold, there = SafeHold(), yawed(0.3)
+    first = hold.command(1.0, there)
+    there[7:] = UPPER
+    np.testing.assert_allclose(hold.command(now_s, there), first)
+    moved = np.abs(hold.command(1.01)[7:] - first[7:])
+    assert (moved > 0).any()
+    assert (moved <= SPEED_LIMITS * 0.01 + 1e-9).all()
+
+
 def test_what_has_no_meaning_is_refused() -> None:
+    with pytest.raises(InvalidInput, match="a unit quaternion"):
+        SafeHold().command(0.0, np.zeros(36))
     with pytest.raises(InvalidInput, match="a first state"):
         SafeHold().command(0.0)
     with pytest.raises(InvalidInput, match="36 finite numbers"):

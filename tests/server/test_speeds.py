@@ -128,3 +128,8 @@ def test_a_root_that_sways_is_as_fast_as_its_way() -> None:
 def test_a_path_has_the_speed_that_it_says() -> None:
     assert speeds_of(RootPath(1, np.ones((2, 2), np.float32), 1.7, 0.1), FPS) == {Direction.FORWARD: 1.7}
     assert speeds_of(SetVelocity(KEY, 1, 0.0, 3.0, 4.0, None, 9), FPS) == {Direction.FORWARD: 5.0}
+
+
+def test_a_trajectory_of_a_model_of_a_frame_a_second_has_a_speed_too() -> None:
+    path = RootTrajectory(1, 0, np.array([[0.0, 0.0], [0.0, 2.0], [0.0, 3.0]], np.float32))
+    assert speeds_of(path, 1) == {Direction.FORWARD: 2.0}

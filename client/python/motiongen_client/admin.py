@@ -12,12 +12,15 @@ from google.protobuf.duration_pb2 import Duration
 from motiongen.v1 import admin_pb2
 from motiongen.v1.admin_pb2_grpc import MotionAdminServiceStub
 from motiongen_client.channel import ChannelSettings, Token
-from motiongen_client.status import error_of
+from motiongen_client.errors import InvalidInput
+from motiongen_client.status import answer_of, error_of
 
 T = TypeVar("T")
 
 _STATE_PREFIX = "MODEL_STATE_"
 _LIST_TIMEOUT_S = 10.0
+_MOST_GRACE_S = 3600.0
+"""The most that a server takes."""
 
 
 @dataclass(frozen=True)
@@ -25,8 +28,8 @@ class ModelStatus:
     """One model as the server holds it.
 
     model_id: "" while it is loaded for the first time; source: what it was loaded from; state: loading, serving,
-    unloading or failed; sessions: those that are open; load: share of the machine spoken for, 1 being all of it;
-    message: why it failed.
+    unloading or failed, unspecified where a newer server says another; sessions: those that are open; load: share of
+    the machine spoken for, 1 being all of it; message: why it failed.
     """
 
     model_id: str
@@ -42,7 +45,8 @@ class AdminClient:
 
     address: of the server's --admin-listen, host:port or unix:PATH. token: of a tenant with the role admin, where the
     server asks who calls; a refusal raises NotAllowed. Every call raises EventRefused where the server cannot do
-    it, which leaves what it serves untouched, and ServerUnavailable where none answers.
+    it, which leaves what it serves untouched, ServerUnavailable where none answers, and StreamLost where the client is
+    closed meanwhile.
     """
 
     def __init__(self, address: str, *, token: Token | None = None) -> None:
@@ -79,7 +83,7 @@ class AdminClient:
 
     async def _answer(self, call: Awaitable[T], event: str) -> T:
         try:
-            return await call
+            return await answer_of(call)
         except grpc.aio.AioRpcError as failure:
             raise error_of(failure, event, self.address) from None
 
@@ -95,13 +99,17 @@ class AdminClient:
 
 
 def _status(message: admin_pb2.ModelStatus) -> ModelStatus:
-    state = admin_pb2.ModelState.Name(message.state).removeprefix(_STATE_PREFIX).lower()
+    known = message.state in admin_pb2.ModelState.values()
+    name = admin_pb2.ModelState.Name(message.state) if known else "UNSPECIFIED"  # of a newer server
+    state = name.removeprefix(_STATE_PREFIX).lower()
     return ModelStatus(message.model_id, message.source, state, message.sessions, message.load, message.message)
 
 
 def _duration(seconds: float | None) -> Duration | None:
     if seconds is None:
         return None
+    if not 0 <= seconds <= _MOST_GRACE_S:
+        raise InvalidInput("grace_s", seconds, f"seconds from 0 to {_MOST_GRACE_S:g}, or None")
     duration = Duration()
     duration.FromMilliseconds(round(1000 * seconds))
     return duration

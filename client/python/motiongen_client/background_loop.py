@@ -25,6 +25,11 @@ class BackgroundLoop:
         self._is_ending = False
         self._thread.start()
 
+    @property
+    def is_ending(self) -> bool:
+        """Whether nothing more is run on it."""
+        return self._is_ending
+
     def run(self, work: Coroutine[Any, Any, T]) -> T:
         """Run a coroutine on the loop and wait for what it returns.
 

@@ -18,6 +18,7 @@ from motiongen_client import client, stream
 from motiongen_client.background_loop import BackgroundLoop
 from motiongen_client.blocking_session import Edit, Session
 from motiongen_client.channel import Option, Token
+from motiongen_client.errors import StreamLost
 from motiongen_client.line_policy import LinePolicy
 from motiongen_client.prompts import Prompt
 from motiongen_client.types import NO_PROMPTS, Catalog, Clip, Constraint, SessionOptions
@@ -85,7 +86,7 @@ class MotionClient:
             policy=policy,
             other_addresses=other_addresses,
         )
-        self._loop: BackgroundLoop
+        self._loop: BackgroundLoop | None = None
 
     @property
     def catalog(self) -> Catalog:
@@ -93,18 +94,28 @@ class MotionClient:
         return self._inner.catalog
 
     def connect(self) -> MotionClient:
-        """Connect and fetch the catalogue. `with` does it. Raises ServerUnavailable."""
-        self._loop = BackgroundLoop()
+        """Connect and fetch the catalogue. `with` does it, where it has not been done. Raises ServerUnavailable."""
+        if self._loop is not None and not self._loop.is_ending:
+            return self
+        loop = self._loop = BackgroundLoop()
         try:
-            self._loop.run(self._inner.connect())
+            loop.run(self._inner.connect())
         except BaseException:
-            self._loop.stop()
+            loop.stop()
             raise
         return self
 
+    @property
+    def _own_loop(self) -> BackgroundLoop:
+        """Raises StreamLost where there is none yet."""
+        if self._loop is None:
+            raise StreamLost("CANCELLED", "the client was never connected")
+        return self._loop
+
     def stream(self, *, report_hz: float = 4.0) -> Stream:
         """A new stream, to be entered with `with`."""
-        return Stream(self._loop, self._loop.call(lambda: self._inner.stream(report_hz=report_hz)))
+        loop = self._own_loop
+        return Stream(loop, loop.call(lambda: self._inner.stream(report_hz=report_hz)))
 
     def open(
         self,
@@ -116,10 +127,11 @@ class MotionClient:
         keep_s: float | None = 60.0,
     ) -> Session:
         """Make a character on a stream that the client keeps for this."""
+        loop = self._own_loop
         opening = self._inner.open(
             prompt, later_prompts=later_prompts, options=options, constraints=constraints, keep_s=keep_s
         )
-        return Session(self._loop, self._loop.run(opening))
+        return Session(loop, loop.run(opening))
 
     def generate_clip(
         self,
@@ -133,6 +145,7 @@ class MotionClient:
         timeout_s: float | None = None,
     ) -> list[Clip]:
         """Bounded motion, several samples at once."""
+        loop = self._own_loop
         work = self._inner.generate_clip(
             prompt,
             num_frames=num_frames,
@@ -142,10 +155,12 @@ class MotionClient:
             constraints=constraints,
             timeout_s=timeout_s,
         )
-        return self._loop.run(work)
+        return loop.run(work)
 
     def close(self) -> None:
         """End all streams, the connection and the background thread. May be called again."""
+        if self._loop is None:
+            return
         try:
             self._loop.finish(self._inner.close())
         finally:

@@ -70,8 +70,10 @@ class Call:
         writing = asyncio.create_task(self._write(call, self._connecting, hello), name="motiongen-write")
         self._tasks = [reading, writing]
         greeted = asyncio.create_task(self._hello.wait(), name="motiongen-hello")
-        await asyncio.wait({reading, greeted}, timeout=timeout_s, return_when=asyncio.FIRST_COMPLETED)
-        greeted.cancel()
+        try:
+            await asyncio.wait({reading, greeted}, timeout=timeout_s, return_when=asyncio.FIRST_COMPLETED)
+        finally:
+            greeted.cancel()
         if not self._hello.is_set():
             raise self._failure or ServerUnavailable(address, f"no hello came within {timeout_s} s")
 

@@ -69,7 +69,12 @@ class MotionClient:
         self._starting: asyncio.Task[Stream] | None = None  # of the client's own stream
 
     async def connect(self) -> MotionClient:
-        """Wait for the server and fetch its catalogue. `async with` does it. Raises ServerUnavailable or NotAllowed."""
+        """Wait for the server and fetch its catalogue. Raises ServerUnavailable or NotAllowed.
+
+        `async with` does it, where it has not been done.
+        """
+        if self._channel is not None:
+            return self
         self._channel = self._settings.open()
         self._stub = MotionServiceStub(self._channel)
         try:

@@ -18,7 +18,16 @@ from motiongen_client.errors import DeadlineExceeded, InvalidInput, ProtocolViol
 from motiongen_client.motion import Float32, Motion, Rig
 from motiongen_client.prompts import Prompt
 from motiongen_client.status import answer_of, error_of
-from motiongen_client.types import Catalog, Clip, Constraint, Opened, Priority, Residual, SessionOptions
+from motiongen_client.types import (
+    Catalog,
+    Clip,
+    Constraint,
+    Opened,
+    Priority,
+    Residual,
+    SessionOptions,
+    check_frame,
+)
 
 _log = logging.getLogger(__name__)
 
@@ -87,6 +96,8 @@ async def generate_clip(
     options = replace(options, model_id=model.model_id)  # the default that its rig is looked up of, and no newer one
     asked = {name: model.outputs[name] for name in options.outputs if name in model.outputs}
     rig = catalog.rig(model.rig_id).with_outputs(asked)  # the server refuses those it has not
+    for frame in later_prompts:
+        check_frame("later_prompts", frame)
     check_request(catalog, num_frames, num_samples, options)
     timeline = dict(later_prompts) if prompt is None else {0: prompt, **later_prompts}
     spans = [convert.prompt_span(number, timeline[frame], frame) for number, frame in enumerate(sorted(timeline), 1)]

@@ -144,7 +144,7 @@ class Conversation(Recovery):
             raise ProtocolViolation("a service level came before the session was opened")
         match kind:
             case "opened":
-                self._hear_opened(convert.opened(update.opened), update.opened.session_token)
+                self._hear_opened(convert.opened(update.opened, self._offset), update.opened.session_token)
             case "plan":
                 valid_from = convert.frame(update.plan.valid_from, self._offset)
                 is_cut = update.plan.cause == session_pb2.PLAN_CAUSE_CUT
@@ -163,6 +163,7 @@ class Conversation(Recovery):
             case "constraint_reached":
                 reached = convert.constraint_reached(update.constraint_reached, self._offset)
                 if self._reached.note(reached):
+                    self._wishes.end(reached.constraint_id)
                     call_back(self.on_constraint_reached, reached)
             case "durability":
                 self.durable_seq = max(update.durable_seq, self.durable_seq)
@@ -185,7 +186,7 @@ class Conversation(Recovery):
     def _hear_opened(self, opened: Opened, token: str) -> None:
         if self._line is not Line.OPENING:
             self._hear_reopened(opened, token)
-            self._set_level(ServiceLevel("full", self.opened.denoise_steps))  # another follows where that is not so
+            self._set_level(ServiceLevel("full", opened.denoise_steps))  # another follows where that is not so
             return
         self._line, self.opened, self._token = Line.OPEN, opened, token
         del self._unanswered[1]
@@ -233,6 +234,10 @@ class Conversation(Recovery):
                 playhead = self.playback.playhead
                 effective = playhead if answer.effective_frame is None else answer.effective_frame
                 self._wishes.take(event, effective, playhead, answer.placements)
+                if event.HasField("seek") and answer.effective_frame is not None:
+                    self.playback.note_cut(answer.effective_frame)
+                for target in event.edit_constraints.upsert:
+                    self._reached.replaced(target.constraint_id, is_accepted=True)
         if edit is not None:
             self._edits.answer(edit, answer)
 

@@ -13,7 +13,7 @@ from motiongen_client.carrier import Carrier
 from motiongen_client.changes import Changes
 from motiongen_client.cuts import Cuts
 from motiongen_client.edit import Edit, EditBook
-from motiongen_client.errors import InvalidInput, MotiongenError
+from motiongen_client.errors import EventRefused, InvalidInput, MotiongenError
 from motiongen_client.frame_shift import shifted
 from motiongen_client.motion import Rig
 from motiongen_client.playback import Playback
@@ -78,10 +78,11 @@ class Direction(Cuts):
         elif prompt_id is None:
             prompt_id = self._next_prompt_id
             self._next_prompt_id += 1
-        edit = session_pb2.EditPrompts(remove=self._begun_prompts(prompt_id, is_present))
+        gone = self._begun_prompts(prompt_id, is_present)
+        edit = session_pb2.EditPrompts(remove=gone)
         edit.upsert.append(convert.prompt_span(prompt_id, prompt, frame, end_frame))
         sent = self._send_edit(prompt_name(prompt), session_pb2.SessionEvent(edit_prompts=edit), prompt_id=prompt_id)
-        self._scheduled_prompts.pop(prompt_id, None)
+        self._unschedule((*gone, prompt_id), sent)
         if frame is not None and end_frame is None:  # one with an end goes by itself
             key, scheduled = prompt_id, frame
             sent.when_accepted(lambda: self._scheduled_prompts.__setitem__(key, scheduled))
@@ -91,18 +92,25 @@ class Direction(Cuts):
         """The scheduled prompts that hold no more once another is set; the last of them does, if none replaces it."""
         begun = [key for key, start in self._scheduled_prompts.items() if start <= self.playback.playhead]
         begun.sort(key=self._scheduled_prompts.__getitem__)
-        gone = [key for key in (begun if is_replaced else begun[:-1]) if key != prompt_id]
-        for key in gone:
-            del self._scheduled_prompts[key]
-        return gone
+        return [key for key in (begun if is_replaced else begun[:-1]) if key != prompt_id]
+
+    def _unschedule(self, prompt_ids: Iterable[int], edit: Edit) -> None:
+        """An edit drops these, or sets them anew: where it is refused they hold as before, but for unknown ones."""
+        scheduled = self._scheduled_prompts
+        gone = {key: scheduled.pop(key) for key in prompt_ids if key in scheduled}
+
+        def put_back(refusal: EventRefused) -> None:
+            if refusal.reason != "UNKNOWN_PROMPT":
+                self._scheduled_prompts = gone | self._scheduled_prompts
+
+        edit.when_refused(put_back)
 
     def remove_prompts(self, prompt_ids: Iterable[int]) -> Edit:
         """Drop prompts by the ids that `Edit.prompt_id` gave; where none holds any more, the motion has no text."""
         ids = tuple(prompt_ids)
         edit = session_pb2.EditPrompts(remove=ids)
         sent = self._send_edit("the removal of prompts", session_pb2.SessionEvent(edit_prompts=edit))
-        for key in ids:
-            self._scheduled_prompts.pop(key, None)
+        self._unschedule(ids, sent)
         return sent
 
     def add_waypoint(
@@ -151,10 +159,8 @@ class Direction(Cuts):
             raise InvalidInput("constraint_id", constraint_id, "one of the constraint_ids of an earlier Edit")
         edit = session_pb2.EditConstraints(upsert=[convert.constraint(constraint_id, constraint)])
         sent = self._send_edit("a constraint", session_pb2.SessionEvent(edit_constraints=edit), (constraint_id,))
-        before = self._reached.forget(constraint_id)
-        if before is not None:  # where the one before stays, so does what became of it
-            told = before
-            sent.when_refused(lambda _: self._reached.put_back(told))
+        self._reached.replace(constraint_id)
+        sent.when_refused(lambda _: self._reached.replaced(constraint_id, is_accepted=False))
         return sent
 
     def add_heading(self, heading_rad: float, *, frame: int) -> Edit:
@@ -193,11 +199,14 @@ class Direction(Cuts):
             check_finite(name, value)
         if heading_rad is not None:
             check_finite("heading_rad", heading_rad)
+        hold_frames = max(self.rig.frames_in(seconds), 0)
+        if hold_frames >= 1 << 32:
+            raise InvalidInput("seconds", seconds, "those of Limits.max_hold_frames at most")
         velocity = session_pb2.SetVelocity(
             x=x_mps,
             z=z_mps,
             heading=heading_rad,
-            hold_frames=max(self.rig.frames_in(seconds), 0),
+            hold_frames=hold_frames,
             keep_prompt=keep_prompt,
         )
         return self._send_edit("the velocity", session_pb2.SessionEvent(set_velocity=velocity))

@@ -118,6 +118,12 @@ class Playback:
         del self._rows[len(self._rows) - dropped :]
         return dropped
 
+    def note_cut(self, frame: int) -> None:
+        """A cut that was asked for is at a frame: no plan says so to a session that was away when it was made."""
+        place = bisect_left(self._cuts, frame)
+        if not self.is_cut(frame):
+            self._cuts.insert(place, frame)
+
     def is_cut(self, frame: int) -> bool:
         """Whether a frame does not continue the one before it: nothing is to be blended there."""
         place = bisect_left(self._cuts, frame)

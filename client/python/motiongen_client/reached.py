@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import asyncio
+from collections import Counter
 from collections.abc import Iterable
 
 from motiongen_client.errors import EventRefused, MotiongenError
@@ -17,6 +18,9 @@ class ReachedBook:
 
     def __init__(self) -> None:
         self._told: dict[int, ConstraintReached] = {}
+        self._heard: dict[tuple[int, int], None] = {}  # id and frame of all that was told of late
+        self._replacing: Counter[int] = Counter()  # ids that another constraint is to take, not answered yet
+        self._before: dict[int, ConstraintReached] = {}  # what became of those that have these ids until then
         self._awaited: dict[int, asyncio.Future[ConstraintReached]] = {}
         self._refused: dict[int, EventRefused] = {}
         self._failure: MotiongenError | None = None
@@ -24,8 +28,19 @@ class ReachedBook:
     def note(self, reached: ConstraintReached) -> bool:
         """Take what was told. False where it is known already: a server repeats itself to a session that resumes."""
         key = reached.constraint_id
-        if self._told.get(key) == reached:
+        if (key, reached.frame) in self._heard:
             return False
+        self._heard[key, reached.frame] = None
+        if len(self._heard) > MOST_KEPT:
+            del self._heard[next(iter(self._heard))]
+        if key in self._replacing:
+            self._before[key] = reached  # of the new one a server tells after its answer
+        else:
+            self._tell(reached)
+        return True
+
+    def _tell(self, reached: ConstraintReached) -> None:
+        key = reached.constraint_id
         self._told.pop(key, None)
         self._told[key] = reached
         if len(self._told) > MOST_KEPT:
@@ -33,17 +48,26 @@ class ReachedBook:
         waiting = self._awaited.pop(key, None)
         if waiting is not None:
             waiting.set_result(reached)
-        return True
 
-    def forget(self, constraint_id: int) -> ConstraintReached | None:
-        """Another constraint takes the id: what became of the one before is not told for it. Returns that."""
+    def replace(self, constraint_id: int) -> None:
+        """Another constraint is to take the id: what became of the one before is not told for it."""
         self._refused.pop(constraint_id, None)
-        return self._told.pop(constraint_id, None)
+        self._replacing[constraint_id] += 1
+        before = self._told.pop(constraint_id, None)
+        if before is not None:
+            self._before[constraint_id] = before
 
-    def put_back(self, reached: ConstraintReached) -> None:
-        """The other constraint was refused, so that what was forgotten still holds."""
-        if reached.constraint_id not in self._told:
-            self.note(reached)
+    def replaced(self, constraint_id: int, *, is_accepted: bool) -> None:
+        """It has the id from now on; or was refused, and what became of the one before holds. Others are ignored."""
+        if constraint_id not in self._replacing:
+            return
+        self._replacing[constraint_id] -= 1
+        is_last = not self._replacing[constraint_id]
+        if is_last:
+            del self._replacing[constraint_id]
+        before = self._before.pop(constraint_id, None) if is_last or is_accepted else None
+        if before is not None and not is_accepted:
+            self._tell(before)
 
     def refuse(self, constraint_ids: Iterable[int], refusal: EventRefused) -> None:
         """No server has these, and none will tell of them: who waits for one, now or later, is told why."""

@@ -182,10 +182,10 @@ class Recovery(Direction):
             options = replace(options, prior=self._prior(frame), start=StartPose())
         self.playback.restart(frame)
         self._offset = frame
-        prompts, constraints = self._wishes.prompts_from(frame), self._wishes.constraints_from(frame)
-        self._scheduled_prompts = {
-            span.prompt_id: span.start_frame + frame for span in prompts if span.prompt_id != PRESENT_PROMPT_ID
-        }
+        prompts = self._wishes.prompts_from(frame, self._catalog.limits.max_prompts)
+        constraints = self._wishes.constraints_from(frame)
+        lasting = [span for span in prompts if span.prompt_id != PRESENT_PROMPT_ID and not span.end_frame]
+        self._scheduled_prompts = {span.prompt_id: span.start_frame + frame for span in lasting}
         self._send_opening(convert.open_session(options, prompts, constraints))
 
     def _prior(self, end_frame: int) -> Motion:

@@ -16,7 +16,7 @@ class Wishes:
     """Prompts, constraints, velocity, cut and play state that hold, by the frames that the application counts."""
 
     def __init__(self) -> None:
-        self._prompts: dict[int, motion_pb2.PromptSpan] = {}  # in the order they were set
+        self._prompts: list[motion_pb2.PromptSpan] = []  # in the order they were set
         self._constraints: dict[int, motion_pb2.Constraint] = {}
         self._placements: dict[int, Placement] = {}
         self._velocity: tuple[session_pb2.SetVelocity, int] | None = None  # with the frame at which it ends
@@ -25,7 +25,7 @@ class Wishes:
 
     def take_opening(self, opening: session_pb2.OpenSession) -> None:
         """The session was opened with these."""
-        self._prompts = {span.prompt_id: span for span in opening.prompts}
+        self._prompts = list(opening.prompts)
         self._constraints = {target.constraint_id: target for target in opening.constraints}
 
     def place(self, placements: Iterable[Placement]) -> None:
@@ -35,6 +35,11 @@ class Wishes:
             if key in self._constraints:
                 self._constraints[key] = placed(self._constraints[key], placement)
                 self._placements[key] = placement
+
+    def end(self, constraint_id: int) -> None:
+        """The server has told what became of a constraint: nothing is asked of it any more, met early or not."""
+        self._constraints.pop(constraint_id, None)
+        self._placements.pop(constraint_id, None)
 
     def take(
         self,
@@ -49,13 +54,14 @@ class Wishes:
         """
         match event.WhichOneof("event"):
             case "edit_prompts":
-                for prompt_id in event.edit_prompts.remove:
-                    self._prompts.pop(prompt_id, None)
+                gone = set(event.edit_prompts.remove)
+                self._prompts = [
+                    span
+                    for span in self._prompts
+                    if span.prompt_id not in gone and (not span.end_frame or span.end_frame > playhead)
+                ]
                 for span in event.edit_prompts.upsert:
-                    self._prompts.pop(span.prompt_id, None)
-                    held = self._prompts[span.prompt_id] = motion_pb2.PromptSpan()
-                    held.CopyFrom(span)
-                    held.start_frame = max(span.start_frame, effective_frame)
+                    self._put_span(_from(max(span.start_frame, effective_frame), span), playhead)
             case "edit_constraints":
                 if event.edit_constraints.clear:
                     self._constraints.clear()
@@ -78,12 +84,24 @@ class Wishes:
             case "set_play_state":
                 self._play_state = event.set_play_state.state
 
-    def prompts_from(self, frame: int) -> list[motion_pb2.PromptSpan]:
-        """The spans of a session that begins at a frame: of those that have begun, the one that holds comes last."""
-        begun = [span for span in self._prompts.values() if span.start_frame <= frame]
+    def prompts_from(self, frame: int, most: int) -> list[motion_pb2.PromptSpan]:
+        """The spans of a session that begins at a frame: of those that have begun, the one that holds comes last.
+
+        Where they are more than `most`, without those in whose place others come later.
+        """
+        begun = [span for span in self._prompts if span.start_frame <= frame]
         begun.sort(key=lambda span: span.start_frame)
-        later = [span for span in self._prompts.values() if span.start_frame > frame]
-        return [span for each in (*begun, *later) if (span := shifted_span(each, frame)) is not None]
+        later = [span for span in self._prompts if span.start_frame > frame]
+        spans = [span for each in (*begun, *later) if (span := shifted_span(each, frame)) is not None]
+        return spans if len(spans) <= most else list({span.prompt_id: span for span in spans}.values())
+
+    def _put_span(self, span: motion_pb2.PromptSpan, playhead: int) -> None:
+        """Set a span. One of its id that has begun goes on until then, as it does at the server."""
+        of_its_id = [each for each in self._prompts if each.prompt_id == span.prompt_id]
+        never_begins = of_its_id[-1] if of_its_id and of_its_id[-1].start_frame > playhead else None
+        left = {id(each): _until(span.start_frame, each, never_begins) for each in of_its_id}
+        held = [left.get(id(each), each) for each in self._prompts]
+        self._prompts = [*(each for each in held if each is not None), span]
 
     def constraints_from(self, frame: int) -> list[motion_pb2.Constraint]:
         """Those that a session which begins at a frame can still meet."""
@@ -119,3 +137,24 @@ class Wishes:
             state = session_pb2.SetPlayState(state=self._play_state)
             events.append(session_pb2.SessionEvent(set_play_state=state))
         return events
+
+
+def _from(frame: int, span: motion_pb2.PromptSpan) -> motion_pb2.PromptSpan:
+    moved = motion_pb2.PromptSpan()
+    moved.CopyFrom(span)
+    moved.start_frame = frame
+    return moved
+
+
+def _until(
+    frame: int, span: motion_pb2.PromptSpan, never_begins: motion_pb2.PromptSpan | None
+) -> motion_pb2.PromptSpan | None:
+    """What is left of a span where another takes its place, and that of never_begins, at a frame; None: nothing."""
+    was_cut_for_that = never_begins is not None and span.end_frame == never_begins.start_frame
+    end = span.end_frame if span.end_frame and not was_cut_for_that else frame
+    if span is never_begins or span.start_frame >= min(end, frame):
+        return None
+    left = motion_pb2.PromptSpan()
+    left.CopyFrom(span)
+    left.end_frame = min(end, frame)
+    return left

@@ -20,9 +20,8 @@ from motiongen_client.types import (
     ServiceLevel,
     SessionEnd,
 )
+from motiongen_client.types.checks import MOST_FRAME
 
-MOST_FRAME = 2**53
-"""The greatest number that a frame can have."""
 _MOST_OTHER_SERVERS = 3  # as the contract has it; each may be called in turn
 
 
@@ -36,11 +35,12 @@ def frame(number: int, offset: int = 0) -> int:
     return number + offset
 
 
-def opened(message: session_pb2.SessionOpened) -> Opened:
+def opened(message: session_pb2.SessionOpened, offset: int = 0) -> Opened:
+    """What the server chose. offset: of the client's frame numbers over the server's."""
     return Opened(
         session_id=message.session_id,
         seed=message.seed,
-        start_frame=frame(message.start_frame),
+        start_frame=frame(message.start_frame, offset),
         rig_id=message.rig_id,
         model_id=message.model_id,
         frame_rate_hz=message.frame_rate,
@@ -48,7 +48,7 @@ def opened(message: session_pb2.SessionOpened) -> Opened:
         committed_horizon_frames=message.committed_horizon_frames,
         denoise_steps=message.denoise_steps,
         warnings=warnings(message.warnings),
-        placements=placements(message.placements),
+        placements=placements(message.placements, offset),
         outputs={block.name: block.width for block in message.outputs},
     )
 

@@ -159,6 +159,8 @@ class Ground:
 def _leg(rig: Rig, name: str, contacts: slice) -> _Leg:
     if name not in rig.limbs:
         raise UnknownName("limb", name, list(rig.limbs))
+    if len(rig.limbs[name]) < 2:
+        raise InvalidInput("rig", rig.rig_id, f"one whose {name} has toes besides the ankle")
     ankle, toes = rig.limbs[name][0], rig.limbs[name][1]
     knee = rig.parents[ankle]
     hip = rig.parents[knee]

@@ -73,18 +73,20 @@ class JointMap:
         Raises InvalidInput, naming the place.
         """
         _check_keys("joint map", document, _KEYS, ("metres_per_unit", "joints", "root"))
-        groups = document.get("groups", {})
+        groups = _section("groups", document.get("groups", {}))
         if group and group not in groups:
             raise InvalidInput("group", group, f"one of {', '.join(groups) or '(none)'}")
-        values = {**document.get("values", {}), **groups.get(group, {})}
+        of_group = _section(f"groups.{group}", groups.get(group, {}))
+        values = {**_section("values", document.get("values", {})), **of_group}
         unit = _positive("metres_per_unit", document["metres_per_unit"])
         drives: dict[str, Drive] = {}
-        for ours, rule in document["joints"].items():
+        for ours, rule in _section("joints", document["joints"]).items():
             place = f"joints.{ours}"
             _check_keys(place, rule, ("from", "axes", "turn"), ("from",))
-            if rule["from"] not in drives:  # of several of ours that follow one of theirs, the first drives it
-                drives[rule["from"]] = Drive((ours, ours), 0.0, _axes(place, rule, values))
-        for theirs, rule in document.get("follow", {}).items():
+            (theirs,) = _names(f"{place}.from", [rule["from"]])
+            if theirs not in drives:  # of several of ours that follow one of theirs, the first drives it
+                drives[theirs] = Drive((ours, ours), 0.0, _axes(place, rule, values))
+        for theirs, rule in _section("follow", document.get("follow", {})).items():
             place = f"follow.{theirs}"
             if theirs in drives:
                 raise InvalidInput(place, theirs, "a joint that no rule of joints names already")
@@ -93,8 +95,8 @@ class JointMap:
         _check_keys("root", root, ("from", "to", "scale", "ground"), ("from", "to", "scale", "ground"))
         scale, chains = _scale(root["scale"])
         ground_theirs, ground_ours_m, feet = _ground(root["ground"], values)
-        theirs, ours = _names("root.from", root["from"]), _names("root.to", root["to"])
-        return cls(unit, drives, theirs, ours, scale, chains, ground_theirs, ground_ours_m, feet)
+        middle_theirs, middle_ours = _names("root.from", root["from"]), _names("root.to", root["to"])
+        return cls(unit, drives, middle_theirs, middle_ours, scale, chains, ground_theirs, ground_ours_m, feet)
 
 
 def read_joint_map(path: str | Path, group: str = "") -> JointMap:
@@ -104,7 +106,7 @@ def read_joint_map(path: str | Path, group: str = "") -> JointMap:
     """
     try:
         document = json.loads(Path(path).read_text(encoding="utf-8"))
-    except json.JSONDecodeError as error:
+    except (ValueError, RecursionError) as error:  # no JSON, no UTF-8, or nested without end
         raise InvalidInput("path", str(path), f"a file of JSON ({error})") from None
     return JointMap.of(document, group)
 
@@ -112,6 +114,12 @@ def read_joint_map(path: str | Path, group: str = "") -> JointMap:
 def directions(words: Sequence[str]) -> Float64:
     """(3, 3) the columns being the directions of three words."""
     return np.array([DIRECTIONS[word] for word in words], np.float64).T
+
+
+def _section(place: str, given: Any) -> Mapping[str, Any]:
+    if not isinstance(given, Mapping):
+        raise InvalidInput(place, given, "names, each with what is said of it")
+    return given
 
 
 def _check_keys(place: str, section: Any, known: Sequence[str], required: Sequence[str]) -> None:
@@ -126,9 +134,14 @@ def _check_keys(place: str, section: Any, known: Sequence[str], required: Sequen
 
 
 def _number(place: str, value: Any) -> float:
-    if isinstance(value, bool) or not isinstance(value, int | float) or not math.isfinite(value):
-        raise InvalidInput(place, value, "a finite number")
-    return float(value)
+    if isinstance(value, int | float) and not isinstance(value, bool):
+        try:
+            number = float(value)
+        except OverflowError:  # a whole number that no float can hold
+            number = math.inf
+        if math.isfinite(number):
+            return number
+    raise InvalidInput(place, value, "a finite number")
 
 
 def _positive(place: str, value: Any) -> float:
@@ -150,9 +163,13 @@ def _named(place: str, value: Any, values: Mapping[str, float]) -> float:
     return _number(place, values[value] if isinstance(value, str) else value)
 
 
+def _is_direction(word: Any) -> bool:
+    return isinstance(word, str) and word in DIRECTIONS
+
+
 def _axes(place: str, rule: Mapping[str, Any], values: Mapping[str, float]) -> Float64:
     words = rule.get("axes", ("left", "up", "forward"))
-    if len(words) != 3 or any(word not in DIRECTIONS for word in words):
+    if not isinstance(words, list | tuple) or len(words) != 3 or not all(map(_is_direction, words)):
         raise InvalidInput(f"{place}.axes", words, f"three of {', '.join(DIRECTIONS)}")
     axes = directions(words)
     if round(float(np.linalg.det(axes))) != 1:
@@ -161,7 +178,7 @@ def _axes(place: str, rule: Mapping[str, Any], values: Mapping[str, float]) -> F
         return axes
     turn = rule["turn"]
     _check_keys(f"{place}.turn", turn, ("about", "degrees"), ("about", "degrees"))
-    if turn["about"] not in DIRECTIONS:
+    if not _is_direction(turn["about"]):
         raise InvalidInput(f"{place}.turn.about", turn["about"], f"one of {', '.join(DIRECTIONS)}")
     angle = math.radians(_named(f"{place}.turn.degrees", turn["degrees"], values))
     quaternion = axis_angle_to_quaternion(angle * np.array(DIRECTIONS[turn["about"]], np.float64))
@@ -186,13 +203,15 @@ def _scale(value: Any) -> tuple[float | None, tuple[tuple[tuple[str, ...], ...],
     if not isinstance(value, Mapping):
         return _positive("root.scale", value), ((), ())
     _check_keys("root.scale", value, ("from", "to"), ("from", "to"))
-    theirs, ours = (
-        tuple(_names(f"root.scale.{key}", chain) for chain in value[key]) if value[key] else ()
-        for key in ("from", "to")
-    )
-    if not theirs or not ours:
-        raise InvalidInput("root.scale", value, "a chain of joints or more under from and to")
-    return None, (theirs, ours)
+    return None, (_chains("root.scale.from", value["from"]), _chains("root.scale.to", value["to"]))
+
+
+def _chains(place: str, value: Any) -> tuple[tuple[str, ...], ...]:
+    """Of two joints or more each: one alone has no length."""
+    chains = tuple(_names(place, chain) for chain in value) if isinstance(value, list | tuple) else ()
+    if not chains or any(len(chain) < 2 for chain in chains):
+        raise InvalidInput(place, value, "a chain of two joints or more, or several")
+    return chains
 
 
 def _ground(value: Any, values: Mapping[str, float]) -> tuple[float | None, float, tuple[str, ...]]:

@@ -12,6 +12,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from motiongen_client.errors import InvalidInput
 from motiongen_client.kinematics import forward_kinematics, matrix_to_quaternion, quaternion_to_matrix
 from motiongen_client.motion import Motion, Rig
 from motiongen_client.retarget.joint_map import Drive, JointMap
@@ -42,7 +43,11 @@ class Retargeted:
 
 
 class Retargeter:
-    """Carries motion of one rig over to one skeleton. Raises UnknownName for joints of the map that are not there."""
+    """Carries motion of one rig over to one skeleton.
+
+    Raises UnknownName for joints of the map that are not there, and InvalidInput where nothing can be measured: bones
+    that have no length, feet that drive none of the skeleton's joints.
+    """
 
     def __init__(self, rig: Rig, joint_map: JointMap, skeleton: UserSkeleton) -> None:
         self._rig = rig
@@ -103,6 +108,9 @@ class Retargeter:
         theirs = np.mean([self._skeleton.chain_length(chain) for chain in chains_theirs])
         lengths = np.linalg.norm(self._rig.offsets_m.astype(np.float64), axis=1)
         ours = np.mean([sum(lengths[self._rig.index(name)] for name in chain[1:]) for chain in chains_ours])
+        for name, length in (("from", theirs), ("to", ours)):
+            if not length > 0:
+                raise InvalidInput(f"root.scale.{name}", "bones without length", "joints that are apart")
         return float(ours / (theirs * self._map.metres_per_unit))
 
     def _lift(self) -> float:
@@ -120,6 +128,8 @@ class Retargeter:
         _, theirs = self._posed(np.asarray(neutral, np.float64))
         feet_ours = [self._rig.index(name) for name in self._map.feet_ours]
         feet_theirs = [joint for joint, drive, _ in self._drives if drive.ours[0] in self._map.feet_ours]
+        if not feet_theirs:
+            raise InvalidInput("root.ground.lowest_of", self._map.feet_ours, "joints that drive one of theirs")
         rest = self._skeleton.rest_positions()
         stands_at = rest[feet_theirs, 1].min() - rest[:, 1].min()
         middle_theirs = stands_at - theirs[0, feet_theirs, 1].min() + theirs[0, self._middle_theirs, 1].mean()

@@ -12,6 +12,7 @@ from motiongen_client.errors import InvalidInput
 from motiongen_client.robot.g1 import LOWER, QPOS_WIDTH, SPEED_LIMITS, UPPER
 
 Float64 = NDArray[np.float64]
+_UNIT_TOLERANCE = 1e-2
 
 
 class HoldState(enum.Enum):
@@ -51,6 +52,8 @@ class SafeHold:
 
     def command(self, now_s: float, qpos: Float64 | None = None) -> Float64:
         """(36) what the robot shall be at now_s, of a clock that only rises. Raises InvalidInput before a frame."""
+        if self._command is not None:
+            now_s = max(now_s, self._command_at_s)  # one that goes back stands
         if qpos is not None:
             self._take(np.array(qpos, np.float64), now_s)
         if self._frame is None or self._command is None:
@@ -64,6 +67,8 @@ class SafeHold:
     def _take(self, qpos: Float64, now_s: float) -> None:
         if qpos.shape != (QPOS_WIDTH,) or not np.isfinite(qpos).all():
             raise InvalidInput("qpos", f"an array of shape {qpos.shape}", f"{QPOS_WIDTH} finite numbers")
+        if abs(float(np.linalg.norm(qpos[3:7])) - 1) > _UNIT_TOLERANCE:
+            raise InvalidInput("qpos", qpos[3:7].tolist(), "a unit quaternion w, x, y, z behind the root's place")
         if self._command is not None and qpos[3:7] @ self._command[3:7] < 0:
             qpos[3:7] *= -1  # the same rotation; on the way back to frames numbers are mixed, which have to be near
         if self._command is None:
@@ -95,9 +100,8 @@ class SafeHold:
         moved = wanted.copy()
         if moved[3:7] @ before[3:7] < 0:
             moved[3:7] *= -1
-        if passed > 0:
-            most = SPEED_LIMITS * passed
-            moved[7:] = before[7:] + np.clip(moved[7:] - before[7:], -most, most)
+        most = SPEED_LIMITS * passed  # none where no time has passed: clocks are coarse
+        moved[7:] = before[7:] + np.clip(moved[7:] - before[7:], -most, most)
         moved[7:] = np.clip(moved[7:], LOWER, UPPER)
         moved[3:7] /= np.linalg.norm(moved[3:7])
         if passed > 0 and self.state in (HoldState.FOLLOWING, HoldState.RETURNING):

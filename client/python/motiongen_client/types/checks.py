@@ -9,6 +9,9 @@ from numpy.typing import ArrayLike, NDArray
 
 from motiongen_client.errors import InvalidInput
 
+MOST_FRAME = 2**53
+"""The greatest number that a frame can have."""
+
 
 def check_tolerance(tolerance_m: float | None, tolerance_rad: float | None) -> None:
     """Raise InvalidInput unless both are numbers that may be, or None."""
@@ -33,8 +36,8 @@ def _is_finite(value: float) -> bool:
 
 def check_frame(name: str, value: int) -> None:
     """Raise InvalidInput unless `value` is a frame index."""
-    if not isinstance(value, int | np.integer) or value < 0:
-        raise InvalidInput(name, value, "a frame index: a whole number of 0 or more")
+    if not isinstance(value, int | np.integer) or not 0 <= value <= MOST_FRAME:
+        raise InvalidInput(name, value, f"a frame index: a whole number from 0 to {MOST_FRAME}")
 
 
 def as_array(name: str, values: ArrayLike, shape: tuple[int | None, ...]) -> NDArray[np.float32]:
@@ -42,7 +45,8 @@ def as_array(name: str, values: ArrayLike, shape: tuple[int | None, ...]) -> NDA
     wanted = "(" + ", ".join("N" if size is None else str(size) for size in shape) + ")"
     allowed = f"finite numbers of shape {wanted}"
     try:
-        array = np.asarray(values, dtype=np.float32)
+        with np.errstate(over="ignore"):  # what is too large for float32 is refused below
+            array = np.asarray(values, dtype=np.float32)
     except (TypeError, ValueError):
         raise InvalidInput(name, values, allowed) from None
     except OverflowError:

@@ -71,9 +71,9 @@ class Keyframe:
 
 
 def _joints(joints: Sequence[int]) -> tuple[int, ...]:
-    """Raises InvalidInput for none."""
+    """Raises InvalidInput for none, and for what can be no index."""
     given = tuple(joints)
-    if not given:
+    if not given or not all(isinstance(joint, int | np.integer) and 0 <= joint < 1 << 32 for joint in given):
         raise InvalidInput("joints", given, "one index of the rig's joints or more")
     return given
 

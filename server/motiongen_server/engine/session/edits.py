@@ -139,6 +139,11 @@ class EditQueue:
         """Whether all that is asked for is that a velocity in force goes on; there must be some that wait."""
         return all(edit.prolongs for edit in self.waiting)
 
+    def apart_by_cuts(self) -> tuple[tuple[PendingEdit, ...], tuple[PendingEdit, ...], tuple[PendingEdit, ...]]:
+        """Those that wait: before the first cut among them, from that to the last one, and behind it."""
+        cuts = [index for index, edit in enumerate(self.waiting) if edit.kind == SEEK] or [len(self.waiting)]
+        return self.waiting[: cuts[0]], self.waiting[cuts[0] : cuts[-1] + 1], self.waiting[cuts[-1] + 1 :]
+
     def require_room(self) -> None:
         """Raise EventRefused where too many edits wait already."""
         if len(self.waiting) >= self.most:

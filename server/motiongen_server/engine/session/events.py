@@ -134,9 +134,13 @@ def _queue(state: SessionState, edit: PendingEdit, report: StepReport) -> list[O
 
 
 def _anchor(state: SessionState, now: float) -> Anchor:
-    """Where the character will be when an edit of now takes effect: where the window for it is likely to start."""
+    """Where the character will be when an edit of now takes effect: where the window for it is likely to start.
+
+    A cut that was asked for before comes before: then it is where that puts it.
+    """
     frame = state.replaceable_from(now, max(state.predicted_s, state.extra_lead_s) + state.delivery.commit_s)
-    return anchor_at(state, frame)
+    running_cut = None if state.running is None else state.running.cut
+    return anchor_at(state, frame, state.cut or running_cut)
 
 
 def _worth_restarting(state: SessionState, running: RunningWindow) -> bool:

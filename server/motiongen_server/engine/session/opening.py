@@ -14,6 +14,7 @@ from motiongen_server.engine.session.edits import EditQueue
 from motiongen_server.engine.session.placing import Anchor
 from motiongen_server.engine.session.playback import PlaybackClock, RoundTrip
 from motiongen_server.engine.session.pose import PoseReader
+from motiongen_server.engine.session.prompt_edits import upserted
 from motiongen_server.engine.session.reach import ReachWatch
 from motiongen_server.engine.session.state import SessionState
 from motiongen_server.engine.session.timeline import first_timeline
@@ -65,7 +66,7 @@ def open_session(
         config=config,
         continue_threshold=_continue_threshold(spec, facts, config) + jitter,
         cut_frames=math.floor(stride) * facts.patch,
-        conditions=Conditions(spec.prompts, constraints),
+        conditions=Conditions(upserted((), spec.prompts, 0), constraints),
         delivery=Delivery(spec.session, spec.lookahead, config, clock, RoundTrip(config.rtt_s)),
         timeline=timeline,
         edits=EditQueue(config.max_waiting_edits),

@@ -50,6 +50,12 @@ class Anchor:
     rig: RigLayout
     last_frame: int | None = None
 
+    def is_of(self, placement: Placement) -> bool:
+        """Whether a constraint was placed from here."""
+        root = self.root
+        here = self.frame, root.x, root.z, root.heading
+        return here == (placement.anchor_frame, placement.x, placement.z, placement.heading)
+
     def first_possible(self, x: float, z: float, heading: float | None) -> int:
         """The frame at which a person who walks is at a place, facing somewhere."""
         frame = self.frame + math.ceil(self.fps * walking_s(self.root, (x, z), heading)) - 1

@@ -1,7 +1,8 @@
 """Placing anew: what was asked "from here" is put where the window that answers it does start.
 
 When an event comes, that window is only predicted. It may start later: another one is finished first, replans are
-spaced, or it came too late and is made again. Meanwhile the character has gone on.
+spaced, or it came too late and is made again. Meanwhile the character has gone on, or its frames before that window are
+others.
 """
 
 from __future__ import annotations
@@ -28,7 +29,7 @@ def placed_anew(
         items, placements = [], {each.constraint_id: each for each in edit.placements}
         for asked, before in edit.left_open:
             found = before
-            if id(before) in held and placements[asked.constraint_id].anchor_frame != anchor.frame:
+            if id(before) in held and not anchor.is_of(placements[asked.constraint_id]):
                 try:
                     found, placement = placed(asked, anchor, "")
                 except EventRefused:  # a way that has become too long in these few frames

@@ -116,9 +116,8 @@ def begin_elsewhere(state: SessionState, now: float, predicted_s: float) -> Wind
 
 def _begin(state: SessionState, first_frame: int, cause: PlanCause, due: Due) -> WindowJob:
     """Have a window from first_frame on run, for all edits that wait."""
-    if state.edits.are_left_open and state.cut is None:
-        here = anchor_at(state, first_frame)
-        state.conditions, state.edits.waiting = placed_anew(state.conditions, state.edits.waiting, here)
+    if state.edits.are_left_open:
+        _place_anew(state, first_frame)
     cut, spec, timeline = state.cut, state.spec, state.timeline
     if cut is not None:
         cause, spec = PlanCause.CUT, replace(spec, start_pose=cut.start_pose)
@@ -136,6 +135,19 @@ def _begin(state: SessionState, first_frame: int, cause: PlanCause, due: Due) ->
     state.running.accept_to = max(change, state.least_start(state.running))
     state.drift_state.correction = None
     return job
+
+
+def _place_anew(state: SessionState, first_frame: int) -> None:
+    """Put what the edits that wait left open where a window from first_frame on finds the character.
+
+    What came behind a cut that waits too is asked from where that puts it. Between two of them it was seen from where
+    the first would have put it, and stays so.
+    """
+    before, between, behind = state.edits.apart_by_cuts()
+    conditions, before = placed_anew(state.conditions, before, anchor_at(state, first_frame))
+    if behind:
+        conditions, behind = placed_anew(conditions, behind, anchor_at(state, first_frame, state.cut))
+    state.conditions, state.edits.waiting = conditions, (*before, *between, *behind)
 
 
 def _next_start(state: SessionState, now: float, predicted_s: float) -> tuple[int, PlanCause]:

@@ -20,7 +20,7 @@ def edit_prompts(held: Conditions, event: SetPrompts, floor: int, limit: int) ->
     """
     # Several may have one id: those before the last are what is left of those in whose place it came. What is left
     # stays where it was in the order, since of equal starts the one set last wins.
-    prompts: list[Prompt] = list(held.prompts)
+    prompts: Sequence[Prompt] = held.prompts
     for index, prompt_id in enumerate(event.remove):
         if prompt_id not in (ids := _ids_from(floor, prompts)):
             raise unknown("prompt", prompt_id, index, ids)
@@ -31,14 +31,22 @@ def edit_prompts(held: Conditions, event: SetPrompts, floor: int, limit: int) ->
             field = f"edit_prompts.upsert[{index}].end_frame"
             least = floor + 1  # a span ends before its end_frame
             raise passed("prompt", prompt.prompt_id, prompt.end_frame - 1, floor, field, least)
-        begin = max(floor, prompt.begin)
-        of_its_id = [each for each in prompts if each.prompt_id == prompt.prompt_id]
-        prompts = _with_left(prompts, prompt.prompt_id, _left_for(begin, floor, of_its_id))
-        prompts.append(replace(prompt, start_frame=begin))
+    prompts = upserted(prompts, event.upsert, floor)
     if (count := len(_ids_from(floor, prompts))) > limit:
         raise too_many("prompts", count, limit)
     result = replace(held, prompts=tuple(prompts))
     return result, result.first_change(held, floor, None)
+
+
+def upserted(held: Sequence[Prompt], upsert: Sequence[Prompt], floor: int) -> tuple[Prompt, ...]:
+    """Prompts with others put beside them, or in the place of those of their ids, one after the other."""
+    prompts = list(held)
+    for prompt in upsert:
+        begin = max(floor, prompt.begin)
+        of_its_id = [each for each in prompts if each.prompt_id == prompt.prompt_id]
+        prompts = _with_left(prompts, prompt.prompt_id, _left_for(begin, floor, of_its_id))
+        prompts.append(replace(prompt, start_frame=begin))
+    return tuple(prompts)
 
 
 def _ids_from(floor: int, prompts: Sequence[Prompt]) -> set[int]:

@@ -190,7 +190,9 @@ class SessionState:
             self.running.steps_done = steps_done
 
 
-def anchor_at(state: SessionState, frame: int) -> Anchor:
-    """What the character does just before a frame that is held, or the end."""
-    reader, start, fps = state.drift_state.guard.reader, state.spec.start_pose, state.facts.fps
-    return Anchor(frame, root_before(frame, state.timeline, reader, start, fps), fps, state.facts.rig)
+def anchor_at(state: SessionState, frame: int, cut: Cut | None = None) -> Anchor:
+    """What the character does just before a frame that is held, or the end; of a cut there, what it goes on from."""
+    facts, reader, timeline, start = state.facts, state.drift_state.guard.reader, state.timeline, state.spec.start_pose
+    if cut is not None:
+        timeline, start = cut.timeline_at(frame, facts), cut.start_pose
+    return Anchor(frame, root_before(frame, timeline, reader, start, facts.fps), facts.fps, facts.rig)

@@ -2,12 +2,12 @@
 
 from __future__ import annotations
 
-from collections import deque
 from collections.abc import Sequence
 from dataclasses import replace
 
 from motiongen.v1 import motion_pb2, service_pb2, session_pb2
 from motiongen_server.engine.types import (
+    Asked,
     Chunk,
     Closed,
     CloseReason,
@@ -18,11 +18,11 @@ from motiongen_server.engine.types import (
     Output,
     SessionKey,
     SessionSpec,
+    Unplaced,
     Warned,
 )
 from motiongen_server.errors import EventRefused
 from motiongen_server.models.registry import LoadedModel
-from motiongen_server.rpc.clip.request import last_frame_of
 from motiongen_server.rpc.convert import residual_of, write_update
 from motiongen_server.rpc.convert.frames import FrameCoding
 from motiongen_server.rpc.sessions.entry import session_name
@@ -31,12 +31,18 @@ OPEN_SEQ = 1
 
 
 class Call:
-    """under_way: the samples that are not complete."""
+    """under_way: the samples that are not complete.
+
+    The engine knows the constraints by their places in the request, from 1 on: a client may give several one id.
+    """
 
     def __init__(
         self, specs: Sequence[SessionSpec], model: LoadedModel, coding: FrameCoding, warnings: tuple[Warned, ...] = ()
     ) -> None:
-        self.specs = specs
+        asked = specs[0].constraints if specs else ()
+        self._ids = [each.constraint_id for each in asked]
+        numbered = tuple(_with_id(number, each) for number, each in enumerate(asked, 1))
+        self.specs = [replace(spec, constraints=numbered) for spec in specs]
         self.model = model
         self._coding = coding
         self._warnings = warnings
@@ -58,6 +64,9 @@ class Call:
                     session_id=session_name(output.session),
                     scalar_type=self._coding.scalar_type,
                     outputs=self._coding.outputs,
+                    placements=tuple(
+                        replace(each, constraint_id=self._ids[each.constraint_id - 1]) for each in output.placements
+                    ),
                 ),
             )
             update.opened.lookahead_frames = update.opened.committed_horizon_frames = 0
@@ -80,14 +89,16 @@ class Call:
 
     def _measured(self, sample: int) -> list[service_pb2.ConstraintResidual]:
         """The residuals of a sample that is complete, in the order of its constraints."""
-        told: dict[int, deque[ConstraintReached]] = {}
-        for reached in self._reached[sample]:  # those of one id in the order of their ends
-            told.setdefault(reached.constraint_id, deque()).append(reached)
-        constraints = self.specs[sample].constraints
-        residuals = [service_pb2.ConstraintResidual()] * len(constraints)
-        for index in sorted(range(len(constraints)), key=lambda index: last_frame_of(constraints[index])):
-            residuals[index] = residual_of(told[constraints[index].constraint_id].popleft())
-        return residuals
+        told = {reached.constraint_id: reached for reached in self._reached[sample]}
+        return [
+            residual_of(replace(told[number], constraint_id=asked_id)) for number, asked_id in enumerate(self._ids, 1)
+        ]
+
+
+def _with_id(constraint_id: int, asked: Asked) -> Asked:
+    if isinstance(asked, Unplaced):
+        return replace(asked, target=replace(asked.target, constraint_id=constraint_id))
+    return replace(asked, constraint_id=constraint_id)
 
 
 def _frames(chunk: Chunk, coding: FrameCoding) -> motion_pb2.FrameChunk:

@@ -33,10 +33,16 @@ def heading_of(
 
 
 def finite_heading(heading: float, field: str) -> float:
-    """field: the path of the message that has it."""
+    """The heading within a turn to either side: of many turns float32 numbers keep no digits. field: of its message."""
     if not math.isfinite(heading):
         raise refuse("NOT_FINITE", f"{field}.heading", f"the heading is {heading}", "finite radians")
-    return heading
+    return math.fmod(heading, math.tau)
+
+
+def finite_headings(headings: Float32Array, field: str) -> Float32Array:
+    """The same of several (T). field: the path of their list."""
+    check_finite(headings, field, "finite radians")
+    return np.fmod(headings.astype(np.float64), math.tau).astype(np.float32)
 
 
 def number_array(values: Sequence[float], count: int, field: str, allowed: str) -> Float32Array:

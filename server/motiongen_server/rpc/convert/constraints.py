@@ -30,6 +30,7 @@ from motiongen_server.rpc.convert.checks import (
     check_count,
     check_finite,
     finite_heading,
+    finite_headings,
     frame_number,
     heading_of,
     identifier_of,
@@ -121,8 +122,8 @@ def _trajectory(
         )
     headings = None
     if message.headings:
-        headings = number_array(message.headings, count, f"{field}.headings", "one heading a frame, or none")
-        check_finite(headings, f"{field}.headings", "finite radians")
+        given = number_array(message.headings, count, f"{field}.headings", "one heading a frame, or none")
+        headings = finite_headings(given, f"{field}.headings")
     return RootTrajectory(identifier, frame, points(message.positions, count, 2, f"{field}.positions"), headings)
 
 

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
+from itertools import pairwise
 
 import numpy as np
 from numpy.typing import NDArray
@@ -20,6 +21,10 @@ F32, F16, QUANTISED = (
 SCALAR_TYPES = (F32, F16, QUANTISED)
 ROOT_WIDTH, NUM_CONTACTS = 3, 4
 _FARTHEST_MM = 2**31 - 1
+_LARGEST_HALF = 65504.0
+"""That is finite: a trajectory may ask for speeds beyond it, from one end of the world to the other in a frame."""
+_JUMP_M = 1.0
+"""From frame to frame nobody goes so far."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -32,13 +37,23 @@ class FrameCoding:
     num_joints: int
     outputs: tuple[ChannelBlock, ...] = ()
 
+    def stretches(self, rows: Float32Array) -> list[tuple[int, int]]:
+        """Which rows (T, row_width) may be stored together, each (begin, end).
+
+        Halves are of distances from the first root: behind a jump, which only a cut is, they would be metres off.
+        """
+        if self.scalar_type != F16:
+            return [(0, len(rows))]
+        jumps = np.abs(np.diff(rows[:, :ROOT_WIDTH], axis=0)).max(axis=1, initial=0.0) > _JUMP_M
+        return list(pairwise([0, *(np.flatnonzero(jumps) + 1).tolist(), len(rows)]))
+
     def encode(self, rows: Float32Array) -> tuple[memoryview, Float32Array | None]:
         """The bytes of rows (T, row_width), and what their roots are relative to (3), None where to nothing."""
         if self.scalar_type == F16:
             origin, halves = rows[0, :ROOT_WIDTH].copy(), rows.copy()
             halves[:, :ROOT_WIDTH] -= origin
             make_relative(halves[:, self._own_width :], self.outputs, origin)
-            return _bytes(halves.astype("<f2")), origin
+            return _bytes(np.clip(halves, -_LARGEST_HALF, _LARGEST_HALF).astype("<f2")), origin
         if self.scalar_type == QUANTISED:
             return _bytes(self._quantised(rows)), None
         return _bytes(np.ascontiguousarray(rows, "<f4")), None

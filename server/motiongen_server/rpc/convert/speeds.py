@@ -32,7 +32,7 @@ def speeds_of(item: Asked | RootPath | SetVelocity, fps: int) -> Mapping[Directi
         case Unplaced():
             return speeds_of(item.target, fps)
         case RootTrajectory():
-            return _of_trajectory(item, round(_OVER_S * fps), fps)
+            return _of_trajectory(item, max(1, round(_OVER_S * fps)), fps)
     return {}
 
 

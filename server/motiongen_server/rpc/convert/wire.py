@@ -7,7 +7,7 @@ through its message.
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from dataclasses import dataclass
 from typing import Any, Protocol, TypeAlias
 
 import numpy as np
@@ -99,19 +99,38 @@ def append_update(response: Parts, update: session_pb2.SessionUpdate) -> None:
     response += (_UPDATES, VARINT[len(encoded)], encoded)
 
 
+@dataclass(slots=True)
+class _Stretch:
+    """Some of the frames of one update, as FramesToSend."""
+
+    handle: int
+    applied_seq: int
+    plan: int
+    first_frame: int
+    num_frames: int
+    committed_to: int
+    parts: list[Float32Array]
+
+
 def append_frames(response: Parts, frames: FramesToSend, coding: FrameCoding) -> None:
-    """Add an update with a FrameChunk."""
-    data: Parts = []
-    num_bytes = 0
+    """Add an update with a FrameChunk, or several where one cannot hold all frames."""
     if coding.scalar_type == F32:
-        stored = _AS_F32
-        for part in frames.parts:
-            num_bytes += part.nbytes
-            data.append(np.ascontiguousarray(part, _F32_LE))
-    else:
-        whole, stored = _coded(frames.parts, coding)
-        data.append(whole)
-        num_bytes = whole.nbytes
+        data: Parts = [np.ascontiguousarray(part, _F32_LE) for part in frames.parts]
+        _append_chunk(response, frames, _AS_F32, data, sum(part.nbytes for part in frames.parts))
+        return
+    rows = np.concatenate(frames.parts) if len(frames.parts) > 1 else frames.parts[0]
+    for begin, end in coding.stretches(rows):
+        part = rows[begin:end]
+        stretch = _Stretch(
+            frames.handle, frames.applied_seq, frames.plan, frames.first_frame + begin, len(part), frames.committed_to,
+            [part],
+        )  # fmt: skip
+        whole, stored = _coded(part, coding)
+        _append_chunk(response, stretch, stored, [whole], whole.nbytes)
+
+
+def _append_chunk(response: Parts, frames: FramesToSend, stored: bytes, data: Parts, num_bytes: int) -> None:
+    """Add an update with a FrameChunk of data that has so many bytes. stored: the fields that say how it is stored."""
     try:
         response += _before_data(frames, stored, num_bytes, _AT_HAND)
     except IndexError:
@@ -142,9 +161,9 @@ def _before_data(frames: FramesToSend, stored: bytes, num_bytes: int, number: _V
     return _UPDATES, number[len(update) + num_bytes], update, chunk
 
 
-def _coded(parts: Sequence[Float32Array], coding: FrameCoding) -> tuple[memoryview, bytes]:
+def _coded(rows: Float32Array, coding: FrameCoding) -> tuple[memoryview, bytes]:
     """Frames as they were asked for, and the fields that say how they are stored."""
-    whole, origin = coding.encode(np.concatenate(parts) if len(parts) > 1 else parts[0])
+    whole, origin = coding.encode(rows)
     stored = _SCALAR_TYPE + VARINT[coding.scalar_type]
     if origin is not None:
         stored += _ORIGIN + VARINT[_ORIGIN_BYTES] + origin.astype(_F32_LE).tobytes()

@@ -228,7 +228,7 @@ def _record_of(entry: SessionEntry, taken: SnapshotTaken) -> SessionRecord:
         opened=replace(entry.opened, session_token=""),
         level=entry.level,
         answers=entry.answers.up_to(taken_seq),
-        reached=tuple(entry.reached),
+        reached=tuple(reached for reached, _ in entry.reached),
         warnings={seq: said for seq, said in entry.warnings.items() if seq in waiting},
         attempt=entry.attempt,
         snapshot=snapshot,

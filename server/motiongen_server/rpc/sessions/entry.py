@@ -75,9 +75,11 @@ class SessionEntry:
     can be resumed, "" while it cannot. attempt: the last one to resume it; is_resuming: until the engine has taken that
     up, and nothing is told. opened, level, closed: the last of each kind that the engine has said. answers: outcomes
     that the client may not have heard. asked_options: by event number, those that the engine has not
-    answered, and what their place is to be told then. coding: of its frames. reached: what became of constraints that
-    the client may not have heard of, oldest first. lease: to write its record in the store, None where nothing is kept
-    of it; durable: the last said of what is kept. told_epoch: of the newest token that the client was seen to have.
+    answered, and what their place is to be told then. coding: of its frames. sent_to: the end of those that its client
+    was ever sent. reached: what became of constraints that the client may not have heard of, oldest first, each with
+    the end of what was sent before: once the client shows a frame from there on it has heard of it. lease: to write its
+    record in the store, None where nothing is kept of it; durable: the last said of what is kept. told_epoch: of the
+    newest token that the client was seen to have.
     """
 
     key: SessionKey
@@ -107,7 +109,8 @@ class SessionEntry:
     answers: KeptAnswers = field(default_factory=KeptAnswers)
     asked_options: dict[int, tuple[SetOptions, Callable[[bool], None]]] = field(default_factory=dict)
     coding: FrameCoding = PLAIN
-    reached: deque[ConstraintReached] = field(default_factory=lambda: deque(maxlen=MAX_KEPT_ANSWERS))
+    sent_to: int = 0
+    reached: deque[tuple[ConstraintReached, int]] = field(default_factory=lambda: deque(maxlen=MAX_KEPT_ANSWERS))
     lease: Lease | None = None
     told_epoch: int = 1
     durable: Durable | None = None
@@ -183,7 +186,7 @@ class SessionEntry:
             if self.token:
                 self.answers.keep(said)
         elif isinstance(said, ConstraintReached) and self.token:
-            self.reached.append(said)
+            self.reached.append((said, self.sent_to))
         elif isinstance(said, ServiceLevel):
             self.level = said
         elif isinstance(said, Closed):
@@ -233,9 +236,8 @@ class SessionEntry:
             self.opened = replace(self.opened, placements=())
 
     def note_shown(self, frame: int) -> None:
-        """The client shows a frame, so it holds what came after the news of constraints of a look-ahead before it."""
-        lookahead = 0 if self.opened is None else self.opened.lookahead
-        while self.reached and self.reached[0].frame + lookahead < frame:
+        """The client shows a frame, and so has heard of what became of constraints before that was sent."""
+        while self.reached and self.reached[0][1] <= frame:
             self.reached.popleft()
 
     def welcome_back(self, start_frame: int, notice: PlanNotice | None) -> list[Output]:
@@ -246,5 +248,5 @@ class SessionEntry:
         said: list[Output] = [] if self.opened is None else [replace(self.opened, start_frame=start_frame)]
         said += () if notice is None else (notice,)
         said += self.answers
-        said += self.reached
+        said += (reached for reached, _ in self.reached)
         return [*said, *(each for each in (self.level, self.durable, self.closed) if each is not None)]

@@ -91,7 +91,8 @@ def adopted(
     entry.level = None if record.level is None else replace(record.level, session=key)
     for answer in record.answers:
         entry.answers.keep(replace(answer, session=key))
-    entry.reached.extend(replace(each, session=key) for each in record.reached)
+    entry.sent_to = point.next_frame
+    entry.reached.extend((replace(each, session=key), point.next_frame) for each in record.reached)
     entry.confirm(point.answered_seq)
     return entry, Open(spec, 1, now, _going_on(snapshot, point))
 

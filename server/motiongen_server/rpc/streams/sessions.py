@@ -106,6 +106,7 @@ class StreamSessions(StreamOutput):
         if entry.key.handle != entry.handle:
             said = replace(said, session=SessionKey(self.number, entry.handle))
         if isinstance(said, Chunk):
+            entry.sent_to = max(entry.sent_to, said.first_frame + len(said.rows))
             self.send_queue.put_chunk(said, entry.applied_seq, entry.coding)
         else:
             if self.tracing is not None and isinstance(said, PlanNotice):

@@ -4,7 +4,18 @@ import numpy as np
 import pytest
 
 from motiongen_server.engine.config import EngineConfig
-from motiongen_server.engine.types import Code, PlanCause, Priority, SnapshotTaken, StartPose, Waypoint
+from motiongen_server.engine.types import (
+    Code,
+    PlanCause,
+    Priority,
+    RootPath,
+    RootTrajectory,
+    SnapshotTaken,
+    StartPose,
+    Unplaced,
+    Waypoint,
+    WindowJob,
+)
 from tests.server.engine.fakes import FEATURE_DIM, FRAME, ROW_WIDTH
 from tests.server.engine.session.playing import playing, playing_state, start_job
 from tests.server.engine.stage import Stage, prompt
@@ -92,6 +103,53 @@ def test_what_is_asked_from_the_character_is_seen_from_where_it_is_after_it() ->
     assert not isinstance(path, Waypoint)
     assert led.first_frame > job.first_frame
     assert np.hypot(*np.diff(path.xz[:2], axis=0)[0]) < 0.2  # type: ignore[union-attr]
+
+
+def ahead(constraint_id: int, metres: float = 2.0) -> Unplaced:
+    """A way of so many metres straight ahead of where the character is."""
+    corner = np.array([[0.0, metres]], np.float32)
+    return Unplaced(RootPath(constraint_id, corner, 1.2, 0.3), is_relative=True)
+
+
+@pytest.mark.parametrize("after_s", [0.0, 0.005, 0.1, 0.2])
+def test_what_is_asked_from_the_character_behind_a_cut_is_seen_from_where_that_puts_it(after_s: float) -> None:
+    """Whether one plan answers both, or the cut's is still being made when the other event comes."""
+    stage, viewer = playing(priority=Priority.HERO)
+    stage.runner.step_s = lambda rows: 0.05
+    cut = [0]
+
+    def stand_there(job: WindowJob, frames: np.ndarray) -> None:
+        if job.start_pose == THERE:
+            cut[0] = job.plan
+        if cut[0] and job.plan >= cut[0]:
+            frames[:, :3] = THERE.x, 0.0, THERE.z
+
+    stage.runner.moves = stand_there
+    stage.run(1.0)
+    before = stage.set_constraints(viewer, ahead(1))
+    stage.seek(viewer, THERE)
+    stage.run(after_s)
+    behind = stage.set_constraints(viewer, ahead(2))
+    stage.run_until(lambda: behind in viewer.outcomes)
+    (seen_before,), (seen_behind,) = (viewer.outcomes[seq].placements for seq in (before, behind))
+    assert abs(seen_before.x - THERE.x) > 4.0
+    assert (seen_behind.x, seen_behind.z) == pytest.approx((THERE.x, THERE.z))
+    told = {seq: notice.valid_from for notice in viewer.notices for seq in notice.event_seqs}
+    assert (seen_before.anchor_frame, seen_behind.anchor_frame) == (told[before], told[behind])
+    held = {item.constraint_id: item for item in stage.engine.sessions[viewer.key].conditions.constraints}
+    assert isinstance(held[2], RootTrajectory)
+    assert np.hypot(*(held[2].xz[-1] - held[2].xz[0])) == pytest.approx(2.0, abs=0.1)
+
+
+def test_what_is_asked_between_two_cuts_is_seen_from_where_the_first_would_have_put_it() -> None:
+    stage, viewer = playing()
+    seqs = []
+    for number, x in enumerate((20.0, 30.0), 1):
+        stage.seek(viewer, StartPose(x, 0.0, 0.0))
+        seqs.append(stage.set_constraints(viewer, ahead(number)))
+    stage.run(1.0)
+    assert [viewer.outcomes[seq].placements[0].x for seq in seqs] == [20.0, 30.0]
+    assert sum(notice.cause is PlanCause.CUT for notice in viewer.notices) == 1
 
 
 def test_a_session_may_be_cut_before_its_first_frame() -> None:

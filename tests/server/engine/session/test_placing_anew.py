@@ -48,6 +48,15 @@ def test_where_the_prediction_was_right_nothing_is_touched() -> None:
     assert placed_anew(conditions, (edit,), anchor(40, 2.0)) == (conditions, (edit,))
 
 
+def test_where_the_frames_before_it_have_become_others_it_is_put_anew() -> None:
+    conditions, edit = pending(AHEAD, anchor(40, 2.0))
+    moved, (renewed,) = placed_anew(conditions, (edit,), anchor(40, 50.0))
+    assert renewed.placements[0].x == 50.0
+    (path,) = moved.constraints
+    assert isinstance(path, RootTrajectory)
+    assert path.xz[-1] == pytest.approx([52.0, 0.0])
+
+
 def test_what_was_replaced_since_stays_as_it_is() -> None:
     conditions, edit = pending(AHEAD, anchor(40, 2.0))
     other = replace(conditions, constraints=(Waypoint(3, 90, 1.0, 1.0),))

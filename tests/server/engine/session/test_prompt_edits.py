@@ -6,7 +6,7 @@ from motiongen_server.engine.session.conditions import Conditions
 from motiongen_server.engine.session.prompt_edits import edit_prompts
 from motiongen_server.engine.types import Code, EventRefused, Prompt, SessionKey, SetPrompts
 from tests.server.engine.session.spans import SPANS, marker
-from tests.server.engine.stage import prompt
+from tests.server.engine.stage import Stage, prompt
 
 KEY = SessionKey(1, 1)
 
@@ -132,6 +132,18 @@ def test_a_refused_edit_says_what_is_allowed(
     assert (outcome.code, outcome.reason, outcome.field) == refusal
     assert allowed in outcome.allowed
     assert outcome.event_seq == 3
+
+
+@given(st.lists(SPANS, max_size=5))
+def test_a_session_is_opened_with_prompts_as_if_one_edit_had_set_them(spans: list[Prompt]) -> None:
+    stage = Stage()
+    viewer = stage.open(prompts=tuple(spans))
+    stage.step()
+    opened = stage.engine.sessions[viewer.key].conditions
+    edited, _ = edit_prompts(Conditions(), _prompts(*spans), floor=0, limit=8)
+    assert [marker(opened.prompt_at(frame)) for frame in range(110)] == [
+        marker(edited.prompt_at(frame)) for frame in range(110)
+    ]
 
 
 def test_a_prompt_that_was_removed_is_not_set_any_more() -> None:

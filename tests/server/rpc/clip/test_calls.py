@@ -19,7 +19,7 @@ from motiongen_server.engine.types import WindowJob
 from motiongen_server.rpc.budgets.peer import Peer
 from motiongen_server.rpc.limits import Limits, PeerLimits
 from tests.contract.local import LocalServer
-from tests.server.engine.fakes import FRAME, PROMPT, ROW_WIDTH, SEED, SPEED
+from tests.server.engine.fakes import FRAME, PROMPT, ROW_WIDTH, SEED
 from tests.waiting import LIMIT_S, until_true
 
 
@@ -117,25 +117,6 @@ async def test_a_timeline_of_prompts(server: LocalServer) -> None:
     spans[1].text = "run faster"
     samples = await generate(server, clip(80, prompts=spans))
     assert [int(row[PROMPT]) for row in samples[0].rows] == [len("walk")] * 50 + [len("run faster")] * 30
-
-
-async def test_the_summary_says_how_near_each_constraint_was_met(server: LocalServer) -> None:
-    """The fake character walks along x."""
-    path = motion_pb2.RootTrajectory(positions=[0.0, 0.0, 0.0, 0.5])
-    constraints = [
-        waypoint(40, x=40 * SPEED / 20 + 0.3, z=0.4, constraint_id=7),
-        motion_pb2.Constraint(constraint_id=3, frame=0, root_trajectory=path),
-    ]
-    samples = await generate(server, clip(60, constraints=constraints))
-    summary = samples[0].summary
-    assert summary is not None
-    point, followed = summary.residuals
-    assert (point.constraint_id, point.frame_count) == (7, 1)
-    assert point.position_m.worst == pytest.approx(0.5, abs=1e-5)
-    assert not point.HasField("heading_rad")
-    assert (followed.constraint_id, followed.frame_count) == (3, 2)
-    assert followed.position_m.worst == pytest.approx(np.hypot(SPEED / 20, 0.5), abs=1e-5)
-    assert followed.position_m.mean == pytest.approx(followed.position_m.worst / 2, abs=1e-5)
 
 
 async def test_a_clip_goes_on_from_prior_frames_with_the_history_it_asks_for(server: LocalServer) -> None:

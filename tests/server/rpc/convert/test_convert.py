@@ -117,6 +117,27 @@ def test_each_kind_of_constraint_arrives() -> None:
     assert pose.positions.tolist() == [[4, 5, 6]]
 
 
+@pytest.mark.parametrize("heading", [7.0, -100.5, 1e7, -3.4e38])
+def test_a_heading_of_many_turns_arrives_as_the_same_direction(heading: float) -> None:
+    waypoint = motion_pb2.Waypoint(heading=heading)
+    path = motion_pb2.RootTrajectory(positions=[0, 0, 0, 0], headings=[0.5, heading])
+    upsert = [
+        motion_pb2.Constraint(constraint_id=1, waypoint=waypoint),
+        motion_pb2.Constraint(constraint_id=2, root_trajectory=path),
+    ]
+    edit = session_pb2.EditConstraints(upsert=upsert)
+    event = convert(session_pb2.SessionEvent(event_seq=2, edit_constraints=edit))
+    assert isinstance(event, SetConstraints)
+    place, way = event.upsert
+    assert isinstance(place, Waypoint)
+    assert isinstance(way, RootTrajectory)
+    assert place.heading is not None
+    assert way.heading is not None
+    wanted = math.fmod(waypoint.heading, math.tau)  # as float32 has it
+    assert abs(place.heading) < math.tau
+    assert (place.heading, way.heading[0], way.heading[1]) == pytest.approx((wanted, 0.5, wanted))
+
+
 def test_the_small_events_arrive() -> None:
     report = session_pb2.Playhead(frame=5, buffered_to=40, underruns=2)
     assert convert(session_pb2.SessionEvent(playhead=report)) == Playhead(KEY, 0, 12.5, 5, 40, 2)

@@ -4,10 +4,21 @@ from __future__ import annotations
 
 from dataclasses import replace
 
+import numpy as np
 import pytest
 
 from motiongen.v1 import session_pb2
-from motiongen_server.engine.types import Code, Outcome, Placement, SessionKey, Warned
+from motiongen_server.engine.types import (
+    Chunk,
+    Code,
+    ConstraintReached,
+    Outcome,
+    Placement,
+    PlanCause,
+    PlanNotice,
+    SessionKey,
+    Warned,
+)
 from motiongen_server.rpc.sessions.kept_answers import (
     MAX_KEPT_ANSWERS,
     MAX_KEPT_BYTES,
@@ -86,3 +97,19 @@ async def test_they_count_among_what_is_held_for_a_stream_until_its_client_has_h
     assert line.stream.num_waiting_bytes > 256 * PLACEMENT_OBJECT_BYTES
     line.send(0, playhead=session_pb2.Playhead(frame=0, answered_seq=2))
     assert line.stream.num_waiting_bytes == 0
+
+
+async def test_news_of_a_constraint_is_kept_until_a_frame_is_shown_that_was_sent_after_it() -> None:
+    """However long ago the frame was that came nearest: of a range of frames the news comes with the last."""
+    line = Line(kept=(kept := KeptSessions(30.0)))
+    line.open()
+    key, rows = line.engine.events[0].session, np.zeros((60, 3), np.float32)
+    reached = ConstraintReached(key, 3, False, 5, 1, None, None, None)
+    line.stream.take(PlanNotice(key, 1, 0, PlanCause.CONTINUE, ()), Chunk(key, 1, 0, rows, 20), reached)
+    entry = kept.find(line.updates()[0].opened.session_token)
+    assert entry is not None
+    line.send(0, playhead=session_pb2.Playhead(frame=59))
+    assert reached in entry.welcome_back(60, None)
+    line.stream.take(Chunk(key, 1, 60, rows, 80))
+    line.send(0, playhead=session_pb2.Playhead(frame=60))
+    assert reached not in entry.welcome_back(60, None)

@@ -114,18 +114,20 @@ void ClientCore::on_message(const wire::Piece* pieces, std::size_t size) {
   wire::Cursor message(pieces, size);
   std::uint32_t field = 0;
   std::uint32_t type = 0;
-  while (message.left() > 0) {
+  bool readable = true;
+  while (readable && message.left() > 0) {
     wire::Cursor inner;
     wire::Update update;
-    if (!message.read_tag(field, type)) break;
+    readable = message.read_tag(field, type);
+    if (!readable) break;
     if (field != v1::StreamMotionResponse::kUpdatesFieldNumber || type != wire::kLength) {
-      if (!message.skip_value(type)) break;
-    } else if (message.read_message(inner) && wire::read_update(inner, update)) {
-      take_update(update, now);
+      readable = message.skip_value(type);
     } else {
-      break;
+      readable = message.read_message(inner) && wire::read_update(inner, update) && take_update(update, now);
     }
   }
+  // what stood in it and behind it is lost, and nobody may play on as if it had never been said
+  if (!readable) drop_call(violation("an update of the server cannot be read"));
   flush();
   events_.dispatch();
 }
@@ -202,12 +204,12 @@ void ClientCore::open_waiting(double now) {
   forget_closed();
 }
 
-void ClientCore::take_update(const wire::Update& update, double now) {
+bool ClientCore::take_update(const wire::Update& update, double now) {
   std::shared_ptr<SessionState> state;
   {
     const std::lock_guard<std::mutex> lock(mutex_);
     const auto found = sessions_.find(update.session);
-    if (found == sessions_.end()) return;  // what was under way when it ended here
+    if (found == sessions_.end()) return true;  // what was under way when it ended here
     state = found->second;
   }
   bool over = false;
@@ -240,15 +242,16 @@ void ClientCore::take_update(const wire::Update& update, double now) {
     }
     over = state->phase == Phase::closed;
   }
-  if (!readable) return drop_call(violation("an update of the server cannot be read"));
+  if (!readable) return false;
   if (is_answer) {
     follow(state);
     const std::lock_guard<std::mutex> lock(state->mutex);
     over = state->phase == Phase::closed;
   }
-  if (!over) return;
+  if (!over) return true;
   const std::lock_guard<std::mutex> lock(mutex_);
   sessions_.erase(update.session);
+  return true;
 }
 
 bool ClientCore::is_opening(const SessionState& state) {

@@ -117,7 +117,8 @@ class ClientCore final : public CallUser, public std::enable_shared_from_this<Cl
   void take_hello(const v1::ServerHello& hello);
   void take_goodbye(const v1::Goodbye& goodbye);
   void drop_call(const Status& status);
-  void take_update(const wire::Update& update, double now);
+  // False where it cannot be read.
+  bool take_update(const wire::Update& update, double now);
   static bool is_opening(const SessionState& state);
   bool knows_rig_of(const v1::SessionOpened& opened) const;
   std::vector<std::shared_ptr<SessionState>> sessions() const;

@@ -104,6 +104,22 @@ TEST(HostileServer, ARefusalForACenturyIsAskedAboutAgainAfterAnHour) {
   EXPECT_EQ(stage.state.retry_at_s, 3600) << "heard at 0 s";
 }
 
+TEST(HostileServer, AnUpdateThatCannotBeReadEndsTheStreamAndIsNotPassedOver) {
+  ScriptedServer server;
+  server.hear = [](const v1::SessionEvent& event, ScriptedServer::Stream& stream) {
+    if (!event.has_open()) return;
+    v1::StreamMotionResponse said;  // with an update whose first number has no end
+    said.GetReflection()->MutableUnknownFields(&said)->AddLengthDelimited(v1::StreamMotionResponse::kUpdatesFieldNumber,
+                                                                          "\xFF\xFF");
+    stream.Write(said);
+  };
+  auto client = Client::connect(server.options());
+  ASSERT_TRUE(client) << client.status().message();
+  auto session = client->open({});
+  ASSERT_TRUE(session);
+  EXPECT_EQ(session->wait_open(60).status().reason(), "PROTOCOL_VIOLATION");
+}
+
 // The parts of a clip of ten frames.
 struct Parts {
   Catalog known = catalog();

@@ -47,7 +47,8 @@ struct ClientOptions {
   bool reconnect = true;           // after a loss; else sessions end with it
   std::string agent;               // added to the library's name in the server's logs, as far as 100 bytes go
   // Called with each event, one at a time, on a thread of the library; absent: events wait for `next_event`. It may
-  // call anything but what waits, and may destroy sessions and the client itself.
+  // call anything but what waits, and may destroy sessions and the client itself. It must not throw: an exception that
+  // leaves it ends the program.
   std::function<void(const Event&)> on_event;
 };
 

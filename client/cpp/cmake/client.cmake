@@ -48,6 +48,7 @@ add_library(motiongen_client
   src/client/frame_shift.cpp
   src/client/outbox.cpp
   src/client/placing.cpp
+  src/client/reached.cpp
   src/client/route.cpp
   src/client/session.cpp
   src/client/session_edits.cpp

@@ -16,8 +16,8 @@ namespace motiongen {
 
 struct ClientOptions {
   std::string address;  // host:port, or unix:PATH for a socket of this machine
-  // Of servers that share a store of sessions: tried in turn where the one before does not answer or goes away, and
-  // where one that has no room names them. The token is sent to no others.
+  // Of servers that share a store of sessions: tried in turn where the one before does not answer within 5 s or goes
+  // away, and where one that has no room names them. The token is sent to no others.
   std::vector<std::string> other_addresses;
   // By which a proxy chooses a server, sent as x-motiongen-key with every call; empty: one is drawn. Letters, digits, -
   // . _

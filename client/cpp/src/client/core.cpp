@@ -154,9 +154,7 @@ bool ClientCore::take_stream_event(const wire::Cursor& all) {
     } else if (field == v1::StreamMotionResponse::kPongFieldNumber) {
       v1::Pong pong;
       readable = pong.ParseFromString(scratch_);
-      round_trip_s_ = now_s() - static_cast<double>(pong.client_time_ns()) / 1e9;
-      const std::lock_guard<std::mutex> lock(mutex_);
-      backoff_.note_pong();
+      if (readable) take_pong(pong.client_time_ns());
     } else if (field == v1::StreamMotionResponse::kGoodbyeFieldNumber) {
       v1::Goodbye goodbye;
       readable = goodbye.ParseFromString(scratch_);
@@ -181,6 +179,14 @@ void ClientCore::take_hello(const v1::ServerHello& hello) {
   event.kind = EventKind::connected;
   events_.push(std::move(event));
   open_waiting(now_s());
+}
+
+void ClientCore::take_pong(std::int64_t pinged_ns) {
+  const std::lock_guard<std::mutex> lock(mutex_);
+  if (pinged_ns <= ponged_ns_ || pinged_ns > pinged_ns_) return;  // it answers no ping, and says nothing of the line
+  ponged_ns_ = pinged_ns;
+  round_trip_s_ = now_s() - static_cast<double>(pinged_ns) / 1e9;
+  backoff_.note_pong();
 }
 
 void ClientCore::take_goodbye(const v1::Goodbye& goodbye) {

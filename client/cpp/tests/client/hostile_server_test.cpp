@@ -120,6 +120,26 @@ TEST(HostileServer, AnUpdateThatCannotBeReadEndsTheStreamAndIsNotPassedOver) {
   EXPECT_EQ(session->wait_open(60).status().reason(), "PROTOCOL_VIOLATION");
 }
 
+TEST(HostileServer, APongThatAnswersNoPingSaysNothingOfTheLine) {
+  ScriptedServer server;
+  server.hear = [](const v1::SessionEvent& event, ScriptedServer::Stream& stream) {
+    if (!event.has_open()) return;
+    v1::StreamMotionResponse said;
+    said.mutable_pong()->set_client_time_ns(std::numeric_limits<std::int64_t>::min());
+    said.add_updates()->set_session(event.session());
+    said.mutable_updates(0)->mutable_opened()->set_rig_id("r");
+    said.mutable_updates(0)->mutable_opened()->set_model_id("m");
+    stream.Write(said);
+  };
+  auto client = Client::connect(server.options());
+  ASSERT_TRUE(client) << client.status().message();
+  auto session = client->open({});
+  ASSERT_TRUE(session && session->wait_open(60));
+  const double round_trip_s = client->stats().round_trip_s;
+  EXPECT_GE(round_trip_s, 0);
+  EXPECT_LT(round_trip_s, 1e6) << "three centuries, it says";
+}
+
 // The parts of a clip of ten frames.
 struct Parts {
   Catalog known = catalog();

@@ -48,6 +48,7 @@ add_library(motiongen_client
   src/client/frame_shift.cpp
   src/client/outbox.cpp
   src/client/placing.cpp
+  src/client/reached.cpp
   src/client/route.cpp
   src/client/session.cpp
   src/client/session_edits.cpp
@@ -70,6 +71,6 @@ target_link_libraries(motiongen_client PUBLIC motiongen_core
   PRIVATE $<BUILD_INTERFACE:motiongen_library_flags> gRPC::grpc++ protobuf::libprotobuf Threads::Threads)
 target_precompile_headers(motiongen_client PRIVATE <grpcpp/grpcpp.h> <grpcpp/generic/generic_stub.h>)
 set_target_properties(motiongen_client PROPERTIES VERSION ${PROJECT_VERSION} SOVERSION 0 EXPORT_NAME client)
-# calls a function of the application, which may throw; the precompiled headers are compiled without exceptions
-set_source_files_properties(src/client/call_metadata.cpp PROPERTIES COMPILE_OPTIONS -fexceptions
+# call functions of the application, which may throw; the precompiled headers are compiled without exceptions
+set_source_files_properties(src/client/call_metadata.cpp src/client/events.cpp PROPERTIES COMPILE_OPTIONS -fexceptions
   SKIP_PRECOMPILE_HEADERS ON)

@@ -7,6 +7,7 @@ add_library(motiongen_core
   src/core/ground_lifts.cpp
   src/core/pose.cpp
   src/core/retarget.cpp
+  src/core/retarget_checks.cpp
   src/core/rig.cpp
   src/core/sampling.cpp
   src/core/status.cpp

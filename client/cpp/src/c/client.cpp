@@ -63,6 +63,22 @@ motiongen::Result<std::string> token_of(const motiongen_client_options& given) {
   return token;
 }
 
+// Rows of another width would be taken for as many others as their numbers make.
+motiongen::Status check_row_floats(const motiongen::Catalog& catalog, const motiongen_session_options& given) {
+  const std::string model_id = text(given.model_id);
+  for (const motiongen::Model& model : catalog.models) {
+    if (!model_id.empty() && model.model_id != model_id) continue;
+    for (const motiongen::Rig& rig : catalog.rigs) {
+      if (rig.rig_id != model.rig_id || rig.row_width == given.prior_row_floats) continue;
+      return motiongen::invalid(
+          "prior_row_floats", std::to_string(given.prior_row_floats),
+          std::to_string(rig.row_width) + ", as rows of rig " + rig.rig_id + " without outputs have");
+    }
+    return {};
+  }
+  return {};  // opening it says that there is no such model
+}
+
 }  // namespace
 
 uint32_t motiongen_abi_version(void) { return MOTIONGEN_ABI_VERSION; }
@@ -104,7 +120,7 @@ int32_t motiongen_client_is_connected(const motiongen_client* client) {
 
 int32_t motiongen_client_next_event(motiongen_client* client, motiongen_event* event) {
   Event next;
-  if (client == nullptr || event == nullptr || !client->client.next_event(next)) return 0;
+  if (client == nullptr || !motiongen::c::has_size(event) || !client->client.next_event(next)) return 0;
   motiongen_event told;
   std::memset(&told, 0, sizeof told);
   told.kind = number_of(next.kind);
@@ -157,7 +173,10 @@ motiongen_code motiongen_client_open(motiongen_client* client, const motiongen_s
   if (given.has_target_guidance != 0) chosen.constraint_guidance = given.target_guidance;
   if (given.num_outputs > 0 && given.outputs == nullptr) return motiongen::c::missing("outputs", error);
   for (uint32_t index = 0; index < given.num_outputs; ++index) chosen.outputs.push_back(text(given.outputs[index]));
-  if (given.prior_rows != nullptr) {
+  if (given.num_prior_rows > 0) {
+    if (given.prior_rows == nullptr) return motiongen::c::missing("prior_rows", error);
+    const motiongen::Status fits = check_row_floats(*client->client.catalog(), given);
+    if (!fits) return answer(fits, error);
     chosen.prior_rows.assign(given.prior_rows,
                              given.prior_rows + std::size_t{given.num_prior_rows} * given.prior_row_floats);
   }

@@ -82,7 +82,7 @@ uint64_t motiongen_clip_seed(const motiongen_clip* clip, uint32_t sample) {
 motiongen_code motiongen_clip_residual(const motiongen_clip* clip, uint32_t sample, uint32_t target,
                                        motiongen_residual* residual, motiongen_error* error) {
   const motiongen::Clip* found = sample_of(clip, sample);
-  if (found == nullptr || residual == nullptr) return missing("clip, sample, residual", error);
+  if (found == nullptr || !motiongen::c::has_size(residual)) return missing("clip, sample, residual", error);
   if (target >= found->residuals.size()) {
     return answer(
         motiongen::invalid("target", std::to_string(target), "less than " + std::to_string(found->residuals.size())),

@@ -16,7 +16,7 @@ motiongen_code motiongen_ground_create(const motiongen_session* session, motiong
   auto made =
       motiongen::Ground::make(rig, [heights, context](double x_m, double z_m) { return heights(context, x_m, z_m); });
   if (!made) return answer(made.status(), error);
-  *ground = new motiongen_ground{motiongen::GroundFollower(std::move(made).value())};
+  *ground = new motiongen_ground{motiongen::GroundFollower(std::move(made).value()), {}};
   return answer({}, error);
 }
 
@@ -28,6 +28,7 @@ int32_t motiongen_session_sample_on_ground(motiongen_session* session, motiongen
     missing("session, ground, row", error);
     return 0;
   }
+  const std::lock_guard<std::mutex> lock(ground->mutex);
   const auto shown = session->session.sample_on_ground(ground->follower, {row, row_floats});
   answer(shown.status(), error);
   return shown && shown.value() ? 1 : 0;
@@ -36,6 +37,7 @@ int32_t motiongen_session_sample_on_ground(motiongen_session* session, motiongen
 motiongen_code motiongen_ground_apply(motiongen_ground* ground, float* rows, uint32_t num_rows,
                                       motiongen_error* error) {
   if (ground == nullptr || rows == nullptr) return missing("ground, rows", error);
+  const std::lock_guard<std::mutex> lock(ground->mutex);
   const std::size_t row_floats = ground->follower.rig().row_width;
   return answer(ground->follower.ground().apply({rows, num_rows * row_floats}), error);
 }

@@ -1,6 +1,7 @@
 // What the opaque handles of the C interface point to.
 #pragma once
 
+#include <mutex>
 #include <vector>
 
 #include "motiongen/client/client.hpp"
@@ -20,4 +21,5 @@ struct motiongen_session {
 
 struct motiongen_ground {
   motiongen::GroundFollower follower;
+  std::mutex mutex;  // its calls share what the follower computes with
 };

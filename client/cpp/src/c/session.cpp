@@ -25,7 +25,7 @@ motiongen_code motiongen_session_wait_open(motiongen_session* session, double ti
 // ---- its rig
 
 motiongen_code motiongen_session_rig(const motiongen_session* session, motiongen_rig* rig, motiongen_error* error) {
-  if (session == nullptr || rig == nullptr) return missing("session, rig", error);
+  if (session == nullptr || !motiongen::c::has_size(rig)) return missing("session, rig", error);
   const motiongen::Rig& known = session->session.rig();
   if (known.num_joints() == 0) return answer(not_open(), error);
   motiongen_rig told;

@@ -126,7 +126,7 @@ motiongen_code motiongen_session_replace_target(motiongen_session* session, uint
 
 motiongen_code motiongen_session_placement(const motiongen_session* session, uint32_t target,
                                            motiongen_placement* placement, motiongen_error* error) {
-  if (session == nullptr || placement == nullptr) return missing("session, placement", error);
+  if (session == nullptr || !motiongen::c::has_size(placement)) return missing("session, placement", error);
   const auto found = session->session.placement(target);
   if (!found) {
     return answer({motiongen::Code::not_found, "NOT_PLACED",

@@ -12,11 +12,17 @@
 
 namespace motiongen::c {
 
+// Whether a struct of the caller can be read or written: it is not NULL and says how big it is.
+template <class T>
+bool has_size(const T* given) {
+  return given != nullptr && given->struct_size >= sizeof given->struct_size;
+}
+
 // The caller's struct, its missing end as zeros. false where it is NULL or has no size.
 template <class T>
 bool read(const T* given, T& known) {
   std::memset(&known, 0, sizeof known);
-  if (given == nullptr || given->struct_size < sizeof given->struct_size) return false;
+  if (!has_size(given)) return false;
   std::memcpy(&known, given, std::min<std::size_t>(given->struct_size, sizeof known));
   return true;
 }
@@ -24,7 +30,7 @@ bool read(const T* given, T& known) {
 // As much of ours as the caller's struct has room for; its struct_size stays.
 template <class T>
 void write(T known, T* given) {
-  if (given == nullptr || given->struct_size < sizeof given->struct_size) return;
+  if (!has_size(given)) return;
   known.struct_size = given->struct_size;
   std::memcpy(given, &known, std::min<std::size_t>(given->struct_size, sizeof known));
 }

@@ -79,6 +79,7 @@ Result<Target> target_of(const motiongen_target* from) {
 Result<Prompt> prompt_of(const motiongen_prompt* from) {
   motiongen_prompt given;
   if (!read(from, given)) return no_pointer("prompt");
+  if (given.num_embedding > 0 && given.embedding == nullptr) return no_pointer("embedding");
   Prompt prompt(text(given.text));
   prompt.preset_id = text(given.preset_id);
   prompt.text_encoder = text(given.text_encoder);

@@ -108,6 +108,48 @@ std::optional<EditId> SessionBook::answer(std::uint64_t event_seq, const std::op
   return edit;
 }
 
+std::vector<std::uint32_t> SessionBook::targets_of(std::uint64_t event_seq) const {
+  std::vector<std::uint32_t> ids;
+  for (const Pending& each : pending_) {
+    if (each.event.event_seq() != event_seq) continue;
+    for (const v1::Constraint& constraint : each.event.edit_constraints().upsert()) {
+      ids.push_back(constraint.constraint_id());
+    }
+  }
+  return ids;
+}
+
+bool SessionBook::is_being_set(std::uint32_t target) const {
+  const auto has_id = [target](const v1::Constraint& each) { return each.constraint_id() == target; };
+  return std::any_of(pending_.begin(), pending_.end(), [&has_id](const Pending& each) {
+    const auto& upsert = each.event.edit_constraints().upsert();
+    return std::any_of(upsert.begin(), upsert.end(), has_id);
+  });
+}
+
+bool SessionBook::expects(std::uint32_t target) const {
+  const auto has_id = [target](const v1::Constraint& each) { return each.constraint_id() == target; };
+  return is_being_set(target) || std::any_of(constraints_.begin(), constraints_.end(), has_id);
+}
+
+std::vector<std::uint32_t> SessionBook::passed_at(std::uint64_t frame) const {
+  std::vector<std::uint32_t> ids;
+  for (const v1::Constraint& each : constraints_) {
+    if (!left(each, frame)) ids.push_back(each.constraint_id());
+  }
+  return ids;
+}
+
+void SessionBook::reopened(std::uint64_t base, const std::vector<Placement>& placements) {
+  // of a path that was walked in part the new session has the rest, and its placement is of that
+  for (v1::Constraint& each : constraints_) {
+    if (!each.has_root_path()) continue;
+    auto rest = left(each, base);
+    if (rest) each = std::move(*rest);
+  }
+  place(placements);
+}
+
 void SessionBook::opened(const std::vector<Placement>& placements) {
   if (opened_) return;
   opened_ = true;

@@ -77,12 +77,28 @@ class SessionBook {
     if (cut_) change(*cut_->event.mutable_seek());
   }
 
+  // The targets that an event without an answer sets.
+  std::vector<std::uint32_t> targets_of(std::uint64_t event_seq) const;
+  // Whether an event without an answer sets a target.
+  bool is_being_set(std::uint32_t target) const;
+  // Whether a target may be told of: it is on its way, or was accepted and is not over.
+  bool expects(std::uint32_t target) const;
+  // The targets of which nothing is left at a frame: a session that is opened anew there is not told of them.
+  std::vector<std::uint32_t> passed_at(std::uint64_t frame) const;
+
   // The answer to the event with a number: which edit it was, 0 for one of ours; nothing where none waits. What was
   // accepted is kept. taken: nothing where it was refused.
   std::optional<EditId> answer(std::uint64_t event_seq, const std::optional<Taken>& taken);
 
   // The server has opened it: prompts and constraints of the opening hold.
   void opened(const std::vector<Placement>& placements);
+
+  // It was opened anew as `reopening(base, ...)` says: what is left of its constraints is where the new session has put
+  // it.
+  void reopened(std::uint64_t base, const std::vector<Placement>& placements);
+
+  // Frames before the first that a window sees, as they were asked for last; 0: the model's own.
+  std::uint32_t history_frames() const { return open_.history_frames(); }
 
   // Constraints before a frame have been played and are not needed any more.
   void forget_before(std::uint64_t frame);

@@ -63,7 +63,7 @@ Result<std::vector<Clip>> ClientCore::generate_clip(const ClipOptions& options) 
   if (events_.in_callback()) {
     return Status(Code::failed_precondition, "IN_CALLBACK", "a clip cannot be waited for inside an event callback");
   }
-  const auto known = catalog();
+  auto known = catalog();
   Status checked = check(options, known->limits);
   if (!checked) return checked;
   ShortCall call(*this, options.timeout_s);
@@ -74,6 +74,10 @@ Result<std::vector<Clip>> ClientCore::generate_clip(const ClipOptions& options) 
   v1::GenerateClipResponse part;
   Status broken;
   while (broken && reader->Read(&part)) {
+    if (part.has_opened() && !knows_rig_of(part.opened())) {  // of a model that was loaded since
+      static_cast<void>(fetch_catalog(kAskTimeoutS));
+      known = catalog();
+    }
     broken = part.sample() < samples.size()
                  ? samples[part.sample()].take(part, *known, options)
                  : violation("sample " + std::to_string(part.sample()) + " was not asked for");

@@ -56,11 +56,18 @@ Status ClientCore::try_connect(double deadline_s) {
   }
   Status begun = begin_call();
   if (!begun) return begun;
+  const auto is_over = [this] { return call_ == nullptr; };
   std::unique_lock<std::mutex> lock(mutex_);
   const auto left = std::chrono::duration<double>(std::max(deadline_s - now_s(), 0.1));
-  changed_.wait_for(lock, left, [this] { return connected_ || call_ == nullptr; });
+  const bool told = changed_.wait_for(lock, left, [&] { return connected_ || is_over(); });
   if (connected_) return {};
-  return failure_.ok() ? Status(Code::deadline_exceeded, "", "no hello came in time") : failure_;
+  if (told) return failure_;
+  lock.unlock();
+  Status late(Code::deadline_exceeded, "", "no hello came in time");
+  drop_call(late);  // the next call, perhaps to another server, is the only one then
+  lock.lock();
+  changed_.wait_for(lock, std::chrono::duration<double>(kCancelGraceS), is_over);
+  return late;
 }
 
 Status ClientCore::connect() {
@@ -68,11 +75,14 @@ Status ClientCore::connect() {
   if (!checked) return checked;
   make_channels();
   const double deadline_s = now_s() + bounded_s(options_.connect_timeout_s);
+  const bool has_others = servers_.size() > 1;
   Status why;
   for (double wait_s = Backoff::kFirstS;; wait_s = std::min(Backoff::kGrowth * wait_s, Backoff::kMostS)) {
-    why = try_connect(deadline_s);
+    // one that takes the call and says nothing is not waited for while others might answer
+    why = try_connect(has_others ? std::min(deadline_s, now_s() + kAskTimeoutS) : deadline_s);
     // it is loading its model, was lost meanwhile, or is asked for too much at the moment
-    const bool may_pass = why.code() == Code::unavailable || why.code() == Code::resource_exhausted;
+    const bool may_pass = why.code() == Code::unavailable || why.code() == Code::resource_exhausted ||
+                          (has_others && why.code() == Code::deadline_exceeded);
     const double left_s = deadline_s - now_s();
     if (!may_pass || lacks_token(why) || left_s <= 0) break;
     std::this_thread::sleep_for(std::chrono::duration<double>(std::min(wait_s, left_s)));

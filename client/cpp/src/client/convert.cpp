@@ -5,6 +5,7 @@
 
 #include "client/outbox.hpp"
 #include "client/texts.hpp"
+#include "motiongen/core/timeline.hpp"
 
 namespace motiongen::convert {
 namespace {
@@ -66,6 +67,11 @@ Status check(const SessionOptions& options) {
   }
   for (const Target& target : options.targets) {
     if (checked) checked = check(target);
+  }
+  const bool keeps_all = options.keep_frames == TimelineOptions::kKeepAll;
+  if (checked && options.keep_frames > TimelineOptions::kMostKept && !keeps_all) {
+    checked = invalid("keep_frames", std::to_string(options.keep_frames),
+                      "up to " + std::to_string(TimelineOptions::kMostKept) + ", or TimelineOptions::kKeepAll");
   }
   return checked;
 }

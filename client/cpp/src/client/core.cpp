@@ -114,18 +114,20 @@ void ClientCore::on_message(const wire::Piece* pieces, std::size_t size) {
   wire::Cursor message(pieces, size);
   std::uint32_t field = 0;
   std::uint32_t type = 0;
-  while (message.left() > 0) {
+  bool readable = true;
+  while (readable && message.left() > 0) {
     wire::Cursor inner;
     wire::Update update;
-    if (!message.read_tag(field, type)) break;
+    readable = message.read_tag(field, type);
+    if (!readable) break;
     if (field != v1::StreamMotionResponse::kUpdatesFieldNumber || type != wire::kLength) {
-      if (!message.skip_value(type)) break;
-    } else if (message.read_message(inner) && wire::read_update(inner, update)) {
-      take_update(update, now);
+      readable = message.skip_value(type);
     } else {
-      break;
+      readable = message.read_message(inner) && wire::read_update(inner, update) && take_update(update, now);
     }
   }
+  // what stood in it and behind it is lost, and nobody may play on as if it had never been said
+  if (!readable) drop_call(violation("an update of the server cannot be read"));
   flush();
   events_.dispatch();
 }
@@ -152,9 +154,7 @@ bool ClientCore::take_stream_event(const wire::Cursor& all) {
     } else if (field == v1::StreamMotionResponse::kPongFieldNumber) {
       v1::Pong pong;
       readable = pong.ParseFromString(scratch_);
-      round_trip_s_ = now_s() - static_cast<double>(pong.client_time_ns()) / 1e9;
-      const std::lock_guard<std::mutex> lock(mutex_);
-      backoff_.note_pong();
+      if (readable) take_pong(pong.client_time_ns());
     } else if (field == v1::StreamMotionResponse::kGoodbyeFieldNumber) {
       v1::Goodbye goodbye;
       readable = goodbye.ParseFromString(scratch_);
@@ -181,6 +181,14 @@ void ClientCore::take_hello(const v1::ServerHello& hello) {
   open_waiting(now_s());
 }
 
+void ClientCore::take_pong(std::int64_t pinged_ns) {
+  const std::lock_guard<std::mutex> lock(mutex_);
+  if (pinged_ns <= ponged_ns_ || pinged_ns > pinged_ns_) return;  // it answers no ping, and says nothing of the line
+  ponged_ns_ = pinged_ns;
+  round_trip_s_ = now_s() - static_cast<double>(pinged_ns) / 1e9;
+  backoff_.note_pong();
+}
+
 void ClientCore::take_goodbye(const v1::Goodbye& goodbye) {
   {
     const std::lock_guard<std::mutex> lock(mutex_);
@@ -202,12 +210,12 @@ void ClientCore::open_waiting(double now) {
   forget_closed();
 }
 
-void ClientCore::take_update(const wire::Update& update, double now) {
+bool ClientCore::take_update(const wire::Update& update, double now) {
   std::shared_ptr<SessionState> state;
   {
     const std::lock_guard<std::mutex> lock(mutex_);
     const auto found = sessions_.find(update.session);
-    if (found == sessions_.end()) return;  // what was under way when it ended here
+    if (found == sessions_.end()) return true;  // what was under way when it ended here
     state = found->second;
   }
   bool over = false;
@@ -240,15 +248,16 @@ void ClientCore::take_update(const wire::Update& update, double now) {
     }
     over = state->phase == Phase::closed;
   }
-  if (!readable) return drop_call(violation("an update of the server cannot be read"));
+  if (!readable) return false;
   if (is_answer) {
     follow(state);
     const std::lock_guard<std::mutex> lock(state->mutex);
     over = state->phase == Phase::closed;
   }
-  if (!over) return;
+  if (!over) return true;
   const std::lock_guard<std::mutex> lock(mutex_);
   sessions_.erase(update.session);
+  return true;
 }
 
 bool ClientCore::is_opening(const SessionState& state) {

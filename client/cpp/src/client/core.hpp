@@ -115,9 +115,11 @@ class ClientCore final : public CallUser, public std::enable_shared_from_this<Cl
 
   bool take_stream_event(const wire::Cursor& message);
   void take_hello(const v1::ServerHello& hello);
+  void take_pong(std::int64_t pinged_ns);
   void take_goodbye(const v1::Goodbye& goodbye);
   void drop_call(const Status& status);
-  void take_update(const wire::Update& update, double now);
+  // False where it cannot be read.
+  bool take_update(const wire::Update& update, double now);
   static bool is_opening(const SessionState& state);
   bool knows_rig_of(const v1::SessionOpened& opened) const;
   std::vector<std::shared_ptr<SessionState>> sessions() const;
@@ -170,6 +172,8 @@ class ClientCore final : public CallUser, public std::enable_shared_from_this<Cl
   Backoff backoff_;
   std::size_t num_failures_ = 0;  // to connect, since the last loss
   double next_ping_s_ = 0;
+  std::int64_t pinged_ns_ = 0;  // when the last ping was sent, and the last that was answered
+  std::int64_t ponged_ns_ = 0;
   bool woken_ = false;
   std::thread worker_;
   std::minstd_rand jitter_{std::random_device{}()};

@@ -1,6 +1,14 @@
+// Compiled with exceptions, unlike the rest of the library: the callback is the application's.
 #include "client/events.hpp"
 
 namespace motiongen {
+namespace {
+
+// An exception ends the program where it is thrown. Left to gRPC, whose thread this may be, it would vanish, and the
+// stream and whoever destroys the client would wait for ever.
+void call(const std::function<void(const Event&)>& callback, const Event& event) noexcept { callback(event); }
+
+}  // namespace
 
 void EventQueue::push(Event event) {
   const std::lock_guard<std::mutex> lock(mutex_);
@@ -21,7 +29,7 @@ void EventQueue::dispatch() {
     const Event event = std::move(events_.front());
     events_.pop_front();
     lock.unlock();
-    callback_(event);
+    call(callback_, event);
     lock.lock();
   }
   dispatching_ = std::thread::id();

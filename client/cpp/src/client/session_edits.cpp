@@ -107,9 +107,16 @@ Result<EditId> Session::replace_target(std::uint32_t id, const Target& target) {
   {
     const std::lock_guard<std::mutex> lock(state_->mutex);
     if (!state_->book.knows_constraint(id)) return unknown_id("id", id);
-    state_->forget_reached(id);
   }
-  return core_->edit(*state_, std::move(event));
+  auto sent = core_->edit_with(*state_, [&] {
+    state_->reached_book.forget(id);
+    return std::move(event);
+  });
+  if (!sent) {
+    const std::lock_guard<std::mutex> lock(state_->mutex);
+    if (!state_->book.is_being_set(id)) state_->reached_book.settle(id, false);
+  }
+  return sent;
 }
 
 Result<EditId> Session::go_to(float x_m, float z_m, std::optional<float> heading_rad, bool relative_to_character,

@@ -6,6 +6,13 @@
 #include "motiongen/client/session.hpp"
 
 namespace motiongen {
+namespace {
+
+Status too_short(Span<float> out, const Rig& rig) {
+  return invalid("out", std::to_string(out.size()) + " floats", std::to_string(rig.row_width) + " or more");
+}
+
+}  // namespace
 
 const Rig& Session::rig() const {
   static const Rig none;
@@ -41,7 +48,8 @@ Result<bool> Session::show(GroundFollower* ground, Span<float> out) {
   Status raised;
   {
     const std::lock_guard<std::mutex> lock(state_->mutex);
-    if (!state_->timeline || out.size() < state_->rig.row_width) return false;
+    if (!state_->timeline) return false;
+    if (out.size() < state_->rig.row_width) return too_short(out, state_->rig);
     began = !state_->timeline->started();
     shown = state_->options.clock == Clock::manual ? state_->timeline->sample_here(now_s(), state_->rig, out)
                                                    : state_->timeline->sample(now_s(), state_->rig, out);
@@ -67,9 +75,7 @@ std::optional<std::uint64_t> Session::frame(Span<float> out) {
 Status Session::copy_frame(std::uint64_t frame, Span<float> out) const {
   const std::lock_guard<std::mutex> lock(state_->mutex);
   if (!state_->timeline) return {Code::failed_precondition, "NOT_OPEN", "the session has not opened yet"};
-  if (out.size() < state_->rig.row_width) {
-    return invalid("out", std::to_string(out.size()) + " floats", std::to_string(state_->rig.row_width) + " or more");
-  }
+  if (out.size() < state_->rig.row_width) return too_short(out, state_->rig);
   const auto row = state_->timeline->row(frame);
   if (!row) return row.status();
   std::copy(row.value().begin(), row.value().end(), out.begin());
@@ -110,8 +116,8 @@ std::uint64_t Session::buffered_to() const {
 std::uint64_t Session::frame_in(double seconds) const {
   const std::lock_guard<std::mutex> lock(state_->mutex);
   if (!state_->timeline || !(seconds >= 0)) return 0;
-  return state_->timeline->playhead() +
-         static_cast<std::uint64_t>(std::llround(seconds * state_->timeline->frame_rate_hz()));
+  const double frames = std::min(seconds * state_->timeline->frame_rate_hz(), static_cast<double>(kLastFrame));
+  return state_->timeline->playhead() + static_cast<std::uint64_t>(std::llround(frames));
 }
 
 SessionStats Session::stats() const {

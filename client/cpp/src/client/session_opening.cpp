@@ -21,7 +21,7 @@ std::uint32_t SessionState::prior_rows(const Catalog& catalog, std::uint64_t end
   const Model* model = convert::find_model(catalog, opened.model_id);
   if (!timeline || model == nullptr || end <= timeline->first_kept() || end > timeline->buffered_to()) return 0;
   const std::uint64_t patch = std::max<std::uint64_t>(model->patch_frames, 1);
-  const std::uint64_t asked = options.history_frames != 0 ? options.history_frames : model->default_history_frames;
+  const std::uint64_t asked = book.history_frames() != 0 ? book.history_frames() : model->default_history_frames;
   // as many as a window sees, in a message that the server takes
   const std::uint64_t row_bytes = rig.own_width * sizeof(float);
   const std::uint64_t most = Outbox::most_event_bytes(catalog.limits.max_request_bytes) / row_bytes / patch;
@@ -136,6 +136,11 @@ void SessionState::take_resumed(const v1::SessionOpened& message, const Catalog&
                                 Outbox& outbox) {
   resuming_ = false;
   token_ = message.session_token();
+  if (phase == Phase::closing) {  // its number is behind those of what was not answered
+    send_all(book.repetitions(base_), outbox, catalog, events);
+    if (phase == Phase::closing) send_close(outbox);
+    return;
+  }
   phase = Phase::open;
   ++stats.recoveries;
   Event event = event_of(EventKind::recovered);
@@ -148,7 +153,8 @@ void SessionState::take_resumed(const v1::SessionOpened& message, const Catalog&
 
 void SessionState::take_opened(const v1::SessionOpened& message, const Catalog& catalog, EventQueue& events,
                                Outbox& outbox) {
-  if (phase != Phase::opening) return;
+  const bool is_closing = phase == Phase::closing && resuming_;
+  if (phase != Phase::opening && !is_closing) return;
   if (resuming_) return take_resumed(message, catalog, events, outbox);
   const auto found = convert::session_rig(catalog, message, options.outputs);
   if (!found) return break_off(found.status(), events, outbox);
@@ -168,6 +174,7 @@ void SessionState::take_opened(const v1::SessionOpened& message, const Catalog& 
     timeline->continue_with_new_plans();
     ++stats.recoveries;
     event.frame = base_;
+    take_placements_anew();
   } else {
     const Status begun = begin(found.value(), message.start_frame(), catalog);
     if (!begun) return break_off(begun, events, outbox);
@@ -178,6 +185,15 @@ void SessionState::take_opened(const v1::SessionOpened& message, const Catalog& 
   const bool was_less = level_.tier != full.tier || level_.denoise_steps != full.denoise_steps;
   if (was_reopened && was_less) set_level(full, events);
   level_ = full;
+}
+
+// Who waits for a target that the new session is not told of hears that none will be told of it.
+void SessionState::take_placements_anew() {
+  const Status passed(Code::failed_precondition, "FRAME_COMMITTED", "the line was lost, and its frames have passed");
+  for (const std::uint32_t target : book.passed_at(base_)) {
+    if (!book.is_being_set(target)) reached_book.refuse(target, passed);
+  }
+  book.reopened(base_, opened.placements);
 }
 
 Status SessionState::begin(const Rig& of, std::uint64_t start_frame, const Catalog& catalog) {

@@ -27,7 +27,11 @@ EditId SessionState::send_edit(v1::SessionEvent event, Outbox& outbox) {
 
 void SessionState::report_before_edit(Outbox& outbox) {
   // Where a caller moves the playhead, the server cannot know how far: it is told before it chooses what to change.
-  if (options.clock == Clock::manual) report(0, 0, outbox);
+  if (options.clock != Clock::manual) return;
+  // The regular reports come as ever: another one behind each edit would use up what a session may say in a second.
+  const double regular_s = next_report_s;
+  report(0, 0, outbox);
+  next_report_s = regular_s;
 }
 
 void SessionState::set_playing(bool is_playing) {
@@ -36,12 +40,13 @@ void SessionState::set_playing(bool is_playing) {
 }
 
 void SessionState::send_close(Outbox& outbox) {
+  phase = Phase::closing;
+  if (resuming_) return;  // behind what was not answered, which goes out once the session is resumed
   v1::SessionEvent event;
   event.set_session(id);
   event.set_event_seq(book.take_seq());
   event.mutable_close();
   outbox.put(event);
-  phase = Phase::closing;
 }
 
 void SessionState::report(double now_s, double period_s, Outbox& outbox) {
@@ -170,7 +175,9 @@ void SessionState::take_outcome(const v1::EditOutcome& message, double now_s, Ev
   if (outcome.status) {
     taken = Taken{outcome.effective_frame.value_or(timeline ? timeline->playhead() : 0), outcome.placements};
   }
+  const std::vector<std::uint32_t> targets = book.targets_of(message.event_seq());
   const auto edit = book.answer(message.event_seq(), taken);
+  settle_targets(targets, outcome.status);
   if (!edit || *edit == 0) return;
   if (timeline) book.forget_before(timeline->first_kept());
   note_answer(*edit, std::move(outcome), events);
@@ -208,24 +215,8 @@ void SessionState::note_reached(const v1::ConstraintReached& message, EventQueue
   Event event = event_of(EventKind::reached);
   event.reached = convert::reached(message);
   event.reached.frame += base_;
-  const std::optional<Reached> before = find_reached(event.reached.target);
-  if (before && before->frame == event.reached.frame) return;  // told again to a session that resumes
-  reached_.push_back(event.reached);
-  if (reached_.size() > kAnswersKept) reached_.pop_front();
+  if (!reached_book.note(event.reached)) return;
   events.push(std::move(event));
-}
-
-std::optional<Reached> SessionState::find_reached(std::uint32_t target) const {
-  const auto found =
-      std::find_if(reached_.rbegin(), reached_.rend(), [&](const Reached& each) { return each.target == target; });
-  return found == reached_.rend() ? std::nullopt : std::optional<Reached>(*found);
-}
-
-void SessionState::forget_reached(std::uint32_t target) {
-  const auto is_its = [target](const Reached& each) { return each.target == target; };
-  reached_.erase(std::remove_if(reached_.begin(), reached_.end(), is_its), reached_.end());
-  const auto is_of_it = [target](const Placement& each) { return each.target == target; };
-  placements_.erase(std::remove_if(placements_.begin(), placements_.end(), is_of_it), placements_.end());
 }
 
 void SessionState::set_durable(bool is_kept, EventQueue& events) {
@@ -249,15 +240,17 @@ void SessionState::note_placements(std::vector<Placement>& placements) {
     each.last_frame += base_;
     each.arrival_frame += base_;
     each.anchor_frame += base_;
-    placements_.push_back(each);
-    if (placements_.size() > kAnswersKept) placements_.pop_front();
+    reached_book.note(each);
   }
 }
 
-std::optional<Placement> SessionState::find_placement(std::uint32_t target) const {
-  const auto found = std::find_if(placements_.rbegin(), placements_.rend(),
-                                  [target](const Placement& each) { return each.target == target; });
-  return found == placements_.rend() ? std::nullopt : std::optional<Placement>(*found);
+void SessionState::settle_targets(const std::vector<std::uint32_t>& targets, const Status& answer) {
+  for (const std::uint32_t target : targets) {
+    const bool was_taken = answer.ok();
+    if (!was_taken && book.is_being_set(target)) continue;  // another edit of it is still on its way
+    reached_book.settle(target, was_taken);
+    if (!was_taken && !book.expects(target)) reached_book.refuse(target, answer);
+  }
 }
 
 void SessionState::break_off(const Status& status, EventQueue& events, Outbox& outbox) {

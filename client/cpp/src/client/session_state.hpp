@@ -10,6 +10,7 @@
 #include "client/book.hpp"
 #include "client/events.hpp"
 #include "client/outbox.hpp"
+#include "client/reached.hpp"
 #include "client/wire.hpp"
 #include "motiongen/client/session.hpp"
 #include "motiongen/core/frame_format.hpp"
@@ -39,6 +40,7 @@ class SessionState {
   const std::uint32_t id;
   const SessionOptions options;
   SessionBook book;
+  ReachedBook reached_book;
   Phase phase = Phase::waiting;
   Rig rig;  // set when it first opens, and never changed
   std::optional<Timeline> timeline;
@@ -97,17 +99,12 @@ class SessionState {
 
   // The answer to an edit, if it has come.
   std::optional<Outcome> find_answer(EditId edit) const;
-  // What became of a target, if it was told.
-  std::optional<Reached> find_reached(std::uint32_t target) const;
-  // Where a target was put, if the server chose that.
-  std::optional<Placement> find_placement(std::uint32_t target) const;
-  // Another target takes the id: what became of the one before is not told for it.
-  void forget_reached(std::uint32_t target);
 
  private:
   void report_before_edit(Outbox& outbox);
   void take_opened(const v1::SessionOpened& message, const Catalog& catalog, EventQueue& events, Outbox& outbox);
   void take_resumed(const v1::SessionOpened& message, const Catalog& catalog, EventQueue& events, Outbox& outbox);
+  void take_placements_anew();
   Status begin(const Rig& of, std::uint64_t start_frame, const Catalog& catalog);
   void take_closed(const v1::SessionClosed& message, double now_s, EventQueue& events);
   v1::SessionEvent resuming_event();
@@ -125,6 +122,8 @@ class SessionState {
   void open_anew(EventQueue& events);
   // Turns them into the timeline's frames.
   void note_placements(std::vector<Placement>& placements);
+  // What is known of the targets of an edit now that it is answered: by OK where it was taken.
+  void settle_targets(const std::vector<std::uint32_t>& targets, const Status& answer);
   // The rows before `end`, as many as a window sees; none where they are not held. Returns how many.
   std::uint32_t prior_rows(const Catalog& catalog, std::uint64_t end, std::string& rows) const;
   void say_as_rows(v1::Seek& seek, const Catalog& catalog) const;
@@ -140,8 +139,6 @@ class SessionState {
   std::string token_;          // of the present session on the server; empty: it cannot be resumed
   std::uint32_t attempt_ = 0;  // to resume it
   std::deque<std::pair<EditId, Outcome>> answers_;
-  std::deque<Reached> reached_;
-  std::deque<Placement> placements_;
 };
 
 }  // namespace motiongen

@@ -58,18 +58,20 @@ Result<Reached> Session::wait_reached(std::uint32_t target, double timeout_s) {
   if (!checked) return checked;
   std::unique_lock<std::mutex> lock(state_->mutex);
   std::optional<Reached> found;
+  std::optional<Status> refused;
   const auto told = [&] {
-    found = state_->find_reached(target);
-    return found || state_->phase == Phase::closed;
+    found = state_->reached_book.find(target);
+    refused = state_->reached_book.find_refusal(target);
+    return found || refused || state_->phase == Phase::closed;
   };
   if (!state_->changed.wait_for(lock, of(timeout_s), told)) return too_long("reaching the target", timeout_s);
-  if (!found) return state_->ended;
-  return *found;
+  if (found) return *found;
+  return refused ? *refused : state_->ended;
 }
 
 std::optional<Placement> Session::placement(std::uint32_t target) const {
   const std::lock_guard<std::mutex> lock(state_->mutex);
-  return state_->find_placement(target);
+  return state_->reached_book.find_placement(target);
 }
 
 Status Session::wait_frame(std::uint64_t frame, double timeout_s) {

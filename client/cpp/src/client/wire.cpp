@@ -10,6 +10,7 @@ namespace {
 constexpr std::uint32_t kSession = 1;
 constexpr std::uint32_t kAppliedSeq = 2;
 constexpr std::uint32_t kUpdateFirst = 10;
+constexpr std::uint32_t kUpdateLast = 18;
 constexpr std::uint32_t kUpdateChunk = 11;
 constexpr std::uint32_t kUpdatePlan = 12;
 constexpr std::uint32_t kEvents = 1;
@@ -112,7 +113,7 @@ bool read_update(Cursor cursor, Update& update) {
       if (!cursor.read_varint(value)) return false;
       if (field == kSession) update.session = static_cast<std::uint32_t>(value);
       if (field == kAppliedSeq) update.applied_seq = value;
-    } else if (type == kLength && field >= kUpdateFirst) {
+    } else if (type == kLength && field >= kUpdateFirst && field <= kUpdateLast) {
       if (!cursor.read_message(update.body)) return false;
       update.kind = field == kUpdateChunk  ? Update::Kind::chunk
                     : field == kUpdatePlan ? Update::Kind::plan

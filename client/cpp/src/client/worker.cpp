@@ -68,7 +68,12 @@ void ClientCore::report(double now) {
 
 void ClientCore::send_ping(double now) {
   v1::StreamMotionRequest request;
-  request.mutable_ping()->set_client_time_ns(static_cast<std::int64_t>(now * 1e9));
+  const auto now_ns = static_cast<std::int64_t>(now * 1e9);
+  {
+    const std::lock_guard<std::mutex> lock(mutex_);
+    pinged_ns_ = now_ns;
+  }
+  request.mutable_ping()->set_client_time_ns(now_ns);
   if (round_trip_s_ > 0) convert::set_seconds(round_trip_s_, request.mutable_ping()->mutable_round_trip());
   outbox_.put_alone(request);
 }

@@ -100,7 +100,9 @@ struct Ground::State {
   bool step(std::size_t side, Span<const float> rows);
   void lift_hips();
   void bend(std::size_t side, Span<float> rows) const;
+  // Whether a height was told. The application is not asked for the height of no place.
   bool look(const Place& at, double& height) const {
+    if (!std::isfinite(at.x) || !std::isfinite(at.y) || !std::isfinite(at.z)) return false;
     height = heights(at.x, at.z);
     return std::isfinite(height);
   }
@@ -129,7 +131,7 @@ void Ground::State::pose(Span<const float> rows) {
   }
 }
 
-// Where the ankle shall be, and how the foot lies. Whether all heights were finite.
+// Where the ankle shall be, and how the foot lies. Whether all places and heights were finite.
 bool Ground::State::step(std::size_t side, Span<const float> rows) {
   const Leg& leg = legs[side];
   Step& made = steps[side];
@@ -253,8 +255,10 @@ Status Ground::apply(Span<float> rows) {
   const Span<const float> given(rows.data(), rows.size());
   s.pose(given);
   for (std::size_t side = 0; side < s.legs.size(); ++side) {
-    if (!s.step(side, given))
-      return invalid("heights", "a height that is not finite", "finite metres for every x and z");
+    if (!s.step(side, given)) {
+      return invalid("rows, heights", "a foot's place or a height that is not finite",
+                     "finite rows, and finite metres for every x and z");
+    }
   }
   s.lift_hips();
   for (std::size_t frame = 0; frame < s.num_frames; ++frame) {

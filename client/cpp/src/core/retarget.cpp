@@ -6,6 +6,7 @@
 
 #include "motiongen/core/pose.hpp"
 #include "quaternion.hpp"
+#include "retarget_checks.hpp"
 
 namespace motiongen {
 namespace {
@@ -50,23 +51,6 @@ Result<float> chain_length(const std::vector<std::string>& names, const std::vec
     }
   }
   return length / static_cast<float>(chains.size());
-}
-
-Status check_tree(const UserSkeleton& skeleton) {
-  const std::size_t count = skeleton.joint_names.size();
-  if (count == 0 || count > Rig::kMostJoints || skeleton.parents.size() != count ||
-      skeleton.offsets.size() != 3 * count || (!skeleton.rest_wxyz.empty() && skeleton.rest_wxyz.size() != 4 * count)) {
-    return invalid("skeleton", std::to_string(count) + " joints and lists of other lengths",
-                   "1 to 512 joints, a parent and 3 offsets for each, and 4 numbers of rest_wxyz or none");
-  }
-  for (std::size_t joint = 0; joint < count; ++joint) {
-    const std::int64_t parent = skeleton.parents[joint];
-    if (parent < -1 || parent >= static_cast<std::int64_t>(joint) || (parent < 0) != (joint == 0)) {
-      return invalid("skeleton.parents", std::to_string(parent) + " for joint " + std::to_string(joint),
-                     "-1 for joint 0 alone, parents first");
-    }
-  }
-  return {};
 }
 
 }  // namespace
@@ -163,10 +147,6 @@ Status Retargeter::State::take_drives(const JointMap& map) {
 
 Status Retargeter::State::take_scale(const JointMap& map) {
   metres_per_unit = map.metres_per_unit;
-  if (!(metres_per_unit > 0) || !(map.scale >= 0)) {
-    return invalid("metres_per_unit, scale", std::to_string(metres_per_unit) + ", " + std::to_string(map.scale),
-                   "numbers above 0; a scale of 0 goes by the chains");
-  }
   scale = map.scale;
   if (scale > 0) return {};
   const auto theirs = chain_length(skeleton.joint_names, skeleton.offsets, map.chains_theirs);
@@ -174,7 +154,8 @@ Status Retargeter::State::take_scale(const JointMap& map) {
   const auto ours = chain_length(rig.joint_names, rig.offsets_m, map.chains_ours);
   if (!ours) return ours.status();
   scale = ours.value() / (theirs.value() * metres_per_unit);
-  return scale > 0 ? Status() : invalid("chains", "bones without length", "bones that are longer than 0");
+  const bool has_length = scale > 0 && std::isfinite(scale);
+  return has_length ? Status() : invalid("chains", "bones without length", "bones of both that are longer than 0");
 }
 
 // How much the middle of theirs is above that of ours, scaled.
@@ -230,7 +211,8 @@ Retargeter::~Retargeter() = default;
 float Retargeter::scale() const { return state_->scale; }
 
 Result<Retargeter> Retargeter::make(const Rig& rig, const UserSkeleton& skeleton, const JointMap& map) {
-  Status checked = check_tree(skeleton);
+  Status checked = check_skeleton(skeleton);
+  if (checked) checked = check_numbers(map);
   if (!checked) return checked;
   auto state = std::make_unique<State>();
   state->rig = rig;

@@ -41,6 +41,16 @@ Status Rig::check() {
       return violation(rig + "its parents are no tree, parents first");
     }
   }
+  const auto is_joint = [joints](std::uint32_t index) { return index < joints; };
+  const auto has_joints = [&](const std::vector<std::uint32_t>& all) {
+    return std::all_of(all.begin(), all.end(), is_joint);
+  };
+  if ((!hip_joints.empty() && hip_joints.size() != 2) || !has_joints(hip_joints)) {
+    return violation(rig + "its hips are not two of its " + std::to_string(joints) + " joints");
+  }
+  for (const Limb& limb : limbs) {
+    if (!has_joints(limb.joints)) return violation(rig + "limb " + limb.name + " is not of its joints");
+  }
   if (frame_rate_hz < 1) return violation(rig + "a frame rate of 0");
   row_width = 0;
   for (const auto* part : {&blocks, &outputs}) {

@@ -39,7 +39,7 @@ Result<Timeline> Timeline::make(const TimelineOptions& options) {
   }
   if (options.row_width == 0) return invalid("row_width", "0", "a whole number of 1 or more");
   if (options.reserve_frames > kMostReserved ||
-      (options.keep_frames > kMostReserved && options.keep_frames != TimelineOptions::kKeepAll)) {
+      (options.keep_frames > TimelineOptions::kMostKept && options.keep_frames != TimelineOptions::kKeepAll)) {
     return invalid("keep_frames, reserve_frames", number(options.keep_frames) + ", " + number(options.reserve_frames),
                    "up to " + number(kMostReserved) + " frames, or kKeepAll");
   }

@@ -65,10 +65,11 @@ void Timeline::resume() {
 }
 
 Status Timeline::set_time_scale(double scale) {
-  if (!(scale > 0) || !std::isfinite(scale)) {
+  const double pace_hz = state_->options.frame_rate_hz * scale;
+  if (!(scale > 0) || !std::isfinite(pace_hz)) {
     return invalid("scale", std::to_string(scale), "a number above 0; pause to stand still");
   }
-  state_->pace_hz = state_->options.frame_rate_hz * scale;
+  state_->pace_hz = pace_hz;
   state_->due_s = state_->held_since_s = kNever;
   return {};
 }

@@ -169,6 +169,17 @@ TEST(CInterface, ReadsATargetOfEveryForm) {
   EXPECT_EQ(motiongen::c::target_of(nullptr).status().code(), motiongen::Code::invalid_argument);
 }
 
+TEST(CInterface, RefusesAPromptWhoseVectorIsMissing) {
+  motiongen_prompt given{};
+  given.struct_size = sizeof given;
+  given.text = "a person walks";
+  EXPECT_TRUE(motiongen::c::prompt_of(&given));
+  given.num_embedding = 3;
+  const auto refused = motiongen::c::prompt_of(&given);
+  EXPECT_EQ(refused.status().code(), motiongen::Code::invalid_argument) << "the text alone is another prompt";
+  EXPECT_NE(refused.status().message().find("embedding"), std::string::npos);
+}
+
 TEST(CInterface, HelpsEnginesWithoutASession) {
   float x = 0;
   float z = 0;

@@ -104,6 +104,42 @@ TEST(HostileServer, ARefusalForACenturyIsAskedAboutAgainAfterAnHour) {
   EXPECT_EQ(stage.state.retry_at_s, 3600) << "heard at 0 s";
 }
 
+TEST(HostileServer, AnUpdateThatCannotBeReadEndsTheStreamAndIsNotPassedOver) {
+  ScriptedServer server;
+  server.hear = [](const v1::SessionEvent& event, ScriptedServer::Stream& stream) {
+    if (!event.has_open()) return;
+    v1::StreamMotionResponse said;  // with an update whose first number has no end
+    said.GetReflection()->MutableUnknownFields(&said)->AddLengthDelimited(v1::StreamMotionResponse::kUpdatesFieldNumber,
+                                                                          "\xFF\xFF");
+    stream.Write(said);
+  };
+  auto client = Client::connect(server.options());
+  ASSERT_TRUE(client) << client.status().message();
+  auto session = client->open({});
+  ASSERT_TRUE(session);
+  EXPECT_EQ(session->wait_open(60).status().reason(), "PROTOCOL_VIOLATION");
+}
+
+TEST(HostileServer, APongThatAnswersNoPingSaysNothingOfTheLine) {
+  ScriptedServer server;
+  server.hear = [](const v1::SessionEvent& event, ScriptedServer::Stream& stream) {
+    if (!event.has_open()) return;
+    v1::StreamMotionResponse said;
+    said.mutable_pong()->set_client_time_ns(std::numeric_limits<std::int64_t>::min());
+    said.add_updates()->set_session(event.session());
+    said.mutable_updates(0)->mutable_opened()->set_rig_id("r");
+    said.mutable_updates(0)->mutable_opened()->set_model_id("m");
+    stream.Write(said);
+  };
+  auto client = Client::connect(server.options());
+  ASSERT_TRUE(client) << client.status().message();
+  auto session = client->open({});
+  ASSERT_TRUE(session && session->wait_open(60));
+  const double round_trip_s = client->stats().round_trip_s;
+  EXPECT_GE(round_trip_s, 0);
+  EXPECT_LT(round_trip_s, 1e6) << "three centuries, it says";
+}
+
 // The parts of a clip of ten frames.
 struct Parts {
   Catalog known = catalog();

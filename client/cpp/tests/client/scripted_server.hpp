@@ -25,7 +25,12 @@ class ScriptedServer final : public v1::MotionService::Service {
 
   // Called on the thread of a stream; set before there is one.
   std::function<void(const v1::SessionEvent& event, Stream& stream)> hear;
+  // Makes the parts of a clip, and what the catalogue has besides; set before they are asked for.
+  std::function<void(grpc::ServerWriter<v1::GenerateClipResponse>& parts)> make_clip;
+  std::function<void(v1::GetCatalogResponse& catalog)> add_to_catalog;
   std::atomic<int> num_catalogs{0};
+  std::atomic<bool> is_frozen{false};  // takes calls and says nothing
+  std::atomic<bool> says_hello{true};
 
   ScriptedServer() {
     catalog_.add_rigs()->CopyFrom(rig());
@@ -78,29 +83,39 @@ class ScriptedServer final : public v1::MotionService::Service {
   grpc::Status GetCatalog(grpc::ServerContext* /*context*/, const v1::GetCatalogRequest* /*request*/,
                           v1::GetCatalogResponse* response) override {
     ++num_catalogs;
+    if (is_frozen) wait_for_end();
     *response = catalog_;
+    if (add_to_catalog) add_to_catalog(*response);
+    return grpc::Status::OK;
+  }
+
+  grpc::Status GenerateClip(grpc::ServerContext* /*context*/, const v1::GenerateClipRequest* /*request*/,
+                            grpc::ServerWriter<v1::GenerateClipResponse>* parts) override {
+    if (make_clip) make_clip(*parts);
     return grpc::Status::OK;
   }
 
   grpc::Status StreamMotion(grpc::ServerContext* context, Stream* stream) override {
     std::thread reader([this, stream] { read(*stream); });
-    {
-      std::unique_lock<std::mutex> lock(mutex_);
-      changed_.wait(lock, [this] { return ended_; });
-    }
+    wait_for_end();
     context->TryCancel();  // else the reader waits for what the client says next
     reader.join();
     return grpc::Status::CANCELLED;
   }
 
  private:
+  void wait_for_end() {
+    std::unique_lock<std::mutex> lock(mutex_);
+    changed_.wait(lock, [this] { return ended_; });
+  }
+
   void read(Stream& stream) {
     v1::StreamMotionRequest request;
     while (stream.Read(&request)) {
       v1::StreamMotionResponse response;
-      if (request.has_hello()) response.mutable_hello()->set_replica_id("scripted");
+      if (request.has_hello() && says_hello) response.mutable_hello()->set_replica_id("scripted");
       if (request.has_ping()) response.mutable_pong()->set_client_time_ns(request.ping().client_time_ns());
-      if (request.has_hello() || request.has_ping()) stream.Write(response);
+      if (response.has_hello() || response.has_pong()) stream.Write(response);
       if (!hear) continue;
       for (const v1::SessionEvent& event : request.events()) hear(event, stream);
     }

@@ -1,3 +1,4 @@
+#include "client/convert.hpp"
 #include "session_stage.hpp"
 
 namespace motiongen {
@@ -173,6 +174,69 @@ TEST(SessionState, OpenedAnewItIsServedInFullUntilItIsTold) {
     stage.hear_opened("");
     EXPECT_EQ(levels().size(), expected) << "told where it differs";
   }
+}
+
+TEST(SessionState, ClosedWhileItIsResumedSaysSoBehindWhatWasNotAnswered) {
+  Stage stage;
+  const std::lock_guard<std::mutex> lock(stage.state.mutex);
+  stage.open();
+  stage.hear_opened();
+  stage.lose();
+  v1::SessionEvent told;
+  told.mutable_set_velocity()->set_x(1);
+  stage.state.send_edit(std::move(told), stage.outbox);
+  static_cast<void>(stage.sent());
+  stage.open();
+  stage.state.send_close(stage.outbox);
+  EXPECT_TRUE(stage.sent(v1::SessionEvent::kClose).empty())
+      << "a gap: the server would refuse it, and the session stay";
+  stage.hear_opened();
+  const auto said = stage.sent();
+  ASSERT_EQ(said.size(), 2U);
+  EXPECT_EQ(said[0].event_case(), v1::SessionEvent::kSetVelocity);
+  EXPECT_EQ(said[0].event_seq(), 2U);
+  EXPECT_EQ(said[1].event_case(), v1::SessionEvent::kClose);
+  EXPECT_EQ(said[1].event_seq(), 3U);
+  EXPECT_EQ(stage.state.phase, Phase::closing);
+  v1::SessionUpdate closed;
+  closed.mutable_closed()->set_reason(v1::CLOSE_REASON_CLIENT);
+  stage.hear(closed);
+  EXPECT_EQ(stage.state.phase, Phase::closed);
+  EXPECT_EQ(stage.num_closed(), 0) << "it ended as its user wished";
+}
+
+TEST(SessionState, OpenedAnewItHasTheHistoryThatWasAskedForLast) {
+  Stage stage;
+  stage.known.models[0].patch_frames = 4;
+  stage.known.models[0].default_history_frames = 8;
+  const std::lock_guard<std::mutex> lock(stage.state.mutex);
+  stage.open();
+  stage.hear_opened("");
+  stage.hold(40);
+  v1::SessionEvent event;
+  event.mutable_set_options()->set_history_frames(16);
+  stage.state.send_edit(std::move(event), stage.outbox);
+  v1::SessionUpdate update;
+  update.mutable_outcome()->set_event_seq(2);
+  stage.hear(update);
+  stage.lose();
+  static_cast<void>(stage.sent());
+  stage.open();
+  const auto said = stage.sent(v1::SessionEvent::kOpen);
+  ASSERT_EQ(said.size(), 1U);
+  EXPECT_EQ(said[0].open().prior_frames().frame_count(), 16U);
+}
+
+TEST(SessionState, KeepsAsManyFramesAsATimelineCan) {
+  SessionOptions options;
+  for (const std::uint32_t fits : {0U, TimelineOptions::kMostKept, TimelineOptions::kKeepAll}) {
+    options.keep_frames = fits;
+    EXPECT_TRUE(convert::check(options)) << fits;
+  }
+  options.keep_frames = TimelineOptions::kMostKept + 1;
+  const Status refused = convert::check(options);
+  EXPECT_EQ(refused.code(), Code::invalid_argument) << "or it would end once it has opened";
+  EXPECT_NE(refused.message().find("keep_frames"), std::string::npos);
 }
 
 }  // namespace

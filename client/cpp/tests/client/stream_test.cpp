@@ -1,6 +1,7 @@
 // The client and a real server, whose address MOTIONGEN_ADDRESS says. Nothing here knows how fast either is.
 #include <gtest/gtest.h>
 
+#include <cmath>
 #include <cstddef>
 #include <cstdint>
 #include <limits>
@@ -97,6 +98,8 @@ TEST(Stream, ACharacterWalksOnHighGround) {
   auto broken = Ground::make(walker->rig(), [](double, double) { return std::numeric_limits<double>::quiet_NaN(); });
   GroundFollower nowhere(std::move(broken).value());
   EXPECT_EQ(walker->sample_on_ground(nowhere, raised).status().code(), Code::invalid_argument);
+  EXPECT_EQ(walker->sample_on_ground(feet, {raised.data(), 1}).status().code(), Code::invalid_argument);
+  EXPECT_EQ(walker->frame_in(HUGE_VAL), walker->playhead() + kLastFrame) << "and no count that no number holds";
 }
 
 TEST(Stream, AMistakeIsAnAnswerOfItsEditAlone) {

@@ -117,5 +117,15 @@ TEST(TakenAhead, WhoPlaysInRealTimeWaitsForNoAnswerAndReportsNoMore) {
   EXPECT_TRUE(stage.sent(v1::SessionEvent::kPlayhead).empty());
 }
 
+TEST(TakenAhead, AnEditTakesNoMoreReportsThanTheOneBeforeIt) {
+  Playing stage;
+  const std::lock_guard<std::mutex> lock(stage.state.mutex);
+  ASSERT_TRUE(stage.state.advance_to(5));
+  stage.state.next_report_s = 100;
+  stage.tell();
+  stage.expect_told_at(5);
+  EXPECT_EQ(stage.state.next_report_s, 100) << "twice the reports, and a stick would be refused for its rate";
+}
+
 }  // namespace
 }  // namespace motiongen

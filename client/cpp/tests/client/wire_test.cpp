@@ -1,5 +1,6 @@
 #include "client/wire.hpp"
 
+#include <google/protobuf/descriptor.h>
 #include <gtest/gtest.h>
 
 #include <random>
@@ -132,6 +133,36 @@ TEST(Wire, WritesAReportAsItsMessage) {
   EXPECT_EQ(request.events(0).playhead().buffered_to(), (std::uint64_t{1} << 53) + 1);
   EXPECT_EQ(request.events(0).playhead().underruns(), 0xFFFFFFFF);
   EXPECT_EQ(request.events(0).playhead().answered_seq(), ~std::uint64_t{0});
+}
+
+TEST(Wire, AFieldOfALaterVersionHidesNoChunk) {
+  v1::SessionUpdate update = chunk_update();
+  update.GetReflection()->MutableUnknownFields(&update)->AddLengthDelimited(100, "later");
+  const std::string encoded = update.SerializeAsString();
+  const Cut cut(encoded, 4);
+  wire::Update read;
+  ASSERT_TRUE(wire::read_update(cut.cursor(), read));
+  EXPECT_EQ(read.kind, wire::Update::Kind::chunk);
+  wire::Chunk chunk;
+  ASSERT_TRUE(wire::read_chunk(read.body, chunk));
+  EXPECT_EQ(chunk.header.num_frames, 2U);
+}
+
+TEST(Wire, KnowsEveryMemberOfAnUpdate) {
+  const auto* members = v1::SessionUpdate::descriptor()->FindOneofByName("update");
+  for (int place = 0; place < members->field_count(); ++place) {
+    const auto* member = members->field(place);
+    v1::SessionUpdate later;
+    later.GetReflection()->MutableMessage(&later, member);
+    const std::string encoded = chunk_update().SerializeAsString() + later.SerializeAsString();  // the last one counts
+    const Cut cut(encoded, 4);
+    wire::Update read;
+    ASSERT_TRUE(wire::read_update(cut.cursor(), read));
+    const auto expected = member->name() == "chunk"  ? wire::Update::Kind::chunk
+                          : member->name() == "plan" ? wire::Update::Kind::plan
+                                                     : wire::Update::Kind::other;
+    EXPECT_EQ(read.kind, expected) << member->name();
+  }
 }
 
 }  // namespace

@@ -168,6 +168,17 @@ TEST(Ground, SaysWhatIsWrong) {
       std::move(Ground::make(walk.rig, [](double, double) { return std::numeric_limits<double>::infinity(); })).value();
   EXPECT_EQ(endless.apply(rows).code(), Code::invalid_argument);
   EXPECT_EQ(rows, walk.rows);
+  int num_asked_of_no_place = 0;
+  Ground asked = std::move(Ground::make(walk.rig, [&num_asked_of_no_place](double x, double z) {
+                   num_asked_of_no_place += std::isfinite(x) && std::isfinite(z) ? 0 : 1;
+                   return 0.0;
+                 })).value();
+  for (const std::size_t axis : {0U, 1U, 2U}) {
+    std::vector<float> nowhere = walk.rows;
+    nowhere[walk.rig.row_width + axis] = std::numeric_limits<float>::quiet_NaN();
+    EXPECT_EQ(asked.apply(nowhere).code(), Code::invalid_argument) << axis;
+  }
+  EXPECT_EQ(num_asked_of_no_place, 0) << "a terrain may look it up in a table";
   GroundFollower follower(walk.on("level"));
   const Timeline unbegun = new_timeline(walk.rig, 30);
   EXPECT_EQ(follower.apply(unbegun, rows).code(), Code::failed_precondition);

@@ -3,6 +3,8 @@
 #include <gtest/gtest.h>
 
 #include <algorithm>
+#include <cmath>
+#include <iterator>
 #include <optional>
 #include <utility>
 
@@ -93,6 +95,57 @@ TEST(Retarget, SaysWhatIsWrong) {
   const auto refused = Retargeter::make(rig, body, map);
   EXPECT_EQ(refused.status().code(), Code::not_found);
   EXPECT_NE(refused.status().message().find("middle"), std::string::npos);
+}
+
+// A body of two joints that follows two of ours.
+struct Body {
+  UserSkeleton skeleton;
+  JointMap map;
+
+  Body() {
+    skeleton.joint_names = {"base", "tip"};
+    skeleton.parents = {-1, 0};
+    skeleton.offsets = {0, 0, 0, 0, 1, 0};
+    skeleton.rest_wxyz = {1, 0, 0, 0, 1, 0, 0, 0};
+    Drive drive;
+    drive.theirs = "base";
+    drive.ours = "root";
+    map.drives = {drive};
+    map.root_theirs = {"base"};
+    map.root_ours = {"root"};
+    map.chains_theirs = {{"base", "tip"}};
+    map.chains_ours = {{"root", "middle"}};
+  }
+
+  Code made() const { return Retargeter::make(testing::golden_rig(), skeleton, map).status().code(); }
+};
+
+TEST(Retarget, NumbersThatMeanNothingAreRefused) {
+  EXPECT_EQ(Body().made(), Code::ok);
+  using Spoil = void (*)(Body&);
+  const Spoil spoilt[] = {
+      [](Body& body) { body.map.chains_theirs = {{"tip"}}; },  // without a bone: all would be drawn at one place
+      [](Body& body) { body.map.chains_ours = {{"root"}}; },
+      [](Body& body) { body.skeleton.offsets[4] = NAN; },
+      [](Body& body) { body.skeleton.rest_wxyz[0] = 2; },
+      [](Body& body) { body.skeleton.rest_wxyz[5] = NAN; },
+      [](Body& body) { body.skeleton.joint_names[1] = "base"; },
+      [](Body& body) { body.map.metres_per_unit = HUGE_VALF; },
+      [](Body& body) { body.map.scale = HUGE_VALF; },
+      [](Body& body) { body.map.scale = NAN; },
+      [](Body& body) { body.map.ground_theirs = NAN; },
+      [](Body& body) { body.map.ground_ours_m = HUGE_VALF; },
+      [](Body& body) { body.map.drives[0].fraction = 1.5F; },
+      [](Body& body) { body.map.drives[0].fraction = NAN; },
+      [](Body& body) {
+        body.map.drives[0].axes_wxyz = {0, 0, 0, 0};
+      },
+  };
+  for (std::size_t number = 0; number < std::size(spoilt); ++number) {
+    Body body;
+    spoilt[number](body);
+    EXPECT_EQ(body.made(), Code::invalid_argument) << number;
+  }
 }
 
 }  // namespace

@@ -39,6 +39,11 @@ TEST(Rig, RefusesCountsThatContradictEachOther) {
   EXPECT_TRUE(broken([](Rig& rig) { rig.parents[1] = 2; }));
   EXPECT_TRUE(broken([](Rig& rig) { rig.parents[0] = 0; }));
   EXPECT_TRUE(broken([](Rig& rig) { rig.frame_rate_hz = 0; }));
+  EXPECT_TRUE(broken([](Rig& rig) { rig.hip_joints = {1}; }));
+  EXPECT_TRUE(broken([](Rig& rig) { rig.hip_joints = {1, 3}; })) << "who reads a row by it reads past its end";
+  EXPECT_FALSE(broken([](Rig& rig) { rig.hip_joints = {1, 2}; }));
+  EXPECT_TRUE(broken([](Rig& rig) { rig.limbs = {{"LeftFoot", {2, 0xFFFFFFFF}}}; }));
+  EXPECT_FALSE(broken([](Rig& rig) { rig.limbs = {{"LeftFoot", {1, 2}}}; }));
   EXPECT_TRUE(broken([](Rig& rig) { rig.blocks[2].width = 11; }));
   EXPECT_TRUE(broken([](Rig& rig) { rig.blocks.pop_back(); }));
   EXPECT_TRUE(broken([](Rig& rig) { rig.blocks.push_back({"huge", 0xFFFFFFFF}); }));

@@ -193,6 +193,7 @@ TEST(Timeline, PlaysAtAnotherPace) {
   EXPECT_NEAR(walk.x_at(1.1), 1.0, 1e-5);
   EXPECT_NEAR(walk.x_at(1.15), 1.5, 1e-5);
   EXPECT_EQ(walk.timeline().set_time_scale(0).code(), Code::invalid_argument);
+  EXPECT_EQ(walk.timeline().set_time_scale(1e308).code(), Code::invalid_argument) << "frames a second without end";
 }
 
 TEST(Timeline, AnotherSessionGoesOnAfterWhatIsHeld) {

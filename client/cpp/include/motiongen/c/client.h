@@ -15,7 +15,7 @@ MOTIONGEN_C_API motiongen_code motiongen_client_connect(const motiongen_client_o
                                                         motiongen_client** client, motiongen_error* error);
 MOTIONGEN_C_API void motiongen_client_destroy(motiongen_client* client);
 MOTIONGEN_C_API int32_t motiongen_client_is_connected(const motiongen_client* client);
-/* 1 and the oldest event not taken, or 0 where there is none. */
+/* 1 and the oldest event not taken, or 0 where there is none, and where `event` has no struct_size: none is lost. */
 MOTIONGEN_C_API int32_t motiongen_client_next_event(motiongen_client* client, motiongen_event* event);
 
 /* A clip: bounded motion, all samples in one call, which waits for them. Its handle outlives the client. */

@@ -10,8 +10,8 @@
 extern "C" {
 #endif
 
-/* The ground's height in metres at world x, z. Asked some 60 times a frame, inside the calls below; it must not use the
- * session. */
+/* The ground's height in metres at world x, z. Asked some 60 times a frame, inside the calls below; it must use neither
+ * the session nor the ground. */
 typedef double (*motiongen_heights)(void* context, double x_m, double z_m);
 typedef struct motiongen_ground motiongen_ground;
 /* For one session that is open: FAILED_PRECONDITION before. Destroy it when nothing uses it any more. */

@@ -91,8 +91,8 @@ MOTIONGEN_C_API const char* motiongen_session_joint_name(const motiongen_session
 MOTIONGEN_C_API int32_t motiongen_session_joint_parent(const motiongen_session* session,
                                                        uint32_t joint); /* -1: the root */
 
-/* Frames. row: row_floats numbers. 1 where there is a pose, between two frames, for now; else 0 and row is as it was.
- */
+/* Frames. row: row_floats numbers, not fewer than the rig's. 1 where there is a pose, between two frames, for now; else
+ * 0 and row is as it was. */
 MOTIONGEN_C_API int32_t motiongen_session_sample(motiongen_session* session, float* row, uint32_t row_floats);
 MOTIONGEN_C_API motiongen_code motiongen_session_copy_frame(const motiongen_session* session, uint64_t frame,
                                                             float* row, uint32_t row_floats, motiongen_error* error);

@@ -85,7 +85,7 @@ typedef struct motiongen_session_options {
   const char* preset_id;   /* a prompt of the catalogue in place of `prompt` */
   const float* prior_rows; /* what it did just before frame 0: num_prior_rows rows of the rig */
   uint32_t num_prior_rows;
-  uint32_t prior_row_floats; /* of each */
+  uint32_t prior_row_floats; /* of each: the rig's, without outputs */
   float text_guidance;       /* with has_text_guidance, as the next */
   float target_guidance;
   uint32_t has_text_guidance;

@@ -16,8 +16,8 @@ namespace motiongen {
 
 struct ClientOptions {
   std::string address;  // host:port, or unix:PATH for a socket of this machine
-  // Of servers that share a store of sessions: tried in turn where the one before does not answer or goes away, and
-  // where one that has no room names them. The token is sent to no others.
+  // Of servers that share a store of sessions: tried in turn where the one before does not answer within 5 s or goes
+  // away, and where one that has no room names them. The token is sent to no others.
   std::vector<std::string> other_addresses;
   // By which a proxy chooses a server, sent as x-motiongen-key with every call; empty: one is drawn. Letters, digits, -
   // . _
@@ -47,7 +47,8 @@ struct ClientOptions {
   bool reconnect = true;           // after a loss; else sessions end with it
   std::string agent;               // added to the library's name in the server's logs, as far as 100 bytes go
   // Called with each event, one at a time, on a thread of the library; absent: events wait for `next_event`. It may
-  // call anything but what waits, and may destroy sessions and the client itself.
+  // call anything but what waits, and may destroy sessions and the client itself. It must not throw: an exception that
+  // leaves it ends the program.
   std::function<void(const Event&)> on_event;
 };
 

@@ -84,13 +84,14 @@ class MOTIONGEN_API Session {
   [[nodiscard]] Result<Outcome> wait_edit(EditId edit, double timeout_s);
   // Where a target was put that left that to the server; nothing before the answer. Kept for the last 1,024.
   std::optional<Placement> placement(std::uint32_t target) const;
-  // What became of a target. Kept for the last 1,024 that were told.
+  // What became of a target. Kept for the last 1,024 that were told. Of one that is told of by nobody, why: its
+  // refusal, or FRAME_COMMITTED where its frames passed while the line was lost.
   [[nodiscard]] Result<Reached> wait_reached(std::uint32_t target, double timeout_s);
   // Until the frame has come and, with Clock::manual, may be shown (`advance_to`). It may be gone again by then, as
   // those are that lie `keep_frames` behind the playhead: `copy_frame` tells.
   [[nodiscard]] Status wait_frame(std::uint64_t frame, double timeout_s);
 
-  // ---- frames. out: rig().row_width floats
+  // ---- frames. out: rig().row_width floats or more; into fewer nothing is written, and there is no pose
 
   const Rig& rig() const;  // once it has opened; before that a rig without joints
   bool is_open() const;
@@ -101,7 +102,8 @@ class MOTIONGEN_API Session {
   // first has come, and `out` is as it was.
   [[nodiscard]] bool sample(Span<float> out);
   // The same on a ground that no other session is followed on. Its heights are asked for inside this call and must not
-  // use the session. INVALID_ARGUMENT where the ground is of another rig, or where a height is not finite.
+  // use the session. INVALID_ARGUMENT where the ground is of another rig, `out` is too short, or a height is not
+  // finite.
   [[nodiscard]] Result<bool> sample_on_ground(GroundFollower& ground, Span<float> out);
   // The frame to show now. Returns its number, nothing before the first has come.
   [[nodiscard]] std::optional<std::uint64_t> frame(Span<float> out);

@@ -65,7 +65,8 @@ struct SessionOptions {
   FrameFormat frame_format = FrameFormat::f32;
   std::vector<std::string> outputs;  // of Model::outputs: what each row shall have besides, at Rig::column(name)
   Clock clock = Clock::real_time;
-  std::uint32_t keep_frames = 40;  // behind the playhead that stay readable; recovery needs 40 or more
+  // Behind the playhead that stay readable, up to TimelineOptions::kMostKept, or kKeepAll; recovery needs 40 or more.
+  std::uint32_t keep_frames = 40;
 };
 
 // What changes of an open session from the next window on; what is absent stays.

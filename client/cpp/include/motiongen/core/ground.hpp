@@ -32,7 +32,8 @@ class MOTIONGEN_API Ground {
   ~Ground();
 
   // All frames of a motion, in place: whole rows of rig.row_width floats. INVALID_ARGUMENT where they are not, or where
-  // a height is not finite; then nothing has changed. Asks for memory only for more frames than before.
+  // a place of a foot or a height is not finite; then nothing has changed. Asks for memory only for more frames than
+  // before.
   [[nodiscard]] Status apply(Span<float> rows);
 
   const Rig& rig() const;

@@ -57,7 +57,8 @@ struct JointMap {
 // One session's frames on one skeleton. Asks for memory when it is made only.
 class MOTIONGEN_API Retargeter {
  public:
-  // NOT_FOUND for a joint that is not there, INVALID_ARGUMENT for a tree or a map that contradicts itself.
+  // NOT_FOUND for a joint that is not there. INVALID_ARGUMENT for a tree or a map that contradicts itself, for numbers
+  // that are not finite, and for quaternions of another length than 1.
   static Result<Retargeter> make(const Rig& rig, const UserSkeleton& skeleton, const JointMap& map);
 
   Retargeter(Retargeter&&) noexcept;

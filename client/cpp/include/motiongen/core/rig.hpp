@@ -49,7 +49,8 @@ struct MOTIONGEN_API Rig {
 
   std::uint32_t num_joints() const { return static_cast<std::uint32_t>(joint_names.size()); }
 
-  // Find the columns. A violation when the counts contradict each other or a block is missing.
+  // Find the columns. A violation when the counts contradict each other, a block is missing, or hips and limbs are not
+  // joints of it.
   [[nodiscard]] Status check();
 
   // Where a block or an output begins in a row; NOT_FOUND lists those there are.

@@ -58,6 +58,7 @@ struct ChunkHeader {
 
 struct TimelineOptions {
   static constexpr std::uint32_t kKeepAll = 0xFFFFFFFF;
+  static constexpr std::uint32_t kMostKept = 1 << 20;  // else
 
   double frame_rate_hz = 20;
   std::uint32_t row_width = 0;  // floats of a frame row

@@ -1,0 +1,75 @@
+#include "client/reached.hpp"
+
+#include <algorithm>
+
+namespace motiongen {
+namespace {
+
+std::uint32_t target_of(const Reached& each) { return each.target; }
+std::uint32_t target_of(const Placement& each) { return each.target; }
+std::uint32_t target_of(const std::pair<std::uint32_t, Status>& each) { return each.first; }
+
+template <class Each>
+void keep(Each each, std::size_t most, std::deque<Each>& in) {
+  in.push_back(std::move(each));
+  if (in.size() > most) in.pop_front();
+}
+
+// The newest of a target; nothing where there is none.
+template <class Each>
+std::optional<Each> newest(const std::deque<Each>& in, std::uint32_t target) {
+  const auto found =
+      std::find_if(in.rbegin(), in.rend(), [target](const Each& each) { return target_of(each) == target; });
+  return found == in.rend() ? std::nullopt : std::optional<Each>(*found);
+}
+
+template <class Each>
+void erase(std::deque<Each>& in, std::uint32_t target) {
+  const auto is_its = [target](const Each& each) { return target_of(each) == target; };
+  in.erase(std::remove_if(in.begin(), in.end(), is_its), in.end());
+}
+
+}  // namespace
+
+bool ReachedBook::note(const Reached& told) {
+  const std::optional<Reached> before = find(told.target);
+  if (before && before->frame == told.frame) return false;
+  keep(told, kKept, told_);
+  return true;
+}
+
+void ReachedBook::note(const Placement& placed) { keep(placed, kKept, placements_); }
+
+void ReachedBook::refuse(std::uint32_t target, const Status& why) {
+  if (!find(target)) keep({target, why}, kKept, refused_);
+}
+
+void ReachedBook::forget(std::uint32_t target) {
+  Forgotten& kept = forgotten_[target];
+  if (auto told = find(target)) kept.told = told;
+  if (auto placed = find_placement(target)) kept.placed = placed;
+  erase(told_, target);
+  erase(placements_, target);
+  erase(refused_, target);
+}
+
+void ReachedBook::settle(std::uint32_t target, bool was_taken) {
+  const auto kept = forgotten_.find(target);
+  if (kept == forgotten_.end()) return;
+  const Forgotten before = kept->second;
+  forgotten_.erase(kept);
+  if (was_taken) return;
+  if (before.told && !find(target)) keep(*before.told, kKept, told_);
+  if (before.placed && !find_placement(target)) keep(*before.placed, kKept, placements_);
+}
+
+std::optional<Reached> ReachedBook::find(std::uint32_t target) const { return newest(told_, target); }
+
+std::optional<Placement> ReachedBook::find_placement(std::uint32_t target) const { return newest(placements_, target); }
+
+std::optional<Status> ReachedBook::find_refusal(std::uint32_t target) const {
+  const auto found = newest(refused_, target);
+  return found ? std::optional<Status>(found->second) : std::nullopt;
+}
+
+}  // namespace motiongen

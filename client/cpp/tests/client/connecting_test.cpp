@@ -1,0 +1,65 @@
+// A client that has several addresses, or a catalogue that is not the newest.
+#include <gtest/gtest.h>
+
+#include <atomic>
+#include <string>
+
+#include "scripted_server.hpp"
+
+namespace motiongen {
+namespace {
+
+constexpr double kLimitS = 60;
+
+TEST(Connecting, AServerThatTakesCallsAndSaysNothingKeepsNobodyFromTheOthers) {
+  ScriptedServer frozen;
+  ScriptedServer silent;
+  ScriptedServer well;
+  frozen.is_frozen = true;
+  silent.says_hello = false;
+  ClientOptions options = frozen.options();
+  options.other_addresses = {silent.options().address, well.options().address};
+  options.connect_timeout_s = kLimitS;
+  auto client = Client::connect(options);
+  ASSERT_TRUE(client) << client.status().message();
+  EXPECT_TRUE(client->is_connected());
+  EXPECT_EQ(well.num_catalogs, 1);
+}
+
+TEST(Connecting, AClipIsMadeByAModelThatWasLoadedSince) {
+  ScriptedServer server;
+  std::atomic<bool> is_loaded{false};
+  server.add_to_catalog = [&](v1::GetCatalogResponse& catalog) {
+    catalog.mutable_limits()->set_max_clip_frames(10);
+    catalog.mutable_limits()->set_max_clip_samples(1);
+    if (!is_loaded) return;
+    catalog.add_rigs()->CopyFrom(ScriptedServer::rig());
+    catalog.mutable_rigs()->rbegin()->set_rig_id("later");
+    catalog.add_models()->set_model_id("later");
+    catalog.mutable_models()->rbegin()->set_rig_id("later");
+  };
+  server.make_clip = [](grpc::ServerWriter<v1::GenerateClipResponse>& parts) {
+    v1::GenerateClipResponse part;
+    part.mutable_opened()->set_model_id("later");
+    part.mutable_opened()->set_rig_id("later");
+    parts.Write(part);
+    part.mutable_chunk()->set_frame_count(1);
+    part.mutable_chunk()->set_scalar_type(v1::SCALAR_TYPE_F32_LE);
+    part.mutable_chunk()->set_data(std::string(11 * sizeof(float), '\0'));
+    parts.Write(part);
+    part.mutable_summary();
+    parts.Write(part);
+  };
+  auto client = Client::connect(server.options());
+  ASSERT_TRUE(client) << client.status().message();
+  is_loaded = true;
+  ClipOptions options;
+  options.model_id = "later";
+  options.num_frames = 1;
+  const auto clips = client->generate_clip(options);
+  ASSERT_TRUE(clips) << clips.status().message();
+  EXPECT_EQ(clips.value()[0].rig.rig_id, "later");
+}
+
+}  // namespace
+}  // namespace motiongen

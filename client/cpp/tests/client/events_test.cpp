@@ -1,0 +1,23 @@
+#include "client/events.hpp"
+
+#include <gtest/gtest.h>
+
+#include <stdexcept>
+
+namespace motiongen {
+namespace {
+
+TEST(EventsDeathTest, ACallbackThatThrowsEndsTheProgramAndLeavesNobodyWaiting) {
+  EventQueue events([](const Event&) { throw std::runtime_error("of the application"); });
+  events.push(Event());
+  const auto dispatch = [&events] {
+    try {
+      events.dispatch();
+    } catch (const std::exception&) {  // as gRPC does on its threads
+    }
+  };
+  EXPECT_DEATH(dispatch(), "of the application");
+}
+
+}  // namespace
+}  // namespace motiongen

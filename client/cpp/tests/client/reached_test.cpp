@@ -1,0 +1,138 @@
+// What becomes of targets: who waits for one hears of it, or why nobody will ever tell.
+#include "client/reached.hpp"
+
+#include "scripted_server.hpp"
+#include "session_stage.hpp"
+
+namespace motiongen {
+namespace {
+
+constexpr std::uint32_t kTarget = 1;
+
+// A session that is open and is told targets.
+struct Walking : Stage {
+  explicit Walking(const char* token = "t") {
+    open();
+    hear_opened(token);
+    static_cast<void>(sent());
+  }
+
+  // Set a target, or put another in its place. Returns the number of the event.
+  std::uint64_t set(std::uint32_t target, std::uint64_t frame) {
+    v1::SessionEvent event;
+    auto* constraint = event.mutable_edit_constraints()->add_upsert();
+    constraint->set_constraint_id(target);
+    constraint->set_frame(frame);
+    constraint->mutable_waypoint();
+    state.reached_book.forget(target);
+    state.send_edit(std::move(event), outbox);
+    return sent().back().event_seq();
+  }
+
+  void hear_answer(std::uint64_t seq, Code code = Code::ok) {
+    v1::SessionUpdate update;
+    update.mutable_outcome()->set_event_seq(seq);
+    update.mutable_outcome()->set_code(static_cast<int>(code));
+    if (code != Code::ok) update.mutable_outcome()->set_reason("FRAME_COMMITTED");
+    hear(update);
+  }
+
+  void hear_reached(std::uint64_t frame) {
+    v1::SessionUpdate update;
+    update.mutable_constraint_reached()->set_constraint_id(kTarget);
+    update.mutable_constraint_reached()->set_frame(frame);
+    hear(update);
+  }
+
+  std::string refusal(std::uint32_t target = kTarget) const {
+    return state.reached_book.find_refusal(target).value_or(Status()).reason();
+  }
+};
+
+TEST(Reached, OfATargetThatIsRefusedNobodyTells) {
+  Walking stage;
+  const std::lock_guard<std::mutex> lock(stage.state.mutex);
+  stage.hear_answer(stage.set(kTarget, 10), Code::failed_precondition);
+  EXPECT_EQ(stage.refusal(), "FRAME_COMMITTED");
+  stage.hear_answer(stage.set(kTarget, 100));
+  EXPECT_EQ(stage.refusal(), "") << "another is in its place";
+}
+
+TEST(Reached, ARefusedReplacementLeavesWhatBecameOfTheOneBefore) {
+  Walking stage;
+  const std::lock_guard<std::mutex> lock(stage.state.mutex);
+  stage.hear_answer(stage.set(kTarget, 10));
+  stage.hear_reached(10);
+  const std::uint64_t seq = stage.set(kTarget, 12);
+  EXPECT_FALSE(stage.state.reached_book.find(kTarget)) << "it may be of the next";
+  stage.hear_answer(seq, Code::failed_precondition);
+  ASSERT_TRUE(stage.state.reached_book.find(kTarget));
+  EXPECT_EQ(stage.state.reached_book.find(kTarget)->frame, 10U);
+  EXPECT_EQ(stage.refusal(), "");
+}
+
+TEST(Reached, ATargetThatStaysInItsPlaceIsStillWaitedFor) {
+  Walking stage;
+  const std::lock_guard<std::mutex> lock(stage.state.mutex);
+  stage.hear_answer(stage.set(kTarget, 100));
+  stage.hear_answer(stage.set(kTarget, 12), Code::failed_precondition);
+  EXPECT_EQ(stage.refusal(), "") << "the one before will be told of";
+}
+
+TEST(Reached, OfTwoReplacementsTheLastThatIsTakenCounts) {
+  Walking stage;
+  const std::lock_guard<std::mutex> lock(stage.state.mutex);
+  stage.hear_answer(stage.set(kTarget, 10));
+  stage.hear_reached(10);
+  const std::uint64_t first = stage.set(kTarget, 12);
+  const std::uint64_t second = stage.set(kTarget, 100);
+  stage.hear_answer(first, Code::failed_precondition);
+  EXPECT_FALSE(stage.state.reached_book.find(kTarget));
+  EXPECT_EQ(stage.refusal(), "") << "the second is still on its way";
+  stage.hear_answer(second);
+  EXPECT_FALSE(stage.state.reached_book.find(kTarget));
+}
+
+TEST(Reached, WhatPassedWhileTheLineWasLostIsToldOfByNoServer) {
+  Walking stage("");
+  const std::lock_guard<std::mutex> lock(stage.state.mutex);
+  stage.hear_answer(stage.set(kTarget, 10));
+  stage.hear_answer(stage.set(2, 100));
+  stage.hold(20);
+  stage.lose();
+  stage.open();
+  stage.hear_opened("");
+  ASSERT_EQ(stage.state.phase, Phase::open);
+  EXPECT_EQ(stage.refusal(kTarget), "FRAME_COMMITTED");
+  EXPECT_EQ(stage.refusal(2), "") << "the new session was told of it";
+}
+
+TEST(Reached, WhoWaitsHearsTheRefusal) {
+  ScriptedServer server;
+  server.hear = [](const v1::SessionEvent& event, ScriptedServer::Stream& stream) {
+    if (!event.has_open() && !event.has_edit_constraints()) return;
+    v1::StreamMotionResponse said;
+    auto* update = said.add_updates();
+    update->set_session(event.session());
+    if (event.has_open()) {
+      update->mutable_opened()->set_rig_id("r");
+      update->mutable_opened()->set_model_id("m");
+    } else {
+      update->mutable_outcome()->set_event_seq(event.event_seq());
+      update->mutable_outcome()->set_code(static_cast<int>(Code::failed_precondition));
+      update->mutable_outcome()->set_reason("FRAME_COMMITTED");
+    }
+    stream.Write(said);
+  };
+  auto client = Client::connect(server.options());
+  ASSERT_TRUE(client) << client.status().message();
+  auto session = client->open({});
+  ASSERT_TRUE(session && session->wait_open(60));
+  const Target there = Waypoint{1, 0, 0, {}, {}};
+  std::vector<std::uint32_t> ids;
+  ASSERT_TRUE(session->add_targets({&there, 1}, &ids));
+  EXPECT_EQ(session->wait_reached(ids[0], 60).status().reason(), "FRAME_COMMITTED");
+}
+
+}  // namespace
+}  // namespace motiongen

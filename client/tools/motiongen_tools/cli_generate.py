@@ -48,8 +48,8 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
         type=out_path,
         action="append",
         metavar="FILE",
-        help="again for more: .npz, .bvh; .glb, and for a G1 .csv and .controller.csv, by the converter of the package "
-        "motiongen; .json says how near the constraints were met (default: motion.npz)",
+        help="again for more: .npz, .bvh; .glb, and for a G1 .csv and .controller.csv, by the converter of "
+        "motiongen-ardy; .json says how near the constraints were met (default: motion.npz)",
     )
     parser.add_argument("--constraints", type=Path, metavar="FILE", help="JSON constraint list, as ARDY's tools write")
     parser.add_argument(

@@ -12,12 +12,14 @@ from google.protobuf.duration_pb2 import Duration
 from motiongen.v1 import admin_pb2
 from motiongen.v1.admin_pb2_grpc import MotionAdminServiceStub
 from motiongen_client.channel import ChannelSettings, Token
+from motiongen_client.errors import InvalidInput
 from motiongen_client.status import error_of
 
 T = TypeVar("T")
 
 _STATE_PREFIX = "MODEL_STATE_"
 _LIST_TIMEOUT_S = 10.0
+_MOST_GRACE_S = 1e9
 
 
 @dataclass(frozen=True)
@@ -63,7 +65,8 @@ class AdminClient:
     async def unload_model(self, model_id: str, grace_s: float | None = None) -> int:
         """Unload a model; returns how many sessions had to be closed.
 
-        grace_s: how long its sessions may go on. None: it is refused while any is open.
+        grace_s: how long its sessions may go on. None: it is refused while any is open. Raises InvalidInput for one
+        that is no time.
         """
         request = admin_pb2.UnloadModelRequest(model_id=model_id, grace=_duration(grace_s))
         return (await self._answer(self._stub.UnloadModel(request), f"unloading {model_id!r}")).closed_sessions
@@ -102,6 +105,8 @@ def _status(message: admin_pb2.ModelStatus) -> ModelStatus:
 def _duration(seconds: float | None) -> Duration | None:
     if seconds is None:
         return None
+    if not 0 <= seconds <= _MOST_GRACE_S:
+        raise InvalidInput("grace_s", seconds, f"seconds from 0 to {_MOST_GRACE_S:.0f}, or None")
     duration = Duration()
     duration.FromMilliseconds(round(1000 * seconds))
     return duration

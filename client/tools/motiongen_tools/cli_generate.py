@@ -27,7 +27,7 @@ from motiongen_client.types import (
     SessionOptions,
 )
 from motiongen_tools.ardy_npz import read_ardy_npz, write_ardy_npz
-from motiongen_tools.arguments import add_start_timeout
+from motiongen_tools.arguments import add_start_timeout, check_file_to_read
 from motiongen_tools.bvh import write_bvh
 from motiongen_tools.cli_stream import parse_seconds, parse_waypoint
 from motiongen_tools.connection import client_of
@@ -78,6 +78,9 @@ async def generate(options: argparse.Namespace) -> int:
     outs = options.out or [Path("motion.npz")]
     for out in outs:
         check_out(out, options.samples)
+    for option, path in (("--constraints", options.constraints), ("--history", options.history)):
+        if path is not None:
+            check_file_to_read(option, path)
     with contextlib.ExitStack() as stack:
         address = options.server
         if options.start_server:

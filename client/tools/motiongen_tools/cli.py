@@ -5,6 +5,7 @@ from __future__ import annotations
 import argparse
 import asyncio
 import contextlib
+import io
 import logging
 import re
 import sys
@@ -34,6 +35,8 @@ DEFAULT_SERVER = "localhost:50051"
 
 def run(arguments: Sequence[str]) -> int:
     """Run one command. Returns 0, 1 when it failed, 2 for wrong arguments, 130 when interrupted, 143 by SIGTERM."""
+    if isinstance(sys.stdout, io.TextIOWrapper):
+        sys.stdout.reconfigure(errors="backslashreplace")  # as standard error has it: no name of a file ends a command
     try:
         options = parse(arguments)
     except SystemExit as end:  # argparse has printed why, or the help

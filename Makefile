@@ -8,7 +8,9 @@ PYTHON := $(VENV)/bin/python
 BUF := $(VENV)/bin/buf
 CLANG_FORMAT := $(VENV)/bin/clang-format
 CLANG_TIDY ?= clang-tidy
-CPP_FILES = $(shell git ls-files 'client/cpp/*.cpp' 'client/cpp/*.hpp' 'client/cpp/*.h' 'client/cpp/*.c')
+# in a copy without git all that are there: given none, clang-format would read what is typed
+CPP_FILES = $(or $(shell git ls-files 'client/cpp/*.cpp' 'client/cpp/*.hpp' 'client/cpp/*.h' 'client/cpp/*.c' 2>/dev/null), \
+	$(shell find client/cpp -name '*.[ch]' -o -name '*.[ch]pp'))
 READY := $(VENV)/.ready
 PARTS := proto ardy server client/python client/tools compliance
 LOWEST ?= $(OUT)/venv-lowest
@@ -233,6 +235,8 @@ gate: $(READY) ## judge the motion of MODEL on the test split of DATA; exit code
 
 .PHONY: clean
 clean: ## remove what make made, the environment too
-	rm -rf $(VENV) $(OUT) build dist .mypy_cache .pytest_cache .ruff_cache .hypothesis
+	rm -rf $(VENV) $(OUT) build dist .mypy_cache .pytest_cache .ruff_cache .hypothesis $(PAGE)/node_modules
+	# what pip leaves of a part that it builds, and puts into the next wheel of it, also what is no more among the sources
+	rm -rf $(PARTS:%=%/build)
 	find . -name __pycache__ -prune -exec rm -rf {} +
 	find . -name '*.egg-info' -prune -exec rm -rf {} +

@@ -1,12 +1,32 @@
 #!/usr/bin/env bash
 # Make a virtual environment with the first Python of at least 3.11 on the PATH: make_venv.sh FOLDER
-# One that is there already is left as it is.
+# One that is there already is left as it is, but for pip where it has none. A folder with anything else in it is refused.
 # Debian and Ubuntu ship Python without venv; there, install the missing package if we may, else say which it is.
 set -euo pipefail
 folder=$1
 
-if [ -x "$folder/bin/python" ] && "$folder/bin/python" -m pip --version >/dev/null 2>&1; then
-  exit 0
+has_pip() {
+  "$folder/bin/python" -m pip --version >/dev/null 2>&1
+}
+
+if [ -x "$folder/bin/python" ]; then
+  if has_pip || { "$folder/bin/python" -m ensurepip >/dev/null 2>&1 && has_pip; }; then
+    exit 0
+  fi
+fi
+
+# What is half made, or was made by a Python that has gone, is made anew, for which the folder is emptied: only where
+# nothing of others can be in it.
+if [ -e "$folder" ] && [ ! -e "$folder/.ready" ]; then
+  if [ -e "$folder/pyvenv.cfg" ]; then
+    theirs=$(find "$folder/" -name '*.dist-info' ! -name 'pip-*' ! -name 'setuptools-*' -print -quit)
+  else
+    theirs=$(find "$folder/" ! -type d ! -name lib64 -print -quit)
+  fi
+  if [ -n "$theirs" ]; then
+    echo "no virtual environment is made in $folder, which would be emptied and has $theirs: name another folder" >&2
+    exit 1
+  fi
 fi
 
 python=

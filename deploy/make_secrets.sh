@@ -2,6 +2,7 @@
 # What deploy/compose.yaml needs and nobody may commit, in deploy/secrets: an authority with certificates for proxy,
 # servers and encoder, tokens with the file of their hashes, and passwords. Needs OpenSSL 3, and the server to make tokens:
 #   deploy/make_secrets.sh                     # where motiongen-server is installed
+#   IDENTITY=".venv/bin/python -m motiongen_server.identity" deploy/make_secrets.sh    # after make setup
 #   IDENTITY="docker run --rm --entrypoint python motiongen-server:cpu -m motiongen_server.identity" deploy/make_secrets.sh
 # NAMES: those that clients know the proxy by (default: DNS:localhost,IP:127.0.0.1).
 set -eu
@@ -20,6 +21,7 @@ if ! $identity --help > /dev/null 2>&1; then
 fi
 # Closed to others here; single files are open, since the containers' users read them where they are mounted.
 mkdir -m 700 "$folder"
+here=$(pwd)
 cd "$folder"
 folder=$(pwd)
 trap 'status=$?; if [ $status -ne 0 ]; then cat openssl.log entry >&2 2> /dev/null; rm -rf "$folder"; fi' EXIT
@@ -46,8 +48,9 @@ leaf proxy "$names"
 cat proxy.pem proxy.key > proxy-with-key.pem
 
 token() { # tenant, role
-    $identity "$1" > "$1.token" 2> entry
-    cat entry >> tenants.toml
+    # Where this was started, as it is named from there.
+    (cd "$here" && exec $identity "$1") > "$1.token" 2> entry
+    sed -n '/^\[tenants/,$p' entry >> tenants.toml # less what a container engine says before it
     printf 'roles = ["%s"]\n\n' "$2" >> tenants.toml
     rm entry
 }

@@ -49,8 +49,11 @@ def main(arguments: Sequence[str] | None = None) -> int:
     try:
         credentials = credentials_of(asked.ca, asked.key, asked.certificate)
         asyncio.run(reach(asked.address, credentials, token_of(asked.token_file)))
-    except ValueError as error:
+    except (OSError, ValueError) as error:
         parser.error(str(error))
+    except KeyboardInterrupt:
+        print(f"{parser.prog}: interrupted; nothing was tested", file=sys.stderr)
+        return NOTHING_TESTED
     except Unreachable as error:
         print(f"{parser.prog}: nothing was tested: {error}", file=sys.stderr)
         return NOTHING_TESTED

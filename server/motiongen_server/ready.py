@@ -53,7 +53,7 @@ def is_ready(url: str) -> bool:
     try:
         with opener.open(url, timeout=TIMEOUT_S) as answer:
             return bool(answer.status == 200)
-    except (OSError, http.client.HTTPException):  # nobody listens, or who does speaks something else
+    except (OSError, ValueError, http.client.HTTPException):  # nobody listens, or who does speaks something else
         return False
 
 

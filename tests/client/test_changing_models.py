@@ -110,6 +110,13 @@ async def test_clips_are_had_of_a_model_that_was_loaded_since(client: MotionClie
     assert len(server.asked) == 2
 
 
+async def test_who_has_all_the_time_there_is_is_not_too_late_at_once(server: Changing) -> None:
+    """gRPC takes a time beyond some centuries for one that is over."""
+    async with MotionClient(server.address, connect_timeout_s=1e12) as client:
+        (clip,) = await client.generate_clip("walk", num_frames=NUM_FRAMES, timeout_s=1e12)
+        assert len(clip.motion) == NUM_FRAMES
+
+
 async def test_what_a_stream_hears_of_models_the_client_knows_and_its_next_stream_too(
     client: MotionClient, server: Changing
 ) -> None:

@@ -78,3 +78,25 @@ def test_a_wrong_argument_is_named(arguments: list[str], said: str, capsys: pyte
         main(arguments)
     assert ended.value.code == 2
     assert said in capsys.readouterr().err
+
+
+@pytest.mark.parametrize(
+    ("failure", "code", "said"),
+    [
+        (KeyboardInterrupt(), 2, "interrupted; nothing was tested"),
+        (PermissionError(13, "Permission denied", "token"), 2, "Permission denied: 'token'"),
+    ],
+)
+def test_what_ends_it_before_it_has_tested_anything_is_one_line(
+    failure: BaseException, code: int, said: str, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    async def fail(*_: object) -> None:
+        raise failure
+
+    monkeypatch.setattr("motiongen_compliance.__main__.reach", fail)
+    try:
+        ended: object = main(["localhost:50051"])
+    except SystemExit as by_argparse:
+        ended = by_argparse.code
+    assert ended == code
+    assert said in capsys.readouterr().err

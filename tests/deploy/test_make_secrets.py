@@ -3,8 +3,10 @@
 from __future__ import annotations
 
 import os
+import shutil
 import signal
 import subprocess
+import tomllib
 from pathlib import Path
 
 import pytest
@@ -39,3 +41,32 @@ def test_an_interruption_leaves_no_half_of_them(number: signal.Signals, tmp_path
     )
     assert made.returncode == 128 + number
     assert not (tmp_path / "its secrets").exists()
+
+
+SAYS_MORE = """#!/bin/sh
+echo "WARNING: the image is of another platform" >&2
+echo "token-of-$1"
+printf '[tenants."%s"]\\ntokens = []\\n' "$1" >&2
+"""
+"""Stands for a container engine that runs what makes tokens."""
+
+
+@pytest.mark.parametrize("to", [[], ["elsewhere/its secrets"]])
+def test_what_makes_tokens_may_be_named_from_where_it_is_started_and_say_more(to: list[str], tmp_path: Path) -> None:
+    program(tmp_path / "identity", SAYS_MORE)
+    (tmp_path / "elsewhere").mkdir()
+    (tmp_path / "deploy").mkdir()
+    shutil.copy(ROOT / "deploy" / "make_secrets.sh", tmp_path / "deploy")
+    made = subprocess.run(
+        ["sh", "deploy/make_secrets.sh", *to],
+        cwd=tmp_path, env={**os.environ, "IDENTITY": "./identity"}, capture_output=True, text=True, check=False,
+    )  # fmt: skip
+    assert (made.returncode, made.stderr) == (0, "")
+    folder = tmp_path / (to or ["deploy/secrets"])[0]
+    tenants = tomllib.loads((folder / "tenants.toml").read_text())["tenants"]
+    assert {name: entry["roles"] for name, entry in tenants.items()} == {
+        "player": ["motion"],
+        "prometheus": ["metrics"],
+        "servers": ["text"],
+    }
+    assert (folder / "player.token").read_text() == "token-of-player\n"

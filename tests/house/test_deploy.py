@@ -86,6 +86,8 @@ def test_the_image_has_no_root_and_copies_what_there_is(repository: Any) -> None
     for source in sources:
         assert (repository.root / source).exists()
         assert f"!{source}\n" in ignored
+    left_out = ignored.rpartition("!")[2].splitlines()
+    assert "**/build" in left_out, "pip puts what it finds there into the wheels, also what is no more a source"
 
 
 @pytest.mark.parametrize("name", ["haproxy.cfg", "nginx.conf", "envoy.yaml"])

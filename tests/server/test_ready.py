@@ -88,3 +88,7 @@ def test_a_wrong_setting_is_told_apart_from_a_server_that_is_not_ready(capsys: p
     assert main([], {"MOTIONGEN_OPS_PORT": "none"}) == 2
     assert "ops_port is 'none'; it must be a whole number" in capsys.readouterr().err
     assert main(["--encoder"], {"MOTIONGEN_ENCODER_OPS_PORT": "none"}) == 2
+
+
+def test_a_host_that_is_none_is_not_ready() -> None:
+    assert main([], {"MOTIONGEN_OPS_HOST": "a..b", "MOTIONGEN_INSECURE": "true"}) == 1

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import os
+import shutil
 import subprocess
 import sys
 import sysconfig
@@ -41,7 +42,9 @@ def run(*command: str | Path, folder: Path) -> str:
 def installed(tmp_path_factory: pytest.TempPathFactory) -> Path:
     """The Python of an environment with our wheels, and what others made from the environment that runs the tests."""
     folder = tmp_path_factory.mktemp("wheels")
-    parts = [str(ROOT / part) for part in PARTS]
+    parts = [folder / "sources" / part for part in PARTS]  # pip builds in place, and leaves there what it has built
+    for part, copy in zip(PARTS, parts, strict=True):
+        shutil.copytree(ROOT / part, copy, symlinks=True, ignore=shutil.ignore_patterns("build", "*.egg-info"))
     options = ["--quiet", "--no-deps", "--no-build-isolation", "--wheel-dir", str(folder / "wheels")]
     run(sys.executable, "-m", "pip", "wheel", *options, *parts, folder=folder)
     venv.create(folder / "venv", with_pip=True)

@@ -4,6 +4,9 @@ from __future__ import annotations
 
 import asyncio
 import builtins
+import os
+import subprocess
+import sys
 from pathlib import Path
 from typing import Any
 
@@ -83,6 +86,8 @@ def test_the_output_is_a_bvh_file(given: str, file: str) -> None:
         ("generate walk -- --model g1", "'--model' is for a server that this starts: give --start-server too"),
         ("generate walk --start-server --server a:1", "not allowed with argument"),
         ("dance", "invalid choice: 'dance'"),
+        ("stream --prompt caf\udce9", "'caf\\udce9' is no text in UTF-8"),
+        ("stream --prompt walk --out caf\udce9.bvh", "is no text in UTF-8"),
     ],
 )
 def test_wrong_arguments_are_named(arguments: str, complaint: str, capsys: pytest.CaptureFixture[str]) -> None:
@@ -228,5 +233,33 @@ def test_a_missing_extra_says_what_to_install(monkeypatch: pytest.MonkeyPatch) -
         return original(name, *rest)
 
     monkeypatch.setattr(builtins, "__import__", without_rich)
-    with pytest.raises(MissingExtra, match=r"pip install 'motiongen-client\[cli\]'"):
+    with pytest.raises(MissingExtra, match=r"the command line needs rich: .*`pip install rich`"):
         make_console()
+
+
+@pytest.mark.parametrize("deed", ["unload", "reload"])
+def test_a_grace_that_is_no_time_is_one_line(deed: str, capsys: pytest.CaptureFixture[str]) -> None:
+    assert run(["admin", deed, "g1", "--grace", "1e300", "--server", "localhost:1"]) == 1
+    assert capsys.readouterr().err.startswith("error: grace_s: 1e+300 was given; allowed is seconds from 0")
+
+
+SAYS_MORE_THAN_ASCII = """
+import sys
+from motiongen_tools import cli, cli_catalog
+from motiongen_tools.console import make_console
+
+async def catalog(options):
+    make_console().print("wrote caf\\xe9.bvh")
+    return 0
+
+cli_catalog.catalog = catalog
+sys.exit(cli.run(["catalog"]))
+"""
+
+
+def test_what_a_terminal_has_no_sign_for_ends_no_command() -> None:
+    done = subprocess.run(
+        [sys.executable, "-c", SAYS_MORE_THAN_ASCII],
+        env={**os.environ, "PYTHONIOENCODING": "ascii"}, capture_output=True, text=True, check=False,
+    )  # fmt: skip
+    assert (done.returncode, done.stdout, done.stderr) == (0, "wrote caf\\xe9.bvh\n", "")

@@ -67,6 +67,17 @@ def test_options_that_do_something_are_taken() -> None:
     assert parse(["generate", "walk", "--history-hz", "50", "--history", "a.csv"]).history_hz == 50
 
 
+@pytest.mark.parametrize("option", ["--constraints", "--history"])
+@pytest.mark.parametrize("file", ["no such file", "."])
+def test_what_cannot_be_read_is_told_before_a_server_is_started(
+    option: str, file: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    monkeypatch.setattr(cli_generate, "ServerProcess", lambda *_, **__: pytest.fail("a server is started"))
+    out = ["--out", str(tmp_path / "walk.npz")]
+    assert run(["generate", "walk", "--start-server", option, str(tmp_path / file), *out]) == 1
+    assert capsys.readouterr().err.startswith(f"error: {option}: ")
+
+
 def test_replay_writes_motion_alone(capsys: pytest.CaptureFixture[str]) -> None:
     assert run(["replay", "a.session.json", "--out", "again.json"]) == 2
     assert "allowed is a name that ends in .controller.csv, .csv, .npz, .bvh, .glb" in capsys.readouterr().err

@@ -6,6 +6,7 @@ import json
 import os
 import signal
 import sys
+import tempfile
 from collections.abc import Callable
 from pathlib import Path
 
@@ -100,6 +101,32 @@ def pretend(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Callable[[str], 
         monkeypatch.setattr(sys, "executable", str(program))
 
     return write
+
+
+@pytest.fixture
+def logs(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
+    """The folder in which servers' logs are made."""
+    folder = tmp_path / "temporary"
+    folder.mkdir()
+    monkeypatch.setattr(tempfile, "tempdir", str(folder))
+    return folder
+
+
+def test_the_log_of_a_failure_is_kept_and_named(pretend: Callable[[str], None], logs: Path) -> None:
+    pretend("echo many lines >&2; exit 3")
+    with pytest.raises(ServerFailed) as failure:
+        ServerProcess().start()
+    (log,) = logs.iterdir()
+    assert f"all of which is in {log}" in str(failure.value)
+    assert log.read_text() == "many lines\n"
+
+
+@pytest.mark.parametrize("script", ["echo no ports", 'echo \'{"grpc_port": 1, "ops_port": 2}\'; exit 3'])
+def test_no_log_is_left_of_which_nobody_is_told(script: str, pretend: Callable[[str], None], logs: Path) -> None:
+    pretend(script)
+    with pytest.raises((json.JSONDecodeError, KeyError)), ServerProcess():
+        raise KeyError("of the command's own, or an interruption")
+    assert list(logs.iterdir()) == []
 
 
 def test_what_never_became_a_server_is_not_left_running(pretend: Callable[[str], None], tmp_path: Path) -> None:

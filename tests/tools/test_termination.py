@@ -14,8 +14,10 @@ import pytest
 from tests.waiting import until
 
 UNDER_WAY = """
-import asyncio, sys
+import asyncio, signal, sys
 from motiongen_tools import cli, cli_catalog
+
+signal.signal(signal.SIGINT, signal.default_int_handler)  # where the tests run in the background it is ignored
 
 async def work(options):
     try:
@@ -29,11 +31,30 @@ sys.exit(cli.run(["catalog"]))
 """
 
 STARTING = """
-import sys
+import signal, sys
 from motiongen_tools import cli
+
+signal.signal(signal.SIGINT, signal.default_int_handler)
 
 sys.executable = sys.argv[1]
 sys.exit(cli.run(["generate", "walk", "--start-server", "--out", sys.argv[2]]))
+"""
+
+
+BEGINNING = """
+import os, signal, sys
+
+signal.signal(signal.SIGINT, signal.default_int_handler)
+
+class Interrupts:
+    @staticmethod
+    def find_spec(name, *_):
+        if name == "motiongen_tools.cli":
+            os.kill(os.getpid(), signal.SIGINT)
+
+sys.meta_path.insert(0, Interrupts)
+from motiongen_tools.__main__ import main
+sys.exit(main())
 """
 
 
@@ -52,14 +73,15 @@ def started(program: str, *arguments: str) -> subprocess.Popen[str]:
     )
 
 
-@pytest.mark.parametrize("number", [signal.SIGTERM, signal.SIGHUP])
+@pytest.mark.parametrize("number", [signal.SIGTERM, signal.SIGHUP, signal.SIGINT])
 def test_what_is_under_way_is_put_in_order(number: signal.Signals) -> None:
     with started(UNDER_WAY) as process:
         assert process.stdout is not None
         assert process.stdout.readline() == "under way\n"
         process.send_signal(number)
         out, error = process.communicate()
-    assert (process.returncode, out, error) == (128 + number, "put in order\n", "terminated\n")
+    said = "interrupted\n" if number == signal.SIGINT else "terminated\n"
+    assert (process.returncode, out, error) == (128 + number, "put in order\n", said)
 
 
 def test_a_server_that_is_being_started_does_not_stay(tmp_path: Path) -> None:
@@ -73,6 +95,28 @@ def test_a_server_that_is_being_started_does_not_stay(tmp_path: Path) -> None:
     assert process.returncode == 143
     with pytest.raises(ProcessLookupError):
         os.kill(int((tmp_path / "pid").read_text()), 0)
+
+
+def test_ctrl_c_while_a_server_is_started_is_no_failure_of_the_server(tmp_path: Path) -> None:
+    """A terminal has all processes hear of it, and a server that loads ends then."""
+    pretended = tmp_path / "python"
+    waits = f"trap 'exit 0' INT; mkfifo {tmp_path}/end; echo > {tmp_path}/started; read _ < {tmp_path}/end"
+    pretended.write_text(f"#!/bin/bash\n{waits}\n")
+    pretended.chmod(0o755)
+    with subprocess.Popen(
+        [sys.executable, "-c", STARTING, str(pretended), str(tmp_path / "walk.npz")],
+        stderr=subprocess.PIPE, text=True, start_new_session=True,
+    ) as process:  # fmt: skip
+        until((tmp_path / "started").exists)
+        os.killpg(process.pid, signal.SIGINT)
+        _, error = process.communicate()
+    assert (process.returncode, error) == (130, "interrupted\n")
+
+
+def test_ctrl_c_before_anything_has_begun_leaves_no_traceback() -> None:
+    with started(BEGINNING) as process:
+        _, error = process.communicate()
+    assert (process.returncode, error) == (-signal.SIGINT, "")
 
 
 @pytest.mark.parametrize("number", [signal.SIGTERM, signal.SIGINT])

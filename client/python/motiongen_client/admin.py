@@ -67,7 +67,8 @@ class AdminClient:
     async def unload_model(self, model_id: str, grace_s: float | None = None) -> int:
         """Unload a model; returns how many sessions had to be closed.
 
-        grace_s: how long its sessions may go on. None: it is refused while any is open.
+        grace_s: how long its sessions may go on. None: it is refused while any is open. Raises InvalidInput for one
+        that is no time.
         """
         request = admin_pb2.UnloadModelRequest(model_id=model_id, grace=_duration(grace_s))
         return (await self._answer(self._stub.UnloadModel(request), f"unloading {model_id!r}")).closed_sessions

@@ -21,7 +21,7 @@ from motiongen_client.errors import EventRefused, ServerUnavailable, StreamLost
 from motiongen_client.line_policy import LinePolicy
 from motiongen_client.prompts import Prompt
 from motiongen_client.session import Session
-from motiongen_client.status import NOT_ALLOWED, answer_of, error_of
+from motiongen_client.status import MOST_TIMEOUT_S, NOT_ALLOWED, answer_of, error_of
 from motiongen_client.stream import Stream
 from motiongen_client.types import NO_PROMPTS, Catalog, Clip, Constraint, SessionOptions
 
@@ -92,7 +92,8 @@ class MotionClient:
             left_s = ends_s - time()
             try:
                 request = service_pb2.GetCatalogRequest()
-                call = self._stub.GetCatalog(request, timeout=max(left_s, 0.001), wait_for_ready=True)
+                most_s = min(max(left_s, 0.001), MOST_TIMEOUT_S)
+                call = self._stub.GetCatalog(request, timeout=most_s, wait_for_ready=True)
                 return await answer_of(call)
             except grpc.aio.AioRpcError as error:
                 failure = error

@@ -17,7 +17,7 @@ from motiongen_client.catalogs import model_of
 from motiongen_client.errors import DeadlineExceeded, InvalidInput, ProtocolViolation
 from motiongen_client.motion import Float32, Motion, Rig
 from motiongen_client.prompts import Prompt
-from motiongen_client.status import answer_of, error_of
+from motiongen_client.status import MOST_TIMEOUT_S, answer_of, error_of
 from motiongen_client.types import (
     Catalog,
     Clip,
@@ -104,7 +104,7 @@ async def generate_clip(
     targets = [convert.constraint(number, target) for number, target in enumerate(constraints, 1)]
     request = convert.generate_clip(convert.open_session(options, spans, targets), num_frames, num_samples)
     samples, reader = [_Sample() for _ in range(num_samples)], convert.FrameReader(rig, options.frame_format)
-    call = stub.GenerateClip(request, timeout=timeout_s)
+    call = stub.GenerateClip(request, timeout=None if timeout_s is None else min(timeout_s, MOST_TIMEOUT_S))
     try:
         while isinstance(response := await answer_of(call.read()), service_pb2.GenerateClipResponse):
             if response.sample >= num_samples:

@@ -150,10 +150,14 @@ class ProtocolViolation(MotiongenError):
 
 
 class MissingExtra(MotiongenError, ImportError):
-    """A feature needs a package that is not installed."""
+    """A feature of the tools needs a package that is not installed.
+
+    extra: of motiongen-tools, which brings it; "" for a package that none brings.
+    """
 
     def __init__(self, feature: str, package: str, extra: str) -> None:
-        super().__init__(f"{feature} needs {package}: install it with `pip install 'motiongen-client[{extra}]'`")
+        wanted = f"'motiongen-tools[{extra}]'" if extra else package
+        super().__init__(f"{feature} needs {package}: install it with `pip install {wanted}`")
         self.feature = feature
         self.package = package
         self.extra = extra

@@ -21,6 +21,8 @@ STARTING = "STARTING"
 STATUS_LOST = "Internal error from Core"
 """Details that grpc.aio makes up for a call that ended while something was being written to it: what the server said of
 that end is nowhere to be had then."""
+MOST_TIMEOUT_S = 1e9
+"""Of a call: one with a much longer time is ended by gRPC at once, as if it were over."""
 _DETAILS = "grpc-status-details-bin"
 
 

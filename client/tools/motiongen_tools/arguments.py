@@ -32,6 +32,14 @@ def add_start_timeout(parser: argparse.ArgumentParser) -> None:
     )
 
 
+def check_file_to_read(option: str, path: Path) -> None:
+    """Find out before the work whether a file can be read. Raises InvalidInput."""
+    try:
+        path.open("rb").close()
+    except OSError as error:
+        raise InvalidInput(option, str(path), f"a file that can be read ({error.strerror})") from None
+
+
 def check_file_to_write(option: str, path: Path) -> None:
     """Find out before the work whether its file can be written; makes the folder. Raises InvalidInput."""
     check_folder_to_write(option, path.parent)

@@ -5,6 +5,7 @@ from __future__ import annotations
 import argparse
 import asyncio
 import contextlib
+import io
 import logging
 import re
 import sys
@@ -34,6 +35,8 @@ DEFAULT_SERVER = "localhost:50051"
 
 def run(arguments: Sequence[str]) -> int:
     """Run one command. Returns 0, 1 when it failed, 2 for wrong arguments, 130 when interrupted, 143 by SIGTERM."""
+    if isinstance(sys.stdout, io.TextIOWrapper):
+        sys.stdout.reconfigure(errors="backslashreplace")  # as standard error has it: no name of a file ends a command
     try:
         options = parse(arguments)
     except SystemExit as end:  # argparse has printed why, or the help
@@ -69,6 +72,9 @@ def warnings_shown() -> Iterator[None]:
 def parse(arguments: Sequence[str]) -> argparse.Namespace:
     """The options of a command line. Exits with 2, and says why, where they make no sense."""
     parser = _parser()
+    for argument in arguments:
+        if not _is_text(argument):  # what prints and sends it would fail
+            parser.error(f"{argument!r} is no text in UTF-8")
     arguments, settings = _server_settings(list(arguments))
     arguments = _with_places(arguments)
     options = parser.parse_args(arguments)
@@ -88,6 +94,15 @@ def _server_settings(arguments: list[str]) -> tuple[list[str], list[str]]:
         return arguments, []
     at = arguments.index("--")
     return arguments[:at], arguments[at + 1 :]
+
+
+def _is_text(argument: str) -> bool:
+    """Whether it is text throughout: bytes that are no UTF-8, which a system lets through, are told by nobody."""
+    try:
+        argument.encode()
+    except UnicodeEncodeError:
+        return False
+    return True
 
 
 def _with_places(arguments: list[str]) -> list[str]:
@@ -170,7 +185,7 @@ def _parser() -> argparse.ArgumentParser:
         description="Start a server with the built-in model and play a script on one stream, faster than real time: a "
         "character stands, walks, turns, goes to places, stops and waves, and seven others show velocities, a path, "
         "turns, hands, styles, gestures and a prompt outside what the model knows. Writes a BVH file for each and two "
-        "contact sheets, and prints how near each goal came. Needs the motiongen package.",
+        "contact sheets, and prints how near each goal came. Needs motiongen-server, unless --server is given.",
         epilog="Exit code 1: a frame or a character is missing, or a waypoint was missed by more than --bound.",
     )
     show.set_defaults(command=command.demo)
@@ -225,7 +240,7 @@ def _parser() -> argparse.ArgumentParser:
         "gallery",
         help="write a page of what a model makes of its presets and of targets",
         description="Ask models for each of their presets and for a target of each kind, and write a page that plays "
-        "what came. It opens from the disk, without a server. Needs the motiongen package unless --server is given.",
+        "what came. It opens from the disk, without a server. Needs motiongen-server, unless --server is given.",
         epilog="Example: motiongen gallery motiongen-mini out/training/denoiser --out out/gallery.html",
     )
     shown.set_defaults(command=cli_gallery.gallery)

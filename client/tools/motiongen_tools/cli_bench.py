@@ -29,6 +29,8 @@ from motiongen_tools.server_process import ServerProcess
 VOID = 3  # exit code of a run whose figures do not count
 _CHARACTERS_A_PROCESS = 2000
 REST_S = 10.0
+MOST_CHARACTERS, MOST_SECONDS, MOST_PROCESSES = 1_000_000, 1_000_000, 1024
+"""All of a load is drawn before it begins, and lies in memory: nobody means more."""
 _NEEDED = {"hdrh": "hdrhistogram", "matplotlib": "matplotlib", "psutil": "psutil", "yaml": "pyyaml"}
 
 
@@ -39,14 +41,23 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     )
     scenarios = f"{', '.join(BUILT_IN)}, or a YAML or JSON file"
     parser.add_argument("--scenario", default="crowd", metavar="NAME", help=f"{scenarios} (default: %(default)s)")
-    parser.add_argument("--characters", type=_whole(1), metavar="N", help="how many at once (default: the scenario's)")
     parser.add_argument(
-        "--seconds", type=_whole(1), default=30, metavar="N", help="to measure, after warming up (default: %(default)s)"
+        "--characters", type=_whole(1, MOST_CHARACTERS), metavar="N", help="how many at once (default: the scenario's)"
+    )
+    parser.add_argument(
+        "--seconds",
+        type=_whole(1, MOST_SECONDS),
+        default=30,
+        metavar="N",
+        help="to measure, after warming up (default: %(default)s)",
     )
     parser.add_argument("--seed", type=_whole(0), metavar="N", help="same seed, same load (default: a new one)")
     parser.add_argument("--steps", type=_whole(1), metavar="N", help="denoising steps (default: the server's)")
     parser.add_argument(
-        "--processes", type=_whole(1), metavar="N", help="that make the load (default: by characters and cores)"
+        "--processes",
+        type=_whole(1, MOST_PROCESSES),
+        metavar="N",
+        help="that make the load (default: by characters and cores)",
     )
     parser.add_argument(
         "--program",
@@ -64,7 +75,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     )
     parser.add_argument(
         "--trial-seconds",
-        type=_whole(1),
+        type=_whole(1, MOST_SECONDS),
         default=10,
         metavar="N",
         help="to measure in each trial of --find; its answer is confirmed with --seconds (default: %(default)s)",
@@ -172,12 +183,13 @@ def check(parser: argparse.ArgumentParser, options: argparse.Namespace) -> None:
         parser.error(f"{options.server_arguments[0]!r} is for a server that this starts: give --start-server too")
 
 
-def _whole(least: int) -> Callable[[str], int]:
-    """A type of argparse: whole numbers from `least`."""
+def _whole(least: int, most: float = math.inf) -> Callable[[str], int]:
+    """A type of argparse: whole numbers from `least` to `most`."""
+    allowed = f"of {least} or more" + (f", up to {most:,.0f}" if math.isfinite(most) else "")
 
     def parse(text: str) -> int:
-        if not text.isascii() or not text.isdigit() or int(text) < least:
-            raise argparse.ArgumentTypeError(f"{text!r} was given; allowed is a whole number of {least} or more")
+        if not text.isascii() or not text.isdigit() or not least <= int(text) <= most:
+            raise argparse.ArgumentTypeError(f"{text!r} was given; allowed is a whole number {allowed}")
         return int(text)
 
     return parse

@@ -27,7 +27,7 @@ from motiongen_client.types import (
     SessionOptions,
 )
 from motiongen_tools.ardy_npz import read_ardy_npz, write_ardy_npz
-from motiongen_tools.arguments import add_start_timeout
+from motiongen_tools.arguments import add_start_timeout, check_file_to_read
 from motiongen_tools.bvh import write_bvh
 from motiongen_tools.cli_stream import parse_seconds, parse_waypoint
 from motiongen_tools.connection import client_of
@@ -48,8 +48,8 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
         type=out_path,
         action="append",
         metavar="FILE",
-        help="again for more: .npz, .bvh; .glb, and for a G1 .csv and .controller.csv, by the converter of the package "
-        "motiongen; .json says how near the constraints were met (default: motion.npz)",
+        help="again for more: .npz, .bvh; .glb, and for a G1 .csv and .controller.csv, by the converter of "
+        "motiongen-ardy; .json says how near the constraints were met (default: motion.npz)",
     )
     parser.add_argument("--constraints", type=Path, metavar="FILE", help="JSON constraint list, as ARDY's tools write")
     parser.add_argument(
@@ -78,6 +78,9 @@ async def generate(options: argparse.Namespace) -> int:
     outs = options.out or [Path("motion.npz")]
     for out in outs:
         check_out(out, options.samples)
+    for option, path in (("--constraints", options.constraints), ("--history", options.history)):
+        if path is not None:
+            check_file_to_read(option, path)
     with contextlib.ExitStack() as stack:
         address = options.server
         if options.start_server:

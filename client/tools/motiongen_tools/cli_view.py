@@ -96,7 +96,7 @@ def _listen(host: str, port: int) -> socket.socket:
     try:
         found = socket.getaddrinfo(host, port, type=socket.SOCK_STREAM)[0]
         return socket.create_server(found[4][:2], family=found[0])
-    except (OSError, OverflowError) as error:
+    except (OSError, OverflowError, ValueError) as error:  # ValueError: no name of a host, as with two dots in a row
         raise InvalidInput("--listen, --port", f"{host}:{port}", f"a free address of this machine ({error})") from error
 
 

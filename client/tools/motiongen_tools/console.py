@@ -22,7 +22,7 @@ def make_console() -> Console:
     try:
         from rich.console import Console
     except ImportError:
-        raise MissingExtra("the command line", "rich", "cli") from None
+        raise MissingExtra("the command line", "rich", "") from None
     return Console(highlight=False, markup=False, emoji=False)
 
 

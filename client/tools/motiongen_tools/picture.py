@@ -1,6 +1,6 @@
 """Motion as a picture: the path seen from above, and a strip of skeletons over time.
 
-Needs matplotlib: `pip install 'motiongen-client[pictures]'`. Left limbs are blue, right limbs red, the rest dark.
+Needs matplotlib: `pip install 'motiongen-tools[pictures]'`. Left limbs are blue, right limbs red, the rest dark.
 """
 
 from __future__ import annotations

@@ -25,11 +25,16 @@ _LOOK_EVERY_S = 0.2
 
 
 class ServerFailed(MotiongenError):
-    """The server process did not start, or did not end as it should. log_tail: the last lines it wrote."""
+    """The server process did not start, or did not end as it should.
 
-    def __init__(self, what: str, log_tail: str) -> None:
-        super().__init__(f"{what}\nlast lines of the server's log:\n{log_tail or '(nothing was written)'}")
+    log_tail: the last lines it wrote. log: the file that has all of them, None where it is not kept.
+    """
+
+    def __init__(self, what: str, log_tail: str, log: Path | None = None) -> None:
+        where = "" if log is None else f", all of which is in {log}"
+        super().__init__(f"{what}\nlast lines of the server's log{where}:\n{log_tail or '(nothing was written)'}")
         self.log_tail = log_tail
+        self.log = log
 
 
 class ServerProcess:
@@ -67,8 +72,10 @@ class ServerProcess:
             self._process = subprocess.Popen(self._command, stdout=subprocess.PIPE, stderr=log, text=True)
         try:
             ports = self._read_ports(self._process)
-        except BaseException:  # Ctrl-C too: nobody else knows of the process yet
+        except BaseException as failure:  # Ctrl-C too: nobody else knows of the process yet
             self._abandon()
+            if not isinstance(failure, ServerFailed):
+                self._log_path.unlink(missing_ok=True)  # of which nobody is told
             raise
         self.address = f"127.0.0.1:{ports['grpc_port']}"
         self.ops_address = f"127.0.0.1:{ports['ops_port']}"
@@ -97,12 +104,12 @@ class ServerProcess:
         except subprocess.TimeoutExpired:
             process.kill()
             process.wait()
-            raise ServerFailed(f"the server did not end within {timeout_s:g} s of SIGTERM", self.log_tail()) from None
+            raise self._failed(f"the server did not end within {timeout_s:g} s of SIGTERM") from None
         finally:
             if process.stdout is not None:
                 process.stdout.close()
         if code != 0:
-            raise ServerFailed(f"the server ended with exit code {code}, not 0", self.log_tail())
+            raise self._failed(f"the server ended with exit code {code}, not 0")
         self._log_path.unlink(missing_ok=True)
 
     @property
@@ -130,7 +137,8 @@ class ServerProcess:
             self.stop()
         except ServerFailed:
             if failure is None:
-                raise  # else what went wrong first is the news
+                raise
+            self._log_path.unlink(missing_ok=True)  # what went wrong first is the news
 
     def _read_ports(self, process: subprocess.Popen[str]) -> dict[str, int]:
         """The line printed once it is ready; a thread tells of the log meanwhile, and ends a server that is late."""
@@ -153,7 +161,10 @@ class ServerProcess:
             what = f"the server is not installed in {os.path.basename(sys.executable)}: install motiongen-server"
         else:
             what = f"the server did not start (exit code {code})"
-        raise ServerFailed(what, self.log_tail())
+        raise self._failed(what)
+
+    def _failed(self, what: str) -> ServerFailed:
+        return ServerFailed(what, self.log_tail(), self._log_path)
 
     def _watch(self, process: subprocess.Popen[str], over: threading.Event, late: threading.Event) -> None:
         """Until it is over: tell new last lines of the log, and kill a process that has had its time."""

@@ -1,4 +1,4 @@
-"""A command that is told to end: by SIGTERM, or by the terminal that it runs in, which is closed."""
+"""A command that is told to end: by Ctrl-C, by SIGTERM, or by the terminal that it runs in, which is closed."""
 
 from __future__ import annotations
 
@@ -18,20 +18,26 @@ class Terminated(SystemExit):
 
 @contextlib.contextmanager
 def terminating() -> Iterator[None]:
-    """Let these signals raise Terminated, so that what is under way is put in order as by Ctrl-C.
+    """Let signals raise Terminated, and Ctrl-C KeyboardInterrupt, so that what is under way is put in order.
 
-    By default they would end the process at once, and a server that it has started would stay.
+    By default signals would end the process at once, and a server that it has started would stay. From Ctrl-C asyncio
+    would have it wait until a command waits for the loop, which none does while it starts a server.
     """
 
     def end(number: int, _: FrameType | None) -> NoReturn:
         raise Terminated(128 + number)
 
+    def interrupt(_number: int, _: FrameType | None) -> NoReturn:
+        raise KeyboardInterrupt
+
     is_main = threading.current_thread() is threading.main_thread()  # others cannot set handlers
-    heard = [each for each in _SIGNALS if is_main and signal.getsignal(each) == signal.SIG_DFL]  # nohup ignores one
-    for each in heard:
-        signal.signal(each, end)
+    handlers = dict.fromkeys(_SIGNALS, end) | {signal.SIGINT: interrupt}
+    usual = (signal.SIG_DFL, signal.default_int_handler)  # nohup ignores one
+    before = {each: found for each in handlers if is_main and (found := signal.getsignal(each)) in usual}
+    for each in before:
+        signal.signal(each, handlers[each])
     try:
         yield
     finally:
-        for each in heard:
-            signal.signal(each, signal.SIG_DFL)
+        for each, found in before.items():
+            signal.signal(each, found)

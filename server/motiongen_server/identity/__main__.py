@@ -3,11 +3,14 @@
 from __future__ import annotations
 
 import argparse
+import json
 import sys
 from collections.abc import Sequence
 from datetime import UTC, datetime, timedelta
 
 from motiongen_server.identity.tokens import new_token
+
+MOST_DAYS = 36_500
 
 
 def main(arguments: Sequence[str] | None = None) -> int:
@@ -19,15 +22,18 @@ def main(arguments: Sequence[str] | None = None) -> int:
     parser.add_argument("tenant", help="whose it is, as the tenants' file is to name it")
     parser.add_argument("--days", type=int, default=0, help="for which it is good (default: until it is taken out)")
     options = parser.parse_args(arguments)
-    if options.days < 0:
-        parser.error(f"--days is {options.days}; it must be 0, for ever, or more")
+    if not 0 <= options.days <= MOST_DAYS:
+        parser.error(f"--days is {options.days}; it must be 0, for ever, or at most {MOST_DAYS}")
+    if not options.tenant or not options.tenant.isprintable():
+        parser.error(f"tenant is {options.tenant!r}; it must be a name of characters that can be printed")
     token, kept = new_token()
     until = ""
     if options.days:
         at = datetime.now(UTC).replace(microsecond=0) + timedelta(days=options.days)
         until = f", expires = {at.isoformat().replace('+00:00', 'Z')}"
     print(token)
-    print(f'[tenants."{options.tenant}"]\ntokens = [{{ hash = "{kept}"{until} }}]', file=sys.stderr)
+    name = json.dumps(options.tenant, ensure_ascii=False)  # whose escapes are TOML's too
+    print(f'[tenants.{name}]\ntokens = [{{ hash = "{kept}"{until} }}]', file=sys.stderr)
     return 0
 
 

@@ -51,5 +51,5 @@ def calling(name: str) -> Iterator[None]:
     """Raise StoreFailed for what calls within it fail with. name: of the Redis."""
     try:
         yield
-    except (redis.RedisError, OSError) as error:
+    except (redis.RedisError, OSError, UnicodeError) as error:  # UnicodeError: of a host that is no name, as a..b
         raise StoreFailed(f"{name}: {type(error).__name__}: {error}") from error

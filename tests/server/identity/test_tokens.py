@@ -47,3 +47,28 @@ def test_the_command_prints_a_token_and_the_entry_that_lets_it_in(capsys: pytest
     (entry,) = tomllib.loads(printed.err)["tenants"]["studio"]["tokens"]
     assert TokenHash.parse(entry["hash"]).is_of(printed.out.strip())
     assert entry["expires"].tzinfo is not None
+
+
+@pytest.mark.parametrize("name", ["studio", 'the "best" studio', "a\\b.c", "Café 日本"])
+def test_the_entry_is_toml_whatever_the_name(name: str, capsys: pytest.CaptureFixture[str]) -> None:
+    assert main([name]) == 0
+    assert list(tomllib.loads(capsys.readouterr().err)["tenants"]) == [name]
+
+
+@pytest.mark.parametrize(
+    ("arguments", "complaint"),
+    [
+        (["studio", "--days", "999999999999"], "it must be 0, for ever, or at most 36500"),
+        (["studio", "--days", "3000000"], "it must be 0, for ever, or at most 36500"),
+        (["studio", "--days", "-1"], "it must be 0"),
+        ([""], "tenant is ''"),
+        (["a]\n[b"], "it must be a name of characters that can be printed"),
+    ],
+)
+def test_what_no_entry_can_say_is_one_line(
+    arguments: list[str], complaint: str, capsys: pytest.CaptureFixture[str]
+) -> None:
+    with pytest.raises(SystemExit) as ended:
+        main(arguments)
+    assert ended.value.code == 2
+    assert complaint in capsys.readouterr().err

@@ -14,7 +14,7 @@ from motiongen_ardy.evaluate.context import Exhibit
 from motiongen_ardy.evaluate.take import Result, Take
 from motiongen_ardy.evaluate.take_files import write_takes
 from motiongen_client import InvalidInput
-from motiongen_tools.gallery.evaluated import read_takes
+from motiongen_tools.gallery.evaluated import FORMAT, read_takes
 from tests.conftest import TINY_MODEL
 
 
@@ -51,4 +51,44 @@ def test_other_files_are_refused(tmp_path: Path) -> None:
         read_takes(tmp_path)
     (tmp_path / "walk.npz").write_bytes(b"no archive")
     with pytest.raises(InvalidInput, match="an NPZ file"):
+        read_takes(tmp_path)
+
+
+def good(path: Path, **other: object) -> bytes:
+    """A take of two joints, but for arrays that are given. Returns the file's bytes."""
+    arrays: dict[str, object] = {
+        "format": FORMAT, "title": "t", "part": "p", "joint_names": np.array(["Hips", "Head"]), "parents": [-1, 0],
+        "frame_rate_hz": 20, "positions_m": np.zeros((3, 2, 3)), "contacts": np.zeros((3, 4)),
+        "goals": np.zeros((0, 3)), "path_m": np.zeros((0, 2)),
+    }  # fmt: skip
+    np.savez(path, **{**arrays, **other})
+    return path.read_bytes()
+
+
+def test_half_a_file_is_refused_wherever_it_ends(tmp_path: Path) -> None:
+    """As where the evaluation was ended while it wrote."""
+    path = tmp_path / "take.npz"
+    whole = good(path)
+    assert len(read_takes(tmp_path)) == 1
+    for length in (0, 1, 4, 30, len(whole) // 2, len(whole) - 1):
+        path.write_bytes(whole[:length])
+        with pytest.raises(InvalidInput, match=r"take\.npz.*an NPZ file"):
+            read_takes(tmp_path)
+
+
+@pytest.mark.parametrize(
+    "other",
+    [
+        {"goals": np.zeros(3)},
+        {"goals": np.full((1, 3), np.inf)},
+        {"path_m": np.float32(1)},
+        {"joint_names": np.array("Hips")},
+        {"parents": np.array(["a", "b"])},
+        {"frame_rate_hz": np.array([20, 20])},
+        {"positions_m": np.array(["a"])},
+    ],
+)
+def test_arrays_of_other_shapes_and_kinds_are_refused(other: dict[str, object], tmp_path: Path) -> None:
+    good(tmp_path / "take.npz", **other)
+    with pytest.raises(InvalidInput, match=r"take\.npz"):
         read_takes(tmp_path)

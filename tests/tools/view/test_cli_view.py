@@ -24,6 +24,16 @@ def test_without_three_it_says_what_to_do(tmp_path: Path, capsys: pytest.Capture
     assert "make viewer" in capsys.readouterr().err
 
 
+@pytest.mark.parametrize("where", ["a..b", "x" * 70, "192.0.2.1"])
+def test_what_is_no_address_of_this_machine_is_one_line(
+    where: str, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    (tmp_path / "build").mkdir()
+    (tmp_path / "build" / "three.module.js").write_text("export {};")
+    assert run(["view", "--server", "localhost:1", "--three", str(tmp_path), "--listen", where]) == 1
+    assert "a free address of this machine" in capsys.readouterr().err
+
+
 def test_a_session_file_is_replayed_to_a_motion(
     server: FakeServer, tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:

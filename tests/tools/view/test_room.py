@@ -171,7 +171,7 @@ def test_what_a_session_is_opened_with_is_checked() -> None:
     assert (options.seed, options.priority.value, options.denoise_steps) == (2**64 - 1, "hero", 6)
     placed = session_options({"start": {"x_m": 1, "z_m": 2}}, StartPose()).start
     assert (placed.x_m, placed.z_m, placed.heading_rad) == (1, 2, 0)
-    for wrong in ({"seed": -1}, {"priority": "king"}, {"steps": 1.5}, {"start": [0, 0]}):
+    for wrong in ({"seed": -1}, {"seed": "9" * 5000}, {"priority": "king"}, {"steps": 1.5}, {"start": [0, 0]}):
         with pytest.raises(InvalidInput):
             session_options(wrong, StartPose())
 

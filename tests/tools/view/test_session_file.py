@@ -75,11 +75,11 @@ def test_a_wrong_file_is_refused(tmp_path: Path, text: str, field: str) -> None:
         ({"op": "set_prompt", "text": "run", "prompt_id": [1]}, "edit at frame 7, prompt_id: [1] was given"),
         (
             {"op": "add_constraints", "constraints": [LIMB | {"joints": ["LeftHand"]}]},
-            "edit at frame 7, joints: ['LeftHand'] was given; allowed is a list of whole numbers",
+            "edit at frame 7, joints: ('LeftHand',) was given; allowed is one index of the rig's joints or more",
         ),
         (
             {"op": "add_constraints", "constraints": [LIMB | {"joints": [-1]}]},
-            "edit at frame 7, joints: [-1] was given",
+            "edit at frame 7, joints: (-1,) was given",
         ),
     ],
 )

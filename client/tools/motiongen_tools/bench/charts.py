@@ -1,6 +1,6 @@
 """A run as a picture: latencies by percentile, how early chunks came, frames by second, the load's own lag.
 
-Needs matplotlib: `pip install 'motiongen-client[bench]'`.
+Needs matplotlib: `pip install 'motiongen-tools[bench]'`.
 """
 
 from __future__ import annotations

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import zipfile
+import zlib
 from pathlib import Path
 from typing import Any
 
@@ -13,6 +15,9 @@ from motiongen_tools.gallery.animation import Animation, Goal, feet_of
 FORMAT = "motiongen-evaluated-take-1"
 MAX_BYTES = 64 << 20
 _ARRAYS = ("title", "part", "joint_names", "parents", "frame_rate_hz", "positions_m", "contacts", "goals", "path_m")
+_BROKEN = (
+    OSError, ValueError, LookupError, TypeError, ArithmeticError, EOFError, MemoryError, zipfile.BadZipFile, zlib.error
+)  # fmt: skip
 
 
 def read_takes(folder: Path) -> list[tuple[str, str, Animation]]:
@@ -31,10 +36,18 @@ def _read(path: Path) -> tuple[str, str, Animation]:
     if path.stat().st_size > MAX_BYTES:
         raise InvalidInput("--takes", str(path), f"files of at most {MAX_BYTES >> 20} MiB")
     try:
-        with np.load(path, allow_pickle=False) as data:
-            arrays: dict[str, Any] = {name: data[name] for name in ("format", *_ARRAYS) if name in data}
-    except (OSError, ValueError) as error:
-        raise InvalidInput("--takes", str(path), f"an NPZ file: {error}") from None
+        return _take_of(path)
+    except InvalidInput as error:
+        if error.field == "--takes":
+            raise
+        raise InvalidInput("--takes", f"{path}, whose {error.field} is {error.given}", error.allowed) from None
+    except _BROKEN as error:  # half a file, as where the evaluation was ended while it wrote, or one of other arrays
+        raise InvalidInput("--takes", str(path), f"an NPZ file of the form {FORMAT}: {error}") from None
+
+
+def _take_of(path: Path) -> tuple[str, str, Animation]:
+    with path.open("rb") as file, np.load(file, allow_pickle=False) as data:
+        arrays: dict[str, Any] = {name: data[name] for name in ("format", *_ARRAYS) if name in data}
     missing = [name for name in _ARRAYS if name not in arrays]
     if missing or str(arrays.get("format")) != FORMAT:
         raise InvalidInput("--takes", str(path), f"a file of the form {FORMAT}; missing: {', '.join(missing) or 'it'}")

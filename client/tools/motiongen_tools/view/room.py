@@ -24,6 +24,7 @@ MOST_CHARACTERS = 200
 KEEP_S = 120.0
 """How much of what was played can be looked at again, and recorded."""
 SPACING_M = 1.6
+MOST_SEED_DIGITS = 20  # of 2^64 - 1
 IDLE_S = 20.0
 """How long characters go on that nobody looks at, before they pause."""
 
@@ -189,8 +190,8 @@ def session_options(message: Message, start: StartPose) -> SessionOptions:
     if priority not in PRIORITIES:
         raise InvalidInput("priority", priority, f"one of {', '.join(PRIORITIES)}")
     seed = message.get("seed")
-    if isinstance(seed, str) and seed.isdecimal():  # more digits than a browser's numbers have
-        message = {**message, "seed": int(seed)}
+    if isinstance(seed, str) and len(seed) <= MOST_SEED_DIGITS and seed.isdecimal():
+        message = {**message, "seed": int(seed)}  # more digits than a browser's numbers have
     if message.get("start") is not None:
         given = fields.mapping(message, "start")
         heading = fields.number(given, "heading_rad", 0.0)

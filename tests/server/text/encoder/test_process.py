@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import signal
 import subprocess
 import sys
 from collections.abc import Iterator
@@ -151,3 +152,26 @@ def test_a_wrong_setting_ends_it_with_a_line(options: list[str], said: str) -> N
     assert ended.returncode == 2
     assert said in ended.stderr
     assert "Traceback" not in ended.stderr
+
+
+ENDED_EARLY = """
+import os, signal, sys
+
+class Ends:
+    @staticmethod
+    def find_spec(name, *_):
+        if name == "motiongen_server.text.encoder.app":
+            os.kill(os.getpid(), int(sys.argv[1]))
+
+sys.meta_path.insert(0, Ends)
+from motiongen_server.text.encoder.__main__ import main
+main()
+"""
+
+
+@pytest.mark.parametrize("number", [signal.SIGTERM, signal.SIGINT])
+def test_asked_to_end_before_it_has_begun_it_ends_with_0(number: signal.Signals) -> None:
+    """As a server does: the first process of a container is not ended by a signal that it does not handle."""
+    command = [sys.executable, "-c", ENDED_EARLY, str(int(number))]
+    done = subprocess.run(command, cwd=ROOT, stderr=subprocess.PIPE, text=True, check=False)
+    assert (done.returncode, done.stderr) == (0, "")

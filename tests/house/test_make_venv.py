@@ -1,0 +1,91 @@
+"""What `make setup` does with a folder that is there already: nothing of anybody's is taken away."""
+
+from __future__ import annotations
+
+import os
+import subprocess
+from pathlib import Path
+
+import pytest
+
+from tests.conftest import ROOT
+
+PYTHON = """#!/bin/sh
+if [ "$1 $2 $3" = "-m venv --clear" ]; then rm -rf "$4"; mkdir -p "$4/bin"; echo made > "$4/pyvenv.cfg"; fi
+exit 0
+"""
+"""Stands for one that can make environments."""
+
+WITHOUT_PIP = """#!/bin/sh
+case "$2" in
+pip) exec test -e "$(dirname "$0")/pip" ;;
+ensurepip) {ensurepip} ;;
+esac
+"""
+"""Stands for the Python of an environment that others have made without pip."""
+
+
+def program(path: Path, text: str) -> None:
+    path.parent.mkdir(parents=True, exist_ok=True)
+    path.write_text(text)
+    path.chmod(0o755)
+
+
+@pytest.fixture
+def folder(tmp_path: Path) -> Path:
+    return tmp_path / "an environment"
+
+
+def make(folder: Path) -> subprocess.CompletedProcess[str]:
+    programs = folder.parent / "programs"
+    program(programs / "python3.12", PYTHON)
+    return subprocess.run(
+        ["bash", str(ROOT / ".ci" / "make_venv.sh"), str(folder)],
+        env={**os.environ, "PATH": f"{programs}:{os.environ['PATH']}"},
+        capture_output=True,
+        text=True,
+        check=False,
+    )
+
+
+@pytest.mark.parametrize("before", [None, "", "pyvenv.cfg", "lib/python3.12/site-packages/pip/__init__.py", ".ready"])
+def test_what_is_not_there_half_made_or_ours_is_made_anew(folder: Path, before: str | None) -> None:
+    if before is not None:
+        (folder / before).parent.mkdir(parents=True, exist_ok=True)
+        folder.mkdir(exist_ok=True)
+        if before:
+            (folder / before).write_text("")
+            (folder / "pyvenv.cfg").touch()
+    assert make(folder).returncode == 0
+    assert (folder / "pyvenv.cfg").read_text() == "made\n"
+
+
+@pytest.mark.parametrize("theirs", ["thesis.tex", "photographs/one.png"])
+def test_a_folder_of_other_things_is_left_as_it_is(folder: Path, theirs: str) -> None:
+    (folder / theirs).parent.mkdir(parents=True)
+    (folder / theirs).write_text("the work of years")
+    done = make(folder)
+    assert done.returncode == 1
+    assert theirs in done.stderr
+    assert (folder / theirs).read_text() == "the work of years"
+
+
+def test_an_environment_without_pip_is_given_it_and_keeps_its_packages(folder: Path) -> None:
+    program(folder / "bin" / "python", WITHOUT_PIP.format(ensurepip='touch "$(dirname "$0")/pip"'))
+    package = folder / "lib/python3.12/site-packages/theirs-1.0.dist-info/METADATA"
+    package.parent.mkdir(parents=True)
+    package.write_text("Name: theirs")
+    assert make(folder).returncode == 0
+    assert (folder / "bin" / "pip").exists()
+    assert package.exists()
+
+
+def test_one_that_cannot_be_given_pip_is_left_as_it_is(folder: Path) -> None:
+    program(folder / "bin" / "python", WITHOUT_PIP.format(ensurepip="exit 1"))
+    (folder / "pyvenv.cfg").write_text("theirs")
+    package = folder / "lib/python3.12/site-packages/theirs-1.0.dist-info"
+    package.mkdir(parents=True)
+    done = make(folder)
+    assert done.returncode == 1
+    assert package.name in done.stderr
+    assert (folder / "pyvenv.cfg").read_text() == "theirs"

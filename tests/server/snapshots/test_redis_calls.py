@@ -1,0 +1,16 @@
+"""Calls of a Redis fail as a store does, whatever is wrong with its address."""
+
+from __future__ import annotations
+
+import pytest
+
+from motiongen_server.snapshots.redis_calls import calling, open_client
+from motiongen_server.snapshots.store import StoreFailed
+
+
+@pytest.mark.parametrize("host", ["a..b", "x" * 70, "localhost:1"])
+def test_a_host_that_is_none_is_a_store_that_fails(host: str) -> None:
+    client = open_client(f"redis://{host}/0")
+    with pytest.raises(StoreFailed, match=r"^the store: "), calling("the store"):
+        client.ping()
+    client.close()

@@ -1,0 +1,53 @@
+"""What the tools say is missing, pip can be asked for: extras that there are, with the packages that are named."""
+
+from __future__ import annotations
+
+import ast
+import re
+import tomllib
+from pathlib import Path
+from typing import Any
+
+import pytest
+
+from motiongen_client import MissingExtra
+from motiongen_tools.cli import run
+from tests.conftest import ROOT
+
+PART = ROOT / "client" / "tools"
+SAID = re.compile(r"pip install '([a-z-]+)\[(\w+)\]'")
+
+
+@pytest.fixture(scope="module")
+def project() -> dict[str, Any]:
+    return dict(tomllib.loads((PART / "pyproject.toml").read_text(encoding="utf-8"))["project"])
+
+
+def missing_extras(path: Path) -> list[list[Any]]:
+    """The arguments of each MissingExtra of a file; None for what is no constant."""
+    calls = [node for node in ast.walk(ast.parse(path.read_text(encoding="utf-8"))) if isinstance(node, ast.Call)]
+    found = [call for call in calls if isinstance(call.func, ast.Name) and call.func.id == "MissingExtra"]
+    return [[each.value if isinstance(each, ast.Constant) else None for each in call.args] for call in found]
+
+
+def test_every_extra_that_is_asked_for_is_there_and_brings_the_package(project: dict[str, Any]) -> None:
+    asked = [said for path in sorted(PART.rglob("motiongen_tools/**/*.py")) for said in missing_extras(path)]
+    assert len(asked) > 6
+    for feature, package, extra in asked:
+        names = re.split(r", | and ", package) if package else []
+        if extra:
+            error = MissingExtra(feature, package or "one", extra)
+            assert SAID.findall(str(error)) == [(project["name"], extra)]
+            brought = {re.split(r"[<>=!]", each)[0] for each in project["optional-dependencies"][extra]}
+            assert set(names) <= brought, (feature, package)
+        else:
+            assert package in {re.split(r"[<>=!]", each)[0] for each in project["dependencies"]}, feature
+
+
+@pytest.mark.parametrize("command", ["demo", "generate", "gallery"])
+def test_help_names_distributions_that_there_are(command: str, capsys: pytest.CaptureFixture[str]) -> None:
+    assert run([command, "--help"]) == 0
+    said = " ".join(capsys.readouterr().out.split()).replace("- ", "-")  # lines end behind hyphens
+    assert "motiongen package" not in said
+    assert re.search(r"package motiongen\b(?!-)", said) is None
+    assert "motiongen-ardy" in said or "motiongen-server" in said

@@ -98,8 +98,8 @@ ROOMS = (
         f"{SERVER}/text/encoder",
         f"{GRPC} google motiongen motiongen_ardy.text numpy prometheus_client torch"
         " ~.text ~.ops ~.errors ~.addresses ~.config ~.settings ~.background ~.engine.types ~.rpc.token_bucket"
-        " ~.identity ~.protection ~.rpc.call_admission ~.rpc.call_context ~.rpc.health ~.rpc.limits ~.rpc.peers"
-        " ~.rpc.requests ~.transport",
+        " ~.identity ~.protection ~.rpc.call_admission ~.rpc.call_context ~.rpc.grpc_server ~.rpc.health"
+        " ~.rpc.limits ~.rpc.peers ~.rpc.requests ~.transport",
     ),
     room(f"{SERVER}/models/loader.py", "motiongen_ardy.text ~"),
     room(f"{SERVER}/models/repertoire.py", "numpy motiongen_ardy.capabilities ~"),
@@ -120,7 +120,7 @@ ROOMS = (
     room(f"{SERVER}/identity/setup.py", "grpc ~.identity ~.addresses ~.protection ~.settings", never="asyncio"),
     room(f"{SERVER}/identity", "grpc jwt ~.identity ~.errors ~.settings ~.addresses", never="asyncio"),
     room(f"{SERVER}/errors.py", "grpc grpc_status google ~.engine.types"),
-    room(f"{SERVER}/transport.py", "grpc ~.config ~.settings ~.rpc.limits"),
+    room(f"{SERVER}/transport.py", "grpc ~.config ~.settings ~.rpc.grpc_server ~.rpc.limits"),
     room(
         f"{SERVER}/grpc_port.py",
         f"{GRPC} ~.addresses ~.config ~.identity.setup ~.identity.tls ~.rpc.handlers ~.rpc.health ~.rpc.reflection"

@@ -16,6 +16,7 @@ from motiongen_server.identity.callers import Callers
 from motiongen_server.models.manager import CannotKeep, ModelManager
 from motiongen_server.models.registry import LoadedModel, ModelState
 from motiongen_server.rpc.call_context import CallContext, unary_method
+from motiongen_server.rpc.grpc_server import serve_methods
 from motiongen_server.rpc.issuer_keys import keys_for
 from motiongen_server.rpc.requests import Requests, parsed_as
 
@@ -109,7 +110,7 @@ def add_admin(service: AdminService, server: grpc.aio.Server) -> None:
     requests = Requests()
     methods = (service.ListModels, service.LoadModel, service.UnloadModel, service.ReloadModel)
     handlers = {method.__name__: unary_method(method, requests) for method in methods}
-    server.add_generic_rpc_handlers((grpc.method_handlers_generic_handler(SERVICE_NAME, handlers),))
+    serve_methods(server, SERVICE_NAME, handlers)
 
 
 def _grace_s(request: admin_pb2.UnloadModelRequest | admin_pb2.ReloadModelRequest) -> float | None:

@@ -10,6 +10,7 @@ import grpc.aio
 
 from motiongen.v1 import service_pb2
 from motiongen_server.rpc.call_context import CallContext, streaming_method, unary_method
+from motiongen_server.rpc.grpc_server import serve_methods
 from motiongen_server.rpc.requests import Requests
 
 SERVICE = service_pb2.DESCRIPTOR.services_by_name["MotionService"]
@@ -44,4 +45,4 @@ def add_methods(methods: Handlers, server: grpc.aio.Server, requests: Requests |
         "GenerateClip": streaming_method(methods.GenerateClip, requests),
         "StreamMotion": grpc.stream_stream_rpc_method_handler(methods.StreamMotion),
     }
-    server.add_generic_rpc_handlers((grpc.method_handlers_generic_handler(SERVICE_NAME, handlers),))
+    serve_methods(server, SERVICE_NAME, handlers)

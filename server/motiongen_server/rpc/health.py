@@ -14,6 +14,7 @@ from grpc_health.v1 import health_pb2
 from motiongen_server.rpc.bounded_write import write_within
 from motiongen_server.rpc.call_context import CallContext, streaming_method, unary_method
 from motiongen_server.rpc.call_places import CallPlaces
+from motiongen_server.rpc.grpc_server import serve_methods
 from motiongen_server.rpc.health_pace import HealthPace
 from motiongen_server.rpc.limits import HEALTH_CALLS
 from motiongen_server.rpc.peers import address_of
@@ -82,4 +83,4 @@ def add_health(health: Health, server: grpc.aio.Server, requests: Requests | Non
     """Serve it. requests: of all calls of that server."""
     requests = requests or Requests()
     handlers = {"Check": unary_method(health.Check, requests), "Watch": streaming_method(health.Watch, requests)}
-    server.add_generic_rpc_handlers((grpc.method_handlers_generic_handler(SERVICE_NAME, handlers),))
+    serve_methods(server, SERVICE_NAME, handlers)

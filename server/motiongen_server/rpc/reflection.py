@@ -23,6 +23,7 @@ from motiongen_server.rpc.budget import CALL_COST
 from motiongen_server.rpc.call_context import CallContext, streaming_method
 from motiongen_server.rpc.call_errors import request_too_long
 from motiongen_server.rpc.call_places import CallPlaces
+from motiongen_server.rpc.grpc_server import serve_methods
 from motiongen_server.rpc.limits import PeerLimits
 from motiongen_server.rpc.peers import Peer, Peers
 from motiongen_server.rpc.requests import Requests, parsed_as
@@ -77,9 +78,8 @@ def add_reflection(
             await call.abort(grpc.StatusCode.DEADLINE_EXCEEDED, message)
 
     handler = streaming_method(answer, requests)
-    server.add_generic_rpc_handlers(
-        tuple(grpc.method_handlers_generic_handler(name, {"ServerReflectionInfo": handler}) for name in (V1ALPHA, V1))
-    )
+    for name in (V1ALPHA, V1):
+        serve_methods(server, name, {"ServerReflectionInfo": handler})
 
 
 def _charged(peers: Peers, call: CallContext) -> Peer:

@@ -8,8 +8,9 @@ import sys
 
 def main() -> int:
     """0 after an orderly end, 2 for a wrong setting."""
-    # Read when grpc is imported. Else each client that speaks no TLS to a port that does adds a line to the log.
-    os.environ.setdefault("GRPC_VERBOSITY", "ERROR")
+    # Read when grpc is imported. Else each header that gRPC cannot read, and each handshake that is none, is a line of
+    # the log.
+    os.environ.setdefault("GRPC_VERBOSITY", "NONE")
     import asyncio
 
     from motiongen_server.ops.logs import configure_logs

@@ -16,6 +16,7 @@ from motiongen_server.identity.caller import Role
 from motiongen_server.identity.callers import Callers
 from motiongen_server.rpc.call_admission import CallAdmission
 from motiongen_server.rpc.call_context import CallContext, unary_method
+from motiongen_server.rpc.grpc_server import serve_methods
 from motiongen_server.rpc.limits import PeerLimits
 from motiongen_server.rpc.peers import Peer
 from motiongen_server.rpc.requests import Requests, parsed_as
@@ -132,4 +133,4 @@ def add_text_encoder(service: TextEncoderService, server: grpc.aio.Server, reque
         "GetTextEncoder": unary_method(service.GetTextEncoder, requests),
         "EncodeTexts": unary_method(service.EncodeTexts, requests),
     }
-    server.add_generic_rpc_handlers((grpc.method_handlers_generic_handler(SERVICE_NAME, handlers),))
+    serve_methods(server, SERVICE_NAME, handlers)

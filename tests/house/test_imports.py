@@ -124,7 +124,7 @@ ROOMS = (
     room(
         f"{SERVER}/grpc_port.py",
         f"{GRPC} ~.addresses ~.config ~.identity.setup ~.identity.tls ~.rpc.handlers ~.rpc.health ~.rpc.reflection"
-        " ~.rpc.requests ~.transport",
+        " ~.rpc.requests ~.settings ~.transport",
     ),
     room(f"{SERVER}/app.py {SERVER}/run.py {SERVER}/__main__.py", f"{GRPC} google motiongen ~"),
     room(SERVER, ""),

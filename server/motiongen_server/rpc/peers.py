@@ -6,6 +6,7 @@ from collections import Counter
 from collections.abc import Callable
 from contextlib import AbstractContextManager
 from dataclasses import replace
+from math import inf
 from typing import Any, cast
 
 from motiongen_server.engine.types import Owner, Priority
@@ -29,7 +30,8 @@ CLASS_QUOTAS = {
 _Held = tuple[Priority, float]
 _Asked = tuple[Priority | None, float | None]
 MOST_IDLE = 1024
-"""Peers that have nothing open are remembered for what they owe, up to so many."""
+"""Peers that have nothing open are remembered for what they owe, up to so many, and those of the last moment."""
+LOOK_EVERY_S = 1.0  # at all of them: for each new address it took a second where 2,000 came back at one moment
 
 
 class Peer:
@@ -257,6 +259,7 @@ class Peers:
     def __init__(self, limits: PeerLimits | None = None, loop: LoopTime | None = None) -> None:
         """loop: the time of the event loop; without a limit where it is left out."""
         self._limits = limits or PeerLimits()
+        self._looked_at = -inf
         self._loop = loop or LoopTime()
         self._peers: dict[str, Peer] = {}
 
@@ -277,7 +280,8 @@ class Peers:
     def _find(self, name: str, tenant: str, limits: PeerLimits, now: float) -> Peer:
         found = self._peers.get(name)
         if found is None:
-            if len(self._peers) >= MOST_IDLE:
+            if len(self._peers) >= MOST_IDLE and now - self._looked_at >= LOOK_EVERY_S:
+                self._looked_at = now
                 self._peers = {name: held for name, held in self._peers.items() if not held.is_idle(now)}
             found = self._peers[name] = Peer(limits, now, tenant, name, self._loop)
         return found

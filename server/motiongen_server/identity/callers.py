@@ -23,6 +23,7 @@ from motiongen_server.identity.caller import (
 from motiongen_server.identity.issuers import Issuer
 from motiongen_server.identity.jwt_tokens import TokenChecks, Unchecked, may_be_signed, unchecked
 from motiongen_server.identity.keys import KeyRings, KeysUnavailable
+from motiongen_server.identity.key_set import Key
 from motiongen_server.identity.tenants import Tenant, Tenants
 from motiongen_server.identity.tokens import UNKNOWN, number_of
 from motiongen_server.identity.watched import Watched
@@ -144,7 +145,7 @@ class Callers:
         if tenant is None or issuer.name not in tenant.issuers:
             raise tenant_unknown(good.tenant)
         caller = _caller(tenant, f"token of {issuer.name}", good.expires_at)
-        return replace(caller, signed_by=(issuer.issuer, said.key_id))
+        return replace(caller, signed_by=(issuer.issuer, good.key))
 
     # ---- afterwards -------------------------------------------------------------------------------------------------
 
@@ -173,13 +174,13 @@ class Callers:
         )
         return None if name in there else credentials_revoked()
 
-    def _still_signs(self, tenant: Tenant, issuer: str, key_id: str) -> bool:
+    def _still_signs(self, tenant: Tenant, issuer: str, key: Key) -> bool:
         assert self._tenants is not None
         known = self._tenants.value.issuers.get(issuer)
         if known is None or known.name not in tenant.issuers:
             return False
         try:
-            return self._rings.of(known.source).find(key_id) is not None
+            return self._rings.of(known.source).tells(key)
         except KeysUnavailable:  # what was let in before plays on until its token expires
             return True
 

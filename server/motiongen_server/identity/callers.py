@@ -30,6 +30,7 @@ from motiongen_server.identity.watched import Watched
 
 AUTHORIZATION = "authorization"
 _SCHEME = "bearer "
+NO_QUOTAS: Mapping[str, Mapping[str, float]] = {}
 _NAMES = ("x509_common_name", "x509_subject_alternative_name")
 
 Metadata = Iterable[tuple[str, str | bytes]]
@@ -160,6 +161,11 @@ class Callers:
         """Why a caller may not go on with what takes that role, if so, by what is known since the last look."""
         remaining_s = self.remaining_s(caller)
         if remaining_s is not None and remaining_s <= 0:
+    @property
+    def quotas(self) -> Mapping[str, Mapping[str, float]]:
+        """By tenant, as of the last look; the same object until the file is read anew."""
+        return NO_QUOTAS if self._tenants is None else self._tenants.value.quotas
+
             return credentials_expired()
         if self._tenants is None or not caller.tenant:
             return None

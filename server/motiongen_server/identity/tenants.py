@@ -72,6 +72,7 @@ class Tenants:
             self.issuers[issuer.issuer] = issuer
         names = [issuer.name for issuer in self.issuers.values()]
         self.by_name = {tenant.name: tenant for tenant in tenants}
+        self.quotas = {tenant.name: tenant.quota for tenant in self.by_name.values()}
         self.by_token: dict[str, tuple[Tenant, Token]] = {}
         self.by_certificate: dict[str, Tenant] = {}
         for tenant in self.by_name.values():

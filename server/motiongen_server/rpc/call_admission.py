@@ -12,7 +12,7 @@ import grpc.aio
 
 from motiongen_server.errors import StreamRefused
 from motiongen_server.identity.caller import Caller, Role
-from motiongen_server.identity.callers import Callers
+from motiongen_server.identity.callers import NO_QUOTAS, Callers
 from motiongen_server.rpc.budget import BYTES_A_CALL, CALL_COST
 from motiongen_server.rpc.call_context import CallContext
 from motiongen_server.rpc.call_places import CallPlaces
@@ -47,11 +47,18 @@ class CallAdmission:
         memory: in which counts what is held of requests, besides among what their peers hold; None: there is none.
         """
         self._callers = callers
+        self._quotas = NO_QUOTAS
         self._peers = Peers(limits, loop)
         self._places = CallPlaces(most_calls)
         self._role = role
         self._checks = CheckBudget()
         self._memory = memory
+
+    def renew_quotas(self) -> None:
+        """Have tenants go by what their file says, as of the last look at it. Asked a few times a second."""
+        if (quotas := self._callers.quotas) is not self._quotas:
+            self._quotas = quotas
+            self._peers.renew(quotas, time.monotonic())
 
     async def charge(self, context: Context | CallContext) -> tuple[Peer, Caller]:
         """Find out who calls, and charge the call to its tenant, or its address where it has none or may not call.

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections import Counter
-from collections.abc import Callable
+from collections.abc import Callable, Mapping
 from contextlib import AbstractContextManager
 from dataclasses import replace
 from math import inf
@@ -29,6 +29,7 @@ CLASS_QUOTAS = {
 """The field of `PeerLimits` that says how many sessions of a class there may be."""
 _Held = tuple[Priority, float]
 _Asked = tuple[Priority | None, float | None]
+_TENANT = "tenant:"  # begins the name of its peer, as no address does
 MOST_IDLE = 1024
 """Peers that have nothing open are remembered for what they owe, up to so many, and those of the last moment."""
 LOOK_EVERY_S = 1.0  # at all of them: for each new address it took a second where 2,000 came back at one moment
@@ -71,11 +72,12 @@ class Peer:
 
     def adopt(self, limits: PeerLimits, now: float) -> None:
         """Take these limits from now on; what is open stays open, and what is owed is owed."""
-        self.limits = limits
-        self.events.set_rate(limits.events_per_second, now)
-        self.bytes.set_rate(limits.bytes_per_second, now)
-        self.prompts.set_rate(limits.prompts_per_second, now)
-        self.calls.set_rate(limits.calls_per_second, now)
+        if limits != self.limits:
+            self.limits = limits
+            self.events.set_rate(limits.events_per_second, now)
+            self.bytes.set_rate(limits.bytes_per_second, now)
+            self.prompts.set_rate(limits.prompts_per_second, now)
+            self.calls.set_rate(limits.calls_per_second, now)
 
     @property
     def kind(self) -> str:
@@ -105,13 +107,9 @@ class Peer:
 
     def charge_call(self, cost: float, now: float) -> None:
         """Charge a call. Raises StreamRefused while calls are owed for: there is nothing to be read later."""
-        self.check_paid(now)
-        self.calls.charge(cost, now)
-
-    def check_paid(self, now: float) -> None:
-        """Raises StreamRefused while calls are owed for."""
         if (owed_s := self.calls.owed_s(now)) > 0:
             raise too_many_calls(owed_s, self.kind)
+        self.calls.charge(cost, now)
 
     def prompts_share(self, now: float) -> Share:
         """A session's part of the prompts."""
@@ -259,9 +257,9 @@ class Peers:
     def __init__(self, limits: PeerLimits | None = None, loop: LoopTime | None = None) -> None:
         """loop: the time of the event loop; without a limit where it is left out."""
         self._limits = limits or PeerLimits()
-        self._looked_at = -inf
         self._loop = loop or LoopTime()
         self._peers: dict[str, Peer] = {}
+        self._looked_at = -inf
 
     def find(self, peer: str, now: float) -> Peer:
         """The peer of a call. peer: as gRPC names it."""
@@ -271,11 +269,19 @@ class Peers:
         """Who a caller's streams and calls are counted for: its tenant, by its quota, or the address it calls from."""
         if not caller.tenant:
             return address
-        limits = replace(self._limits, **cast(dict[str, Any], caller.quota))
-        found = self._find(f"tenant:{caller.tenant}", caller.tenant, limits, now)
-        if found.limits != limits:
-            found.adopt(limits, now)
+        limits = self._limits_of(caller.quota)
+        found = self._find(_TENANT + caller.tenant, caller.tenant, limits, now)
+        found.adopt(limits, now)
         return found
+
+    def renew(self, quotas: Mapping[str, Mapping[str, float]], now: float) -> None:
+        """The quotas of tenants are these from now on, also of those that only play on. quotas: by tenant."""
+        for tenant, quota in quotas.items():
+            if (found := self._peers.get(_TENANT + tenant)) is not None:
+                found.adopt(self._limits_of(quota), now)
+
+    def _limits_of(self, quota: Mapping[str, float]) -> PeerLimits:
+        return replace(self._limits, **cast(dict[str, Any], quota))
 
     def _find(self, name: str, tenant: str, limits: PeerLimits, now: float) -> Peer:
         found = self._peers.get(name)

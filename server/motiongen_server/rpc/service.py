@@ -88,7 +88,7 @@ class MotionService:
             self._callers, self._limits.peer, most_calls, loop=self._loop_time, memory=self._memory
         )
         self.clips = ClipService(models, self._numbers, stream_metrics, self._limits, self._memory)
-        self.watch = StreamWatch(self._limits, self._streams, self._callers, self._memory)
+        self.watch = StreamWatch(self._limits, self._streams, self._callers, self._memory, self._admission.renew_quotas)
         self._lag = GatewayLag(lambda: bool(self._streams))
         models.is_gateway_full = lambda: self._lag.is_too_long
         self._all_ended = asyncio.Event()

@@ -5,7 +5,7 @@ from __future__ import annotations
 import asyncio
 import logging
 import time
-from collections.abc import Mapping
+from collections.abc import Callable, Mapping
 
 from motiongen_server.errors import StreamRefused
 from motiongen_server.identity.caller import ANYBODY, CREDENTIALS_EXPIRED
@@ -33,8 +33,13 @@ class StreamWatch:
         streams: Mapping[int, Stream],
         callers: Callers | None = None,
         memory: WaitingMemory | None = None,
+        renew_quotas: Callable[[], object] = lambda: None,
     ) -> None:
-        """memory: what is held, for streams and besides; of the streams alone where it is left out."""
+        """memory: what is held, for streams and besides; of the streams alone where it is left out.
+
+        renew_quotas: has tenants go by their quotas as they are known now.
+        """
+        self._renew_quotas = renew_quotas
         self._limits = limits
         self._memory = memory or WaitingMemory(limits.max_waiting_bytes, streams)
         self._memory.on_begin = self.begin
@@ -60,6 +65,7 @@ class StreamWatch:
         """End the streams that are due at `now`, in monotonic seconds."""
         try:
             self._callers.look()
+            self._renew_quotas()
         except Exception as error:  # else no stream would be watched, nor the memory of all
             self._faults.error("files of tenants and keys could not be looked at", fault=error)
         for stream in [stream for stream in self._streams.values() if stream.refusal is None]:

@@ -22,7 +22,7 @@ from motiongen_server.rpc.peers import Peers
 from tests.contract.local import LocalServer
 from tests.server.identity.files import TenantsFile, bearer
 from tests.server.rpc.test_stream_watch import end_of
-from tests.waiting import LIMIT_S
+from tests.waiting import LIMIT_S, until_true
 
 HERO = session_pb2.PRIORITY_CLASS_HERO
 EXPIRES, EXPIRES_AT = "2027-01-15T08:01:00Z", 1_800_000_060.0
@@ -34,13 +34,14 @@ class Line:
 
     channel: grpc.aio.Channel
     address: str
+    server: LocalServer
 
     @asynccontextmanager
     async def beside(self) -> AsyncIterator[Line]:
         """One from the same address over a connection of its own."""
         options = [("grpc.use_local_subchannel_pool", 1)]
         async with grpc.aio.insecure_channel(self.address, options=options) as channel:
-            yield Line(channel, self.address)
+            yield Line(channel, self.address, self.server)
 
     async def catalog(self, token: str = "") -> service_pb2.GetCatalogResponse:
         stub = service_pb2_grpc.MotionServiceStub(self.channel)
@@ -60,7 +61,7 @@ async def connected(tenants: TenantsFile, limits: ServiceLimits | None = None) -
         LocalServer(callers=tenants.callers(), service_limits=limits) as server,
         grpc.aio.insecure_channel(server.address) as channel,
     ):
-        yield Line(channel, server.address)
+        yield Line(channel, server.address, server)
 
 
 async def test_calls_without_a_token_that_is_known_are_refused(tenants: TenantsFile) -> None:
@@ -163,6 +164,20 @@ async def test_sessions_that_take_more_steps_than_their_tenant_has_are_refused(t
             await talk.open(handle)
         with pytest.raises(RuleBroken, match="STEPS_QUOTA"):
             await talk.open(3)
+
+
+async def test_a_quota_that_is_made_smaller_holds_for_a_stream_that_only_plays_on(tenants: TenantsFile) -> None:
+    token = tenants.one("quota = { heroes = 2 }")
+    async with connected(tenants) as line:
+        talk = await line.talk(token)
+        await talk.open(1, priority=HERO)
+        (stream,) = line.server.service._streams.values()
+        tenants.write(tenants.path.read_text().replace("heroes = 2", "heroes = 1"))
+        await until_true(lambda: stream.peer.limits.heroes == 1)
+        heard = await talk.ask_open(2, priority=HERO)
+        await talk.until(lambda: heard.outcomes)
+        assert heard.outcomes[0].reason == "PEER_SESSION_LIMIT"
+        await talk.plays_on(1)
 
 
 def test_a_quota_that_changes_holds_from_the_next_call(tenants: TenantsFile) -> None:

@@ -59,13 +59,13 @@ def credentials_invalid() -> StreamRefused:
     return StreamRefused(grpc.StatusCode.UNAUTHENTICATED, "CREDENTIALS_INVALID", message)
 
 
-def credentials_not_for_us(audience: str) -> StreamRefused:
-    message = f"the token is for another service; ask its issuer for one whose audience is {audience}"
+def credentials_repeated(num: int) -> StreamRefused:
+    message = f"the call carries {num} entries `authorization` in its metadata; send one, with the token that counts"
     return StreamRefused(grpc.StatusCode.UNAUTHENTICATED, "CREDENTIALS_INVALID", message)
 
 
-def tenant_unknown(name: str) -> StreamRefused:
-    message = f"the token names the tenant {name[:64]!r}, whom its issuer may not name here; ask the server's operator"
+def credentials_not_for_us(audience: str) -> StreamRefused:
+    message = f"the token is for another service; ask its issuer for one whose audience is {audience}"
     return StreamRefused(grpc.StatusCode.UNAUTHENTICATED, "CREDENTIALS_INVALID", message)
 
 
@@ -75,6 +75,11 @@ def credentials_too_early(leeway_s: float) -> StreamRefused:
         "the token is not good yet, by its `nbf` or `iat` and this server's clock; show it later, or set the clocks of "
         f"server and issuer, which may differ by {leeway_s:g} s"
     )
+    return StreamRefused(grpc.StatusCode.UNAUTHENTICATED, "CREDENTIALS_INVALID", message)
+
+
+def tenant_unknown(name: str) -> StreamRefused:
+    message = f"the token names the tenant {name[:64]!r}, whom its issuer may not name here; ask the server's operator"
     return StreamRefused(grpc.StatusCode.UNAUTHENTICATED, "CREDENTIALS_INVALID", message)
 
 

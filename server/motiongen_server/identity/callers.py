@@ -16,21 +16,22 @@ from motiongen_server.identity.caller import (
     credentials_expired,
     credentials_invalid,
     credentials_missing,
+    credentials_repeated,
     credentials_revoked,
     role_missing,
     tenant_unknown,
 )
 from motiongen_server.identity.issuers import Issuer
 from motiongen_server.identity.jwt_tokens import TokenChecks, Unchecked, may_be_signed, unchecked
-from motiongen_server.identity.keys import KeyRings, KeysUnavailable
 from motiongen_server.identity.key_set import Key
+from motiongen_server.identity.keys import KeyRings, KeysUnavailable
 from motiongen_server.identity.tenants import Tenant, Tenants
 from motiongen_server.identity.tokens import UNKNOWN, number_of
 from motiongen_server.identity.watched import Watched
 
 AUTHORIZATION = "authorization"
-_SCHEME = "bearer "
 NO_QUOTAS: Mapping[str, Mapping[str, float]] = {}
+_SCHEME = "bearer "
 _NAMES = ("x509_common_name", "x509_subject_alternative_name")
 
 Metadata = Iterable[tuple[str, str | bytes]]
@@ -56,6 +57,9 @@ class Callers:
 
     def identify(self, metadata: Metadata, connection: AuthContext, role: Role = Role.MOTION) -> Caller:
         """Who calls. connection: what gRPC says of it. Raises StreamRefused where it may not do what the role may."""
+        num_shown = sum(key.lower() == AUTHORIZATION for key, _ in metadata)
+        if num_shown > 1 and self._tenants is not None:  # a proxy before this server may have gone by another of them
+            raise credentials_repeated(num_shown)
         return self.of_header(_authorization(metadata), role, certificate_names(connection))
 
     def wanted(self, metadata: Metadata) -> Future[None] | None:
@@ -157,15 +161,15 @@ class Callers:
             for issuer in self._tenants.value.issuers.values():
                 self._rings.of(issuer.source).look()
 
-    def lapse(self, caller: Caller, role: Role = Role.MOTION) -> StreamRefused | None:
-        """Why a caller may not go on with what takes that role, if so, by what is known since the last look."""
-        remaining_s = self.remaining_s(caller)
-        if remaining_s is not None and remaining_s <= 0:
     @property
     def quotas(self) -> Mapping[str, Mapping[str, float]]:
         """By tenant, as of the last look; the same object until the file is read anew."""
         return NO_QUOTAS if self._tenants is None else self._tenants.value.quotas
 
+    def lapse(self, caller: Caller, role: Role = Role.MOTION) -> StreamRefused | None:
+        """Why a caller may not go on with what takes that role, if so, by what is known since the last look."""
+        remaining_s = self.remaining_s(caller)
+        if remaining_s is not None and remaining_s <= 0:
             return credentials_expired()
         if self._tenants is None or not caller.tenant:
             return None

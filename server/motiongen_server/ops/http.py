@@ -48,7 +48,7 @@ def ops_app(
         return _answer(is_ready())
 
     async def metrics(request: Request) -> Response:
-        refusal = refusal_of(request.headers.get("authorization", ""))
+        refusal = refusal_of(", ".join(request.headers.getlist("authorization")))  # of several none counts
         if refusal is not None:
             return PlainTextResponse(f"{refusal}\n", status_code=401, headers={"WWW-Authenticate": "Bearer"})
         nonlocal rendered

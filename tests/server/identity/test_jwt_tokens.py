@@ -263,6 +263,7 @@ def test_what_only_looks_like_a_token_is_refused(callers: Callers, junk: str) ->
         ("algorithms = ['none']", "algorithms has none"),
         ("keys = 'http://login.example/jwks'", "keys come by https"),
         ("keys = 'ftp://127.0.0.1/jwks'", "keys come by https"),
+        ("keys = 'https://me:hush@login.example/jwks'", "has a name or a password in its URL"),
         ("leeway_s = 1000", "leeway_s is 1000"),
         ("colour = 'red'", "issuers.corp has colour; known are algorithms"),
         ("issuer = ''", "issuer must be a word"),

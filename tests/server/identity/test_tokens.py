@@ -41,6 +41,25 @@ def test_what_is_no_hash_is_refused(given: str) -> None:
         TokenHash.parse(given)
 
 
+@pytest.mark.parametrize("name", ["studio", 'a "name"', "back\\slash", "two\nlines", "\x7f", "\N{GRINNING FACE}"])
+def test_the_entry_of_any_name_can_be_read(name: str, capsys: pytest.CaptureFixture[str]) -> None:
+    assert main([name]) == 0
+    assert list(tomllib.loads(capsys.readouterr().err)["tenants"]) == [name]
+
+
+@pytest.mark.parametrize(
+    ("words", "said"), [(["studio", "--days", "9999999"], "beyond the year 9999"), ([""], "tenant is empty")]
+)
+def test_an_entry_that_could_not_be_read_is_refused(
+    words: list[str], said: str, capsys: pytest.CaptureFixture[str]
+) -> None:
+    with pytest.raises(SystemExit) as ended:
+        main(words)
+    printed = capsys.readouterr()
+    assert (ended.value.code, printed.out) == (2, "")
+    assert said in printed.err
+
+
 def test_the_command_prints_a_token_and_the_entry_that_lets_it_in(capsys: pytest.CaptureFixture[str]) -> None:
     assert main(["studio", "--days", "30"]) == 0
     printed = capsys.readouterr()

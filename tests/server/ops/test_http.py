@@ -37,6 +37,17 @@ async def test_metrics_are_prometheus_text_of_the_registry() -> None:
     assert "motiongen_things_total 3.0" in response.text
 
 
+async def test_of_two_tokens_in_one_request_none_counts() -> None:
+    def refusal_of(authorization: str) -> str | None:
+        return None if authorization == "Bearer mine" else "no"
+
+    app = ops_app(CollectorRegistry(), lambda: True, lambda: True, refusal_of)
+    async with httpx.AsyncClient(transport=httpx.ASGITransport(app), base_url="http://ops") as client:
+        for times, status in ((1, 200), (2, 401)):
+            answer = await client.get("/metrics", headers=[("Authorization", "Bearer mine")] * times)
+            assert answer.status_code == status
+
+
 async def test_a_connection_lives_for_a_while_and_the_oldest_goes_where_there_are_too_many(
     monkeypatch: pytest.MonkeyPatch,
 ) -> None:

@@ -19,6 +19,7 @@ def open_client(url: str) -> redis.Redis:
 
     Raises ValueError for no address of one, and for options in it that no connection takes.
     """
+    check_readable(url)
     client = redis.Redis.from_url(url, socket_timeout=CALL_S, socket_connect_timeout=CALL_S, health_check_interval=0)
     pool = client.connection_pool
     if pool.connection_kwargs.get("decode_responses"):  # by the address; "false" is given as that word
@@ -30,8 +31,23 @@ def open_client(url: str) -> redis.Redis:
     return client
 
 
+def check_readable(url: str) -> None:
+    """Raise ValueError for an address whose port is none, as where a password ends it too early, which is not said."""
+    try:
+        parts = urlsplit(url)
+        is_whole = parts.port != 0 and (parts.scheme == "unix" or "@" not in parts.path + parts.query + parts.fragment)
+    except ValueError:
+        is_whole = False
+    if not is_whole:
+        raise ValueError(
+            "its address cannot be read; the port must be a number, and a password has / as %2F, ? as %3F, # as %23, "
+            "[ as %5B, ] as %5D and @ as %40"
+        )
+
+
 def name_of(url: str) -> str:
-    """Its address without a password, for messages."""
+    """Its address without a password, for messages. Raises ValueError for no address of one."""
+    check_readable(url)
     parts = urlsplit(url)
     return f"{parts.scheme}://{parts.hostname or ''}:{parts.port or 6379}{parts.path}"
 

@@ -39,7 +39,9 @@ def open_snapshot_store(asked: str, keep_s: float, folder: Path) -> SnapshotStor
             return RedisStore(asked, keep_s)
     except (StoreFailed, ValueError) as error:
         raise SettingError(f"snapshot_store cannot be used: {error}") from error
-    raise SettingError(f"snapshot_store is {asked!r}; it must be one of: {ALLOWED}")
+    kind, colon, _ = asked.partition(":")  # what follows may hold a password
+    shown = f"begins with {kind + colon!r}" if colon else f"is {asked!r}"
+    raise SettingError(f"snapshot_store {shown}; it must be one of: {ALLOWED}")
 
 
 def is_for_several_servers(asked: str) -> bool:

@@ -10,15 +10,17 @@ from __future__ import annotations
 import asyncio
 import contextlib
 import logging
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Coroutine, Iterator, Mapping, Sequence
 from typing import Any, NoReturn
 
 import grpc
 import grpc.aio
 from grpc._cython import cygrpc  # type: ignore[attr-defined]  # which has no stubs
 
-_NO_NAME = ""
-"""In the place of one that is not read."""
+from motiongen_server.rpc.call_context import SEEN_GONE_S
+
+_NO_NAME = "not read"
+"""In the place of a name."""
 
 
 class _NamesUnread(cygrpc.AioServer):  # type: ignore[misc]
@@ -37,10 +39,19 @@ class _NamesUnread(cygrpc.AioServer):  # type: ignore[misc]
         refusals: set[asyncio.Task[None]] = set()  # the loop holds none
         while True:
             call = await self._request_call()
-            refusing = cygrpc._handle_rpc(_NO_NAME, methods, (), call, loop, False)
+            refusing = _once_seen(cygrpc._handle_rpc(_NO_NAME, methods, (), call, loop, False))
             ending = cygrpc._schedule_rpc_coro(refusing, call, loop, _NO_NAME)
             refusals.add(task := loop.create_task(ending))
             task.add_done_callback(refusals.discard)
+
+
+async def _once_seen(refusing: Coroutine[Any, Any, None]) -> None:
+    """Refuse a call once gRPC has had time to see whether its client has gone; see `call_context.end_with`."""
+    try:
+        await asyncio.sleep(SEEN_GONE_S)
+        await refusing
+    finally:
+        refusing.close()
 
 
 def make_server(options: Sequence[tuple[str, int]] = (), most_calls: int | None = None) -> grpc.aio.Server:
@@ -70,5 +81,8 @@ def _names_unread() -> Iterator[None]:
 
 
 def _is_not_of_a_client(record: logging.LogRecord) -> bool:
-    """gRPC logs metadata that is no UTF-8 as an error, as often as clients like, and whole: tokens too."""
-    return not str(record.msg).startswith("Invalid encoding")
+    """gRPC logs as errors, as often as clients like: metadata that is no UTF-8, and whole, tokens too; and a call of a
+    method that nobody serves, whose client has gone while it was refused.
+    """
+    said = str(record.msg)
+    return not said.startswith("Invalid encoding") and not said.endswith(f"[{_NO_NAME}]")

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import asyncio
+import logging
 from collections.abc import AsyncIterator
 from contextlib import asynccontextmanager
 from typing import Any
@@ -11,6 +12,7 @@ import grpc
 import grpc.aio
 import pytest
 
+from motiongen_server.rpc import grpc_server
 from motiongen_server.rpc.grpc_server import make_server, serve_methods
 from tests.raw_calls import Header, answer_to, status_in
 from tests.waiting import LIMIT_S
@@ -62,3 +64,33 @@ async def test_metadata_that_is_no_text_is_not_logged(header: Header, caplog: py
         await asyncio.to_thread(answer_to, port, SERVED, header)
         assert status_in(await asyncio.to_thread(answer_to, port, SERVED)) == OK
     assert not caplog.records
+
+
+async def test_clients_that_have_gone_while_they_are_refused_are_not_logged_and_faults_are(
+    caplog: pytest.LogCaptureFixture,
+) -> None:
+    """gRPC's own words for what comes of a status that nobody takes."""
+    log, said = logging.getLogger("grpc._cython.cygrpc"), "ExecuteBatchError raised in core by servicer method [%s]"
+    async with served():
+        for name in (grpc_server._NO_NAME, "/motiongen.test.Echo/Say"):
+            log.error(said % name)
+    assert [record.message for record in caplog.records] == [said % "/motiongen.test.Echo/Say"]
+
+
+async def test_who_has_gone_is_not_refused(monkeypatch: pytest.MonkeyPatch) -> None:
+    """gRPC never gives back the memory of a status that nobody takes."""
+    refused: list[str] = []
+
+    async def refuse() -> None:
+        refused.append("told")
+
+    monkeypatch.setattr(grpc_server, "SEEN_GONE_S", LIMIT_S)
+    refusing = asyncio.create_task(grpc_server._once_seen(refuse()))
+    await asyncio.sleep(0)
+    refusing.cancel()  # as gRPC does then
+    with pytest.raises(asyncio.CancelledError):
+        await refusing
+    assert not refused
+    monkeypatch.setattr(grpc_server, "SEEN_GONE_S", 0.0)
+    await grpc_server._once_seen(refuse())
+    assert refused == ["told"]

@@ -104,7 +104,7 @@ ROOMS = (
     room(f"{SERVER}/models/loader.py", "motiongen_ardy.text ~"),
     room(f"{SERVER}/models/repertoire.py", "numpy motiongen_ardy.capabilities ~"),
     room(f"{SERVER}/models", "grpc google motiongen numpy ~"),
-    room(f"{SERVER}/ops/http.py", "starlette uvicorn prometheus_client ~.ops.pace"),
+    room(f"{SERVER}/ops/http.py", "h11 starlette uvicorn prometheus_client ~.ops.pace"),
     room(f"{SERVER}/ops/port.py", "starlette ~.ops ~.addresses ~.settings"),
     room(
         f"{SERVER}/ops/tracing.py", "opentelemetry ~.engine.types ~.addresses ~.collector ~.settings", never="asyncio"

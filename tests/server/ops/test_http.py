@@ -94,6 +94,9 @@ async def test_clients_mistakes_are_not_logged_and_faults_are(caplog: pytest.Log
                 await until_true(lambda: server.started)
                 assert b"400" in await answer(b"garbage\r\n\r\n")
                 assert b"200" in await answer(upgrade)
+                for method in (b"GET", b"HEAD"):  # whose body turns out to be none
+                    chunked = b" /readyz HTTP/1.1\r\nHost: ops\r\nTransfer-Encoding: chunked\r\n\r\nno length\r\n"
+                    await answer(method + chunked)
                 await until_true(lambda: not http.BoundedConnection.open_ones)
                 assert not [record for record in caplog.records if record.levelname != "INFO"]
                 assert b"500" in await answer(b"GET /livez HTTP/1.1\r\nHost: ops\r\n\r\n")

@@ -18,8 +18,8 @@ def main() -> int:
     """0 after an orderly end, 2 for a wrong setting, 1 when start-up or the engine failed."""
     for number in SIGNALS:
         signal.signal(number, end_at_once)
-    # Else each client that speaks no TLS to a port that does adds a line to the log.
-    os.environ.setdefault("GRPC_VERBOSITY", "ERROR")
+    # Else each header that gRPC cannot read, and each handshake that is none, adds a line to the log.
+    os.environ.setdefault("GRPC_VERBOSITY", "NONE")
     # Only now, because they take a second: who is asked to stop meanwhile ends as at any other time.
     import asyncio
 

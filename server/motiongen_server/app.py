@@ -38,6 +38,7 @@ from motiongen_server.rpc.starting import StartingService
 from motiongen_server.settings import SettingError
 from motiongen_server.snapshots.store import SnapshotStore
 from motiongen_server.snapshots.stores import NONE, is_for_several_servers, open_snapshot_store, state_folder
+from motiongen_server.transport import make_admin_server
 
 _log = logging.getLogger("motiongen_server")
 
@@ -214,7 +215,7 @@ class Application:
         address = self._config.admin_listen
         if not address:
             return
-        self._admin = grpc.aio.server(options=[("grpc.so_reuseport", 0)])
+        self._admin = make_admin_server()
         add_admin(AdminService(self._manager, self.metrics.load_of, self._callers), self._admin)
         self.admin_port = listen(self._admin, address, " (admin)")
         await self._admin.start()

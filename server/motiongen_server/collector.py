@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from motiongen_server.addresses import is_port
 from motiongen_server.settings import SettingError
 
 PLAIN, TLS = "grpc:", "grpcs:"
@@ -11,5 +12,5 @@ def check_collector(address: str) -> None:
     """Raise SettingError for what is neither empty nor the address of a collector."""
     scheme, _, rest = address.partition(":")
     host, _, port = rest.rpartition(":")
-    if address and (f"{scheme}:" not in (PLAIN, TLS) or not host or not port.isdecimal()):
+    if address and (f"{scheme}:" not in (PLAIN, TLS) or not host or not is_port(port) or not int(port)):
         raise SettingError(f"trace_to is {address!r}; it must be {PLAIN}HOST:PORT, or {TLS}HOST:PORT for TLS")

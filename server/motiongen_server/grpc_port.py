@@ -3,6 +3,8 @@
 from __future__ import annotations
 
 import asyncio
+import contextlib
+import logging
 
 import grpc
 import grpc.aio
@@ -16,7 +18,13 @@ from motiongen_server.rpc.calls.health import Health, add_health
 from motiongen_server.rpc.calls.reflection import add_reflection
 from motiongen_server.rpc.calls.requests import Requests
 from motiongen_server.rpc.handlers import SERVICE_NAME, Handlers, add_methods
+from motiongen_server.settings import SettingError
 from motiongen_server.transport import make_grpc_server
+
+_log = logging.getLogger(__name__)
+
+TRY_AGAIN_S = 1.0
+"""Where the port cannot be opened again."""
 
 
 class GrpcPort:
@@ -30,6 +38,7 @@ class GrpcPort:
         self._health = health
         self._server: grpc.aio.Server | None = None
         self._ending: asyncio.Task[None] | None = None
+        self._outliving: asyncio.Task[None] | None = None
         self.number = config.port
 
     @property
@@ -48,14 +57,30 @@ class GrpcPort:
             add_reflection((SERVICE_NAME, HEALTH_NAME), server, requests)
         try:
             self.number = listen(server, join_address(self._config.host, self.number), "", self._tls)
+            await server.start()
         except BaseException:
             await server.stop(None)
             raise
-        await server.start()
         self._server = server
+        self._outliving = asyncio.create_task(self._outlive(server))
+
+    async def _outlive(self, server: grpc.aio.Server) -> None:
+        """Open the port again where its server has ended by itself, for a fault in gRPC: nobody could connect."""
+        with contextlib.suppress(Exception):  # which gRPC logs
+            # Shielded: where that is cancelled, gRPC's own wait for the end is, too.
+            await asyncio.shield(server.wait_for_termination())
+        while self._server is server:
+            _log.error("the gRPC server has ended by itself, and with it all streams; the port is opened again")
+            try:
+                await self.open()
+            except SettingError as error:
+                _log.error("%s; it is tried again", error)
+                await asyncio.sleep(TRY_AGAIN_S)
 
     def shut(self, grace_s: float | None) -> None:
         """Let nobody connect from now on. Calls under way go on, and are cancelled after the grace; None: at once."""
+        if self._outliving is not None:
+            self._outliving.cancel()
         if self._server is not None:
             self._ending = asyncio.create_task(self._server.stop(grace_s))
             self._server = None

@@ -8,15 +8,19 @@ from pathlib import Path
 import grpc.aio
 
 from motiongen_server.config import ServerConfig
+from motiongen_server.rpc.grpc_server import make_server
 from motiongen_server.rpc.limits import HEALTH_CALLS, OTHER_CALLS
 from motiongen_server.settings import SettingError
 
 MOST_PENDING = 4096
-"""Calls that have come and were not begun: gRPC begins them one after another, and cancels what is more by chance."""
+"""Calls of a method that have come and were not begun: gRPC begins them one after another, and cancels what is more by
+chance."""
 SPARE_CALLS = 256
 """That are just being refused."""
 RESERVED_FILES = 128
 """Descriptors for everything but clients: engine processes, operations, logs, what libraries open."""
+ADMIN_CONNECTIONS = 16
+"""Of those; operations have 64 (`ops.http`)."""
 LEAST_CONNECTIONS = 32
 MOST_FILES = 65_536
 """More are not asked for: some systems allow a billion, and libraries close them all one by one."""
@@ -28,7 +32,7 @@ READ_AHEAD_BYTES = 64 << 10
 
 def make_grpc_server(config: ServerConfig) -> grpc.aio.Server:
     """A server without methods and ports. Raises SettingError where there are too few descriptors."""
-    return grpc.aio.server(
+    return make_server(
         options=[
             ("grpc.max_receive_message_length", config.max_request_bytes),
             ("grpc.max_send_message_length", 8 << 20),
@@ -47,7 +51,18 @@ def make_grpc_server(config: ServerConfig) -> grpc.aio.Server:
             ("grpc.so_reuseport", 0),
         ],
         # No more than this are let in by those who know whose they are, each of its kind: so that none takes all.
-        maximum_concurrent_rpcs=config.max_streams + config.max_clip_calls + OTHER_CALLS + HEALTH_CALLS + SPARE_CALLS,
+        most_calls=config.max_streams + config.max_clip_calls + OTHER_CALLS + HEALTH_CALLS + SPARE_CALLS,
+    )
+
+
+def make_admin_server() -> grpc.aio.Server:
+    """The same for operators, who are few: whoever else connects to their port takes no descriptors from clients."""
+    return make_server(
+        [
+            ("grpc.max_allowed_incoming_connections", ADMIN_CONNECTIONS),
+            ("grpc.server_handshake_timeout_ms", HANDSHAKE_MS),
+            ("grpc.so_reuseport", 0),
+        ]
     )
 
 

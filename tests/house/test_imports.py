@@ -39,7 +39,10 @@ PARTS = ("ardy", "server", "client/python", "client/tools", "compliance", "proto
 ARDY = "ardy/motiongen_ardy"
 SERVER = "server/motiongen_server"
 
-CALLS = "grpc google.protobuf ~.rpc.calls ~.rpc.budgets ~.rpc.errors ~.rpc.limits ~.errors ~.engine.types ~.identity"
+CALLS = (
+    "grpc google.protobuf ~.rpc.calls ~.rpc.grpc_server ~.rpc.budgets ~.rpc.errors ~.rpc.limits ~.errors"
+    " ~.engine.types ~.identity"
+)
 SESSIONS = (
     "numpy motiongen ~.rpc.sessions ~.rpc.convert ~.rpc.budgets ~.rpc.errors ~.rpc.limits ~.rpc.send_queue"
     " ~.rpc.sparing_log ~.rpc.stream_metrics ~.errors ~.engine.types ~.models.registry ~.snapshots ~.text"
@@ -111,12 +114,12 @@ ROOMS = (
         f"{SERVER}/text/encoder",
         f"{GRPC} google motiongen motiongen_ardy.text numpy prometheus_client torch"
         " ~.text ~.ops ~.errors ~.addresses ~.config ~.settings ~.background ~.engine.types"
-        " ~.identity ~.protection ~.rpc.calls ~.rpc.limits ~.rpc.budgets ~.transport",
+        " ~.identity ~.protection ~.rpc.calls ~.rpc.limits ~.rpc.budgets ~.rpc.grpc_server ~.transport",
     ),
     room(f"{SERVER}/models/loader.py", "motiongen_ardy.text ~"),
     room(f"{SERVER}/models/repertoire.py", "numpy motiongen_ardy.capabilities ~"),
     room(f"{SERVER}/models", "grpc google motiongen numpy ~"),
-    room(f"{SERVER}/ops/http.py", "starlette uvicorn prometheus_client ~.ops.pace"),
+    room(f"{SERVER}/ops/http.py", "h11 starlette uvicorn prometheus_client ~.ops.pace"),
     room(f"{SERVER}/ops/port.py", "starlette ~.ops ~.addresses ~.settings"),
     room(
         f"{SERVER}/ops/tracing.py", "opentelemetry ~.engine.types ~.addresses ~.collector ~.settings", never="asyncio"
@@ -132,10 +135,11 @@ ROOMS = (
     room(f"{SERVER}/identity/setup.py", "grpc ~.identity ~.addresses ~.protection ~.settings", never="asyncio"),
     room(f"{SERVER}/identity", "grpc jwt ~.identity ~.errors ~.settings ~.addresses", never="asyncio"),
     room(f"{SERVER}/errors.py", "grpc grpc_status google ~.engine.types"),
-    room(f"{SERVER}/transport.py", "grpc ~.config ~.settings ~.rpc.limits"),
+    room(f"{SERVER}/transport.py", "grpc ~.config ~.settings ~.rpc.grpc_server ~.rpc.limits"),
     room(
         f"{SERVER}/grpc_port.py",
-        f"{GRPC} ~.addresses ~.config ~.identity.setup ~.identity.tls ~.rpc.handlers ~.rpc.calls ~.transport",
+        f"{GRPC} ~.addresses ~.config ~.identity.setup ~.identity.tls ~.rpc.handlers ~.rpc.calls ~.settings"
+        " ~.transport",
     ),
     room(f"{SERVER}/app.py {SERVER}/run.py {SERVER}/__main__.py", f"{GRPC} google motiongen ~"),
     room(SERVER, ""),

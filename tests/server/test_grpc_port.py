@@ -10,6 +10,7 @@ import grpc.aio
 import pytest
 from grpc_health.v1 import health_pb2, health_pb2_grpc
 
+from motiongen_server import grpc_port
 from motiongen_server.grpc_port import GrpcPort
 from motiongen_server.identity.tls import ServerTls, TlsFiles
 from motiongen_server.rpc.calls.health import Health
@@ -17,7 +18,7 @@ from motiongen_server.rpc.starting import StartingService
 from motiongen_server.settings import SettingError
 from tests.server.application import NOT_SERVING, SERVING, config
 from tests.server.identity.files import client_credentials, copy_pair
-from tests.waiting import LIMIT_S, try_again
+from tests.waiting import LIMIT_S, try_again, until_true
 
 
 def port_of(tls: ServerTls | None = None, **settings: object) -> GrpcPort:
@@ -61,6 +62,20 @@ async def test_nobody_can_connect_while_it_is_shut_and_its_number_stays() -> Non
         assert await health_at(number) == SERVING
         await port.close(None)
         await port.close(None)
+
+
+async def test_a_server_that_ends_by_itself_is_replaced(caplog: pytest.LogCaptureFixture) -> None:
+    async with asyncio.timeout(LIMIT_S):
+        port = port_of()
+        await port.open()
+        number, ended = port.number, port._server
+        assert ended is not None
+        await ended._server.shutdown(None)  # type: ignore[attr-defined]  # as gRPC does where its loop has failed
+        await until_true(lambda: port._server is not ended)
+        assert (port.is_open, port.number, await health_at(number)) == (True, number, SERVING)
+        await port.close(None)
+        assert not await connects(number)
+    assert [record.levelname for record in caplog.records if record.name == grpc_port.__name__] == ["ERROR"]
 
 
 async def test_a_port_with_tls_is_opened_again_though_its_files_are_just_being_written(tmp_path: Path) -> None:

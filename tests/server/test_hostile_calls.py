@@ -22,6 +22,7 @@ from motiongen_server.rpc.streams import writer as stream_writer
 from tests.attack.hostile_calls import NARROW
 from tests.channels import ALONE
 from tests.contract.local import LocalServer
+from tests.raw_calls import answer_to, status_in
 from tests.server.application import SERVING, config, running
 from tests.waiting import LIMIT_S, until_true
 
@@ -39,6 +40,7 @@ OF_ONE_REQUEST = (
 )
 REFLECTION = tuple(f"/grpc.reflection.{version}.ServerReflection/ServerReflectionInfo" for version in ("v1", "v1alpha"))
 GARBAGE = b"\xff"
+UNIMPLEMENTED = grpc.StatusCode.UNIMPLEMENTED.value[0]
 
 
 @asynccontextmanager
@@ -99,6 +101,21 @@ async def test_a_request_that_is_too_long_for_its_method_is_refused_before_its_c
             if path != CLIP:
                 end = await end_of(admin if path.startswith(ADMIN) else motion, path, [too_long], is_over=False)
                 assert end == (grpc.StatusCode.INVALID_ARGUMENT, "REQUEST_TOO_LONG"), path
+
+
+async def test_a_method_whose_name_is_no_text_ends_no_port(caplog: pytest.LogCaptureFixture) -> None:
+    async with running(config(admin_listen="127.0.0.1:0")) as application:
+        for port, service in ((application.grpc_port, MOTION), (application.admin_port, ADMIN)):
+            for path in (b"\xff", f"{service}".encode() + b"\xff"):
+                assert status_in(await asyncio.to_thread(answer_to, port, path)) == UNIMPLEMENTED
+        async with (
+            grpc.aio.insecure_channel(f"127.0.0.1:{application.grpc_port}") as motion,
+            grpc.aio.insecure_channel(f"127.0.0.1:{application.admin_port}") as admin,
+        ):
+            check = health_pb2_grpc.HealthStub(motion).Check(health_pb2.HealthCheckRequest())
+            assert (await check).status == SERVING
+            assert await admin.unary_unary(f"{ADMIN}ListModels")(b"")
+    assert not [record for record in caplog.records if record.levelname in ("WARNING", "ERROR")]
 
 
 async def test_garbage_ends_a_call_for_reflection_too(caplog: pytest.LogCaptureFixture) -> None:

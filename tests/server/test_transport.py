@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import asyncio
+import contextlib
 import resource
 
 import grpc
@@ -12,6 +13,7 @@ import pytest
 from motiongen_server import transport
 from motiongen_server.config import ServerConfig
 from motiongen_server.settings import SettingError
+from tests.raw_calls import PREFACE
 from tests.server.application import config, running
 from tests.waiting import LIMIT_S
 
@@ -72,3 +74,17 @@ async def test_a_message_that_unpacks_to_more_than_a_message_may_have_is_not_unp
             await channel.unary_unary("/motiongen.v1.MotionService/GetCatalog")(bomb)
         assert refused.value.code() is grpc.StatusCode.RESOURCE_EXHAUSTED
         assert str(len(bomb)) not in str(refused.value.details())
+
+
+async def test_who_connects_to_the_port_of_operators_takes_no_more_descriptors_than_they_have() -> None:
+    async with running(config(admin_listen="127.0.0.1:0")) as application:
+        held, num_answered = [], 0
+        for _ in range(transport.ADMIN_CONNECTIONS + 4):
+            reader, writer = await asyncio.open_connection("127.0.0.1", application.admin_port)
+            held.append(writer)
+            writer.write(PREFACE)
+            with contextlib.suppress(ConnectionError):
+                num_answered += await reader.read(1) != b""
+        assert num_answered == transport.ADMIN_CONNECTIONS
+        for writer in held:
+            writer.transport.abort()

@@ -9,6 +9,7 @@ from enum import StrEnum
 import grpc
 
 from motiongen_server.errors import StreamRefused
+from motiongen_server.identity.key_set import Key
 
 
 class Role(StrEnum):
@@ -42,7 +43,7 @@ class Caller:
     roles: frozenset[Role] = DEFAULT_ROLES
     expires_at: float | None = None
     quota: Mapping[str, float] = field(default_factory=dict)
-    signed_by: tuple[str, str] | None = None
+    signed_by: tuple[str, Key] | None = None
 
 
 ANYBODY = Caller()
@@ -58,8 +59,22 @@ def credentials_invalid() -> StreamRefused:
     return StreamRefused(grpc.StatusCode.UNAUTHENTICATED, "CREDENTIALS_INVALID", message)
 
 
+def credentials_repeated(num: int) -> StreamRefused:
+    message = f"the call carries {num} entries `authorization` in its metadata; send one, with the token that counts"
+    return StreamRefused(grpc.StatusCode.UNAUTHENTICATED, "CREDENTIALS_INVALID", message)
+
+
 def credentials_not_for_us(audience: str) -> StreamRefused:
     message = f"the token is for another service; ask its issuer for one whose audience is {audience}"
+    return StreamRefused(grpc.StatusCode.UNAUTHENTICATED, "CREDENTIALS_INVALID", message)
+
+
+def credentials_too_early(leeway_s: float) -> StreamRefused:
+    """Of a signed token: its issuer's clock, or this machine's, is wrong, or it is for later."""
+    message = (
+        "the token is not good yet, by its `nbf` or `iat` and this server's clock; show it later, or set the clocks of "
+        f"server and issuer, which may differ by {leeway_s:g} s"
+    )
     return StreamRefused(grpc.StatusCode.UNAUTHENTICATED, "CREDENTIALS_INVALID", message)
 
 

@@ -16,18 +16,21 @@ from motiongen_server.identity.caller import (
     credentials_expired,
     credentials_invalid,
     credentials_missing,
+    credentials_repeated,
     credentials_revoked,
     role_missing,
     tenant_unknown,
 )
 from motiongen_server.identity.issuers import Issuer
 from motiongen_server.identity.jwt_tokens import TokenChecks, Unchecked, may_be_signed, unchecked
+from motiongen_server.identity.key_set import Key
 from motiongen_server.identity.keys import KeyRings, KeysUnavailable
 from motiongen_server.identity.tenants import Tenant, Tenants
 from motiongen_server.identity.tokens import UNKNOWN, number_of
 from motiongen_server.identity.watched import Watched
 
 AUTHORIZATION = "authorization"
+NO_QUOTAS: Mapping[str, Mapping[str, float]] = {}
 _SCHEME = "bearer "
 _NAMES = ("x509_common_name", "x509_subject_alternative_name")
 
@@ -54,6 +57,9 @@ class Callers:
 
     def identify(self, metadata: Metadata, connection: AuthContext, role: Role = Role.MOTION) -> Caller:
         """Who calls. connection: what gRPC says of it. Raises StreamRefused where it may not do what the role may."""
+        num_shown = sum(key.lower() == AUTHORIZATION for key, _ in metadata)
+        if num_shown > 1 and self._tenants is not None:  # a proxy before this server may have gone by another of them
+            raise credentials_repeated(num_shown)
         return self.of_header(_authorization(metadata), role, certificate_names(connection))
 
     def wanted(self, metadata: Metadata) -> Future[None] | None:
@@ -144,7 +150,7 @@ class Callers:
         if tenant is None or issuer.name not in tenant.issuers:
             raise tenant_unknown(good.tenant)
         caller = _caller(tenant, f"token of {issuer.name}", good.expires_at)
-        return replace(caller, signed_by=(issuer.issuer, said.key_id))
+        return replace(caller, signed_by=(issuer.issuer, good.key))
 
     # ---- afterwards -------------------------------------------------------------------------------------------------
 
@@ -154,6 +160,11 @@ class Callers:
             self._tenants.look()
             for issuer in self._tenants.value.issuers.values():
                 self._rings.of(issuer.source).look()
+
+    @property
+    def quotas(self) -> Mapping[str, Mapping[str, float]]:
+        """By tenant, as of the last look; the same object until the file is read anew."""
+        return NO_QUOTAS if self._tenants is None else self._tenants.value.quotas
 
     def lapse(self, caller: Caller, role: Role = Role.MOTION) -> StreamRefused | None:
         """Why a caller may not go on with what takes that role, if so, by what is known since the last look."""
@@ -173,18 +184,13 @@ class Callers:
         )
         return None if name in there else credentials_revoked()
 
-    def quota(self, caller: Caller) -> Mapping[str, float]:
-        """What its tenant may have, by what is known since the last look."""
-        tenant = None if self._tenants is None else self._tenants.value.by_name.get(caller.tenant)
-        return caller.quota if tenant is None else tenant.quota
-
-    def _still_signs(self, tenant: Tenant, issuer: str, key_id: str) -> bool:
+    def _still_signs(self, tenant: Tenant, issuer: str, key: Key) -> bool:
         assert self._tenants is not None
         known = self._tenants.value.issuers.get(issuer)
         if known is None or known.name not in tenant.issuers:
             return False
         try:
-            return self._rings.of(known.source).find(key_id) is not None
+            return self._rings.of(known.source).tells(key)
         except KeysUnavailable:  # what was let in before plays on until its token expires
             return True
 

@@ -15,9 +15,9 @@ def table(entry: Mapping[str, Any], known: set[str], where: str) -> Mapping[str,
 
 
 def mapping(value: object, where: str) -> Mapping[str, Any]:
-    """A table, of whatever keys."""
+    """A table, of whatever keys. What else there is may be a secret that was put in the wrong place: it is not said."""
     if not isinstance(value, dict):
-        raise ValueError(f"{where} must be a table, not {value!r}")
+        raise ValueError(f"{where} must be a table, not a {type(value).__name__}")
     return value
 
 

@@ -104,8 +104,10 @@ def _source(entry: Mapping[str, Any], issuer: str, where: str) -> KeySource:
 
 
 def check_url(url: str, where: str) -> None:
-    """Raise ValueError for a URL whose answer others could change on its way."""
+    """Raise ValueError for a URL whose answer others could change on its way, and for one with a password in it."""
     parts = urlsplit(url)
+    if parts.username is not None:
+        raise ValueError(f"{where} has a name or a password in its URL, which would not be shown; leave it out")
     if parts.scheme == "https" and parts.hostname:
         return
     if parts.scheme != "http" or not is_local(parts.hostname or "?"):

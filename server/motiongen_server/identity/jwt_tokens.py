@@ -9,13 +9,14 @@ from functools import lru_cache
 from typing import Any
 
 import jwt
-from jwt.exceptions import ExpiredSignatureError, InvalidAudienceError, PyJWTError
+from jwt.exceptions import ExpiredSignatureError, ImmatureSignatureError, InvalidAudienceError, PyJWTError
 
 from motiongen_server.errors import StreamRefused
 from motiongen_server.identity.caller import (
     credentials_expired,
     credentials_invalid,
     credentials_not_for_us,
+    credentials_too_early,
     keys_unavailable,
 )
 from motiongen_server.identity.issuers import Issuer
@@ -37,10 +38,14 @@ class Unchecked:
 
 @dataclass(frozen=True)
 class Checked:
-    """What an issuer says. tenant: the claim that it is asked for; expires_at: seconds since 1970, leeway included."""
+    """What an issuer says. tenant: the claim that it is asked for; expires_at: seconds since 1970, leeway included.
+
+    key: what it was signed with.
+    """
 
     tenant: str
     expires_at: float
+    key: Key
 
 
 class TokenChecks:
@@ -51,7 +56,7 @@ class TokenChecks:
 
     def __init__(self, most: int = MOST_REMEMBERED) -> None:
         self._most = most
-        self._held: OrderedDict[str, tuple[Unchecked, Issuer, Key, Checked]] = OrderedDict()
+        self._held: OrderedDict[str, tuple[Unchecked, Issuer, Checked]] = OrderedDict()
 
     def said(self, token: str) -> Unchecked | None:
         """What a token says, which was checked before; nothing is read for that."""
@@ -61,18 +66,17 @@ class TokenChecks:
     def known(self, said: Unchecked, issuer: Issuer, keys: Keys) -> Checked | None:
         """What a check of the token has found that still holds; whether it has expired is not looked at."""
         held = self._held.get(said.token)
-        if held is None or held[1] != issuer or held[2] != _find(keys, said.key_id):
+        if held is None or held[1] != issuer or held[2].key != _find(keys, said.key_id):
             return None
         self._held.move_to_end(said.token)
-        return held[3]
+        return held[2]
 
     def check(self, said: Unchecked, issuer: Issuer, keys: Keys) -> Checked:
         """What the issuer says. Raises StreamRefused for a token that does not hold."""
         found = self.known(said, issuer, keys)
         if found is None:
-            found, key = checked(said, issuer, keys), _find(keys, said.key_id)
-            if key is not None:
-                self._held[said.token] = said, issuer, key, found
+            found = checked(said, issuer, keys)
+            self._held[said.token] = said, issuer, found
             if len(self._held) > self._most:
                 self._held.popitem(last=False)
         return found
@@ -122,16 +126,19 @@ def checked(said: Unchecked, issuer: Issuer, keys: Keys) -> Checked:
             leeway=issuer.leeway_s,
             options={"require": ["exp", "iss", "aud"], "enforce_minimum_key_length": True},
         )
+        expires_at = float(int(claims["exp"])) + issuer.leeway_s
     except ExpiredSignatureError:
         raise credentials_expired() from None
     except InvalidAudienceError:
         raise credentials_not_for_us(", ".join(issuer.audience)) from None
+    except ImmatureSignatureError:
+        raise credentials_too_early(issuer.leeway_s) from None
     except (PyJWTError, ValueError, TypeError, OverflowError):
         raise credentials_invalid() from None
     tenant = claims.get(issuer.tenant_claim)
     if not isinstance(tenant, str) or not tenant:
         raise claim_missing(issuer.tenant_claim)
-    return Checked(tenant, int(claims["exp"]) + issuer.leeway_s)
+    return Checked(tenant, expires_at, key)
 
 
 def claim_missing(claim: str) -> StreamRefused:

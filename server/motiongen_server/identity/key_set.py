@@ -61,6 +61,13 @@ def keys_of(document: object) -> KeysById:
     return found
 
 
+def is_told(keys: Mapping[str, Key], key: Key) -> bool:
+    """Whether a key is one of them, whatever is told of it besides; another may have got its name."""
+    if keys.get(str(key.told.get("kid", ""))) == key:  # as it nearly always is
+        return True
+    return any(each.read.key == key.read.key for each in keys.values())
+
+
 def find_key(keys: Mapping[str, Key], key_id: str) -> Key | None:
     """The key of that name; without one, the only key there is."""
     if not key_id and len(keys) == 1:

@@ -13,7 +13,7 @@ from typing import Protocol
 
 from motiongen_server.identity.issuers import KeySource
 from motiongen_server.identity.key_fetch import WITHIN_S, fetched
-from motiongen_server.identity.key_set import Key, KeysById, find_key, keys_of
+from motiongen_server.identity.key_set import Key, KeysById, find_key, is_told, keys_of
 from motiongen_server.identity.tls import check_authorities
 from motiongen_server.identity.watched import Watched
 
@@ -22,7 +22,8 @@ _log = logging.getLogger(__name__)
 GIVE_UP_S = 2 * WITHIN_S
 """After which a fetch has failed, whatever its thread waits for: another may be begun."""
 RETRY_S = 10.0
-"""Least time between two fetches: tokens of made-up keys cannot have the issuer asked more often."""
+"""Least time after a fetch that failed, or that was not due: tokens of made-up keys cannot have the issuer asked more
+often."""
 MOST_WAITING = 64
 """Calls that may wait for one fetch; more are decided by what is known."""
 
@@ -36,6 +37,9 @@ class Keys(Protocol):
 
     def find(self, key_id: str) -> Key | None:
         """The key of that name; without one, the only key there is. Raises KeysUnavailable."""
+
+    def tells(self, key: Key) -> bool:
+        """Whether that is one of them. Raises KeysUnavailable."""
 
     def wanted(self, key_id: str) -> Future[None] | None:
         """What is worth waiting for before `find` is asked."""
@@ -53,6 +57,9 @@ class FileKeys:
 
     def find(self, key_id: str) -> Key | None:
         return find_key(self._watched.value, key_id)
+
+    def tells(self, key: Key) -> bool:
+        return is_told(self._watched.value, key)
 
     def wanted(self, key_id: str) -> None:
         return None
@@ -97,20 +104,35 @@ class FetchedKeys:
         self._is_failing = False
 
     def find(self, key_id: str) -> Key | None:
-        age_s = self._clock() - self._fetched_at
-        if self._keys is None or age_s > self._source.refresh_s + self._source.stale_s:
-            raise KeysUnavailable(self._source.place)
-        found = find_key(self._keys, key_id)
+        found = find_key(self._known(), key_id)
         if found is None and self._is_failing:  # it may be a new one, of which nothing has been heard
             raise KeysUnavailable(self._source.place)
         return found
 
+    def tells(self, key: Key) -> bool:
+        return is_told(self._known(), key)
+
+    def _known(self) -> KeysById:
+        """Raises KeysUnavailable where there are none, or they are too old."""
+        if self._keys is None or self._are_too_old:
+            raise KeysUnavailable(self._source.place)
+        return self._keys
+
+    @property
+    def _age_s(self) -> float:
+        return self._clock() - self._fetched_at
+
+    @property
+    def _are_too_old(self) -> bool:
+        return self._age_s > self._source.refresh_s + self._source.stale_s
+
     def wanted(self, key_id: str) -> Future[None] | None:
         with self._lock:
-            if not self._is_due() and find_key(self._keys or {}, key_id) is not None:
+            is_known = find_key(self._keys or {}, key_id) is not None
+            if not self._is_due() and is_known:
                 return None
             under_way = self._ask()
-            if under_way is None or self._num_waiting >= MOST_WAITING:
+            if under_way is None or self._num_waiting >= MOST_WAITING or (is_known and self._is_good_enough()):
                 return None
             self._num_waiting += 1
             return under_way
@@ -121,7 +143,14 @@ class FetchedKeys:
                 self._ask()
 
     def _is_due(self) -> bool:
-        return self._keys is None or self._clock() - self._fetched_at > self._source.refresh_s
+        return self._keys is None or self._age_s > self._source.refresh_s
+
+    def _is_good_enough(self) -> bool:
+        """Whether a key that is known need not wait for what is being fetched: that was begun as soon as it was due, or
+        the issuer does not answer. Else nobody has asked for long, and a key may have been taken back since.
+        """
+        is_asked_for = self._is_failing or self._age_s <= self._source.refresh_s + GIVE_UP_S
+        return is_asked_for and not self._are_too_old
 
     def _ask(self) -> Future[None] | None:
         """The fetch that is under way, begun now unless the last was just before."""
@@ -130,7 +159,8 @@ class FetchedKeys:
             if self._tried_at is None or now - self._tried_at < GIVE_UP_S:
                 return self._under_way
             self._end(self._under_way, None, TimeoutError(f"nothing came in {GIVE_UP_S:g} s"))
-        if self._tried_at is not None and now - self._tried_at < RETRY_S:
+        is_once_more = self._is_failing or not self._is_due()  # else they may be good for less than that
+        if self._tried_at is not None and is_once_more and now - self._tried_at < RETRY_S:
             return None
         self._tried_at, self._num_waiting = now, 0
         under_way = self._under_way = Future[None]()

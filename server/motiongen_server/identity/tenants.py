@@ -72,6 +72,7 @@ class Tenants:
             self.issuers[issuer.issuer] = issuer
         names = [issuer.name for issuer in self.issuers.values()]
         self.by_name = {tenant.name: tenant for tenant in tenants}
+        self.quotas = {tenant.name: tenant.quota for tenant in self.by_name.values()}
         self.by_token: dict[str, tuple[Tenant, Token]] = {}
         self.by_certificate: dict[str, Tenant] = {}
         for tenant in self.by_name.values():
@@ -94,7 +95,10 @@ class Tenants:
 def read_tenants(path: str) -> Tenants:
     """Raises ValueError for what is wrong in the file, OSError where it cannot be read."""
     try:
-        document = tomllib.loads(Path(path).read_text(encoding="utf-8"))
+        text = Path(path).read_text(encoding="utf-8")
+        if not text.strip():  # as it is for a moment while it is written anew, when nobody is to be turned out
+            raise ValueError("it is empty; write [tenants] alone to let nobody in")
+        document = tomllib.loads(text)
         parts = table(document, {"tenants", "issuers"}, "the file")
         issuers = mapping(parts.get("issuers", {}), "issuers")
         tenants = mapping(parts.get("tenants", {}), "tenants")
@@ -107,6 +111,10 @@ def read_tenants(path: str) -> Tenants:
 
 
 def _tenant(name: str, entry: Mapping[str, Any]) -> Tenant:
+    if not name:
+        raise ValueError(
+            "tenants has an entry without a name; give it one, by which its sessions are told from others'"
+        )
     entry = table(entry, {"roles", "tokens", "certificates", "issuers", "quota"}, name)
     roles = words(entry.get("roles", [role.value for role in DEFAULT_ROLES]), f"{name}.roles")
     unknown = sorted(set(roles) - {role.value for role in Role})

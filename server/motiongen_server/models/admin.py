@@ -18,6 +18,7 @@ from motiongen_server.models.registry import LoadedModel, ModelState
 from motiongen_server.rpc.calls.context import CallContext, unary_method
 from motiongen_server.rpc.calls.issuer_keys import keys_for
 from motiongen_server.rpc.calls.requests import Requests, parsed_as
+from motiongen_server.rpc.grpc_server import serve_methods
 
 MAX_GRACE_S = 3600.0
 SERVICE_NAME = admin_pb2.DESCRIPTOR.services_by_name["MotionAdminService"].full_name
@@ -109,7 +110,7 @@ def add_admin(service: AdminService, server: grpc.aio.Server) -> None:
     requests = Requests()
     methods = (service.ListModels, service.LoadModel, service.UnloadModel, service.ReloadModel)
     handlers = {method.__name__: unary_method(method, requests) for method in methods}
-    server.add_generic_rpc_handlers((grpc.method_handlers_generic_handler(SERVICE_NAME, handlers),))
+    serve_methods(server, SERVICE_NAME, handlers)
 
 
 def _grace_s(request: admin_pb2.UnloadModelRequest | admin_pb2.ReloadModelRequest) -> float | None:

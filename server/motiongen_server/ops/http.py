@@ -11,6 +11,7 @@ from collections.abc import Callable, Iterator
 from typing import ClassVar
 
 import uvicorn
+from h11 import ProtocolError
 from prometheus_client import CONTENT_TYPE_LATEST, CollectorRegistry, generate_latest
 from starlette.applications import Starlette
 from starlette.requests import Request
@@ -48,7 +49,7 @@ def ops_app(
         return _answer(is_ready())
 
     async def metrics(request: Request) -> Response:
-        refusal = refusal_of(request.headers.get("authorization", ""))
+        refusal = refusal_of(", ".join(request.headers.getlist("authorization")))  # of several none counts
         if refusal is not None:
             return PlainTextResponse(f"{refusal}\n", status_code=401, headers={"WWW-Authenticate": "Bearer"})
         nonlocal rendered
@@ -71,8 +72,12 @@ def _answer(well: bool) -> Response:
 
 
 def _is_for_operators(record: logging.LogRecord) -> bool:
-    """uvicorn warns of each request that is none, as often as clients like; faults of the server's own are errors."""
-    return record.levelno != logging.WARNING
+    """uvicorn warns of each request that is none, as often as clients like; faults of the server's own are errors.
+
+    So is, for uvicorn, an answer that comes when the request's body has turned out to be none.
+    """
+    fault = record.exc_info[1] if record.exc_info else None
+    return record.levelno != logging.WARNING and not isinstance(fault, ProtocolError)
 
 
 class BoundedConnection(H11Protocol):
@@ -91,6 +96,12 @@ class BoundedConnection(H11Protocol):
         if len(self.open_ones) > MOST_CONNECTIONS:
             oldest, _ = self.open_ones.popitem(last=False)
             oldest.transport.abort()
+
+    def data_received(self, data: bytes) -> None:
+        try:
+            super().data_received(data)
+        except ProtocolError:  # uvicorn's own answer to what is no request, of one that it has begun to answer
+            self.transport.abort()
 
     def connection_lost(self, exc: Exception | None) -> None:
         self._end.cancel()

@@ -11,6 +11,7 @@ import grpc.aio
 from motiongen.v1 import service_pb2
 from motiongen_server.rpc.calls.context import CallContext, streaming_method, unary_method
 from motiongen_server.rpc.calls.requests import Requests
+from motiongen_server.rpc.grpc_server import serve_methods
 
 SERVICE = service_pb2.DESCRIPTOR.services_by_name["MotionService"]
 SERVICE_NAME = SERVICE.full_name
@@ -44,4 +45,4 @@ def add_methods(methods: Handlers, server: grpc.aio.Server, requests: Requests |
         "GenerateClip": streaming_method(methods.GenerateClip, requests),
         "StreamMotion": grpc.stream_stream_rpc_method_handler(methods.StreamMotion),
     }
-    server.add_generic_rpc_handlers((grpc.method_handlers_generic_handler(SERVICE_NAME, handlers),))
+    serve_methods(server, SERVICE_NAME, handlers)

@@ -88,7 +88,7 @@ class MotionService:
         most_calls = self._limits.max_clip_calls + OTHER_CALLS
         self._admission = CallAdmission(self._callers, peers, most_calls, memory=self._memory)
         self.clips = ClipService(models, self._numbers, stream_metrics, self._limits, self._memory)
-        self.watch = StreamWatch(self._limits, self._streams, self._callers, self._memory, self._admission.renew)
+        self.watch = StreamWatch(self._limits, self._streams, self._callers, self._memory, self._admission.renew_quotas)
         self._lag = GatewayLag(lambda: bool(self._streams))
         models.is_gateway_full = lambda: self._lag.is_too_long
         self._all_ended = asyncio.Event()

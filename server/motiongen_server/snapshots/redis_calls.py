@@ -19,6 +19,7 @@ def open_client(url: str) -> redis.Redis:
 
     Raises ValueError for no address of one, and for options in it that no connection takes.
     """
+    check_readable(url)
     client = redis.Redis.from_url(url, socket_timeout=CALL_S, socket_connect_timeout=CALL_S, health_check_interval=0)
     pool = client.connection_pool
     if pool.connection_kwargs.get("decode_responses"):  # by the address; "false" is given as that word
@@ -30,20 +31,28 @@ def open_client(url: str) -> redis.Redis:
     return client
 
 
+def check_readable(url: str) -> None:
+    """Raise ValueError for an address whose port is none, as where a password ends it too early, which is not said."""
+    try:
+        parts = urlsplit(url)
+        is_whole = parts.port != 0 and (parts.scheme == "unix" or "@" not in parts.path + parts.query + parts.fragment)
+    except ValueError:
+        is_whole = False
+    if not is_whole:
+        raise ValueError(
+            "its address cannot be read; the port must be a number, and a password has / as %2F, ? as %3F, # as %23, "
+            "[ as %5B, ] as %5D and @ as %40"
+        )
+
+
 def name_of(url: str) -> str:
-    """Its address without a password, for messages. Raises ValueError where it has no such address."""
+    """Its address without a password, for messages. Raises ValueError for no address of one."""
+    check_readable(url)
     parts = urlsplit(url)
     if parts.scheme == "unix":
         return f"unix://{parts.path}"
     host = parts.hostname or ""
-    try:
-        port = parts.port or 6379
-    except ValueError:  # whose message has what stands there, which may be a part of the password
-        raise ValueError(
-            f"the {parts.scheme}: address has no port where one should be; "
-            "in a password write %2F for /, %23 for #, %40 for @"
-        ) from None
-    return f"{parts.scheme}://{f'[{host}]' if ':' in host else host}:{port}{parts.path}"
+    return f"{parts.scheme}://{f'[{host}]' if ':' in host else host}:{parts.port or 6379}{parts.path}"
 
 
 @contextmanager

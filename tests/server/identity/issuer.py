@@ -57,13 +57,17 @@ class Issuer:
         told = kinds[algorithm].to_jwk(private_key(algorithm, name).public_key(), as_dict=True)
         return {**told, "kid": name, "alg": algorithm, "use": "sig"}
 
-    def token(self, key: str = "first", algorithm: str = "ES256", **claims: Any) -> str:
-        """A token that holds, but for what the claims change; a claim that is None is left out."""
+    def token(self, key: str = "first", algorithm: str = "ES256", kid: str | None = None, **claims: Any) -> str:
+        """A token that holds, but for what the claims change; a claim that is None is left out.
+
+        kid: as it names its key, "" for not at all; by the key's own name where it is left out.
+        """
         now = int(time.time())
         usual = {"iss": NAME, "aud": "motiongen", "iat": now, "exp": now + LIFE_S, "tenant": "studio"}
         said = {name: value for name, value in {**usual, **claims}.items() if value is not None}
         signed_with = private_key(self.keys.get(key, algorithm), key)  # one of RSA signs by any algorithm of that
-        return jwt.encode(said, signed_with, algorithm, {"kid": key})
+        named = key if kid is None else kid
+        return jwt.encode(said, signed_with, algorithm, {"kid": named} if named else None)
 
     @contextmanager
     def served(self, tls: ssl.SSLContext | None = None) -> Iterator[None]:

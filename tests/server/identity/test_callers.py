@@ -61,6 +61,13 @@ def test_who_shows_nothing_or_something_else_is_refused(tenants: TenantsFile) ->
     assert reason_of(callers, **CERTIFICATE) == "CREDENTIALS_INVALID"
 
 
+def test_of_two_tokens_in_one_call_none_counts(tenants: TenantsFile) -> None:
+    token = tenants.one()
+    assert reason_of(tenants.callers(), *bearer(token), *bearer(token)) == "CREDENTIALS_INVALID"
+    assert reason_of(tenants.callers(), *bearer(token), ("Authorization", "Basic x")) == "CREDENTIALS_INVALID"
+    assert Callers().identify((*bearer(token), *bearer(token)), {}) is ANYBODY
+
+
 def test_a_role_that_a_tenant_lacks_is_refused(tenants: TenantsFile) -> None:
     token = tenants.one("roles = ['metrics']")
     callers = tenants.callers()
@@ -112,6 +119,18 @@ def test_a_file_that_cannot_be_read_changes_nothing(tenants: TenantsFile, caplog
         assert lapse_of(callers, caller) is None
     assert [line.partition(" and what")[0] for line in caplog.messages] == ["tenants: cannot be read anew,"] * 2
     tenants.write("")
+    assert lapse_of(callers, caller) == "CREDENTIALS_REVOKED"
+
+
+def test_a_file_that_is_just_being_written_anew_turns_nobody_out(tenants: TenantsFile) -> None:
+    token = tenants.one()
+    callers = tenants.callers()
+    caller = callers.identify(bearer(token), {})
+    text = tenants.path.read_text()
+    for begun in ("", "\n", text[: len(text) // 2]):
+        tenants.path.write_text(begun)
+        assert lapse_of(callers, caller) is None
+    tenants.write("[tenants]")
     assert lapse_of(callers, caller) == "CREDENTIALS_REVOKED"
 
 

@@ -124,7 +124,14 @@ def test_clocks_may_differ_by_the_leeway(issuer: Issuer, callers: Callers) -> No
     assert callers.identify(bearer(issuer.token(exp=now - 5)), {}).tenant == "studio"
     assert callers.identify(bearer(issuer.token(iat=now + 15, nbf=now + 15)), {}).tenant == "studio"
     assert refusal(callers, issuer.token(exp=now - 60)).reason == "CREDENTIALS_EXPIRED"
-    assert refusal(callers, issuer.token(nbf=now + 60)).reason == "CREDENTIALS_INVALID"
+    for claim in ("nbf", "iat"):
+        early = refusal(callers, issuer.token(**{claim: now + LIFE_S}))
+        assert (early.reason, "set the clocks" in str(early), "20 s" in str(early)) == (
+            "CREDENTIALS_INVALID",
+            True,
+            True,
+        )
+    assert refusal(callers, issuer.token(exp=10**400)).reason == "CREDENTIALS_INVALID"
 
 
 def test_a_signed_token_expires(issuer: Issuer, tenants: TenantsFile, callers: Callers) -> None:
@@ -158,6 +165,42 @@ def test_a_key_that_is_taken_back_ends_what_it_let_in(issuer: Issuer, callers: C
     assert lapse is not None
     assert lapse.reason == "CREDENTIALS_REVOKED"
     assert refusal(callers, issuer.token()).reason == "CREDENTIALS_INVALID"
+
+
+@pytest.mark.parametrize("name", ["first", ""])
+def test_another_key_of_the_same_name_or_without_one_ends_what_the_old_one_let_in(
+    tenants: TenantsFile, tmp_path: Path, name: str
+) -> None:
+    tenants.wall = time.time()
+
+    def tell(which: str) -> None:
+        told = Issuer(**{which: "ES256"}).document()
+        (tmp_path / "keys.json").write_text(json.dumps({"keys": [{**told["keys"][0], "kid": name}]}))
+
+    tell("old")
+    tenants.write(Issuer().entry(str(tmp_path / "keys.json")))
+    callers = tenants.callers()
+    token = Issuer(old="ES256").token("old", kid=name)
+    caller = callers.identify(bearer(token), {})
+    assert callers.lapse(caller) is None
+    tell("new")
+    callers.look()
+    lapse = callers.lapse(caller)
+    assert lapse is not None
+    assert lapse.reason == "CREDENTIALS_REVOKED"
+    assert refusal(callers, token).reason == "CREDENTIALS_INVALID"
+
+
+def test_a_key_that_is_told_in_other_words_or_beside_a_new_one_ends_nothing(
+    issuer: Issuer, callers: Callers, tmp_path: Path
+) -> None:
+    (tmp_path / "keys.json").write_text(json.dumps({"keys": [{**Issuer().document()["keys"][0], "kid": ""}]}))
+    callers.look()
+    without_name, named = callers.identify(bearer(issuer.token(kid="")), {}), Issuer().document()["keys"][0]
+    for keys in ([{**named, "x5t": "more"}], [named, *Issuer(new="ES256").document()["keys"]]):
+        (tmp_path / "keys.json").write_text(json.dumps({"keys": keys}))
+        callers.look()
+        assert callers.lapse(without_name) is None
 
 
 def refuse_to_read(_token: str) -> NoReturn:
@@ -220,6 +263,7 @@ def test_what_only_looks_like_a_token_is_refused(callers: Callers, junk: str) ->
         ("algorithms = ['none']", "algorithms has none"),
         ("keys = 'http://login.example/jwks'", "keys come by https"),
         ("keys = 'ftp://127.0.0.1/jwks'", "keys come by https"),
+        ("keys = 'https://me:hush@login.example/jwks'", "has a name or a password in its URL"),
         ("leeway_s = 1000", "leeway_s is 1000"),
         ("colour = 'red'", "issuers.corp has colour; known are algorithms"),
         ("issuer = ''", "issuer must be a word"),

@@ -79,6 +79,49 @@ def test_they_are_fetched_again_before_they_are_old(clock: Clock) -> None:
     assert (clock.knows("first"), clock.knows("second"), clock.issuer.asked) == (False, True, 2)
 
 
+def test_who_has_a_key_that_is_known_does_not_wait_for_an_issuer_that_does_not_answer(clock: Clock) -> None:
+    clock.keys.look()
+    clock.work()
+    clock.now += 301
+    clock.keys.look()
+    assert len(clock.waiting) == 1, "they are being fetched"
+    assert clock.keys.wanted("first") is None
+    assert isinstance(clock.keys.wanted("third"), Future)
+    clock.issuer.is_down = True
+    for _ in range(10):
+        clock.now += RETRY_S
+        clock.work()
+        assert (clock.keys.wanted("first"), len(clock.waiting)) == (None, 1), "they are asked for meanwhile"
+    clock.now += 3600
+    assert isinstance(clock.keys.wanted("first"), Future), "what is too old is of no use to anybody"
+
+
+def test_keys_that_are_good_for_a_second_are_fetched_every_second(clock: Clock) -> None:
+    source = KeySource("https://login.example/jwks", refresh_s=1, stale_s=0)
+    keys = FetchedKeys(source, clock.fetch, lambda: clock.now, clock.waiting.append)  # type: ignore[arg-type]
+    for _ in range(5):
+        keys.look()
+        clock.work()
+        assert keys.find("first") is not None
+        clock.now += 1.1
+    clock.issuer.is_down = True
+    keys.look()
+    clock.work()
+    clock.now += 1.1
+    keys.look()
+    assert clock.waiting == [], "who is down is asked less often"
+
+
+def test_where_nobody_has_called_for_long_a_key_is_looked_for_before_it_lets_in(clock: Clock) -> None:
+    clock.keys.look()
+    clock.work()
+    clock.now += 300 + GIVE_UP_S + 1
+    assert isinstance(clock.keys.wanted("first"), Future)
+    del clock.issuer.keys["first"]
+    clock.work()
+    assert not clock.knows("first")
+
+
 def test_a_key_that_is_not_known_is_asked_for_but_not_often(clock: Clock) -> None:
     clock.keys.look()
     clock.work()

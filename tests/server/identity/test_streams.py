@@ -35,13 +35,14 @@ class Line:
 
     channel: grpc.aio.Channel
     address: str
+    server: LocalServer
 
     @asynccontextmanager
     async def beside(self) -> AsyncIterator[Line]:
         """One from the same address over a connection of its own."""
         options = [("grpc.use_local_subchannel_pool", 1)]
         async with grpc.aio.insecure_channel(self.address, options=options) as channel:
-            yield Line(channel, self.address)
+            yield Line(channel, self.address, self.server)
 
     async def catalog(self, token: str = "") -> service_pb2.GetCatalogResponse:
         stub = service_pb2_grpc.MotionServiceStub(self.channel)
@@ -61,7 +62,7 @@ async def connected(tenants: TenantsFile, limits: ServiceLimits | None = None) -
         LocalServer(callers=tenants.callers(), service_limits=limits) as server,
         grpc.aio.insecure_channel(server.address) as channel,
     ):
-        yield Line(channel, server.address)
+        yield Line(channel, server.address, server)
 
 
 async def test_calls_without_a_token_that_is_known_are_refused(tenants: TenantsFile) -> None:
@@ -168,21 +169,31 @@ async def test_sessions_that_take_more_steps_than_their_tenant_has_are_refused(t
 
 async def test_a_quota_that_changes_holds_for_sessions_that_are_open(tenants: TenantsFile) -> None:
     token = tenants.one("quota = { share = 2, steps_per_second = 50 }")
-    async with (
-        asyncio.timeout(LIMIT_S),
-        LocalServer(callers=tenants.callers()) as server,
-        grpc.aio.insecure_channel(server.address) as channel,
-    ):
-        talk = await Line(channel, server.address).talk(token)
+    async with connected(tenants) as line:
+        talk = await line.talk(token)
         await talk.open(1)
         tenants.write(tenants.path.read_text().replace("= 50 ", "= 5 "))
 
         def owner() -> Owner:
-            (state,) = server.engine.sessions
+            (state,) = line.server.engine.sessions
             return state.spec.owner
 
         await until_true(lambda: owner().steps_per_s == 5)
         assert owner() == Owner("tenant:studio", 2, 5)
+        await talk.plays_on(1)
+
+
+async def test_a_quota_that_is_made_smaller_holds_for_a_stream_that_only_plays_on(tenants: TenantsFile) -> None:
+    token = tenants.one("quota = { heroes = 2 }")
+    async with connected(tenants) as line:
+        talk = await line.talk(token)
+        await talk.open(1, priority=HERO)
+        (stream,) = line.server.service._streams.values()
+        tenants.write(tenants.path.read_text().replace("heroes = 2", "heroes = 1"))
+        await until_true(lambda: stream.peer.limits.heroes == 1)
+        heard = await talk.ask_open(2, priority=HERO)
+        await talk.until(lambda: heard.outcomes)
+        assert heard.outcomes[0].reason == "PEER_SESSION_LIMIT"
         await talk.plays_on(1)
 
 

@@ -45,6 +45,7 @@ def test_quotas_are_limits_of_an_address() -> None:
         ("[tenants.studio]\nroles = 'motion'", "studio.roles must be a list of words"),
         ("[tenants.studio]\ntokens = ['mg_1_2']", "studio.tokens must be a table"),
         ("[tenants.studio]\ntokens = 'mg_1_2'", "studio.tokens must be a list"),
+        ("[tenants.'']", "an entry without a name"),
         ("[tenants.studio]\ntokens = [{ hash = 'mg_1_2' }]", "a token's hash is not one that"),
         (f"[tenants.studio]\ntokens = [{{ hash = '{HASH}', expires = 2027-01-15 }}]", "give date, time and zone"),
         ("[tenants.studio]\nquota = { heroes = -1 }", "studio.quota.heroes is -1; it must be a number from 0"),
@@ -58,3 +59,14 @@ def test_what_is_wrong_in_a_file_is_said(tenants: TenantsFile, text: str, said: 
     tenants.write(text)
     with pytest.raises(ValueError, match=said):
         read_tenants(str(tenants.path))
+
+
+@pytest.mark.parametrize(
+    "entry", ["tokens = ['TOKEN']", "tokens = 'TOKEN'", "tokens = [{ hash = 'TOKEN' }]", "quota = 'TOKEN'"]
+)
+def test_a_token_that_is_written_where_its_hash_should_be_is_not_told(tenants: TenantsFile, entry: str) -> None:
+    token, _ = new_token()
+    tenants.write("[tenants.studio]\n" + entry.replace("TOKEN", token))
+    with pytest.raises(ValueError, match="studio") as refused:
+        read_tenants(str(tenants.path))
+    assert token not in str(refused.value)

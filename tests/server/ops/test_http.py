@@ -37,6 +37,17 @@ async def test_metrics_are_prometheus_text_of_the_registry() -> None:
     assert "motiongen_things_total 3.0" in response.text
 
 
+async def test_of_two_tokens_in_one_request_none_counts() -> None:
+    def refusal_of(authorization: str) -> str | None:
+        return None if authorization == "Bearer mine" else "no"
+
+    app = ops_app(CollectorRegistry(), lambda: True, lambda: True, refusal_of)
+    async with httpx.AsyncClient(transport=httpx.ASGITransport(app), base_url="http://ops") as client:
+        for times, status in ((1, 200), (2, 401)):
+            answer = await client.get("/metrics", headers=[("Authorization", "Bearer mine")] * times)
+            assert answer.status_code == status
+
+
 async def test_a_connection_lives_for_a_while_and_the_oldest_goes_where_there_are_too_many(
     monkeypatch: pytest.MonkeyPatch,
 ) -> None:
@@ -83,6 +94,9 @@ async def test_clients_mistakes_are_not_logged_and_faults_are(caplog: pytest.Log
                 await until_true(lambda: server.started)
                 assert b"400" in await answer(b"garbage\r\n\r\n")
                 assert b"200" in await answer(upgrade)
+                for method in (b"GET", b"HEAD"):  # whose body turns out to be none
+                    chunked = b" /readyz HTTP/1.1\r\nHost: ops\r\nTransfer-Encoding: chunked\r\n\r\nno length\r\n"
+                    await answer(method + chunked)
                 await until_true(lambda: not http.BoundedConnection.open_ones)
                 assert not [record for record in caplog.records if record.levelname != "INFO"]
                 assert b"500" in await answer(b"GET /livez HTTP/1.1\r\nHost: ops\r\n\r\n")

@@ -173,7 +173,8 @@ def test_nothing_is_opened_where_nothing_is_asked_for() -> None:
 
 
 @pytest.mark.parametrize(
-    "address", ["collector:4317", "http://collector:4317", "grpc:collector", "grpc::4317", "grpc:"]
+    "address",
+    ["collector:4317", "http://collector:4317", "grpc:collector", "grpc::4317", "grpc:", "grpc:a:99999", "grpc:a:0"],
 )
 def test_what_is_no_address_is_refused(address: str) -> None:
     with pytest.raises(SettingError, match=r"trace_to is .* it must be grpc:HOST:PORT, or grpcs:HOST:PORT for TLS"):

@@ -168,7 +168,7 @@ def test_a_store_that_there_is_not_is_refused(asked: str, tmp_path: Path) -> Non
     [
         ("redi://user:secret@localhost:7000/2", "...@localhost:7000/2"),
         ("unx:///run/redis.sock?password=secret", "unx:///run/redis.sock"),
-        ("redis://:secret#of-mine@localhost:7000/2", "%23 for #"),
+        ("redis://:secret#of-mine@localhost:7000/2", "# as %23"),
     ],
 )
 def test_a_misspelled_address_is_refused_without_its_password(asked: str, told: str, tmp_path: Path) -> None:
@@ -176,6 +176,24 @@ def test_a_misspelled_address_is_refused_without_its_password(asked: str, told: 
         open_snapshot_store(asked, KEEP_S, tmp_path)
     assert told in str(refused.value)
     assert "secret" not in str(refused.value)
+
+
+@pytest.mark.parametrize(
+    "asked",
+    [
+        "valkey://user:hush@localhost:6379/0",
+        "redis://user:hush/hush@localhost:6379/0",
+        "redis://user:hush#hush@localhost",
+        "redis://user:hush?hush@localhost",
+        "redis://user:12/hush@localhost",
+        "redis://user:hush[hush@localhost",
+        "rediss://user:hush@localhost/0?ssl_cert_reqs=bogus",
+    ],
+)
+def test_a_password_is_not_told_where_its_store_is_refused(asked: str, tmp_path: Path) -> None:
+    with pytest.raises(SettingError, match="snapshot_store") as refused:
+        open_snapshot_store(asked, KEEP_S, tmp_path)
+    assert "hush" not in str(refused.value)
 
 
 def test_the_store_is_where_the_setting_says(tmp_path: Path) -> None:

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections import Counter
-from collections.abc import Callable, Mapping
+from collections.abc import Callable
 from contextlib import AbstractContextManager
 
 from motiongen_server.engine.types import Owner, Priority
@@ -45,7 +45,6 @@ class Peer:
         self.held = HeldRequests()
         self._steps_hz = 0.0
         self.limits = limits
-        self.quota: Mapping[str, float] | None = None  # that its limits were made by, of a tenant
         self.events = TokenBucket(limits.events_per_second, now)
         self.bytes = TokenBucket(limits.bytes_per_second, now)
         self.prompts = TokenBucket(limits.prompts_per_second, now)
@@ -65,11 +64,12 @@ class Peer:
 
     def adopt(self, limits: PeerLimits, now: float) -> None:
         """Take these limits from now on; what is open stays open, and what is owed is owed."""
-        self.limits = limits
-        self.events.set_rate(limits.events_per_second, now)
-        self.bytes.set_rate(limits.bytes_per_second, now)
-        self.prompts.set_rate(limits.prompts_per_second, now)
-        self.calls.set_rate(limits.calls_per_second, now)
+        if limits != self.limits:
+            self.limits = limits
+            self.events.set_rate(limits.events_per_second, now)
+            self.bytes.set_rate(limits.bytes_per_second, now)
+            self.prompts.set_rate(limits.prompts_per_second, now)
+            self.calls.set_rate(limits.calls_per_second, now)
 
     @property
     def kind(self) -> str:
@@ -99,13 +99,9 @@ class Peer:
 
     def charge_call(self, cost: float, now: float) -> None:
         """Charge a call. Raises StreamRefused while calls are owed for: there is nothing to be read later."""
-        self.check_paid(now)
-        self.calls.charge(cost, now)
-
-    def check_paid(self, now: float) -> None:
-        """Raises StreamRefused while calls are owed for."""
         if (owed_s := self.calls.owed_s(now)) > 0:
             raise too_many_calls(owed_s, self.kind)
+        self.calls.charge(cost, now)
 
     def prompts_share(self, now: float) -> Share:
         """A session's part of the prompts."""

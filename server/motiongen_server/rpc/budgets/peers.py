@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Mapping
 from dataclasses import replace
+from math import inf
 from typing import Any, cast
 
 from motiongen_server.engine.types import Owner
@@ -12,8 +13,10 @@ from motiongen_server.rpc.budgets.loop_time import LoopTime
 from motiongen_server.rpc.budgets.peer import Peer
 from motiongen_server.rpc.limits import PeerLimits
 
+_TENANT = "tenant:"  # begins the name of its peer, as no address does
 MOST_IDLE = 1024
-"""Peers that have nothing open are remembered for what they owe, up to so many."""
+"""Peers that have nothing open are remembered for what they owe, up to so many, and those of the last moment."""
+LOOK_EVERY_S = 1.0  # at all of them: for each new address it took a second where 2,000 came back at one moment
 
 
 class Peers:
@@ -32,6 +35,7 @@ class Peers:
         self._limits = limits or PeerLimits()
         self._loop = loop or LoopTime()
         self._peers: dict[str, Peer] = {}
+        self._looked_at = -inf
 
     def find(self, peer: str, now: float) -> Peer:
         """The peer of a call. peer: as gRPC names it."""
@@ -41,21 +45,20 @@ class Peers:
         """Who a caller's streams and calls are counted for: its tenant, by its quota, or the address it calls from."""
         if not caller.tenant:
             return address
-        name = f"tenant:{caller.tenant}"
-        found = self._peers.get(name)
-        if found is None:
-            found = self._find(name, caller.tenant, self._limits_by(caller.quota), now)
-            found.quota = caller.quota
-            self._note_owner(found.owner)  # which the engines may remember by what it had before it was forgotten here
-        self.renew(found, caller.quota, now)
+        limits = self._limits_by(caller.quota)
+        found = self._find(_TENANT + caller.tenant, caller.tenant, limits, now)
+        self._adopt(found, limits, now)
         return found
 
-    def renew(self, tenant: Peer, quota: Mapping[str, float], now: float) -> None:
-        """A tenant has this quota from now on, for all that it has open too."""
-        if quota is tenant.quota:
-            return
-        tenant.quota, before = quota, tenant.owner
-        tenant.adopt(self._limits_by(quota), now)
+    def renew(self, quotas: Mapping[str, Mapping[str, float]], now: float) -> None:
+        """The quotas of tenants are these from now on, also of those that only play on. quotas: by tenant."""
+        for tenant, quota in quotas.items():
+            if (found := self._peers.get(_TENANT + tenant)) is not None:
+                self._adopt(found, self._limits_by(quota), now)
+
+    def _adopt(self, tenant: Peer, limits: PeerLimits, now: float) -> None:
+        before = tenant.owner
+        tenant.adopt(limits, now)
         if tenant.owner != before:
             self._note_owner(tenant.owner)
 
@@ -65,9 +68,12 @@ class Peers:
     def _find(self, name: str, tenant: str, limits: PeerLimits, now: float) -> Peer:
         found = self._peers.get(name)
         if found is None:
-            if len(self._peers) >= MOST_IDLE:
+            if len(self._peers) >= MOST_IDLE and now - self._looked_at >= LOOK_EVERY_S:
+                self._looked_at = now
                 self._peers = {name: held for name, held in self._peers.items() if not held.is_idle(now)}
             found = self._peers[name] = Peer(limits, now, tenant, name, self._loop)
+            if tenant:  # the engines may remember what it had before it was forgotten here
+                self._note_owner(found.owner)
         return found
 
 

@@ -12,7 +12,7 @@ import grpc.aio
 
 from motiongen_server.errors import StreamRefused
 from motiongen_server.identity.caller import Caller, Role
-from motiongen_server.identity.callers import Callers
+from motiongen_server.identity.callers import NO_QUOTAS, Callers
 from motiongen_server.rpc.budgets.call_places import CallPlaces
 from motiongen_server.rpc.budgets.check_budget import CheckBudget
 from motiongen_server.rpc.budgets.held_requests import Ended
@@ -44,11 +44,18 @@ class CallAdmission:
         memory: in which counts what is held of requests, besides among what their peers hold; None: there is none.
         """
         self._callers = callers
+        self._quotas = NO_QUOTAS
         self._peers = peers
         self._places = CallPlaces(most_calls)
         self._role = role
         self._checks = CheckBudget()
         self._memory = memory
+
+    def renew_quotas(self) -> None:
+        """Have tenants go by what their file says, as of the last look at it. Asked a few times a second."""
+        if (quotas := self._callers.quotas) is not self._quotas:
+            self._quotas = quotas
+            self._peers.renew(quotas, time.monotonic())
 
     async def charge(self, context: Context | CallContext) -> tuple[Peer, Caller]:
         """Find out who calls, and charge the call to its tenant, or its address where it has none or may not call.
@@ -68,11 +75,6 @@ class CallAdmission:
         peer = self._peers.of(caller, address, now)
         peer.charge_call(CALL_COST, now)
         return peer, caller
-
-    def renew(self, peer: Peer, caller: Caller, now: float) -> None:
-        """What is counted for a tenant goes by the quota that it has by now."""
-        if peer.tenant:
-            self._peers.renew(peer, self._callers.quota(caller), now)
 
     async def _identify(self, context: Context | CallContext) -> Caller:
         """Who calls. A token that has to be read and checked is paid for by its connection unless it holds."""

@@ -17,6 +17,7 @@ from motiongen_server.rpc.calls.bounded_write import write_within
 from motiongen_server.rpc.calls.context import CallContext, streaming_method, unary_method
 from motiongen_server.rpc.calls.health_pace import HealthPace
 from motiongen_server.rpc.calls.requests import Requests, parsed_as
+from motiongen_server.rpc.grpc_server import serve_methods
 from motiongen_server.rpc.limits import HEALTH_CALLS
 
 MOST_WATCHES = 512
@@ -82,4 +83,4 @@ def add_health(health: Health, server: grpc.aio.Server, requests: Requests | Non
     """Serve it. requests: of all calls of that server."""
     requests = requests or Requests()
     handlers = {"Check": unary_method(health.Check, requests), "Watch": streaming_method(health.Watch, requests)}
-    server.add_generic_rpc_handlers((grpc.method_handlers_generic_handler(SERVICE_NAME, handlers),))
+    serve_methods(server, SERVICE_NAME, handlers)

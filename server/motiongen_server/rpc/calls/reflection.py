@@ -27,6 +27,7 @@ from motiongen_server.rpc.calls.context import CallContext, streaming_method
 from motiongen_server.rpc.calls.requests import Requests, parsed_as
 from motiongen_server.rpc.errors.calls import request_too_long
 from motiongen_server.rpc.errors.too_many_calls import too_much_reflection
+from motiongen_server.rpc.grpc_server import serve_methods
 from motiongen_server.rpc.limits import PeerLimits
 
 V1ALPHA = reflection.SERVICE_NAME
@@ -78,9 +79,8 @@ def add_reflection(
             await call.abort(grpc.StatusCode.DEADLINE_EXCEEDED, message)
 
     handler = streaming_method(answer, requests)
-    server.add_generic_rpc_handlers(
-        tuple(grpc.method_handlers_generic_handler(name, {"ServerReflectionInfo": handler}) for name in (V1ALPHA, V1))
-    )
+    for name in (V1ALPHA, V1):
+        serve_methods(server, name, {"ServerReflectionInfo": handler})
 
 
 def _charged(peers: Peers, call: CallContext) -> Peer:

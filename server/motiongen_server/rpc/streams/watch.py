@@ -8,9 +8,8 @@ import time
 from collections.abc import Callable, Mapping
 
 from motiongen_server.errors import StreamRefused
-from motiongen_server.identity.caller import ANYBODY, CREDENTIALS_EXPIRED, Caller
+from motiongen_server.identity.caller import ANYBODY, CREDENTIALS_EXPIRED
 from motiongen_server.identity.callers import Callers
-from motiongen_server.rpc.budgets.peer import Peer
 from motiongen_server.rpc.budgets.waiting_memory import WaitingMemory, alone
 from motiongen_server.rpc.errors.streams import client_silent, hello_late, reader_stuck, stream_empty
 from motiongen_server.rpc.limits import ServiceLimits
@@ -19,8 +18,6 @@ from motiongen_server.rpc.streams.goodbye import EXPIRY_NOTICE_S, say_expiring
 from motiongen_server.rpc.streams.stream import Stream
 
 _log = logging.getLogger(__name__)
-
-Renew = Callable[[Peer, Caller, float], None]
 
 LOOK_EVERY_S = 0.25
 
@@ -36,13 +33,13 @@ class StreamWatch:
         streams: Mapping[int, Stream],
         callers: Callers | None = None,
         memory: WaitingMemory | None = None,
-        renew: Renew = lambda peer, caller, now: None,
+        renew_quotas: Callable[[], object] = lambda: None,
     ) -> None:
         """memory: what is held, for streams and besides; of the streams alone where it is left out.
 
-        renew: gives a stream's peer the quota that its caller's tenant has by now.
+        renew_quotas: has tenants go by their quotas as they are known now.
         """
-        self._renew = renew
+        self._renew_quotas = renew_quotas
         self._limits = limits
         self._memory = memory or WaitingMemory(limits.max_waiting_bytes, streams)
         self._memory.on_begin = self.begin
@@ -68,6 +65,7 @@ class StreamWatch:
         """End the streams that are due at `now`, in monotonic seconds."""
         try:
             self._callers.look()
+            self._renew_quotas()
         except Exception as error:  # else no stream would be watched, nor the memory of all
             self._faults.error("files of tenants and keys could not be looked at", fault=error)
         for stream in [stream for stream in self._streams.values() if stream.refusal is None]:
@@ -82,13 +80,10 @@ class StreamWatch:
             # Its machine may have stopped behind a proxy, which answers gRPC's own keepalives.
             stream.expire(client_silent(self._limits.silent_timeout_s))
         else:
-            self._check_caller(stream, now)
+            self._check_caller(stream)
 
-    def _check_caller(self, stream: Stream, now: float) -> None:
-        """Tell a client whose credentials are about to expire, and end its stream when they have.
-
-        Who may go on does so by the quota that its tenant has by now.
-        """
+    def _check_caller(self, stream: Stream) -> None:
+        """Tell a client whose credentials are about to expire, and end its stream when they have."""
         caller = stream.caller
         if caller is ANYBODY:
             return
@@ -97,9 +92,7 @@ class StreamWatch:
             stream.expire(lapse)  # its sessions wait for new credentials as they wait for a line that was lost
         elif lapse is not None:
             stream.refuse(lapse)
-        else:
-            self._renew(stream.peer, caller, now)
-        if lapse is None and remaining_s is not None and remaining_s < EXPIRY_NOTICE_S and stream.greeted:
+        elif remaining_s is not None and remaining_s < EXPIRY_NOTICE_S and stream.greeted:
             say_expiring(stream, remaining_s)
 
     def is_silent(self, stream: Stream, now: float) -> bool:

@@ -17,8 +17,9 @@ def main() -> int:
     # The first process of a container is ended by no signal that it does not handle.
     for number in (signal.SIGTERM, signal.SIGINT):
         signal.signal(number, end_at_once)
-    # Read when grpc is imported. Else each client that speaks no TLS to a port that does adds a line to the log.
-    os.environ.setdefault("GRPC_VERBOSITY", "ERROR")
+    # Read when grpc is imported. Else each header that gRPC cannot read, and each handshake that is none, is a line of
+    # the log.
+    os.environ.setdefault("GRPC_VERBOSITY", "NONE")
     import asyncio
 
     from motiongen_server.ops.logs import configure_logs

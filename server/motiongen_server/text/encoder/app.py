@@ -11,7 +11,6 @@ import sys
 from functools import partial
 from pathlib import Path
 
-import grpc.aio
 from grpc_health.v1 import health_pb2
 from prometheus_client import CollectorRegistry, Counter, Gauge, Histogram, ProcessCollector
 
@@ -23,12 +22,13 @@ from motiongen_server.ops.http import ops_app
 from motiongen_server.ops.port import OpsPort
 from motiongen_server.rpc.calls.health import Health, add_health
 from motiongen_server.rpc.calls.requests import Requests
+from motiongen_server.rpc.grpc_server import make_server
 from motiongen_server.rpc.limits import PeerLimits
 from motiongen_server.settings import SettingError
 from motiongen_server.text.encoder.config import EncoderConfig
 from motiongen_server.text.encoder.service import SERVICE_NAME, TextEncoderService, add_text_encoder
 from motiongen_server.text.prompts import PromptEncoder
-from motiongen_server.transport import allowed_connections
+from motiongen_server.transport import HANDSHAKE_MS, allowed_connections
 
 _log = logging.getLogger("motiongen_server.text.encoder")
 
@@ -54,11 +54,12 @@ class EncoderApplication:
         warn_of_exposure(config)
         encoder = await asyncio.to_thread(load, config)
         self._prompts = self._make_prompts(encoder)
-        self._server = grpc.aio.server(
+        self._server = make_server(
             options=[
                 ("grpc.so_reuseport", 0),
                 ("grpc.max_receive_message_length", most_bytes(config)),
                 ("grpc.max_allowed_incoming_connections", allowed_connections()),
+                ("grpc.server_handshake_timeout_ms", HANDSHAKE_MS),
             ]
         )
         limits = PeerLimits(

@@ -19,6 +19,7 @@ from motiongen_server.rpc.budgets.peers import Peers
 from motiongen_server.rpc.calls.admission import CallAdmission
 from motiongen_server.rpc.calls.context import CallContext, unary_method
 from motiongen_server.rpc.calls.requests import Requests, parsed_as
+from motiongen_server.rpc.grpc_server import serve_methods
 from motiongen_server.rpc.limits import PeerLimits
 from motiongen_server.text.event_errors import too_many_texts
 from motiongen_server.text.ports import Embedding
@@ -133,4 +134,4 @@ def add_text_encoder(service: TextEncoderService, server: grpc.aio.Server, reque
         "GetTextEncoder": unary_method(service.GetTextEncoder, requests),
         "EncodeTexts": unary_method(service.EncodeTexts, requests),
     }
-    server.add_generic_rpc_handlers((grpc.method_handlers_generic_handler(SERVICE_NAME, handlers),))
+    serve_methods(server, SERVICE_NAME, handlers)

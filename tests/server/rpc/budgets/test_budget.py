@@ -120,9 +120,9 @@ def test_engines_are_told_of_a_tenant_when_it_comes_and_when_its_share_or_quota_
     quota = {"share": 2.0, "events_per_second": 10.0}
     tenant = peers.of(Caller("studio", quota=quota), address, 0.0)
     assert told == [Owner("tenant:studio", 2.0)]
-    peers.renew(tenant, {"share": 2.0, "events_per_second": 20.0}, 0.0)
+    peers.renew({"studio": {"share": 2.0, "events_per_second": 20.0}, "other": {}}, 0.0)
     assert (tenant.limits.events_per_second, len(told)) == (20.0, 1)
-    peers.renew(tenant, {"share": 2.0, "steps_per_second": 50.0}, 0.0)
+    peers.renew({"studio": {"share": 2.0, "steps_per_second": 50.0}}, 0.0)
     assert told[1:] == [Owner("tenant:studio", 2.0, 50.0)]
     assert tenant.limits.events_per_second == PeerLimits().events_per_second
     for number in range(MOST_IDLE):
@@ -160,6 +160,26 @@ def test_peers_that_owe_nothing_are_forgotten_and_others_are_not() -> None:
     assert peers.find("ipv4:1.1.1.1:2", 1.0) is debtor
     assert peers.find("ipv4:2.2.2.2:2", 1.0) is holder
     assert peers.find("ipv4:3.3.3.3:2", 1.0) is not quiet
+
+
+def test_clients_of_many_addresses_that_come_at_once_are_not_all_visited_for_each_of_them(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    visits, is_idle = 0, Peer.is_idle
+
+    def counted(peer: Peer, now: float) -> bool:
+        nonlocal visits
+        visits += 1
+        return is_idle(peer, now)
+
+    monkeypatch.setattr(Peer, "is_idle", counted)
+    peers, num_addresses = Peers(), 2 * MOST_IDLE
+    for number in range(num_addresses):
+        peers.find(f"ipv4:9.{number >> 8}.{number & 255}.1:1", 0.0).begin_stream()
+    assert visits <= num_addresses
+    quiet = peers.find("ipv4:1.1.1.1:1", 0.0)
+    peers.find("ipv4:2.2.2.2:1", 1.0)
+    assert peers.find("ipv4:1.1.1.1:1", 1.0) is not quiet, "who has nothing open is forgotten all the same"
 
 
 @pytest.mark.parametrize(("priority", "quota"), [(Priority.NEAR, "nears"), (Priority.CROWD, "crowds"),

@@ -1,0 +1,88 @@
+"""Servers of gRPC, and how methods are served on them: no call ends a server, and none writes its log.
+
+gRPC reads the name of a method that was not registered in the loop that begins all calls. A name that is no UTF-8,
+which anybody can send before he has said who he is, ends that loop, and with it the server and all its streams. So
+methods are registered, which are found by the bytes of their names, and of all other calls nobody reads the name.
+"""
+
+from __future__ import annotations
+
+import asyncio
+import contextlib
+import logging
+from collections.abc import Coroutine, Iterator, Mapping, Sequence
+from typing import Any, NoReturn
+
+import grpc
+import grpc.aio
+from grpc._cython import cygrpc  # type: ignore[attr-defined]  # which has no stubs
+
+from motiongen_server.rpc.calls.context import SEEN_GONE_S
+
+_NO_NAME = "not read"
+"""In the place of a name."""
+
+
+class _NamesUnread(cygrpc.AioServer):  # type: ignore[misc]
+    """Refuses calls of methods that are not registered, with UNIMPLEMENTED as gRPC does."""
+
+    def _make_request_call_future(self, method: bytes | None) -> asyncio.Future[Any]:
+        """The next call of a method. None: of one that is not registered, of which gRPC hears no more."""
+        if method is None:
+            return asyncio.get_running_loop().create_task(self._refuse_others())
+        future: asyncio.Future[Any] = super()._make_request_call_future(method)
+        return future
+
+    async def _refuse_others(self) -> NoReturn:
+        """Raises what gRPC raises at the server's end."""
+        loop, methods = asyncio.get_running_loop(), cygrpc._MethodResolver([], {})
+        refusals: set[asyncio.Task[None]] = set()  # the loop holds none
+        while True:
+            call = await self._request_call()
+            refusing = _once_seen(cygrpc._handle_rpc(_NO_NAME, methods, (), call, loop, False))
+            ending = cygrpc._schedule_rpc_coro(refusing, call, loop, _NO_NAME)
+            refusals.add(task := loop.create_task(ending))
+            task.add_done_callback(refusals.discard)
+
+
+async def _once_seen(refusing: Coroutine[Any, Any, None]) -> None:
+    """Refuse a call once gRPC has had time to see whether its client has gone; see `call_context.end_with`."""
+    try:
+        await asyncio.sleep(SEEN_GONE_S)
+        await refusing
+    finally:
+        refusing.close()
+
+
+def make_server(options: Sequence[tuple[str, int]] = (), most_calls: int | None = None) -> grpc.aio.Server:
+    """A server without methods and ports. most_calls: at once; None: without a limit."""
+    # A logger takes a filter once, however often it is given.
+    logging.getLogger(cygrpc.__name__).addFilter(_is_not_of_a_client)
+    with _names_unread():
+        return grpc.aio.server(options=list(options), maximum_concurrent_rpcs=most_calls)
+
+
+def serve_methods(
+    server: grpc.aio.Server, service: str, handlers: Mapping[str, grpc.RpcMethodHandler[Any, Any]]
+) -> None:
+    """Serve the methods of a service, before the server is started. service: its full name; handlers: by name."""
+    server.add_registered_method_handlers(service, dict(handlers))
+
+
+@contextlib.contextmanager
+def _names_unread() -> Iterator[None]:
+    """Servers that gRPC makes within are of that kind: there is no other way to give it one."""
+    usual = cygrpc.AioServer
+    cygrpc.AioServer = _NamesUnread
+    try:
+        yield
+    finally:
+        cygrpc.AioServer = usual
+
+
+def _is_not_of_a_client(record: logging.LogRecord) -> bool:
+    """gRPC logs as errors, as often as clients like: metadata that is no UTF-8, and whole, tokens too; and a call of a
+    method that nobody serves, whose client has gone while it was refused.
+    """
+    said = str(record.msg)
+    return not said.startswith("Invalid encoding") and not said.endswith(f"[{_NO_NAME}]")

@@ -1,0 +1,50 @@
+"""Calls of gRPC as bytes, with headers that no client of gRPC sends."""
+
+from __future__ import annotations
+
+import socket
+import struct
+
+from tests.waiting import LIMIT_S
+
+Header = tuple[bytes, bytes]
+
+PREFACE = b"PRI * HTTP/2.0\r\n\r\nSM\r\n\r\n"
+HEADERS, SETTINGS = 1, 4
+END_OF_STREAM, END_OF_HEADERS = 1, 4
+
+
+def answer_to(port: int, path: bytes, *more: Header) -> bytes:
+    """What a server of this machine sends to a call without a request, up to its status; less where it sends none.
+
+    more: headers besides those of every call, each part shorter than 127 bytes.
+    """
+    usual = ((b":method", b"POST"), (b":scheme", b"http"), (b":path", path), (b":authority", b"localhost"))
+    headers = (*usual, (b"te", b"trailers"), (b"content-type", b"application/grpc"), *more)
+    block = b"".join(_literal(*header) for header in headers)
+    with socket.create_connection(("127.0.0.1", port), timeout=LIMIT_S) as connection:
+        connection.sendall(
+            PREFACE + _frame(SETTINGS, 0, 0, b"") + _frame(HEADERS, END_OF_STREAM | END_OF_HEADERS, 1, block)
+        )
+        answer = b""
+        try:
+            while b"grpc-message" not in answer and (received := connection.recv(4096)):
+                answer += received
+        except ConnectionResetError:
+            pass
+    return answer
+
+
+def status_in(answer: bytes) -> int | None:
+    """The code with which the call has ended; None: it has not, or without one."""
+    _, name, after = answer.partition(b"grpc-status")
+    return int(after[1 : 1 + after[0]]) if name else None
+
+
+def _literal(name: bytes, value: bytes) -> bytes:
+    """A header that is written out and goes into no table (RFC 7541, 6.2.2)."""
+    return b"\x00" + bytes([len(name)]) + name + bytes([len(value)]) + value
+
+
+def _frame(kind: int, flags: int, stream: int, content: bytes) -> bytes:
+    return struct.pack(">I", len(content))[1:] + bytes([kind, flags]) + struct.pack(">I", stream) + content

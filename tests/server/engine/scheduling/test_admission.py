@@ -229,3 +229,21 @@ def test_the_books_always_match_who_is_there(moves: list[tuple[int, int, bool]])
             there.setdefault(key, num_steps)
     expected = sum(RATE * (steps * PRICES.step_s + PRICES.window_s) for steps in there.values())
     assert admission.asked == pytest.approx(expected)
+
+
+def test_who_asks_for_other_options_counts_as_if_it_had_come_with_them() -> None:
+    admission = _admission()
+    others, old = spec(SessionKey(1, 1), num_steps=4), spec(SessionKey(1, 2), num_steps=4)
+    new = spec(SessionKey(1, 2), priority=Priority.CROWD, num_steps=10)
+    for each in (others, old):
+        assert admission.reserve(each, 1) is None
+    assert admission.change(old, new) is None
+    expected = _admission()
+    for each in (others, new):
+        assert expected.reserve(each, 1) is None
+    assert admission.asked_by_class == pytest.approx(expected.asked_by_class)
+    admission.release(new.session, old)
+    assert admission.asked_by_class == pytest.approx(expected.asked_by_class), "that is not its spec any more"
+    admission.release(new.session, new)
+    admission.release(others.session)
+    assert admission.asked == 0.0

@@ -260,3 +260,13 @@ def test_what_is_asked_is_not_believed_again_once_it_has_not_held() -> None:
         ups += len(day.pass_time(5.25, load=0.2, demand=Demand({CROWD: 0.5}, SAVING)))
         day.pass_time(4.0, load=1.2, demand=Demand({CROWD: 0.5}, SAVING))
     assert ups <= 4
+
+
+def test_each_level_up_is_waited_for_anew() -> None:
+    day = Day()
+    down = day.pass_time(20.0, late=0.5)
+    ups = []
+    while any(day.levels()):
+        ups += [day.now for _ in day.pass_time(EVERY_S)]
+    assert len(ups) == len(down)
+    assert all(later - earlier >= 10.0 for earlier, later in itertools.pairwise(ups))

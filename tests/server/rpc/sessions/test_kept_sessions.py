@@ -41,7 +41,9 @@ def resume(kept: KeptSessions, engine: Engine, token: str) -> Line:
 async def test_a_session_whose_transport_is_lost_is_resumed(line: Line, kept: KeptSessions) -> None:
     line.open()
     line.stream.lose()
+    assert kept.num_parked == 1
     assert resume(kept, line.engine, token_of(line)).refusals() == []
+    assert kept.num_parked == 0, "nobody is waited for any more"
     assert line.engine.kinds() == [Open, Resume]
 
 

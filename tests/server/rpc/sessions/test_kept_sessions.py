@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import asyncio
+from typing import Any
 
 import pytest
 
@@ -47,6 +48,26 @@ async def test_a_session_whose_transport_is_lost_is_resumed(line: Line, kept: Ke
     assert line.engine.kinds() == [Open, Resume]
 
 
+async def test_one_that_was_resumed_is_not_closed_when_the_grace_is_over(
+    line: Line, kept: KeptSessions, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    loop, timers = asyncio.get_running_loop(), list[asyncio.TimerHandle]()
+    call_later = loop.call_later
+
+    def note(delay_s: float, *what: Any) -> asyncio.TimerHandle:
+        assert delay_s == 30.0
+        timers.append(call_later(delay_s, *what))
+        return timers[-1]
+
+    monkeypatch.setattr(loop, "call_later", note)
+    line.open()
+    line.stream.lose()
+    (timer,) = timers
+    assert not timer.cancelled()
+    resume(kept, line.engine, token_of(line))
+    assert timer.cancelled()
+
+
 async def test_one_that_its_client_has_finished_is_not_though_its_end_is_still_to_come(
     line: Line, kept: KeptSessions
 ) -> None:
@@ -68,6 +89,21 @@ async def test_nothing_is_left_of_it_after_its_end(line: Line, kept: KeptSession
     carrier.take(Closed(KEY, CloseReason.CLIENT, Code.OK, "", 0, 0))
     assert not kept.has_away
     assert kept.num_parked == 0
+
+
+async def test_one_that_is_closed_keeps_its_books_until_the_engine_has_ended_it(line: Line, kept: KeptSessions) -> None:
+    line.open()
+    line.send(2, set_play_state=session_pb2.SetPlayState())
+    line.stream.close_all(CloseReason.CLIENT)
+    line.stream.end()
+    line.stream.lose()
+    carrier = kept.carrier_of(KEY)
+    assert carrier is not None
+    carrier.take(Outcome(KEY, 2, Code.OK))
+    carrier.take(Outcome(KEY, 1, Code.OK))
+    assert kept.carrier_of(KEY) is carrier
+    carrier.take(Closed(KEY, CloseReason.CLIENT, Code.OK, "", 0, 0))
+    assert not kept.has_away
 
 
 async def test_nothing_is_left_of_one_that_is_refused_after_its_stream_has_gone(line: Line, kept: KeptSessions) -> None:

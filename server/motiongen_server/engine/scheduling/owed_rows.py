@@ -7,8 +7,10 @@ from typing import Generic, TypeVar
 
 Party = TypeVar("Party", bound=Hashable)
 
-# Nobody is ever owed more than so many rows, or its share of a step: what it did not ask for in time is not kept.
+# Nobody is ever owed more than so many rows, or its share of a step and the part of a row that the step before left:
+# what it did not ask for in time is not kept. Without that part, a share of 2.9 rows would be one of two.
 _MOST_OWED = 2.0
+_LEFT_OVER = 1.0
 
 
 class OwedRows(Generic[Party]):
@@ -35,5 +37,5 @@ class OwedRows(Generic[Party]):
             share = shares[party] * rows
             left = self._owed.get(party, 0.0) + share - taken.get(party, 0)
             if left > 0.0:
-                owed[party] = min(left, max(_MOST_OWED, share))
+                owed[party] = min(left, max(_MOST_OWED, share + _LEFT_OVER))
         self._owed = owed

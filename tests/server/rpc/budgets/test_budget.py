@@ -222,3 +222,22 @@ def test_what_rounding_leaves_of_sessions_goes_with_the_last() -> None:
     for place in places:
         place.release()
     peer.place(Priority.NEAR, 0.0).begin_steps(0.7)
+
+
+def test_streams_that_are_there_have_equal_parts_and_those_that_have_ended_none() -> None:
+    peer = peer_of(events_per_second=100.0)
+    for _ in range(3):
+        peer.begin_stream()
+    assert not peer.is_idle(0.0)
+    streams = [StreamBudget(1e6, peer, 0.0) for _ in range(3)]
+    for stream in streams[:2]:
+        stream.charge(150.0, 0.0)
+    assert streams[0].owed_s(0.0) == pytest.approx((150.0 - 100.0 / 3) / (100.0 / 3), rel=0.5)
+    late = streams[0].owed_s(0.0)
+    peer.end_stream()
+    assert streams[0].owed_s(0.0) <= late
+    peer.end_stream()
+    peer.end_stream()
+    assert (peer.num_streams, peer.loop.num_peers) == (0, 0)
+    assert not peer.is_idle(0.0)
+    assert peer.is_idle(3600.0)

@@ -88,3 +88,15 @@ def test_users_of_a_bucket_have_no_more_than_it_and_who_keeps_to_a_part_never_wa
         taken += amount
         over = max(over, amount)
         assert taken <= 60.0 * (now + 1.0) + num_users * (part + over) + 1e-6
+
+
+@pytest.mark.parametrize("rest_s", [0.0, 0.5, 1.0, 3600.0])
+def test_who_has_rested_owes_what_it_takes_beyond_a_second_s_worth_all_the_same(rest_s: float) -> None:
+    bucket, now = TokenBucket(10.0, 5.0), 5.0 + rest_s
+    bucket.charge(25.0, now)
+    assert bucket.owed_s(now) == 1.5
+    shared = TokenBucket(20.0, 5.0)
+    mine, others = (Share(shared, lambda: 2, 5.0) for _ in range(2))
+    others.charge(10.0, now)
+    mine.charge(25.0, now)
+    assert (mine.owed_s(now), others.owed_s(now)) == (0.75, 0.0), "all together owe fifteen of twenty a second"

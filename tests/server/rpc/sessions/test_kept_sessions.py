@@ -179,3 +179,29 @@ async def test_one_that_waits_for_its_client_is_closed_where_the_server_fails_to
     assert carrier is not None
     carrier.take(Closed(KEY, CloseReason.CLIENT, Code.OK, "", 0, 0))
     assert not kept.has_away
+
+
+BOTH = {"lookahead_frames": 60, "denoise_steps": 8}
+
+
+@pytest.mark.parametrize(
+    ("asked", "is_taken", "told"),
+    [
+        ({"lookahead_frames": 60}, True, (60, 4)),
+        ({"denoise_steps": 8}, True, (40, 8)),
+        (BOTH, True, (60, 8)),
+        (BOTH, False, (40, 4)),
+    ],
+)
+async def test_who_resumes_is_told_the_options_that_hold_by_then(
+    line: Line, kept: KeptSessions, asked: dict[str, int], is_taken: bool, told: tuple[int, int]
+) -> None:
+    line.open()
+    token = token_of(line)
+    line.send(2, set_options=session_pb2.SetOptions(**asked))  # type: ignore[arg-type]
+    line.stream.take(Outcome(KEY, 2, Code.OK if is_taken else Code.RESOURCE_EXHAUSTED))
+    line.stream.lose()
+    other = resume(kept, line.engine, token)
+    other.stream.take(Resumed(KEY, 1, 0))
+    opened = next(update.opened for update in other.updates() if update.HasField("opened"))
+    assert (opened.lookahead_frames, opened.denoise_steps) == told

@@ -10,7 +10,7 @@ from pathlib import Path
 import pytest
 
 from motiongen.v1 import session_pb2
-from motiongen_server.engine.types import Code, Outcome, SessionKey, SnapshotTaken
+from motiongen_server.engine.types import Closed, CloseReason, Code, Outcome, SessionKey, SnapshotTaken, Warned
 from motiongen_server.rpc.sessions.durability import Durability, lease_of
 from motiongen_server.rpc.sessions.entry import SessionEntry
 from motiongen_server.rpc.sessions.kept_sessions import KeptSessions
@@ -32,6 +32,7 @@ class Saving:
     store: SqliteStore
     durability: Durability
     counted: list[str]
+    path: Path
 
     @property
     def entry(self) -> SessionEntry:
@@ -57,7 +58,7 @@ async def saving(tmp_path: Path) -> AsyncIterator[Saving]:
     line = Line(kept=KeptSessions(30.0, durability=durability))
     line.open()
     (token,) = (each.opened.session_token for each in line.updates() if each.HasField("opened"))
-    yield Saving(line, token, store, durability, counted)
+    yield Saving(line, token, store, durability, counted, tmp_path / "store.sqlite")
     await asyncio.to_thread(durability.close)
 
 
@@ -110,3 +111,38 @@ async def test_a_client_is_told_once_of_what_is_kept_and_of_what_is_not(saving: 
     assert new_of(durability.failed) == [(3, False)]
     assert new_of(lambda: durability.written([(lease, 4)])) == [(4, True)]
     assert saving.counted.count("lost") == 1, "the second time it was known"
+
+
+@pytest.mark.parametrize(
+    ("closed", "stays"),
+    [
+        (Closed(KEY, CloseReason.CLIENT, Code.OK, "", 0, 0), False),
+        (Closed(KEY, CloseReason.IDLE, Code.OK, "", 0, 0), False),
+        (Closed(KEY, CloseReason.DRAINED, Code.OK, "", 0, 0), True),
+        (Closed(KEY, CloseReason.ENGINE_FAULT, Code.UNAVAILABLE, "", 0, 0), True),
+    ],
+    ids=lambda value: value.reason.name if isinstance(value, Closed) else "",
+)
+async def test_a_record_outlives_its_session_where_that_may_go_on_elsewhere_only(
+    saving: Saving, closed: Closed, stays: bool
+) -> None:
+    await saving.record(1)
+    name = lease_of(saving.token).name
+    saving.line.stream.take(closed)
+    if not stays:
+        await until_true(lambda: saving.store.read(name) is None)
+    await asyncio.to_thread(saving.durability.close)
+    again = SqliteStore(saving.path, 60.0)
+    assert (again.read(name) is not None) is stays
+    again.close()
+
+
+async def test_warnings_are_told_with_what_is_taken_and_not_with_a_refusal(saving: Saving) -> None:
+    warned = (Warned("FAST", "faster than it was trained for", "velocity"),)
+    entry = saving.entry
+    entry.warnings.update({2: warned, 3: warned})
+    for event_seq, code, told in ((2, Code.OK, warned), (3, Code.NOT_FOUND, ()), (4, Code.OK, ())):
+        said = entry.note(Outcome(KEY, event_seq, code))
+        assert isinstance(said, Outcome)
+        assert said.warnings == told
+    assert entry.warnings == {}

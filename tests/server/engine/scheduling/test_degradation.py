@@ -51,7 +51,7 @@ def test_under_pressure_the_least_urgent_class_goes_down_a_rung_every_two_second
     day = Day()
     assert day.pass_time(2.0, **trouble) == [BATCH]
     assert day.pass_time(2.0, **trouble) == [CROWD]
-    assert day.levels() == [0, 0, 1, 1]
+    assert (day.levels(), day.shed) == ([0, 0, 1, 1], 0)
     assert day.pass_time(1.5, **trouble) == []
 
 

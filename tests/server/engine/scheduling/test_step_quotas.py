@@ -98,3 +98,12 @@ def test_a_clock_that_went_back_takes_nothing_and_gives_nothing_twice() -> None:
     quotas = StepQuotas()
     quotas.charge(STUDIO, 80, 10.0)
     assert quotas.ready_at(STUDIO, 9.0) == 9.0 + 41 / 40
+
+
+def test_who_has_used_a_part_of_what_was_saved_up_is_not_forgotten() -> None:
+    quotas = StepQuotas()
+    quotas.charge(STUDIO, 20, 0.0)
+    for number in range(300):
+        quotas.charge(Owner(f"{number}", steps_per_s=40.0), 4, 0.0)
+    quotas.charge(STUDIO, 20, 0.0)
+    assert quotas.ready_at(STUDIO, 0.0) == 1 / 40, "what it saved up is used up"

@@ -57,3 +57,26 @@ def test_who_is_farther_away_than_was_assumed_is_ahead_of_what_is_made_by_so_man
     assert delivery.far_frames == 0
     delivery.report(Playhead(KEY, 0, 100.0, 10, 20, 0, rtt_s))
     assert delivery.far_frames == far_frames
+
+
+def test_what_is_promised_is_counted_from_the_frame_that_is_shown() -> None:
+    delivery = playing_at(10, 100.0)
+    assert delivery.commit_s == pytest.approx(0.05 + delivery.config.flush_s + delivery.config.margin_s)
+    assert delivery.commit_frames == math.ceil(20 * delivery.commit_s) + 1
+    assert delivery.reaches_at(30) == pytest.approx(101.0)
+    assert delivery.reaches_at(81) == math.inf, "it waits for more at the end of what it was sent"
+
+
+def test_the_end_of_a_plan_waits_for_no_more_of_it() -> None:
+    delivery = Delivery(KEY, 40, EngineConfig(), PlaybackClock(20), RoundTrip(0.05), sent_to=40, first_chunk_due=False)
+    delivery.report(Playhead(KEY, 0, 100.0, 10, 40, 0))
+    assert delivery.waits(100.0, 80), "of ten frames that it may have, thirty more are planned"
+    assert not delivery.waits(100.0, 45), "all that is left of the plan is allowed"
+    assert not delivery.waits(101.2, 80), "it runs low"
+
+
+def test_what_the_client_of_a_clip_has_taken_never_falls_and_is_no_more_than_was_sent() -> None:
+    delivery = Delivery(KEY, 40, EngineConfig(), PlaybackClock(20), RoundTrip(0.05), sent_to=30)
+    for frame, credited in ((20, 20), (10, 20), (1000, 30)):
+        delivery.grant(frame)
+        assert delivery.clock.credited == credited

@@ -121,3 +121,14 @@ def test_no_more_frames_are_gone_on_from_than_a_window_has_of_history_and_a_patc
         rows, features = own_frames(state.timeline, end, end, most, patch)
         assert (len(rows), len(features)) == (length, length)
         np.testing.assert_array_equal(rows[:, FRAME], np.arange(end - length, end))
+
+
+def test_what_a_client_may_have_lost_with_its_line_is_held_however_much_it_was_promised() -> None:
+    stage, _, state = playing_state(EngineConfig(rewind_s=0.0, margin_s=0.7))
+    farthest = 0
+    for _ in range(200):
+        stage.run(0.05)
+        assert state.timeline.first <= max(0, state.clock.reported - state.config.history_crop)
+        farthest = max(farthest, state.delivery.committed_to - state.clock.reported)
+    assert farthest > 10
+    assert state.timeline.first > 0

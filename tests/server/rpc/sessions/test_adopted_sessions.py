@@ -125,3 +125,14 @@ def test_who_does_not_say_what_it_shows_or_was_promised_may_show_all_that_it_hol
     assert (asked.playhead, asked.committed_to) == (playhead, committed_to)
     assert (asked.attempt, asked.next_frame, asked.plan) == (9, 88, 8) == (entry.attempt, 88, 8)
     assert [answer.event_seq for answer in entry.answers] == [5], "it has heard the others"
+
+
+def test_it_is_told_of_and_its_frames_are_coded_as_where_it_was_opened() -> None:
+    entry, event = adopt(resuming(9))
+    assert (event.event_seq, event.spec.session, entry.key) == (1, KEY, KEY)
+    assert entry.is_resuming, "nothing is told before the engine goes on with it"
+    assert entry.known_to_engine
+    assert entry.warnings == RECORD.warnings
+    assert entry.level == RECORD.level
+    assert (entry.coding.scalar_type, entry.coding.outputs) == (RECORD.opened.scalar_type, RECORD.opened.outputs)
+    assert [each.constraint_id for each in entry.reached] == [each.constraint_id for each in RECORD.reached]

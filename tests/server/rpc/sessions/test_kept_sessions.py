@@ -8,7 +8,18 @@ from typing import Any
 import pytest
 
 from motiongen.v1 import session_pb2
-from motiongen_server.engine.types import Close, Closed, CloseReason, Code, Open, Outcome, Resume, Resumed, SessionKey
+from motiongen_server.engine.types import (
+    Close,
+    Closed,
+    CloseReason,
+    Code,
+    ConstraintReached,
+    Open,
+    Outcome,
+    Resume,
+    Resumed,
+    SessionKey,
+)
 from motiongen_server.rpc.sessions.durability import Durability
 from motiongen_server.rpc.sessions.kept_sessions import KeptSessions
 from tests.server.rpc.streams.test_event_order import HANDLE, Engine, Line
@@ -205,3 +216,27 @@ async def test_who_resumes_is_told_the_options_that_hold_by_then(
     other.stream.take(Resumed(KEY, 1, 0))
     opened = next(update.opened for update in other.updates() if update.HasField("opened"))
     assert (opened.lookahead_frames, opened.denoise_steps) == told
+
+
+async def test_those_that_are_parked_are_closed_once(line: Line, kept: KeptSessions) -> None:
+    line.open()
+    assert kept.close_parked(CloseReason.DRAINED) == 0, "a stream carries it"
+    line.stream.lose()
+    assert [kept.close_parked(CloseReason.DRAINED) for _ in range(2)] == [1, 0]
+    assert line.engine.kinds() == [Open, Close]
+
+
+async def test_news_of_a_constraint_is_kept_until_its_client_shows_what_came_after_it(
+    line: Line, kept: KeptSessions
+) -> None:
+    line.open()
+    entry = kept.find(token_of(line))
+    assert entry is not None
+    assert entry.opened is not None
+    assert entry.opened.lookahead == 40
+    news = [ConstraintReached(KEY, number, True, frame, 1, None, None, None) for number, frame in ((1, 10), (2, 60))]
+    for each in news:
+        entry.note(each)
+    for shown, left in ((50, news), (51, news[1:]), (100, news[1:]), (101, [])):
+        entry.note_shown(shown)
+        assert list(entry.reached) == left

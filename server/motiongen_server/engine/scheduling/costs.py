@@ -192,7 +192,7 @@ class CallCosts:
         key = (most, waste)
         if key not in self._efficient:
             limit_s = waste * self.each_s(most)
-            self._efficient[key] = next((size for size in SIZES if self.each_s(size) <= limit_s or size >= most), most)
+            self._efficient[key] = next((size for size in SIZES if self.each_s(size) <= limit_s), most)
         return self._efficient[key]
 
 

@@ -64,7 +64,7 @@ class LoadMonitor:
         """Where a class is."""
         return self._degradation.level(priority) if self._degradation is not None else FULL
 
-    def note_replan(self, priority: Priority, owner: Owner, share: float = 1.0) -> None:
+    def note_replan(self, priority: Priority, owner: Owner, share: float) -> None:
         """A session's window was begun that changes what it would show. share: of a whole window's steps, below 0 for
         one that was let go of."""
         self._rates.note_replan(priority, share)

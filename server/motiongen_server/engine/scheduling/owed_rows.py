@@ -7,8 +7,10 @@ from typing import Generic, TypeVar
 
 Party = TypeVar("Party", bound=Hashable)
 
-# Nobody is ever owed more than so many rows, or its share of a step: what it did not ask for in time is not kept.
-_MOST_OWED = 2.0
+# Nobody is ever owed more than its share of a step and so many rows of the steps before: what it did not ask for in time
+# is not kept. They are what whole rows leave of shares: a part of one in each step, and where several are owed a whole
+# one at once, more than a step has.
+_MOST_KEPT = 2.0
 
 
 class OwedRows(Generic[Party]):
@@ -35,5 +37,5 @@ class OwedRows(Generic[Party]):
             share = shares[party] * rows
             left = self._owed.get(party, 0.0) + share - taken.get(party, 0)
             if left > 0.0:
-                owed[party] = min(left, max(_MOST_OWED, share))
+                owed[party] = min(left, share + _MOST_KEPT)
         self._owed = owed

@@ -57,13 +57,11 @@ class StepLimits:
     def are_strained(self, jobs: Iterable[ScheduledJob], now: float) -> bool:
         """Whether there is no time to waste, if all that is held shall be done when it is due.
 
-        jobs: by class, and in order of deadline.
+        jobs: those that somebody waits for, by class, and in order of deadline.
         """
         each_s, own_s = self._costs.step.each_s(self.max_evaluations), self._costs.own_each_s
         work_s = 0.0
         for held in jobs:
-            if held.job.background:
-                continue
             work_s += each_s * held.passes * (held.job.num_steps - held.steps_done) + own_s
             if work_s > _STRAINED_SHARE * max(held.job.deadline - now, _SOON_S):
                 return True

@@ -106,7 +106,7 @@ def going_on(event: Open, asked: GoingOn, opening: Opening, features: Float32Arr
     state = open_session(event.spec, event.received_at, opening)
     no_tokens = TokenRun(end, np.empty((0, facts.token_width), np.float32), facts.patch)
     begin = held.motion_from
-    state.timeline = Timeline(held.first_frame, held.rows, features, no_tokens, begin, begin, held_to=max(begin, 0))
+    state.timeline = Timeline(held.first_frame, held.rows, features, no_tokens, begin, begin)
     velocity = held.velocity
     if velocity is not None:
         steered = Velocity(velocity.x, velocity.z, velocity.heading, velocity.hold_frames, velocity.steers_from)

@@ -8,7 +8,7 @@ from motiongen_server.engine.config import EngineConfig
 from motiongen_server.engine.scheduling.admission import Admission
 from motiongen_server.engine.scheduling.prices import Prices
 from motiongen_server.engine.scheduling.window_rates import EXPECTED_HZ, WindowRates
-from motiongen_server.engine.types import Code, Priority, SessionKey
+from motiongen_server.engine.types import NOBODY, Code, Owner, Priority, SessionKey
 from tests.server.engine.fakes import FACTS
 from tests.server.engine.stage import spec
 
@@ -229,3 +229,40 @@ def test_the_books_always_match_who_is_there(moves: list[tuple[int, int, bool]])
             there.setdefault(key, num_steps)
     expected = sum(RATE * (steps * PRICES.step_s + PRICES.window_s) for steps in there.values())
     assert admission.asked == pytest.approx(expected)
+
+
+def test_who_asks_for_other_options_counts_as_if_it_had_come_with_them() -> None:
+    admission = _admission()
+    others, old = spec(SessionKey(1, 1), num_steps=4), spec(SessionKey(1, 2), num_steps=4)
+    new = spec(SessionKey(1, 2), priority=Priority.CROWD, num_steps=10)
+    for each in (others, old):
+        assert admission.reserve(each, 1) is None
+    assert admission.change(old, new) is None
+    expected = _admission()
+    for each in (others, new):
+        assert expected.reserve(each, 1) is None
+    assert admission.asked_by_class == pytest.approx(expected.asked_by_class)
+    admission.release(new.session, old)
+    assert admission.asked_by_class == pytest.approx(expected.asked_by_class), "that is not its spec any more"
+    admission.release(new.session, new)
+    admission.release(others.session)
+    assert admission.asked == 0.0
+
+
+def test_who_is_alone_may_ask_for_more_than_the_machine_can_do() -> None:
+    admission = _admission(Prices(step_s=10.0))
+    old, new = spec(SessionKey(1, 1), num_steps=2), spec(SessionKey(1, 1), num_steps=10)
+    assert admission.reserve(old, 1) is None
+    assert admission.change(old, new) is None
+
+
+def test_what_edits_take_beyond_their_owners_parts_leaves_room_to_others() -> None:
+    admission = _admission(measured=0.85)
+    for handle in (1, 2):
+        assert admission.reserve(spec(SessionKey(1, handle), owner=Owner(f"{handle}")), 1) is None
+        admission.note_begun(SessionKey(1, handle))
+    before = admission.places()[Priority.NEAR]
+    admission.set_prices(PRICES, 0.85, edits_hz={"1": 100.0})
+    yielding = admission.yielding(NOBODY)
+    assert yielding > 0.2
+    assert admission.places()[Priority.NEAR] == pytest.approx(before + yielding / EACH[Priority.NEAR])

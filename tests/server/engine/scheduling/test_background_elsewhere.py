@@ -115,3 +115,19 @@ def test_an_engine_that_ends_while_its_clips_are_held_back_waits_for_its_turn() 
     assert not engine.finished
     engine.wait()
     assert waited, "else it goes round as fast as it can"
+
+
+def test_each_engine_tells_the_others_how_many_wait_for_its_windows_and_how_many_are_in_the_background() -> None:
+    turns = Turns(1)
+    (stage,), (lease,) = turns.stages, turns.leases
+    clips(stage, 3)
+    turns.run(0.01)
+    assert (lease.num_background, lease.num_waited_for) == (3, 0)
+    stage.open(100)
+    stage.run_until(lambda: lease.num_waited_for > 0)
+    assert (lease.num_background, lease.num_waited_for) == (3, 1)
+    stage.run_until(lambda: lease.num_waited_for == 0)
+    for viewer in list(stage.viewers.values()):
+        stage.close(viewer)
+    turns.run(0.1)
+    assert (lease.num_background, lease.num_waited_for) == (0, 0)

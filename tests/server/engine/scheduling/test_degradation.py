@@ -51,7 +51,7 @@ def test_under_pressure_the_least_urgent_class_goes_down_a_rung_every_two_second
     day = Day()
     assert day.pass_time(2.0, **trouble) == [BATCH]
     assert day.pass_time(2.0, **trouble) == [CROWD]
-    assert day.levels() == [0, 0, 1, 1]
+    assert (day.levels(), day.shed) == ([0, 0, 1, 1], 0)
     assert day.pass_time(1.5, **trouble) == []
 
 
@@ -260,3 +260,40 @@ def test_what_is_asked_is_not_believed_again_once_it_has_not_held() -> None:
         ups += len(day.pass_time(5.25, load=0.2, demand=Demand({CROWD: 0.5}, SAVING)))
         day.pass_time(4.0, load=1.2, demand=Demand({CROWD: 0.5}, SAVING))
     assert ups <= 4
+
+
+def _seconds_between_ups(day: Day) -> list[float]:
+    """How long each level up is waited for, until everybody has everything."""
+    waits, at = [], day.now
+    while any(day.levels()):
+        if day.pass_time(EVERY_S):
+            waits.append(day.now - at)
+            at = day.now
+    return waits
+
+
+def test_each_level_up_is_waited_for_anew_and_half_as_long_where_the_one_before_held() -> None:
+    day, out_of_patience = Day(), Day({CROWD: 10})
+    down = day.pass_time(20.0, late=0.5)
+    first, *others = _seconds_between_ups(day)
+    assert first >= 10.0
+    assert others == [10.0] * (len(down) - 1)
+    _out_of_patience(out_of_patience)
+    first, *others = _seconds_between_ups(out_of_patience)
+    assert 80.0 <= first <= 82.0
+    assert others == [40.0, 20.0, *[10.0] * (len(others) - 2)]
+
+
+def test_once_nobody_is_left_what_is_asked_is_believed_again() -> None:
+    day, fits = Day({CROWD: 10}), Demand({CROWD: 0.5}, SAVING)
+    _out_of_patience(day)
+    for _ in range(4):
+        day.pass_time(5.25, load=0.2, demand=fits)
+        day.pass_time(4.0, load=1.2, demand=fits)
+    assert day.pass_time(5.25, load=0.2, demand=fits) == [], "it did not hold"
+    day.present = {}
+    day.pass_time(EVERY_S, load=0.0)
+    day.present = {CROWD: 10}
+    day.pass_time(2.0, load=1.2)
+    assert day.levels()[CROWD - 1] > 0
+    assert day.pass_time(5.25, load=0.2, demand=fits) == [CROWD]

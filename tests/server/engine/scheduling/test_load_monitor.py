@@ -91,3 +91,14 @@ def test_what_edits_take_beyond_their_owners_parts_is_taken_off_in_the_unit_of_t
         monitor.measure(EVERY_S * tick, DeviceUse(used_s, used_s, used_s), prices, {Priority.CROWD: 50})
     assert monitor.load - 0.0625 < 0.95 < monitor.load - 0.0625 / 4
     assert monitor.level(Priority.CROWD) != FULL
+
+
+def test_nobody_gets_less_for_what_edits_take_beyond_their_owners_parts() -> None:
+    """Without a quota: nearly all of a machine is in use, and a sixteenth of it gives way."""
+    admission = Yielding(FACTS, EngineConfig())
+    monitor = LoadMonitor(FACTS, admission, 0.0, degrade=True, lease=Device().lease())
+    for tick in range(1, 41):
+        used_s = 0.98 * EVERY_S * tick
+        monitor.measure(EVERY_S * tick, DeviceUse(used_s, used_s, used_s), Prices(0.0, 1e-6), {Priority.CROWD: 50})
+    assert monitor.load > 0.95 > monitor.load - 0.0625
+    assert monitor.level(Priority.CROWD) == FULL

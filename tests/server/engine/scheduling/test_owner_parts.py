@@ -25,3 +25,16 @@ def test_an_owners_edits_are_priced_at_the_steps_of_its_sessions(steps: tuple[in
     edited, played = EDITS_HZ * each_s, len(steps) * each_s * FACTS.fps / FACTS.horizon
     assert parts.yielding(prices, {EDITING.name: EDITS_HZ}, ASKING) == pytest.approx(max(0.0, played + edited - 0.5))
     assert parts.yielding(prices, {EDITING.name: EDITS_HZ}, EDITING) == 0.0
+
+
+def test_an_owners_part_goes_by_the_weight_that_its_latest_session_has() -> None:
+    parts, prices = OwnerParts(FACTS), Prices(0.0, 0.01)
+    parts.count(spec(SessionKey(2, 1), owner=ASKING), 1)
+    parts.count(spec(SessionKey(1, 1), owner=EDITING), 1)
+    half = parts.yielding(prices, {EDITING.name: EDITS_HZ})
+    parts.count(spec(SessionKey(1, 2), owner=Owner(EDITING.name, 3.0)), 1)
+    parts.count(spec(SessionKey(1, 1), owner=EDITING), -1)
+    parts.count(spec(SessionKey(1, 3), owner=Owner(EDITING.name, 3.0)), 1)
+    played = 0.01 * FACTS.fps / FACTS.horizon
+    assert half == pytest.approx(EDITS_HZ * 0.01 + played - 0.5)
+    assert parts.yielding(prices, {EDITING.name: 100.0}) == pytest.approx(1.0 + 2 * played - 0.75)

@@ -8,6 +8,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from motiongen_server.engine.scheduling.costs import CostTable
+from motiongen_server.engine.scheduling.owed_rows import OwedRows
 from motiongen_server.engine.scheduling.scheduler import Scheduler
 from motiongen_server.engine.types import Owner, Priority
 from tests.server.engine.scheduling.scheduled import LATER, window_job
@@ -38,6 +39,16 @@ def test_owners_share_by_weight_whatever_classes_they_ask_for(classes: tuple[Pri
     rows = _rows_by_owner(scheduler, 300)
     assert rows.total() == 3600
     assert rows["small"] == pytest.approx(2400, abs=24)
+
+
+@given(st.integers(1, 32), st.lists(st.sampled_from([0.5, 1.0, 2.0]), min_size=2, max_size=4))
+def test_an_owner_has_the_parts_of_rows_of_its_share_too(max_rows: int, weights: list[float]) -> None:
+    """A third of eight rows is more than two."""
+    scheduler = _scheduler(max_rows, **{f"o{n}": (32, HERO, weight) for n, weight in enumerate(weights)})
+    rows, num_steps = _rows_by_owner(scheduler, 60), 60
+    for number, weight in enumerate(weights):
+        of_share = weight / sum(weights) * max_rows * num_steps
+        assert rows[f"o{number}"] >= of_share - max_rows - 2, "in the first step nobody is owed anything yet"
 
 
 def test_who_asks_for_less_than_its_share_gets_all_of_it_and_the_others_the_rest() -> None:
@@ -97,3 +108,41 @@ def test_no_owner_waits_longer_than_its_share_says(max_rows: int, crowds: list[t
         longest = max(longest, waited)
     owners = len(crowds) + 1
     assert longest <= 2 * owners / min(max_rows, owners) + 4
+
+
+def test_what_was_not_had_while_there_was_time_is_not_owed_once_there_is_not() -> None:
+    def chosen(times: int) -> list[int]:
+        scheduler = _scheduler(12, large=(100, HERO, 1.0), small=(12, NEAR, 9.0))
+        for _ in range(times):
+            scheduler.schedule(LATER - 10_000.0)
+            scheduler._owed.forget()  # of the classes
+        return [held.job.job_id for held in scheduler.schedule(LATER)]
+
+    assert chosen(50) == chosen(0)
+
+
+def test_what_an_owner_has_made_in_the_background_is_none_of_its_share() -> None:
+    scheduler = _scheduler(12, large=(100, HERO, 1.0), small=(100, HERO, 1.0))
+    for number in range(20):
+        scheduler.add(replace(window_job(5000 + number, HERO), owner=Owner("small"), background=True), 1)
+    rows: Counter[tuple[str, bool]] = Counter()
+    for _ in range(400):
+        rows.update((held.job.owner.name, held.job.background) for held in scheduler.schedule(LATER))
+    assert rows["small", True] == pytest.approx(0.05 * rows.total(), rel=0.1)
+    assert rows["small", False] == pytest.approx(rows["large", False], abs=24)
+
+
+def test_whole_rows_that_are_owed_go_to_whom_most_are_owed_first() -> None:
+    owed: OwedRows[str] = OwedRows()
+    shares = {"a": 0.1, "b": 0.6, "c": 0.3}
+    assert owed.whole() == []
+    owed.settle(4, shares, {}, "abc")
+    assert owed.whole() == [("b", 2), ("c", 1)]
+    owed.settle(4, shares, {"b": 3}, "abc")
+    assert owed.whole() == [("c", 2), ("b", 1)], "b has had more than its share"
+    owed.settle(10, shares, {"b": 1, "c": 1}, "ab")
+    assert owed.whole() == [("b", 6), ("a", 1)], "and nothing of who does not wait"
+    owed.settle(10, shares, {"a": 1}, "ab")
+    assert owed.whole() == [("b", 8), ("a", 1)], "no more than two rows are kept beyond a step's share"
+    owed.forget()
+    assert owed.whole() == []

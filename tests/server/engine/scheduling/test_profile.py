@@ -1,3 +1,4 @@
+import itertools
 from collections.abc import Callable, Sequence
 
 import pytest
@@ -139,3 +140,20 @@ def _too_large(call: str, room: int) -> Callable[[str, Sequence[int]], bool]:
         return False
 
     return fails
+
+
+@pytest.mark.parametrize("times", [(0.5, 0.05, 0.02), (0.5, 0.02, 0.05)])
+def test_the_least_time_of_a_size_counts_once_it_was_allocated(times: tuple[float, ...]) -> None:
+    runner, steps = FakeRunner(FakeClock()), itertools.count()
+    runner.step_s = lambda rows: times[next(steps) // FACTS.min_steps]
+
+    def slow(call: str, _: Sequence[int]) -> bool:
+        if call in ("prepare", "decode"):
+            runner.clock.advance(0.1 * times[min(2, len(runner.decoded))])
+        return False
+
+    runner.fails = slow
+    costs = profile(runner, runner.clock, max_rows=1, history_frames=16).costs
+    assert costs.step.seconds(1) == pytest.approx(0.02)
+    assert costs.prepare.seconds(1) == pytest.approx(0.002)
+    assert costs.decode.seconds(1) == pytest.approx(0.002)

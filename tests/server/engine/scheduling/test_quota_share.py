@@ -64,3 +64,17 @@ def test_what_was_seen_is_kept_while_an_engine_has_nothing_to_do() -> None:
 
 def test_what_was_used_before_does_not_count() -> None:
     assert Group().pass_by(60.0, used=0.4, spent=0.4) == pytest.approx(1.0, rel=0.01)
+
+
+def test_what_is_seen_counts_little_by_little() -> None:
+    group = Group()
+    before = group.share.factor
+    group.pass_by(8.0, used=0.0, spent=0.0)
+    group.used_s += 3.0 * EVERY_S
+    group.share.update(EVERY_S, 0.25)
+    seen = 3.0 * EVERY_S / 2.0 / 0.25  # of what was used, an eighth of the newest is believed at once
+    assert group.share.factor == pytest.approx(before + EVERY_S / 16.0 * (seen - before))
+    once = Group()
+    once.used_s += 60.0
+    once.share.update(60.0, 0.5)
+    assert once.share.factor == pytest.approx(2.0), "all of it after a minute"

@@ -81,3 +81,29 @@ def test_owners_that_have_gone_are_forgotten() -> None:
     for number in range(10_000):
         quotas.charge(Owner(f"{number}", steps_per_s=10.0), 4, float(number))
     assert quotas.num_accounts <= 257
+
+
+def test_what_was_taken_elsewhere_is_owed_in_full_whatever_begins_here() -> None:
+    quotas = StepQuotas()
+    quotas.note_elsewhere(((STUDIO, 240),))
+    assert quotas.take_taken(0.0) == ()
+    assert quotas.ready_at(STUDIO, 0.0) == 201 / 40
+    charged = quotas.charge(STUDIO, 4, 0.0)
+    assert charged == 0.0, "it owes as much as anybody may, and more"
+    quotas.give_back(STUDIO, charged)
+    assert quotas.ready_at(STUDIO, 0.0) == 201 / 40
+
+
+def test_a_clock_that_went_back_takes_nothing_and_gives_nothing_twice() -> None:
+    quotas = StepQuotas()
+    quotas.charge(STUDIO, 80, 10.0)
+    assert quotas.ready_at(STUDIO, 9.0) == 9.0 + 41 / 40
+
+
+def test_who_has_used_a_part_of_what_was_saved_up_is_not_forgotten() -> None:
+    quotas = StepQuotas()
+    quotas.charge(STUDIO, 20, 0.0)
+    for number in range(300):
+        quotas.charge(Owner(f"{number}", steps_per_s=40.0), 4, 0.0)
+    quotas.charge(STUDIO, 20, 0.0)
+    assert quotas.ready_at(STUDIO, 0.0) == 1 / 40, "what it saved up is used up"

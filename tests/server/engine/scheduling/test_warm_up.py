@@ -39,3 +39,16 @@ def test_sizes_without_memory_are_left_out() -> None:
     runner = SmallRunner()
     assert warm_up(runner, (1, 4, 8, 16), 16) == 4
     assert sizes_of(runner.prepared)[-1] == (16, 4)
+
+
+def test_of_a_size_that_there_was_no_memory_for_half_way_nothing_is_left() -> None:
+    runner = FakeRunner()
+
+    def no_room(rows: int) -> float:
+        if rows > 2:
+            raise OutOfMemory("no room for the steps of more than two windows")
+        return 0.01
+
+    runner.step_s = no_room
+    assert warm_up(runner, (1, 2, 4), 16) == 2
+    assert runner.jobs == {}

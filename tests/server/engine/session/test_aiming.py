@@ -158,3 +158,23 @@ def test_a_clip_answers_what_may_be_met_at_any_frame() -> None:
 def test_a_span_says_which_frames_count() -> None:
     waypoint = Waypoint(1, 60, 0.0, 0.0, span=Span(40, 90))
     assert (waypoint.first_frame, waypoint.frame, waypoint.last_frame) == (40, 60, 90)
+
+
+@pytest.mark.parametrize(("x", "z"), [(30.0, 40.0), (-40.0, 30.0), (0.0, -60.0)])
+def test_a_lead_goes_straight_to_a_far_place_as_fast_as_it_has_to_be(x: float, z: float) -> None:
+    standing = RootState(1.0, 2.0, 0.0, 0.0, 0.0)
+    rig = RigLayout("stick", ("root",), (-1,), np.zeros((1, 3)), ())
+    aiming = Aiming(rig, 20, Timeline.empty(1, 1), range(100, 200), lambda frame: standing)
+    far = [
+        Waypoint(number, 100 + 20 * seconds, 1.0 + x, 2.0 + z, span=Span(100, 5000, is_led=True))
+        for number, seconds in ((1, 500), (2, 30))
+    ]
+    way = aiming.lead(far, 200)
+    assert way is not None
+    assert (way.first_frame, way.last_frame) == (100, 199)
+    along = way.xz - np.array([1.0, 2.0])
+    np.testing.assert_allclose(along[:, 0] * z, along[:, 1] * x, atol=1e-3)
+    assert along[-1] @ (x, z) > 0
+    speed = 20 * float(np.hypot(*(way.xz[-1] - way.xz[-2])))
+    assert speed == pytest.approx(float(np.hypot(x, z)) / 29.5, rel=0.01), "the sooner of the two sets the pace"
+    assert aiming.lead([each for each in far if each.frame < 200], 200) is None

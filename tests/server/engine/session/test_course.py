@@ -3,8 +3,10 @@
 from __future__ import annotations
 
 import numpy as np
+import pytest
 
-from motiongen_server.engine.session.course import behind_places
+from motiongen_ardy.locomotion.velocity import RootState
+from motiongen_server.engine.session.course import Course, behind_places
 from motiongen_server.engine.types import VELOCITY_ID, Constraint, HeadingTarget, RootTrajectory, Waypoint
 from tests.server.engine.session.playing import playing
 
@@ -57,3 +59,53 @@ def test_a_velocity_that_is_held_gives_way_to_a_place_until_it_is_reached() -> N
     for job in answering:
         assert [each.constraint_id for each in job.constraints] == [5]
         assert job.keep_prompt is False
+
+
+WALKING = RootState(x=0.0, z=0.0, speed_x=1.0, speed_z=0.0, heading=0.0)
+"""At the origin, a metre a second along +X."""
+
+
+def course(*constraints: Constraint, path: RootTrajectory | None = None) -> Course:
+    """Of a window of the frames from 100 to 283, at 20 frames a second."""
+    return Course(WINDOW, 20, WALKING, path, constraints)
+
+
+def places(going: Course, *frames: int) -> list[tuple[float, float]]:
+    """At each of some frames, to a tenth of a millimetre."""
+    return [(round(x, 4), round(z, 4)) for x, z in map(going.at, frames)]
+
+
+def test_who_is_asked_for_no_place_goes_straight_on_for_a_second_and_then_stands() -> None:
+    going = course(HeadingTarget(1, 120, 0.5))
+    assert places(going, 99, 100, 119, 120, 200) == [(0.0, 0.0), (0.05, 0.0), (1.0, 0.0), (1.0, 0.0), (1.0, 0.0)]
+    assert not going.is_led_at(100)
+
+
+def test_between_two_places_it_goes_straight_and_behind_the_last_it_stands() -> None:
+    going = course(Waypoint(1, 109, 1.0, 2.0), Waypoint(2, 119, 3.0, 2.0), Waypoint(3, 284, 9.0, 9.0))
+    there = [(0.5, 1.0), (1.0, 2.0), (2.0, 2.0), (3.0, 2.0), (3.0, 2.0)]
+    assert places(going, 104, 109, 114, 119, 283) == there
+    going.add(129, 3.0, 4.0)
+    assert places(going, 124, 129, 283) == [(3.0, 3.0), (3.0, 4.0), (3.0, 4.0)]
+    going.add(129, 3.0, 6.0)
+    assert places(going, 124) == [(3.0, 4.0)]
+
+
+@pytest.mark.parametrize("first", [60, 100, 110, 250])
+def test_along_a_path_it_is_where_the_path_is_in_the_window(first: int) -> None:
+    path = RootTrajectory(1, first, np.column_stack([np.arange(80), np.full(80, 5)]).astype(np.float32))
+    going = course(path)
+    for frame in range(max(first, 100), min(first + 80, 284)):
+        assert going.at(frame) == (frame - first, 5.0)
+    behind = min(first + 80, 284) - 1
+    assert going.at(behind + 30) == (behind - first, 5.0), "it stands there"
+    assert not going.is_led_at(behind)
+    assert course(path, path=lead(100, 10)).is_led_at(109)
+
+
+def test_whom_a_lead_has_led_goes_on_as_it_went_for_a_second() -> None:
+    going = course(path=lead(100, 40))
+    assert [going.is_led_at(frame) for frame in (100, 139, 140)] == [True, True, False]
+    assert [going.at(frame)[0] for frame in (100, 139, 140, 159, 160)] == pytest.approx([0.0, 3.9, 4.0, 5.9, 5.9])
+    given = course(Waypoint(1, 150, 0.0, 0.0), path=lead(100, 40))
+    assert given.at(170) == (0.0, 0.0), "who was asked to be at a place stands there"

@@ -1,10 +1,12 @@
 import math
 
+import numpy as np
 import pytest
 
 from motiongen_server.engine.config import EngineConfig
 from motiongen_server.engine.session.delivery import Delivery
 from motiongen_server.engine.session.playback import PlaybackClock, RoundTrip
+from motiongen_server.engine.session.timeline import Timeline
 from motiongen_server.engine.types import Playhead, SessionKey
 
 KEY = SessionKey(1, 1)
@@ -27,3 +29,54 @@ def test_no_frame_is_replaced_that_was_shown_while_nobody_reported() -> None:
     delivery = playing_at(10, 100.0)
     assert [delivery.unshown_from(100.0 + wait_s, 0.1) for wait_s in (0.01, 0.05, 1.0)] == [14, 14, 33]
     assert delivery.unshown_from(200.0, 0.1) == 83, "it waits at the end of what it was sent"
+
+
+TIMELINE = Timeline.empty(2, 1).spliced(0, np.zeros((80, 2), np.float32), np.zeros((80, 1), np.float32))
+
+
+@pytest.mark.parametrize(("now", "late"), [(100.0, 0), (100.5, 0), (100.51, 1), (100.69, 4), (102.0, 30), (200.0, 30)])
+def test_late_are_the_frames_that_were_due_when_they_were_sent_and_each_counts_once(now: float, late: int) -> None:
+    delivery = Delivery(KEY, 40, EngineConfig(), PlaybackClock(20), RoundTrip(0.05), sent_to=20)
+    delivery.report(Playhead(KEY, 0, 100.0, 10, 20, 0))  # which has frame 20 due half a second later
+    chunks = delivery.chunks(now, TIMELINE, 1, math.inf)
+    assert chunks[0].first_frame == 20
+    assert sum(len(chunk.rows) for chunk in chunks) == 30, "as far as the look-ahead of 40 goes"
+    assert (delivery.late_frames, delivery.num_frames, delivery.sent_to) == (late, 50, 50)
+    assert delivery.chunks(now, TIMELINE, 1, math.inf) == []
+    assert delivery.superseded(45) == 5
+    delivery.chunks(100.0, TIMELINE, 2, math.inf)
+    assert (delivery.late_frames, delivery.num_frames, delivery.sent_to) == (late, 50, 50), "they were sent before"
+
+
+@pytest.mark.parametrize(("rtt_s", "far_frames"), [(0.0, 0), (0.05, 0), (0.06, 1), (0.25, 4), (9.0, 19)])
+def test_who_is_farther_away_than_was_assumed_is_ahead_of_what_is_made_by_so_many_frames(
+    rtt_s: float, far_frames: int
+) -> None:
+    config = EngineConfig(rtt_s=0.05)
+    delivery = Delivery(KEY, 40, config, PlaybackClock(20), RoundTrip(config.rtt_s), sent_to=20)
+    assert delivery.far_frames == 0
+    delivery.report(Playhead(KEY, 0, 100.0, 10, 20, 0, rtt_s))
+    assert delivery.far_frames == far_frames
+
+
+def test_what_is_promised_is_counted_from_the_frame_that_is_shown() -> None:
+    delivery = playing_at(10, 100.0)
+    assert delivery.commit_s == pytest.approx(0.05 + delivery.config.flush_s + delivery.config.margin_s)
+    assert delivery.commit_frames == math.ceil(20 * delivery.commit_s) + 1
+    assert delivery.reaches_at(30) == pytest.approx(101.0)
+    assert delivery.reaches_at(81) == math.inf, "it waits for more at the end of what it was sent"
+
+
+def test_the_end_of_a_plan_waits_for_no_more_of_it() -> None:
+    delivery = Delivery(KEY, 40, EngineConfig(), PlaybackClock(20), RoundTrip(0.05), sent_to=40, first_chunk_due=False)
+    delivery.report(Playhead(KEY, 0, 100.0, 10, 40, 0))
+    assert delivery.waits(100.0, 80), "of ten frames that it may have, thirty more are planned"
+    assert not delivery.waits(100.0, 45), "all that is left of the plan is allowed"
+    assert not delivery.waits(101.2, 80), "it runs low"
+
+
+def test_what_the_client_of_a_clip_has_taken_never_falls_and_is_no_more_than_was_sent() -> None:
+    delivery = Delivery(KEY, 40, EngineConfig(), PlaybackClock(20), RoundTrip(0.05), sent_to=30)
+    for frame, credited in ((20, 20), (10, 20), (1000, 30)):
+        delivery.grant(frame)
+        assert delivery.clock.credited == credited

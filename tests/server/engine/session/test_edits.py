@@ -2,13 +2,17 @@
 
 import math
 
+import numpy as np
 import pytest
 
 from motiongen_ardy.locomotion.velocity import SLOWING_FRAMES
+from motiongen_server.engine.config import EngineConfig
 from motiongen_server.engine.session.conditions import Conditions
-from motiongen_server.engine.session.edits import EditQueue, PendingEdit
+from motiongen_server.engine.session.edits import EditQueue, PendingEdit, edited
+from motiongen_server.engine.session.placing import Anchor
 from motiongen_server.engine.session.velocity import Velocity
-from motiongen_server.engine.types import Code, EventRefused
+from motiongen_server.engine.types import Code, Direction, EventRefused, Gait, SessionKey, SetVelocity
+from tests.server.engine.stage import prompt
 
 
 def _edit(seq: int, dirty_from: int = 0) -> PendingEdit:
@@ -76,3 +80,18 @@ def test_the_time_of_a_velocity_begins_with_the_first_window_that_obeys_the_newe
     assert landed.with_velocity_landed(landed.velocity, 90) is landed
     assert landed.without_past(89 + SLOWING_FRAMES) is landed
     assert landed.without_past(90 + SLOWING_FRAMES).velocity is None
+
+
+@pytest.mark.parametrize(("keep_prompt", "dirty_from", "prolongs"), [(False, 140, True), (True, 120, False)])
+def test_a_velocity_said_again_only_prolongs_where_the_prompt_stays_too(
+    keep_prompt: bool, dirty_from: int, prolongs: bool
+) -> None:
+    walk = Gait("walk", "a person walks", 0.0, Direction.FORWARD, np.ones(2, np.float32))
+    held = Conditions((prompt(5, 1, 0),), velocity=Velocity(1.0, 0.0, None, 40, steers_from=100), gait=walk)
+    event = SetVelocity(SessionKey(1, 1), 2, 0.0, 1.0, 0.0, None, 40, keep_prompt)
+    result = edited(held, event, floor=120, reach=40, config=EngineConfig(), anchor=_nowhere, gaits=(walk,))
+    assert (result.kind, result.dirty_from, result.prolongs) == ("velocity", dirty_from, prolongs)
+
+
+def _nowhere() -> Anchor:
+    raise AssertionError("nothing here is placed")

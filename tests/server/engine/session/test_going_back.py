@@ -7,8 +7,10 @@ import re
 import numpy as np
 
 from motiongen_server.engine.config import EngineConfig
+from motiongen_server.engine.session.cutting import own_frames
 from motiongen_server.engine.session.state import SessionState
 from motiongen_server.engine.types import Code, Outcome, PlanCause, StartPose, WindowJob
+from tests.server.engine.fakes import FRAME
 from tests.server.engine.session.playing import playing_state
 from tests.server.engine.stage import Stage
 from tests.server.engine.viewer import Viewer
@@ -110,3 +112,23 @@ def test_poses_that_were_held_while_there_was_too_much_to_do_are_not_gone_back_t
     assert held.held_to == held.end == timeline.end + 8
     assert held.stretches == ((held.motion_from if held.motion_from > held.first else held.first, held.end),)
     assert held.spliced(held.end, timeline.rows[:4], timeline.features[:4]).held_to == held.end
+
+
+def test_no_more_frames_are_gone_on_from_than_a_window_has_of_history_and_a_patch_at_the_least() -> None:
+    _, _, state = later()
+    end, patch = state.delivery.sent_to, state.facts.patch
+    for most, length in ((0, patch), (patch - 1, patch), (4 * patch, 4 * patch), (4 * patch + 1, 4 * patch)):
+        rows, features = own_frames(state.timeline, end, end, most, patch)
+        assert (len(rows), len(features)) == (length, length)
+        np.testing.assert_array_equal(rows[:, FRAME], np.arange(end - length, end))
+
+
+def test_what_a_client_may_have_lost_with_its_line_is_held_however_much_it_was_promised() -> None:
+    stage, _, state = playing_state(EngineConfig(rewind_s=0.0, margin_s=0.7))
+    farthest = 0
+    for _ in range(200):
+        stage.run(0.05)
+        assert state.timeline.first <= max(0, state.clock.reported - state.config.history_crop)
+        farthest = max(farthest, state.delivery.committed_to - state.clock.reported)
+    assert farthest > 10
+    assert state.timeline.first > 0

@@ -90,3 +90,17 @@ def test_one_is_left_out_for_the_same_heavier_ones_as_when_each_pair_is_looked_a
 
 def _apart(one: Waypoint, other: Waypoint) -> float:
     return float(np.hypot(one.x - other.x, one.z - other.z))
+
+
+@pytest.mark.parametrize("first", [-30, 0, 7, 150, 199])
+def test_a_path_is_where_it_is_at_its_own_frames_whenever_it_begins(first: int) -> None:
+    """It goes 5 cm a frame, from x = 1 at its first: each of its frames in the window is told by itself."""
+    xz = np.column_stack([1.0 + np.arange(60) * 0.05, np.zeros(60)]).astype(np.float32)
+    path = RootTrajectory(2, first, xz, weight=0.5)
+    inside = [frame for frame in (first, first + 30, first + 59) if frame in WINDOW]
+    for frame in inside:
+        x = 1.0 + (frame - first) * 0.05
+        for away, is_kept in ((0.0, True), (0.2, True), (0.4, False)):
+            there = Waypoint(1, frame + 1, x + away, 0.0)
+            assert (path in in_force((there, path), WINDOW, 20)) is is_kept
+    assert inside

@@ -10,6 +10,7 @@ from motiongen_server.engine.session.aiming import Aiming
 from motiongen_server.engine.session.conditions import Conditions
 from motiongen_server.engine.session.kinematics import Posed
 from motiongen_server.engine.session.reach import ReachWatch
+from motiongen_server.engine.session.timeline import Timeline
 from motiongen_server.engine.types import (
     JointRotations,
     Keyframe,
@@ -137,3 +138,19 @@ def test_however_many_are_measured_where_the_joints_are_is_worked_out_once(monke
     aiming = Aiming(FACTS.rig, FACTS.fps, timeline, window, lambda frame: RootState(0.0, 0.0, 0.0, 0.0, 0.0))
     assert len(aiming.aimed(held)) == len(held)
     assert worked_out == [20, 30]
+
+
+def test_it_is_told_with_the_promise_of_its_last_frame_and_not_before() -> None:
+    watch, rows = ReachWatch(SessionKey(1, 1)), np.zeros((80, FACTS.row_width), np.float32)
+    rows[:, 3] = 1.0  # a quaternion
+    timeline = Timeline.empty(FACTS.row_width, 1).spliced(0, rows, rows[:, :1])
+    conditions = Conditions(
+        constraints=(RootTrajectory(1, 30, np.zeros((11, 2), np.float32)), Waypoint(2, 40, 0.0, 0.0))
+    )
+    told = []
+    for committed_to in (20, 35, 40, 41, 42):
+        is_due = watch.is_due(conditions, committed_to)
+        reached = watch.reached(FACTS.rig, conditions, timeline, committed_to)
+        told.append((is_due, [(each.constraint_id, each.num_frames) for _, each in reached]))
+        conditions = conditions.without_told([constraint for constraint, _ in reached])
+    assert told == [(False, []), (False, []), (False, []), (True, [(1, 11), (2, 1)]), (False, [])]

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
 from typing import Any
 
 import numpy as np
@@ -111,3 +112,14 @@ def targets_of(skeleton: Any, constraint: Any) -> Targets:
     targets = job_targets(skeleton, job)
     assert targets is not None
     return targets
+
+
+def test_what_is_as_far_off_as_it_may_be_is_within_and_what_is_lifted_never() -> None:
+    off = Residual(1, [np.array([0.25])], [np.array([0.5])], [np.array([0.5])])
+    assert off.is_within(Tolerance(0.25, 0.5))
+    assert not off.is_within(Tolerance(0.24, 0.5))
+    assert not off.is_within(Tolerance(0.25, 0.49))
+    assert not Residual(1, [], [], [np.array([0.5])]).is_within(Tolerance(0.25, 0.49))
+    assert not Residual(1, [], [np.array([0.5])]).is_within(Tolerance(0.25, 0.49))
+    assert not replace(off, lifted=[np.array([False, True])]).is_within(Tolerance(9.0, 9.0))
+    assert replace(off, lifted=[np.array([False, False])]).is_within(Tolerance(9.0, 9.0))

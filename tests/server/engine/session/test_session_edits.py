@@ -143,3 +143,19 @@ def test_limits_of_a_session_are_enforced() -> None:
     stage.run(0.3)
     assert [viewer.outcomes[seq].reason for seq in prompts] == ["", "TOO_MANY_PROMPTS"]
     assert [viewer.outcomes[seq].reason for seq in constraints] == ["", "", "TOO_MANY_CONSTRAINTS"]
+
+
+def test_an_edit_of_the_first_frame_of_a_window_that_is_nearly_done_waits_for_one_that_knows_it() -> None:
+    stage, viewer = playing()
+    start_job(stage, steps=3)
+    ((first, job),) = [(job.first_frame, job) for job in stage.runner.jobs.values()]
+    seq = stage.set_prompts(viewer, prompt(2, 2, first))
+    stage.step()
+    assert seq not in viewer.outcomes
+    stage.run(3.0)
+    outcome = viewer.outcomes[seq]
+    assert outcome.effective_frame is not None
+    assert outcome.effective_frame >= first
+    assert any(seq in notice.event_seqs for notice in viewer.notices if notice.plan > job.plan)
+    assert markers(viewer, outcome.effective_frame, viewer.buffered_to) == {2}
+    stage.check_finished()

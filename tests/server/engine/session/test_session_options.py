@@ -4,7 +4,7 @@ import pytest
 
 from motiongen_server.engine.config import EngineConfig
 from motiongen_server.engine.types import Code, Guidance, PlayState, Priority
-from tests.server.engine.session.playing import playing
+from tests.server.engine.session.playing import playing, playing_state
 from tests.server.engine.stage import Stage, prompt
 
 
@@ -99,3 +99,16 @@ def test_a_class_may_change_while_a_window_waits_to_begin() -> None:
     assert viewer.outcomes[seq].code is Code.OK
     assert not any(each.closed for each in (viewer, other, third))
     stage.check_finished()
+
+
+def test_a_look_ahead_that_changes_back_has_windows_made_when_they_were_before() -> None:
+    stage, viewer, state = playing_state()
+    viewer.lookahead = 120
+    before, found = state.continue_threshold, []
+    for lookahead in (120, 90, 40):
+        stage.set_options(viewer, lookahead=lookahead)
+        stage.run(0.1)
+        found.append(state.continue_threshold - before)
+    horizon, least = state.facts.horizon, state.config.continue_threshold
+    assert found == [max(least, lookahead - horizon) - max(least, 40 - horizon) for lookahead in (120, 90, 40)]
+    assert found[0] > found[1] > found[2] == 0

@@ -10,11 +10,13 @@ import pytest
 from motiongen_server.engine.config import EngineConfig
 from motiongen_server.engine.session.drift import Correction
 from motiongen_server.engine.types import (
+    VELOCITY_ID,
     Chunk,
     Code,
     Direction,
     Gait,
     GoingOn,
+    HeldVelocity,
     Open,
     Opened,
     Outcome,
@@ -37,6 +39,7 @@ from tests.server.snapshots.records import a_record
 
 SAVING = EngineConfig(snapshots=True)
 ELSEWHERE = SessionKey(9, 4)
+WALK = Gait("walk", "a person walks", 0.0, Direction.FORWARD, np.array([4, 0], np.float32))
 
 
 def snapshots(stage: Stage) -> list[SessionSnapshot]:
@@ -239,3 +242,24 @@ def test_a_snapshot_with_what_this_engine_does_not_know_is_refused() -> None:
     _, outputs = go_on(replace(snapshots(stage)[-1], correction=7), viewer)
     (refused,) = (output for output in outputs if isinstance(output, Outcome))
     assert refused.reason == "SNAPSHOT_UNUSABLE"
+
+
+def test_who_is_steered_is_steered_on_by_the_other_engine_with_the_same_prompt_and_no_longer() -> None:
+    stage = Stage(SAVING)
+    viewer = stage.open(prompts=(prompt(1),), gaits=(WALK,))
+    stage.run(2.0)
+    stage.set_velocity(viewer, 1.0, 0.5, heading=0.25, hold_frames=200)
+    stage.run(0.5)
+    velocity = stage.engine.sessions[viewer.key].conditions.velocity
+    assert velocity is not None
+    held = through_a_store(snapshots(stage)[-1]).velocity
+    assert held == HeldVelocity(1.0, 0.5, 0.25, 200, velocity.steers_from)
+    other, _ = go_on(through_a_store(snapshots(stage)[-1]), viewer)
+    conditions = other.engine.sessions[ELSEWHERE].conditions
+    assert conditions.velocity is not None
+    assert conditions.velocity.leads_as(velocity)
+    assert conditions.velocity.end_if_from(0) == velocity.end_if_from(0)
+    job = other.runner.prepared[0]
+    assert [each.constraint_id for each in job.constraints] == [VELOCITY_ID]
+    assert job.embedding is not None
+    assert job.embedding[0] == 4

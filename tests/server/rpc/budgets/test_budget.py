@@ -211,3 +211,75 @@ def test_a_session_that_comes_again_brings_no_new_prompts_with_it() -> None:
     second = peer.place(Priority.NEAR, 0.0)
     second.prompts.charge(1.0, 0.0)
     assert second.prompts.owed_s(0.0) > 0
+
+
+def test_a_session_takes_another_class_where_there_is_room_for_one_and_keeps_its_own_else() -> None:
+    peer = peer_of(heroes=1, session_weight=6)
+    crowd, hero = peer.place(Priority.CROWD, 0.0), peer.place(Priority.HERO, 0.0)
+    for wanted, field in ((Priority.HERO, "set_options.priority"), (Priority.CROWD, ""), (Priority.NEAR, "")):
+        if field:
+            with pytest.raises(EventRefused) as refused:
+                crowd.change(wanted, None)
+            assert refused.value.field == field
+        else:
+            crowd.change(wanted, None)(True)
+    assert peer.session_weight == 6
+    other = peer_of(session_weight=5)
+    places = [other.place(Priority.CROWD, 0.0) for _ in range(4)]
+    places[0].change(Priority.NEAR, None)(True)
+    with pytest.raises(EventRefused, match="as many sessions") as refused:
+        places[1].change(Priority.NEAR, None)
+    assert refused.value.field == "set_options.priority"
+    hero.change(Priority.HERO, None)(True)  # what it is already is never refused
+    for place in (crowd, hero, *places):
+        place.release()
+    assert (peer.num_sessions, other.num_sessions) == (0, 0)
+
+
+def test_what_the_engine_refuses_counts_as_before_and_what_it_has_not_answered_as_asked() -> None:
+    peer = peer_of(steps_per_second=10.0, heroes=1)
+    place, other = peer.place(Priority.CROWD, 0.0), peer.place(Priority.CROWD, 0.0)
+    place.begin_steps(2.0)
+    is_more = place.change(None, 8.0)
+    is_hero = place.change(Priority.HERO, None)
+    with pytest.raises(EventRefused):
+        other.begin_steps(3.0)
+    with pytest.raises(EventRefused):
+        other.change(Priority.HERO, None)
+    is_more(False)
+    other.begin_steps(8.0)
+    is_hero(False)
+    is_hero(True)  # it has been answered already
+    other.change(Priority.HERO, None)(True)
+    place.change(None, 1.0)(True)
+    other.change(None, 9.0)(True)
+    assert [peer.session_weight, peer.num_sessions] == [5, 2]
+
+
+def test_what_rounding_leaves_of_sessions_goes_with_the_last() -> None:
+    peer = peer_of(steps_per_second=0.7)
+    places = [peer.place(Priority.NEAR, 0.0) for _ in range(3)]
+    for place, steps_hz in zip(places, (0.1, 0.2, 0.3), strict=True):
+        place.begin_steps(steps_hz)
+    for place in places:
+        place.release()
+    peer.place(Priority.NEAR, 0.0).begin_steps(0.7)
+
+
+def test_streams_that_are_there_have_equal_parts_and_those_that_have_ended_none() -> None:
+    peer = peer_of(events_per_second=100.0)
+    for _ in range(3):
+        peer.begin_stream()
+    assert not peer.is_idle(0.0)
+    streams = [StreamBudget(1e6, peer, 0.0) for _ in range(3)]
+    for stream in streams[:2]:
+        stream.charge(150.0, 0.0)
+    assert streams[0].owed_s(0.0) == pytest.approx((150.0 - 100.0 / 3) / (100.0 / 3), rel=0.5)
+    late = streams[0].owed_s(0.0)
+    peer.end_stream()
+    assert streams[0].owed_s(0.0) <= late
+    peer.end_stream()
+    peer.end_stream()
+    assert (peer.num_streams, peer.loop.num_peers) == (0, 0)
+    assert not peer.is_idle(0.0)
+    assert peer.is_idle(3600.0)

@@ -7,7 +7,7 @@ import contextlib
 import pytest
 
 from motiongen_server.errors import StreamRefused
-from motiongen_server.rpc.budgets.check_budget import CHECKS_PER_SECOND, CheckBudget
+from motiongen_server.rpc.budgets.check_budget import CHARACTERS_A_CHECK, CHECKS_PER_SECOND, CheckBudget
 
 FLOOD, OTHER = "ipv4:10.0.0.7:1001", "ipv4:10.0.0.7:1002"
 SHORT, LONG = 512, 7 * 1024
@@ -94,3 +94,14 @@ def test_connections_that_show_nothing_new_are_forgotten() -> None:
         checks.failing(f"ipv4:10.0.{number % 250}.7:{number}", 1)
     assert len(checks.budget._connections) < 250
     assert len(checks.budget._addresses) < 250
+
+
+def test_connections_of_one_address_have_equal_parts_of_it_and_no_more_together() -> None:
+    checks, looked_at = Checks(), [0, 0]
+    for _ in range(100):  # ten seconds
+        for index, peer in enumerate((FLOOD, OTHER)):
+            looked_at[index] += checks.failing(peer, 500)
+        checks.now += 0.1
+    most = (10 + 1) * CHECKS_PER_SECOND / (1 + SHORT / CHARACTERS_A_CHECK)
+    assert 0.95 * most <= sum(looked_at) <= 1.05 * most
+    assert min(looked_at) > 0.4 * sum(looked_at)

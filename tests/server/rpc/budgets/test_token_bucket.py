@@ -6,7 +6,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from motiongen_server.rpc.budgets.token_bucket import TokenBucket
+from motiongen_server.rpc.budgets.token_bucket import Share, TokenBucket
 
 
 def test_a_second_s_worth_may_come_at_once() -> None:
@@ -42,3 +42,61 @@ def test_never_more_than_the_rate_over_time_and_one_burst(rate: float, pauses: l
 def test_who_keeps_to_the_rate_is_never_refused(rate: float) -> None:
     bucket = TokenBucket(rate, 0.0)
     assert all(bucket.take(number / rate) for number in range(500))
+
+
+def test_what_was_saved_up_at_a_higher_rate_is_no_more_than_a_second_of_the_new_one() -> None:
+    bucket = TokenBucket(100.0, 0.0)
+    bucket.set_rate(10.0, 0.0)
+    assert bucket.left(0.0) == 10.0
+    bucket.charge(15.0, 0.0)
+    bucket.set_rate(100.0, 0.25)
+    assert bucket.owed_s(0.25) == pytest.approx(0.025), "2.5 came back at the rate of before"
+
+
+def test_what_is_given_back_is_what_was_charged_and_no_more_than_a_second_is_saved_up_by_it() -> None:
+    for bucket in (TokenBucket(10.0, 0.0), Share(TokenBucket(20.0, 0.0), lambda: 2, 0.0)):
+        bucket.charge(8.0, 0.0)
+        bucket.give_back(3.0, 0.0)
+        assert bucket.left(0.0) == 5.0
+        bucket.give_back(100.0, 0.0)
+        assert bucket.left(0.0) == 10.0
+
+
+@given(
+    st.integers(1, 6), st.lists(st.tuples(st.integers(0, 5), st.floats(0.0, 40.0), st.floats(0.0, 1.0)), max_size=60)
+)
+def test_users_of_a_bucket_have_no_more_than_it_and_who_keeps_to_a_part_never_waits(
+    num_users: int, charges: list[tuple[int, float, float]]
+) -> None:
+    """Each but the first charges whenever it may; the first no more than its part."""
+    bucket, now = TokenBucket(60.0, 0.0), 0.0
+    shares = [Share(bucket, lambda: num_users, now) for _ in range(num_users)]
+    part, taken, over = 60.0 / num_users, 0.0, 0.0
+    saved = part
+    for number, amount, pause_s in charges:
+        now += pause_s
+        saved = min(part, saved + pause_s * part)
+        share = shares[number % num_users]
+        if share is shares[0]:
+            amount = min(amount, saved)
+            saved -= amount
+            assert share.owed_s(now) == 0.0
+        elif share.owed_s(now) > 0.0:
+            assert share.ahead_s(now) >= share.owed_s(now)
+            continue
+        share.charge(amount, now)
+        taken += amount
+        over = max(over, amount)
+        assert taken <= 60.0 * (now + 1.0) + num_users * (part + over) + 1e-6
+
+
+@pytest.mark.parametrize("rest_s", [0.0, 0.5, 1.0, 3600.0])
+def test_who_has_rested_owes_what_it_takes_beyond_a_second_s_worth_all_the_same(rest_s: float) -> None:
+    bucket, now = TokenBucket(10.0, 5.0), 5.0 + rest_s
+    bucket.charge(25.0, now)
+    assert bucket.owed_s(now) == 1.5
+    shared = TokenBucket(20.0, 5.0)
+    mine, others = (Share(shared, lambda: 2, 5.0) for _ in range(2))
+    others.charge(10.0, now)
+    mine.charge(25.0, now)
+    assert (mine.owed_s(now), others.owed_s(now)) == (0.75, 0.0), "all together owe fifteen of twenty a second"

@@ -9,15 +9,21 @@ from pathlib import Path
 
 import pytest
 
+from motiongen.v1 import session_pb2
 from motiongen_server.engine.types import Close, Closed, CloseReason, Code, Open, Outcome, Resumed
+from motiongen_server.rpc.budgets.peer import Peer
+from motiongen_server.rpc.limits import PeerLimits
 from motiongen_server.rpc.sessions.durability import Durability, lease_of
+from motiongen_server.rpc.sessions.entry import SessionEntry
 from motiongen_server.rpc.sessions.kept_sessions import KeptSessions
+from motiongen_server.rpc.sessions.taking_over import adopted
 from motiongen_server.snapshots import writer
 from motiongen_server.snapshots.record import write_record
 from motiongen_server.snapshots.sqlite_store import SqliteStore
 from motiongen_server.snapshots.store import Lease, Renewal
-from tests.server.rpc.sessions.test_taking_over import RECORD, TOKEN, of_model, resuming
+from tests.server.rpc.sessions.test_taking_over import NOBODY, RECORD, TOKEN, of_model, resuming
 from tests.server.rpc.streams.test_event_order import WALK, Line
+from tests.server.snapshots.records import KEY
 from tests.waiting import until_true
 
 NAME = lease_of(TOKEN).name
@@ -106,3 +112,59 @@ async def test_one_is_saved_from_the_beginning_and_its_client_knows(adopting: Ad
     line.stream.take(Closed(key, CloseReason.DRAINED, Code.OK, "", 0, 0))
     answers = [update.outcome.event_seq for update in line.updates() if update.HasField("outcome")]
     assert RECORD.taken_seq + 1 not in answers
+
+
+def adopt(opening: session_pb2.OpenSession) -> tuple[SessionEntry, Open]:
+    """The session of the record, for a client that says where it is."""
+    return adopted(
+        RECORD,
+        TOKEN,
+        opening,
+        KEY,
+        models=of_model("fake"),
+        peer=Peer(PeerLimits(), 0.0, "studio"),
+        carrier=NOBODY,
+        events_per_second=50.0,
+        now=0.0,
+    )
+
+
+def test_what_has_no_answer_is_not_taken_for_answered_and_what_has_is() -> None:
+    """Of five events the fourth waits for its plan."""
+    entry, _ = adopt(resuming(9))
+    assert (entry.last_seq, entry.applied_seq) == (5, 3)
+    assert [entry.is_answered(seq) for seq in range(1, 7)] == [True, True, True, False, True, False]
+    entry.note(Outcome(KEY, 4, Code.OK, 90))
+    assert (entry.applied_seq, entry.answered) == (5, set())
+
+
+@pytest.mark.parametrize(
+    ("said", "playhead", "committed_to"),
+    [
+        ({}, 88, 88),
+        ({"playhead": 0}, 0, 88),
+        ({"playhead": 70, "committed_to": 75}, 70, 75),
+        ({"committed_to": 0}, 88, 0),
+    ],
+)
+def test_who_does_not_say_what_it_shows_or_was_promised_may_show_all_that_it_holds(
+    said: dict[str, int], playhead: int, committed_to: int
+) -> None:
+    point = session_pb2.ResumePoint(attempt=9, next_frame=88, plan=8, answered_seq=3, **said)  # type: ignore[arg-type]
+    entry, event = adopt(session_pb2.OpenSession(resume_token=TOKEN, resume_point=point))
+    asked = event.going_on
+    assert asked is not None
+    assert (asked.playhead, asked.committed_to) == (playhead, committed_to)
+    assert (asked.attempt, asked.next_frame, asked.plan) == (9, 88, 8) == (entry.attempt, 88, 8)
+    assert [answer.event_seq for answer in entry.answers] == [5], "it has heard the others"
+
+
+def test_it_is_told_of_and_its_frames_are_coded_as_where_it_was_opened() -> None:
+    entry, event = adopt(resuming(9))
+    assert (event.event_seq, event.spec.session, entry.key) == (1, KEY, KEY)
+    assert entry.is_resuming, "nothing is told before the engine goes on with it"
+    assert entry.known_to_engine
+    assert entry.warnings == RECORD.warnings
+    assert entry.level == RECORD.level
+    assert (entry.coding.scalar_type, entry.coding.outputs) == (RECORD.opened.scalar_type, RECORD.opened.outputs)
+    assert [each.constraint_id for each, _ in entry.reached] == [each.constraint_id for each in RECORD.reached]

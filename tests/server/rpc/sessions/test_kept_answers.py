@@ -88,6 +88,19 @@ def test_what_is_confirmed_takes_nothing(kept: KeptAnswers) -> None:
     assert (len(kept), kept.num_bytes) == (0, 0)
 
 
+def test_placements_and_warnings_can_be_let_go_of_and_what_became_of_the_events_stays() -> None:
+    kept, warned = KeptAnswers(), (Warned("R", "m", "f"),)
+    plain = [Outcome(KEY, event_seq, Code.OK, 80) for event_seq in range(2, 6)]
+    for answer, more in zip(plain, ({}, {"placements": FULL}, {"warnings": warned}), strict=False):
+        kept.keep(replace(answer, **more))
+    kept.let_go_of_places()
+    assert list(kept) == plain[:3]
+    least = KeptAnswers()
+    for answer in plain[:3]:
+        least.keep(answer)
+    assert kept.num_bytes == least.num_bytes
+
+
 async def test_they_count_among_what_is_held_for_a_stream_until_its_client_has_heard_them() -> None:
     line = Line(kept=KeptSessions(30.0))
     line.open()

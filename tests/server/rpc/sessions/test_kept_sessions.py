@@ -3,11 +3,23 @@
 from __future__ import annotations
 
 import asyncio
+from typing import Any
 
 import pytest
 
 from motiongen.v1 import session_pb2
-from motiongen_server.engine.types import Close, Closed, CloseReason, Code, Open, Outcome, Resume, Resumed, SessionKey
+from motiongen_server.engine.types import (
+    Close,
+    Closed,
+    CloseReason,
+    Code,
+    ConstraintReached,
+    Open,
+    Outcome,
+    Resume,
+    Resumed,
+    SessionKey,
+)
 from motiongen_server.rpc.sessions.durability import Durability
 from motiongen_server.rpc.sessions.kept_sessions import KeptSessions
 from tests.server.rpc.streams.test_event_order import HANDLE, Engine, Line
@@ -41,8 +53,30 @@ def resume(kept: KeptSessions, engine: Engine, token: str) -> Line:
 async def test_a_session_whose_transport_is_lost_is_resumed(line: Line, kept: KeptSessions) -> None:
     line.open()
     line.stream.lose()
+    assert kept.num_parked == 1
     assert resume(kept, line.engine, token_of(line)).refusals() == []
+    assert kept.num_parked == 0, "nobody is waited for any more"
     assert line.engine.kinds() == [Open, Resume]
+
+
+async def test_one_that_was_resumed_is_not_closed_when_the_grace_is_over(
+    line: Line, kept: KeptSessions, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    loop, timers = asyncio.get_running_loop(), list[asyncio.TimerHandle]()
+    call_later = loop.call_later
+
+    def note(delay_s: float, *what: Any) -> asyncio.TimerHandle:
+        assert delay_s == 30.0
+        timers.append(call_later(delay_s, *what))
+        return timers[-1]
+
+    monkeypatch.setattr(loop, "call_later", note)
+    line.open()
+    line.stream.lose()
+    (timer,) = timers
+    assert not timer.cancelled()
+    resume(kept, line.engine, token_of(line))
+    assert timer.cancelled()
 
 
 async def test_one_that_its_client_has_finished_is_not_though_its_end_is_still_to_come(
@@ -82,6 +116,21 @@ async def test_one_that_has_ended_while_its_client_was_away_has_no_place_any_mor
     again = resume(kept, line.engine, token_of(line))
     assert again.updates()[-1].HasField("closed")
     assert (kept.num_parked, line.stream.peer.num_sessions) == (0, 0)
+
+
+async def test_one_that_is_closed_keeps_its_books_until_the_engine_has_ended_it(line: Line, kept: KeptSessions) -> None:
+    line.open()
+    line.send(2, set_play_state=session_pb2.SetPlayState())
+    line.stream.close_all(CloseReason.CLIENT)
+    line.stream.end()
+    line.stream.lose()
+    carrier = kept.carrier_of(KEY)
+    assert carrier is not None
+    carrier.take(Outcome(KEY, 2, Code.OK))
+    carrier.take(Outcome(KEY, 1, Code.OK))
+    assert kept.carrier_of(KEY) is carrier
+    carrier.take(Closed(KEY, CloseReason.CLIENT, Code.OK, "", 0, 0))
+    assert not kept.has_away
 
 
 async def test_nothing_is_left_of_one_that_is_refused_after_its_stream_has_gone(line: Line, kept: KeptSessions) -> None:
@@ -157,3 +206,52 @@ async def test_one_that_waits_for_its_client_is_closed_where_the_server_fails_to
     assert carrier is not None
     carrier.take(Closed(KEY, CloseReason.CLIENT, Code.OK, "", 0, 0))
     assert not kept.has_away
+
+
+BOTH = {"lookahead_frames": 60, "denoise_steps": 8}
+
+
+@pytest.mark.parametrize(
+    ("asked", "is_taken", "told"),
+    [
+        ({"lookahead_frames": 60}, True, (60, 4)),
+        ({"denoise_steps": 8}, True, (40, 8)),
+        (BOTH, True, (60, 8)),
+        (BOTH, False, (40, 4)),
+    ],
+)
+async def test_who_resumes_is_told_the_options_that_hold_by_then(
+    line: Line, kept: KeptSessions, asked: dict[str, int], is_taken: bool, told: tuple[int, int]
+) -> None:
+    line.open()
+    token = token_of(line)
+    line.send(2, set_options=session_pb2.SetOptions(**asked))  # type: ignore[arg-type]
+    line.stream.take(Outcome(KEY, 2, Code.OK if is_taken else Code.RESOURCE_EXHAUSTED))
+    line.stream.lose()
+    other = resume(kept, line.engine, token)
+    other.stream.take(Resumed(KEY, 1, 0))
+    opened = next(update.opened for update in other.updates() if update.HasField("opened"))
+    assert (opened.lookahead_frames, opened.denoise_steps) == told
+
+
+async def test_those_that_are_parked_are_closed_once(line: Line, kept: KeptSessions) -> None:
+    line.open()
+    assert kept.close_parked(CloseReason.DRAINED) == 0, "a stream carries it"
+    line.stream.lose()
+    assert [kept.close_parked(CloseReason.DRAINED) for _ in range(2)] == [1, 0]
+    assert line.engine.kinds() == [Open, Close]
+
+
+async def test_news_of_a_constraint_is_kept_until_its_client_shows_what_came_after_it(
+    line: Line, kept: KeptSessions
+) -> None:
+    line.open()
+    entry = kept.find(token_of(line))
+    assert entry is not None
+    news = [ConstraintReached(KEY, number, True, frame, 1, None, None, None) for number, frame in ((1, 10), (2, 60))]
+    for each, sent_to in zip(news, (20, 80), strict=True):
+        entry.sent_to = sent_to
+        entry.note(each)
+    for shown, left in ((19, news), (20, news[1:]), (79, news[1:]), (80, [])):
+        entry.note_shown(shown)
+        assert [said for said, _ in entry.reached] == left

@@ -223,3 +223,27 @@ async def test_what_the_loop_does_for_a_resume_is_charged_more_where_it_is_refus
     assert asked_s > 0, "until the store is asked"
     assert answered_s == pytest.approx(REFUSED_TIMES * (loop.taken_s - asked_s)), "from its answer on"
     assert line.refusals() == [(1, "SESSION_NOT_KEPT")]
+
+
+async def test_who_has_had_no_turn_in_time_says_nothing_of_the_store(monkeypatch: pytest.MonkeyPatch) -> None:
+    now, gate = [0.0], asyncio.Event()
+    turns = StoreTurns(lambda: now[0])
+    asking = [asyncio.create_task(turns.take(Asker("others"), gate.wait)) for _ in range(TAKERS)]
+    await asyncio.sleep(0)
+    monkeypatch.setattr(store_turns, "TAKE_S", 0.0)
+    for _ in range(2):
+        with pytest.raises(EventRefused) as refused:
+            await turns.take(Asker("client"), gate.wait)
+        assert refused.value.reason == "SESSION_STORE_BUSY"
+        now[0] += ASKED_AGAIN_S - 1.0
+    monkeypatch.undo()
+    gate.set()
+    assert await asyncio.gather(*asking) == [True] * TAKERS
+    now[0] = AWAY_S + 1.0
+
+    async def fail() -> None:
+        raise StoreFailed("it is gone")
+
+    with pytest.raises(EventRefused) as refused:
+        await turns.take(Asker("client"), fail)
+    assert refused.value.reason == "SESSION_STORE_UNAVAILABLE", "the first failure"

@@ -271,3 +271,17 @@ async def test_it_is_no_event_of_a_session_that_is_not_there(line: Line) -> None
     shell = session_pb2.SessionEvent(session=HANDLE, event_seq=2, edit_constraints=session_pb2.EditConstraints())
     line.stream.receive(shell, time.monotonic(), too_many_fields(4416))
     assert line.refusals() == [(2, "TOO_MANY_FIELDS")]
+
+
+async def test_what_comes_after_a_prompt_was_encoded_has_its_own_encoded_or_waits_for_nothing(line: Line) -> None:
+    line.open()
+    line.send(2, edit_prompts=WALK)
+    await line.encoded()
+    line.send(3, set_play_state=PAUSE)
+    assert line.engine.kinds() == [Open, SetPrompts, SetPlayState]
+    line.prompts.go.clear()
+    line.send(4, edit_prompts=WALK)
+    line.send(5, set_play_state=PAUSE)
+    assert len(line.engine.events) == 3
+    await line.encoded()
+    assert line.engine.kinds()[3:] == [SetPrompts, SetPlayState]

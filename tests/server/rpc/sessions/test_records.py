@@ -1,0 +1,148 @@
+"""What a session's record says was taken: no event that the engine may still lose, and all that were answered."""
+
+from __future__ import annotations
+
+import asyncio
+from collections.abc import AsyncIterator, Callable
+from dataclasses import dataclass, replace
+from pathlib import Path
+
+import pytest
+
+from motiongen.v1 import session_pb2
+from motiongen_server.engine.types import Closed, CloseReason, Code, Outcome, SessionKey, SnapshotTaken, Warned
+from motiongen_server.rpc.sessions.durability import Durability, lease_of
+from motiongen_server.rpc.sessions.entry import SessionEntry
+from motiongen_server.rpc.sessions.kept_sessions import KeptSessions
+from motiongen_server.snapshots.record import SessionRecord, read_record
+from motiongen_server.snapshots.sqlite_store import SqliteStore
+from tests.server.rpc.streams.test_event_order import HANDLE, PAUSE, WALK, Line
+from tests.server.snapshots.records import a_record
+from tests.waiting import until_true
+
+KEY = SessionKey(1, HANDLE)
+
+
+@dataclass
+class Saving:
+    """A client's line to a server that saves its session."""
+
+    line: Line
+    token: str
+    store: SqliteStore
+    durability: Durability
+    counted: list[str]
+    path: Path
+
+    @property
+    def entry(self) -> SessionEntry:
+        entry = self.line.kept and self.line.kept.find(self.token)
+        assert entry
+        return entry
+
+    async def record(self, last_seq: int) -> SessionRecord:
+        """What is in the store once the engine has taken a snapshot: it has taken the events up to that number."""
+        snapshot = replace(a_record().snapshot, last_seq=last_seq, unanswered=())
+        self.line.stream.take(SnapshotTaken(KEY, snapshot))
+        name = lease_of(self.token).name
+        await until_true(lambda: self.store.read(name) is not None)
+        held = self.store.read(name)
+        assert held is not None
+        return read_record(held.data)
+
+
+@pytest.fixture
+async def saving(tmp_path: Path) -> AsyncIterator[Saving]:
+    store, counted = SqliteStore(tmp_path / "store.sqlite", 60.0), list[str]()
+    durability = Durability(store, asyncio.get_running_loop(), counted.append)
+    line = Line(kept=KeptSessions(30.0, durability=durability))
+    line.open()
+    (token,) = (each.opened.session_token for each in line.updates() if each.HasField("opened"))
+    yield Saving(line, token, store, durability, counted, tmp_path / "store.sqlite")
+    await asyncio.to_thread(durability.close)
+
+
+async def test_what_waits_for_the_encoder_has_not_been_taken(saving: Saving) -> None:
+    saving.line.send(2, edit_prompts=WALK)
+    saving.line.send(3, set_play_state=PAUSE)
+    assert (await saving.record(1)).taken_seq == 1
+
+
+async def test_what_the_edge_has_refused_has_and_what_the_engine_has_not_answered_after_it_has_not(
+    saving: Saving,
+) -> None:
+    saving.line.send(2, set_velocity=session_pb2.SetVelocity(x=float("nan")))
+    assert [seq for seq, _ in saving.line.refusals()] == [2]
+    saving.line.send(3, set_play_state=PAUSE)
+    record = await saving.record(1)
+    assert record.taken_seq == 2
+    assert [answer.event_seq for answer in record.answers] == [2]
+
+
+async def test_answers_to_later_events_than_were_taken_are_not_in_it(saving: Saving) -> None:
+    saving.line.send(2, edit_prompts=WALK)
+    saving.line.send(3, set_play_state=PAUSE)
+    saving.line.stream.take(Outcome(KEY, 3, Code.OK))
+    record = await saving.record(1)
+    assert (record.taken_seq, record.answers) == (1, ())
+
+
+async def test_a_client_is_told_once_of_what_is_kept_and_of_what_is_not(saving: Saving) -> None:
+    await saving.record(1)
+    entry = saving.entry
+    assert entry.lease is not None
+    lease, durability = entry.lease, saving.durability
+    told: list[tuple[int, bool]] = []
+
+    def new_of(act: Callable[[], None]) -> list[tuple[int, bool]]:
+        act()
+        updates = (each for each in saving.line.updates() if each.HasField("durability"))
+        now = [(each.durable_seq, each.durability.is_kept) for each in updates]
+        fresh, told[:] = now[len(told) :], now
+        return fresh
+
+    await until_true(lambda: entry.durable is not None)
+    assert new_of(lambda: None) == [(1, True)]
+    assert new_of(lambda: durability.written([(lease, 3)])) == [(3, True)]
+    assert new_of(lambda: durability.written([(lease, 2)])) == [], "what is kept never falls"
+    assert new_of(lambda: durability.lost([lease])) == [(3, False)]
+    assert new_of(lambda: durability.lost([lease])) == []
+    assert new_of(lambda: durability.renewed([lease])) == [(3, True)]
+    assert new_of(durability.failed) == [(3, False)]
+    assert new_of(lambda: durability.written([(lease, 4)])) == [(4, True)]
+    assert saving.counted.count("lost") == 1, "the second time it was known"
+
+
+@pytest.mark.parametrize(
+    ("closed", "stays"),
+    [
+        (Closed(KEY, CloseReason.CLIENT, Code.OK, "", 0, 0), False),
+        (Closed(KEY, CloseReason.IDLE, Code.OK, "", 0, 0), False),
+        (Closed(KEY, CloseReason.DRAINED, Code.OK, "", 0, 0), True),
+        (Closed(KEY, CloseReason.ENGINE_FAULT, Code.UNAVAILABLE, "", 0, 0), True),
+    ],
+    ids=lambda value: value.reason.name if isinstance(value, Closed) else "",
+)
+async def test_a_record_outlives_its_session_where_that_may_go_on_elsewhere_only(
+    saving: Saving, closed: Closed, stays: bool
+) -> None:
+    await saving.record(1)
+    name = lease_of(saving.token).name
+    saving.line.stream.take(closed)
+    if not stays:
+        await until_true(lambda: saving.store.read(name) is None)
+    await asyncio.to_thread(saving.durability.close)
+    again = SqliteStore(saving.path, 60.0)
+    assert (again.read(name) is not None) is stays
+    again.close()
+
+
+async def test_warnings_are_told_with_what_is_taken_and_not_with_a_refusal(saving: Saving) -> None:
+    warned = (Warned("FAST", "faster than it was trained for", "velocity"),)
+    entry = saving.entry
+    entry.warnings.update({2: warned, 3: warned})
+    for event_seq, code, told in ((2, Code.OK, warned), (3, Code.NOT_FOUND, ()), (4, Code.OK, ())):
+        said = entry.note(Outcome(KEY, event_seq, code))
+        assert isinstance(said, Outcome)
+        assert said.warnings == told
+    assert entry.warnings == {}

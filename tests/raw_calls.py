@@ -19,13 +19,8 @@ def answer_to(port: int, path: bytes, *more: Header) -> bytes:
 
     more: headers besides those of every call, each part shorter than 127 bytes.
     """
-    usual = ((b":method", b"POST"), (b":scheme", b"http"), (b":path", path), (b":authority", b"localhost"))
-    headers = (*usual, (b"te", b"trailers"), (b"content-type", b"application/grpc"), *more)
-    block = b"".join(_literal(*header) for header in headers)
     with socket.create_connection(("127.0.0.1", port), timeout=LIMIT_S) as connection:
-        connection.sendall(
-            PREFACE + _frame(SETTINGS, 0, 0, b"") + _frame(HEADERS, END_OF_STREAM | END_OF_HEADERS, 1, block)
-        )
+        connection.sendall(beginning() + call_of(1, path, *more))
         answer = b""
         try:
             while b"grpc-message" not in answer and (received := connection.recv(4096)):
@@ -33,6 +28,18 @@ def answer_to(port: int, path: bytes, *more: Header) -> bytes:
         except ConnectionResetError:
             pass
     return answer
+
+
+def beginning() -> bytes:
+    """What a client says first on a connection."""
+    return PREFACE + _frame(SETTINGS, 0, 0, b"")
+
+
+def call_of(stream: int, path: bytes, *more: Header) -> bytes:
+    """A call without a request. stream: its number on the connection, odd and rising; path, more: as of `answer_to`."""
+    usual = ((b":method", b"POST"), (b":scheme", b"http"), (b":path", path), (b":authority", b"localhost"))
+    headers = (*usual, (b"te", b"trailers"), (b"content-type", b"application/grpc"), *more)
+    return _frame(HEADERS, END_OF_STREAM | END_OF_HEADERS, stream, b"".join(_literal(*header) for header in headers))
 
 
 def status_in(answer: bytes) -> int | None:

@@ -69,6 +69,7 @@ ATTACKS = (
     Attack("3,000 streams without hello", "silent_streams", 1),
     Attack("4,250 calls without their request", "half_open_calls", 1),
     Attack("4,250 calls and streams whose answers are not let through", "unread_calls", 1),
+    Attack("calls of methods whose names are no text, with tokens that are none", "unreadable_names", 1),
     Attack("24 calls for the longest clips, nothing read", "unread_clips", 1),
     Attack("refused events on 40 streams, nothing read", "unread_streams", 1),
     Attack("catalogues", "catalogs", 2),

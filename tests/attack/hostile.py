@@ -15,7 +15,7 @@ from collections.abc import Callable
 from motiongen.v1 import motion_pb2, service_pb2, service_pb2_grpc, session_pb2
 from tests.attack.calls import HELLO, STREAMS, Event, Request, bare_stream, channel_to, drain, flood, for_ever, many
 from tests.attack.heavy_edits import long_paths, many_rotations, refused_rotations
-from tests.attack.hostile_calls import half_open_calls, unread_calls
+from tests.attack.hostile_calls import half_open_calls, unread_calls, unreadable_names
 from tests.attack.hostile_load import (
     Kind,
     burst_streams,
@@ -228,7 +228,7 @@ KINDS: dict[str, Kind] = {
         long_names, idle_connections, unread_metrics, mutations, byte_a_second, burst_streams, crowds, watches,
         edits_behind_prompts, health_checks, long_paths, reflections, welcome_crowds, many_rotations, refused_rotations,
         unconfirmed_edits, first_messages, half_open_calls, unread_calls, fast_players, teleporters, expired_tokens,
-        prompts_over_streams,
+        prompts_over_streams, unreadable_names,
     )
 }  # fmt: skip
 ELSEWHERE = {connections, idle_connections, unread_metrics, welcome_crowds, expired_tokens}

@@ -4,10 +4,13 @@ from __future__ import annotations
 
 import asyncio
 import itertools
+from contextlib import suppress
 from typing import Any
 
 from motiongen_server.rpc.handlers import SERVICE_NAME
+from tests.attack.begun import begun
 from tests.attack.calls import HELLO, channel_to, many
+from tests.raw_calls import beginning, call_of
 
 CONNECTIONS = 17
 CALLS_OF_A_CONNECTION = 250
@@ -18,6 +21,39 @@ HALF_OPEN = (f"/{SERVICE_NAME}/GetCatalog", CHECK, f"/{SERVICE_NAME}/GenerateCli
 UNREAD = (*HALF_OPEN, f"/{SERVICE_NAME}/StreamMotion")
 NARROW = (("grpc.http2.lookahead_bytes", 5), ("grpc.http2.bdp_probe", 0))
 """Of what it has not read yet, a client lets the server send so few bytes: less than any response has."""
+
+
+NAMES = (b"/\xff", b"/" + SERVICE_NAME.encode() + b"/\xc3\x28", f"/{SERVICE_NAME}/GetCatalog".encode())
+BEHIND_THEM = (b"authorization", b"Bearer \xff\xfe")
+CALLS_AT_ONCE, PAUSE_S = 100, 0.05
+
+
+async def unreadable_names(address: str) -> None:
+    """Calls of methods whose names are no text, and of one that there is, all with a token that is none."""
+    host, _, port = address.rpartition(":")
+
+    async def connection() -> None:
+        reader, writer = await asyncio.open_connection(host, int(port))
+        begun()
+        reading = asyncio.create_task(_forget(reader))
+        with suppress(ConnectionError):
+            writer.write(beginning())
+            calls = zip(itertools.count(1, 2), itertools.cycle(NAMES))
+            while not reading.done():
+                writer.write(b"".join(call_of(*call, BEHIND_THEM) for call in itertools.islice(calls, CALLS_AT_ONCE)))
+                await writer.drain()
+                await asyncio.sleep(PAUSE_S)
+        reading.cancel()
+        writer.close()
+
+    await many(CONNECTIONS, connection)
+
+
+async def _forget(reader: asyncio.StreamReader) -> None:
+    """All that comes, until the server ends the connection."""
+    with suppress(ConnectionError):
+        while await reader.read(1 << 16):
+            pass
 
 
 async def half_open_calls(address: str) -> None:

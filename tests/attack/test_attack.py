@@ -24,7 +24,16 @@ MORE_BEHIND = 0.6
 
 
 @pytest.mark.parametrize(
-    "kind", ["empty_events", "huge_messages", "liars", "silent_streams", "half_open_calls", "expired_tokens"]
+    "kind",
+    [
+        "empty_events",
+        "huge_messages",
+        "liars",
+        "silent_streams",
+        "half_open_calls",
+        "unreadable_names",
+        "expired_tokens",
+    ],
 )
 async def test_neighbours_are_served_as_before_and_the_server_ends_with_0(kind: str, tmp_path: Path) -> None:
     attack = next(attack for attack in ATTACKS if attack.kind == kind)

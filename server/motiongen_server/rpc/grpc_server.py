@@ -46,7 +46,7 @@ class _NamesUnread(cygrpc.AioServer):  # type: ignore[misc]
 
 
 async def _once_seen(refusing: Coroutine[Any, Any, None]) -> None:
-    """Refuse a call once gRPC has had time to see whether its client has gone; see `call_context.end_with`."""
+    """Refuse a call once gRPC has had time to see whether its client has gone; see `calls.context.end_with`."""
     try:
         await asyncio.sleep(SEEN_GONE_S)
         await refusing

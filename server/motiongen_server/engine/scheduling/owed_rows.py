@@ -7,9 +7,9 @@ from typing import Generic, TypeVar
 
 Party = TypeVar("Party", bound=Hashable)
 
-# Nobody is ever owed more than its share of a step and so many rows of the steps before: what it did not ask for in time
-# is not kept. They are what whole rows leave of shares: a part of one in each step, and where several are owed a whole
-# one at once, more than a step has.
+# Nobody is ever owed more than its share of a step and so many rows of the steps before: what it did not ask for in
+# time is not kept. They are what whole rows leave of shares: a part of one in each step, and where several are owed a
+# whole one at once, more than a step has.
 _MOST_KEPT = 2.0
 
 

@@ -11,6 +11,7 @@ from motiongen_client import Frame, LinePolicy, MotionClient, ProtocolViolation,
 from tests.client.fake_server import Character, FakeServer, FakeStream
 from tests.client.synthetic import synthetic_rows
 from tests.client.waiting import until
+from tests.waiting import LIMIT_S
 
 EDIT = session_pb2.PLAN_CAUSE_EDIT
 Script = Callable[[FakeStream, Character], None]
@@ -131,4 +132,24 @@ async def test_a_server_that_falls_silent_is_left_for_another_line(server: FakeS
         silent.answers_pings = False
         await until(lambda: (server.stream is not silent and session.reopenings) or None)
         frames += await shown(session, 60)
+    assert [frame.index for frame in frames] == list(range(90))
+
+
+async def test_pongs_that_answer_no_ping_say_nothing_of_the_line(server: FakeServer) -> None:
+    policy = LinePolicy(ping_s=0.05, pong_timeout_s=0.05)
+    async with MotionClient(server.address, policy=policy) as client:
+        session = await client.open("walk", keep_s=None)
+        frames = await shown(session, 30)
+        silent = server.stream
+        silent.answers_pings = False
+        pong = service_pb2.StreamMotionResponse(pong=service_pb2.Pong(client_time_ns=-(2**62)))
+
+        def is_left() -> bool:
+            silent.outgoing.put(pong)
+            return server.stream is not silent and bool(session.reopenings)
+
+        await until(is_left)
+        frames += await shown(session, 60)
+    told = [ping.round_trip.ToSeconds() for stream in (silent, server.stream) for ping in stream.pings]
+    assert all(0 <= seconds < LIMIT_S for seconds in told)
     assert [frame.index for frame in frames] == list(range(90))

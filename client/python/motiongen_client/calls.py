@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import asyncio
 import logging
+from collections import deque
 from collections.abc import Awaitable, Callable
 from dataclasses import dataclass
 
@@ -21,6 +22,8 @@ from motiongen_client.status import CREDENTIALS_EXPIRED, STARTING, STATUS_LOST
 _log = logging.getLogger(__name__)
 
 LAG_S = 1.0
+_MOST_PINGS = 64
+"""That are remembered until they are answered."""
 LISTEN_S = (0.0, 0.1, 0.5, 2.0)
 """How long each of the calls in a row for one status listens before it says hello. A server that refuses a call does so
 while the hello is still being written, and then grpc.aio loses the status: of 2 to 36 in 100 such calls, as the machine
@@ -84,6 +87,7 @@ class Calls:
         self.reconnect_after_s = 0.0
         self.other_servers: tuple[OtherServer, ...] = ()
         self.round_trip_s: float | None = None
+        self._pinged_ns: deque[int] = deque(maxlen=_MOST_PINGS)  # when, of those without an answer
 
     @property
     def is_connected(self) -> bool:
@@ -253,7 +257,10 @@ class Calls:
     # ---- signs of life
 
     def _take(self, response: service_pb2.StreamMotionResponse) -> None:
-        if response.HasField("pong"):
+        if (
+            response.HasField("pong") and response.pong.client_time_ns in self._pinged_ns
+        ):  # else it answers none of ours
+            self._pinged_ns.remove(response.pong.client_time_ns)
             is_first = self.round_trip_s is None
             self.round_trip_s = asyncio.get_running_loop().time() - response.pong.client_time_ns / 1e9
             self._ponged.set()
@@ -285,4 +292,5 @@ class Calls:
     def _send_ping(self) -> None:
         if self._call is not None:
             now_ns = int(asyncio.get_running_loop().time() * 1e9)
+            self._pinged_ns.append(now_ns)
             self._call.ping(convert.ping(now_ns, self.round_trip_s))

@@ -168,6 +168,12 @@ void SessionBook::forget_before(std::uint64_t frame) {
   }
 }
 
+void SessionBook::end_target(std::uint32_t target) {
+  const auto has_id = [target](const v1::Constraint& each) { return each.constraint_id() == target; };
+  constraints_.erase(std::remove_if(constraints_.begin(), constraints_.end(), has_id), constraints_.end());
+  placements_.erase(target);
+}
+
 bool SessionBook::is_over(const v1::Constraint& constraint, std::uint64_t frame) const {
   const auto placement = placements_.find(constraint.constraint_id());
   if (placement != placements_.end()) return placement->second.last_frame < frame;

@@ -103,6 +103,9 @@ class SessionBook {
   // Constraints before a frame have been played and are not needed any more.
   void forget_before(std::uint64_t frame);
 
+  // The server has told what became of a target: nothing is asked of it any more, met early or not.
+  void end_target(std::uint32_t target);
+
   bool is_paused() const { return paused_; }
 
   // Whether anything that was said has no answer yet.

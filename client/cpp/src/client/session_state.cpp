@@ -216,6 +216,7 @@ void SessionState::note_reached(const v1::ConstraintReached& message, EventQueue
   event.reached = convert::reached(message);
   event.reached.frame += base_;
   if (!reached_book.note(event.reached)) return;
+  book.end_target(event.reached.target);
   events.push(std::move(event));
 }
 

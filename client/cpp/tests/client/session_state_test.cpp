@@ -227,6 +227,34 @@ TEST(SessionState, OpenedAnewItHasTheHistoryThatWasAskedForLast) {
   EXPECT_EQ(said[0].open().prior_frames().frame_count(), 16U);
 }
 
+TEST(SessionState, OpenedAnewItIsNotAskedForATargetThatWasMetEarly) {
+  Stage stage;
+  const std::lock_guard<std::mutex> lock(stage.state.mutex);
+  stage.open();
+  stage.hear_opened("");
+  stage.hold(40);
+  v1::SessionEvent event;
+  for (const std::uint32_t id : {1U, 2U}) {
+    *event.mutable_edit_constraints()->add_upsert() = convert::constraint(id, Waypoint{200, 1, 2, {}, {}});
+  }
+  stage.state.send_edit(std::move(event), stage.outbox);
+  v1::SessionUpdate taken;
+  taken.mutable_outcome()->set_event_seq(2);
+  stage.hear(taken);
+  v1::SessionUpdate met;
+  met.mutable_constraint_reached()->set_constraint_id(1);
+  met.mutable_constraint_reached()->set_met(true);
+  met.mutable_constraint_reached()->set_frame(30);
+  stage.hear(met);
+  stage.lose();
+  static_cast<void>(stage.sent());
+  stage.open();
+  const auto said = stage.sent(v1::SessionEvent::kOpen);
+  ASSERT_EQ(said.size(), 1U);
+  ASSERT_EQ(said[0].open().constraints_size(), 1) << "it would walk back";
+  EXPECT_EQ(said[0].open().constraints(0).constraint_id(), 2U);
+}
+
 TEST(SessionState, KeepsAsManyFramesAsATimelineCan) {
   SessionOptions options;
   for (const std::uint32_t fits : {0U, TimelineOptions::kMostKept, TimelineOptions::kKeepAll}) {

@@ -123,33 +123,34 @@ async def test_a_goodbye_between_the_chunks_of_a_plan_loses_no_frame(client: Mot
     assert follow_each_other(frames)
 
 
-async def test_a_server_that_falls_silent_is_left_for_another_line(server: FakeServer) -> None:
+async def left_for_another_line(server: FakeServer, say: Callable[[FakeStream], None]) -> list[FakeStream]:
+    """A server that answers no ping, and says something else over and over, is left, and no frame is lost by it.
+
+    Returns its stream, and the one that came after.
+    """
     policy = LinePolicy(ping_s=0.05, pong_timeout_s=0.05)
     async with MotionClient(server.address, policy=policy) as client:
         session = await client.open("walk", keep_s=None)
         frames = await shown(session, 30)
         silent = server.stream
         silent.answers_pings = False
-        await until(lambda: (server.stream is not silent and session.reopenings) or None)
-        frames += await shown(session, 60)
-    assert [frame.index for frame in frames] == list(range(90))
-
-
-async def test_pongs_that_answer_no_ping_say_nothing_of_the_line(server: FakeServer) -> None:
-    policy = LinePolicy(ping_s=0.05, pong_timeout_s=0.05)
-    async with MotionClient(server.address, policy=policy) as client:
-        session = await client.open("walk", keep_s=None)
-        frames = await shown(session, 30)
-        silent = server.stream
-        silent.answers_pings = False
-        pong = service_pb2.StreamMotionResponse(pong=service_pb2.Pong(client_time_ns=-(2**62)))
 
         def is_left() -> bool:
-            silent.outgoing.put(pong)
+            say(silent)
             return server.stream is not silent and bool(session.reopenings)
 
         await until(is_left)
         frames += await shown(session, 60)
-    told = [ping.round_trip.ToSeconds() for stream in (silent, server.stream) for ping in stream.pings]
-    assert all(0 <= seconds < LIMIT_S for seconds in told)
     assert [frame.index for frame in frames] == list(range(90))
+    return [silent, server.stream]
+
+
+async def test_a_server_that_falls_silent_is_left_for_another_line(server: FakeServer) -> None:
+    await left_for_another_line(server, lambda _: None)
+
+
+async def test_pongs_that_answer_no_ping_say_nothing_of_the_line(server: FakeServer) -> None:
+    pong = service_pb2.StreamMotionResponse(pong=service_pb2.Pong(client_time_ns=-(2**62)))
+    streams = await left_for_another_line(server, lambda stream: stream.outgoing.put(pong))
+    told = [ping.round_trip.ToSeconds() for stream in streams for ping in stream.pings]
+    assert all(0 <= seconds < LIMIT_S for seconds in told)

@@ -7,7 +7,7 @@ through its message.
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from collections.abc import Sequence
 from typing import Any, Protocol, TypeAlias
 
 import numpy as np
@@ -99,52 +99,47 @@ def append_update(response: Parts, update: session_pb2.SessionUpdate) -> None:
     response += (_UPDATES, VARINT[len(encoded)], encoded)
 
 
-@dataclass(slots=True)
-class _Stretch:
-    """Some of the frames of one update, as FramesToSend."""
-
-    handle: int
-    applied_seq: int
-    plan: int
-    first_frame: int
-    num_frames: int
-    committed_to: int
-    parts: list[Float32Array]
-
-
 def append_frames(response: Parts, frames: FramesToSend, coding: FrameCoding) -> None:
     """Add an update with a FrameChunk, or several where one cannot hold all frames."""
     if coding.scalar_type == F32:
-        data: Parts = [np.ascontiguousarray(part, _F32_LE) for part in frames.parts]
-        _append_chunk(response, frames, _AS_F32, data, sum(part.nbytes for part in frames.parts))
+        parts = [np.ascontiguousarray(part, _F32_LE) for part in frames.parts]
+        _append_chunk(response, frames, (0, frames.num_frames), _AS_F32, parts)
         return
     rows = np.concatenate(frames.parts) if len(frames.parts) > 1 else frames.parts[0]
     for begin, end in coding.stretches(rows):
-        part = rows[begin:end]
-        stretch = _Stretch(
-            frames.handle, frames.applied_seq, frames.plan, frames.first_frame + begin, len(part), frames.committed_to,
-            [part],
-        )  # fmt: skip
-        whole, stored = _coded(part, coding)
-        _append_chunk(response, stretch, stored, [whole], whole.nbytes)
+        whole, stored = _coded(rows[begin:end], coding)
+        _append_chunk(response, frames, (begin, end), stored, [whole])
 
 
-def _append_chunk(response: Parts, frames: FramesToSend, stored: bytes, data: Parts, num_bytes: int) -> None:
-    """Add an update with a FrameChunk of data that has so many bytes. stored: the fields that say how it is stored."""
+def _append_chunk(
+    response: Parts,
+    frames: FramesToSend,
+    stretch: tuple[int, int],
+    stored: bytes,
+    data: Sequence[Float32Array] | Sequence[memoryview],
+) -> None:
+    """Add an update with a FrameChunk of those frames from the first of the stretch up to its end.
+
+    stored: the fields that say how the data is stored.
+    """
+    num_bytes = sum(part.nbytes for part in data)
     try:
-        response += _before_data(frames, stored, num_bytes, _AT_HAND)
+        response += _before_data(frames, stretch, stored, num_bytes, _AT_HAND)
     except IndexError:
-        response += _before_data(frames, stored, num_bytes, VARINT)
+        response += _before_data(frames, stretch, stored, num_bytes, VARINT)
     response += data
 
 
-def _before_data(frames: FramesToSend, stored: bytes, num_bytes: int, number: _Varints) -> tuple[bytes, ...]:
+def _before_data(
+    frames: FramesToSend, stretch: tuple[int, int], stored: bytes, num_bytes: int, number: _Varints
+) -> tuple[bytes, ...]:
     """An update with a FrameChunk, up to its data of so many bytes. Raises IndexError for a number not at hand."""
+    begin, end = stretch
     chunk = b"".join(
         (
             _PLAN, number[frames.plan],
-            _FIRST_FRAME, number[frames.first_frame],
-            _FRAME_COUNT, number[frames.num_frames],
+            _FIRST_FRAME, number[frames.first_frame + begin],
+            _FRAME_COUNT, number[end - begin],
             _COMMITTED_TO, number[frames.committed_to],
             stored,
             _DATA, number[num_bytes],

@@ -2,10 +2,7 @@
 
 from __future__ import annotations
 
-import asyncio
-from collections.abc import AsyncIterator
 from dataclasses import replace
-from pathlib import Path
 from typing import Any
 
 import pytest
@@ -15,27 +12,11 @@ from motiongen_server.rpc.budgets.peer import Peer
 from motiongen_server.rpc.limits import PeerLimits
 from motiongen_server.rpc.sessions.durability import Durability, lease_of
 from motiongen_server.rpc.sessions.taking_over import claimed
-from motiongen_server.snapshots.record import write_record
 from motiongen_server.snapshots.sqlite_store import SqliteStore
 from motiongen_server.snapshots.store import Renewal
 from motiongen_server.text.turns import Asker
 from tests.server.engine.fakes import FACTS
 from tests.server.rpc.sessions.test_taking_over import RECORD, TOKEN, of_model, resuming
-
-
-@pytest.fixture
-async def store(tmp_path: Path) -> SqliteStore:
-    """With a session that another server has."""
-    store = SqliteStore(tmp_path / "store.sqlite", 60.0)
-    store.save([(lease_of(TOKEN), write_record(RECORD))])
-    return store
-
-
-@pytest.fixture
-async def durability(store: SqliteStore) -> AsyncIterator[Durability]:
-    durability = Durability(store, asyncio.get_running_loop(), lambda _: None)
-    yield durability
-    await asyncio.to_thread(durability.close)
 
 
 @pytest.mark.parametrize(

@@ -6,7 +6,6 @@ import asyncio
 import logging
 import threading
 import time
-from collections.abc import AsyncIterator
 from dataclasses import replace
 from pathlib import Path
 from typing import Any, cast
@@ -28,7 +27,6 @@ from motiongen_server.rpc.sessions.kept_answers import MAX_KEPT_BYTES
 from motiongen_server.rpc.sessions.kept_sessions import KeptSessions
 from motiongen_server.rpc.sessions.taking_over import adopted, claimed
 from motiongen_server.rpc.streams import take_overs as stream_take_overs
-from motiongen_server.snapshots.record import write_record
 from motiongen_server.snapshots.sqlite_store import SqliteStore
 from motiongen_server.snapshots.store import Held, Lease, Renewal
 from motiongen_server.text.turns import Asker
@@ -55,21 +53,6 @@ def resuming(attempt: int, **point: int) -> session_pb2.OpenSession:
     """From the middle of the frames that the record holds, unless the point says another place."""
     where = session_pb2.ResumePoint(**{"next_frame": 60, "attempt": attempt, **point})
     return session_pb2.OpenSession(resume_token=TOKEN, resume_point=where)
-
-
-@pytest.fixture
-def store(tmp_path: Path) -> SqliteStore:
-    """With a session that another server has."""
-    store = SqliteStore(tmp_path / "store.sqlite", 60.0)
-    store.save([(lease_of(TOKEN), write_record(RECORD))])
-    return store
-
-
-@pytest.fixture
-async def durability(store: SqliteStore) -> AsyncIterator[Durability]:
-    durability = Durability(store, asyncio.get_running_loop(), lambda _: None)
-    yield durability
-    await asyncio.to_thread(durability.close)
 
 
 @pytest.mark.parametrize(

@@ -19,6 +19,7 @@ from motiongen_server.engine.types import WindowJob
 from motiongen_server.rpc.budgets.peer import Peer
 from motiongen_server.rpc.limits import Limits, PeerLimits
 from tests.contract.local import LocalServer
+from tests.logged import errors
 from tests.server.engine.fakes import FRAME, PROMPT, ROW_WIDTH, SEED
 from tests.waiting import LIMIT_S, until_true
 
@@ -271,4 +272,4 @@ async def test_a_client_that_goes_while_it_is_written_to_is_no_fault_of_the_serv
         request = service_pb2.GenerateClipRequest(frame_count=8)
         await server.service.clips.generate(request, Gone(), peer)  # type: ignore[arg-type]
         await server.service.clips.finished()
-    assert [record.getMessage() for record in caplog.records if record.levelname == "ERROR"] == []
+    assert errors(caplog) == []

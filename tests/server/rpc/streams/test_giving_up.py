@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import asyncio
-import logging
 import time
 from collections.abc import Sequence
 from typing import NoReturn
@@ -22,6 +21,7 @@ from motiongen_server.rpc.streams import watch as stream_watch
 from motiongen_server.rpc.streams.stream import Stream
 from motiongen_server.rpc.streams.watch import StreamWatch
 from tests.contract.local import LocalServer
+from tests.logged import errors
 from tests.server.rpc.streams.test_event_order import WALK, Line, make_catalog
 from tests.server.rpc.streams.test_stream_watch import connected, end_of, talk_on
 from tests.waiting import LIMIT_S
@@ -81,10 +81,6 @@ def stream_of(heard: Heard) -> int:
 
 def failing(*_: object) -> NoReturn:
     raise RuntimeError("a fault")
-
-
-def errors(caplog: pytest.LogCaptureFixture) -> list[str]:
-    return [record.getMessage() for record in caplog.records if record.levelno >= logging.ERROR]
 
 
 async def test_a_fault_in_one_stream_s_outputs_ends_that_stream_and_others_have_theirs(

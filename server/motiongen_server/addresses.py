@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from ipaddress import ip_address
+from ipaddress import IPv6Address, IPv6Network, ip_address
 
 from motiongen_server.settings import SettingError
 
@@ -20,6 +20,23 @@ def join_address(host: str, port: int) -> str:
 def host_of(address: str) -> str:
     """The host of host:port, without the brackets of IPv6."""
     return address.rpartition(":")[0].removeprefix("[").removesuffix("]")
+
+
+def network_of(host: str) -> str:
+    """What is counted as one address, for limits that hold for each: an IPv4 address, or the /64 of an IPv6 one.
+
+    Whoever has any IPv6 address has all of its /64 (RFC 6177), so that each of them would have a budget of its own. An
+    IPv4 address that is written as an IPv6 one counts as the former; what is no address is left as it is.
+    """
+    if ":" not in host:
+        return host
+    try:
+        address = IPv6Address(host.partition("%")[0])  # without the interface of a link-local one
+    except ValueError:
+        return host
+    if address.ipv4_mapped is not None:
+        return str(address.ipv4_mapped)
+    return str(IPv6Network((address, 64), strict=False))
 
 
 def is_local(host: str) -> bool:

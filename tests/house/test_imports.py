@@ -88,7 +88,10 @@ ROOMS = (
     room(f"{SERVER}/rpc/send_queue.py {SERVER}/rpc/budgets/token_bucket.py {SERVER}/rpc/limits.py", "~.engine.types"),
     # errors know nobody, budgets errors, calls and sessions budgets, streams sessions; the servicer all of them
     room(f"{SERVER}/rpc/errors", "grpc ~.errors ~.engine.types ~.rpc.errors"),
-    room(f"{SERVER}/rpc/budgets", "~.rpc.budgets ~.rpc.errors ~.rpc.limits ~.engine.types ~.errors ~.identity"),
+    room(
+        f"{SERVER}/rpc/budgets",
+        "~.rpc.budgets ~.rpc.errors ~.rpc.limits ~.engine.types ~.errors ~.identity ~.addresses",
+    ),
     room(f"{SERVER}/rpc/calls/health.py", f"grpc_health {CALLS}"),
     room(f"{SERVER}/rpc/calls/reflection.py", f"grpc_reflection {CALLS}"),
     room(f"{SERVER}/rpc/calls", CALLS),

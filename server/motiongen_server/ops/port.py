@@ -10,7 +10,7 @@ from typing import Any
 
 from starlette.applications import Starlette
 
-from motiongen_server.addresses import join_address
+from motiongen_server.addresses import join_address, network_of
 from motiongen_server.ops.http import MOST_CONNECTIONS, OpsServer
 from motiongen_server.ops.pace import CONNECTIONS_A_SECOND, CONNECTIONS_OF_AN_ADDRESS, AddressPaces
 from motiongen_server.settings import SettingError
@@ -35,7 +35,7 @@ class BoundedListener(socket.socket):
     def accept(self) -> tuple[socket.socket, Any]:
         for _ in range(MOST_TURNED_AWAY):
             connection, address = super().accept()
-            if self._paces.allows(address[0]):
+            if self._paces.allows(network_of(address[0])):
                 self._hold(connection)
                 return connection, address
             connection.close()

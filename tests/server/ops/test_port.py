@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import asyncio
 import contextlib
+import itertools
 import socket
 import ssl
 from functools import partial
@@ -17,7 +18,7 @@ from motiongen_server.identity.tls import TlsFiles, server_context
 from motiongen_server.ops import port as ops_port
 from motiongen_server.ops.http import MOST_CONNECTIONS, ops_app
 from motiongen_server.ops.pace import CONNECTIONS_A_SECOND, CONNECTIONS_OF_AN_ADDRESS, AddressPaces
-from motiongen_server.ops.port import OpsPort
+from motiongen_server.ops.port import BoundedListener, OpsPort
 from tests.server.identity.files import AUTHORITY, CERTIFICATES
 from tests.waiting import LIMIT_S, until_true
 
@@ -89,3 +90,22 @@ async def test_a_flood_from_one_address_is_turned_away_and_another_has_its_answe
             writer.transport.abort()
         assert handshakes <= 2 * CONNECTIONS_OF_AN_ADDRESS
         await port.stop()
+
+
+def test_a_flood_from_many_addresses_of_one_ipv6_network_is_turned_away(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(ops_port, "AddressPaces", partial(AddressPaces, clock=lambda: 0.0))
+    hosts = itertools.count()
+
+    def accept(listening: socket.socket) -> tuple[socket.socket, Any]:
+        host = next(hosts)
+        if host > CONNECTIONS_OF_AN_ADDRESS:
+            raise BlockingIOError
+        return held.enter_context(socket.socket()), (f"2001:db8::{host:x}", 55000, 0, 0)
+
+    monkeypatch.setattr(socket.socket, "accept", accept)
+    with contextlib.ExitStack() as held:
+        listener = held.enter_context(BoundedListener(socket.socket()))
+        for _ in range(CONNECTIONS_OF_AN_ADDRESS):
+            listener.accept()
+        with pytest.raises(BlockingIOError):
+            listener.accept()

@@ -6,13 +6,16 @@ from collections.abc import Callable, Mapping
 from dataclasses import replace
 from math import inf
 from typing import Any, cast
+from urllib.parse import unquote
 
+from motiongen_server.addresses import network_of
 from motiongen_server.engine.types import Owner
 from motiongen_server.identity.caller import Caller
 from motiongen_server.rpc.budgets.loop_time import LoopTime
 from motiongen_server.rpc.budgets.peer import Peer
 from motiongen_server.rpc.limits import PeerLimits
 
+_IPV6 = "ipv6:"  # begins the name that gRPC gives such a peer
 _TENANT = "tenant:"  # begins the name of its peer, as no address does
 MOST_IDLE = 1024
 """Peers that have nothing open are remembered for what they owe, up to so many, and those of the last moment."""
@@ -78,7 +81,14 @@ class Peers:
 
 
 def address_of(peer: str) -> str:
-    """A peer's name without its port: ipv4:10.0.0.7:55000 -> ipv4:10.0.0.7; those on unix sockets are one."""
+    """What a peer is counted as: its address without its port, ipv4:10.0.0.7:55000 -> ipv4:10.0.0.7, of IPv6 its
+    network (`network_of`), ipv6:%5B2001:db8::7%5D:55000 -> ipv6:2001:db8::/64; those on unix sockets are one.
+    """
     if peer.startswith("unix"):
         return "unix"
-    return peer.rpartition(":")[0] or peer
+    name = peer.rpartition(":")[0] or peer
+    if not name.startswith(_IPV6):
+        return name
+    host = unquote(name.removeprefix(_IPV6)).removeprefix("[").removesuffix("]")
+    network = network_of(host)
+    return f"{_IPV6 if ':' in network else 'ipv4:'}{network}"

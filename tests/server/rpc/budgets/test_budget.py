@@ -144,8 +144,21 @@ def test_samples_of_clips_are_counted_while_they_are_made() -> None:
 
 def test_a_peer_is_its_address_and_not_its_port() -> None:
     assert address_of("ipv4:10.0.0.7:1234") == address_of("ipv4:10.0.0.7:4321") == "ipv4:10.0.0.7"
-    assert address_of("ipv6:%5B::1%5D:99") == "ipv6:%5B::1%5D"
     assert address_of("unix:") == address_of("unix:/run/x") == "unix"
+
+
+def test_whoever_has_a_network_of_ipv6_addresses_has_one_budget() -> None:
+    peers = Peers(PeerLimits(heroes=1))
+    one, other = (peers.find(f"ipv6:%5B2001:db8::{host}%5D:55000", 0.0) for host in (7, 8))
+    assert one is other
+    assert one.name == "ipv6:2001:db8::/64"
+    elsewhere = peers.find("ipv6:%5B2001:db8:0:1::7%5D:55000", 0.0)
+    link_local = peers.find("ipv6:%5Bfe80::7%25eth0%5D:55000", 0.0)
+    assert len({one, elsewhere, link_local}) == 3
+
+
+def test_an_ipv4_address_has_the_same_budget_however_it_is_written() -> None:
+    assert address_of("ipv6:%5B::ffff:10.0.0.7%5D:55000") == address_of("ipv4:10.0.0.7:1") == "ipv4:10.0.0.7"
 
 
 def test_peers_that_owe_nothing_are_forgotten_and_others_are_not() -> None:

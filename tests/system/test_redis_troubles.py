@@ -148,6 +148,15 @@ async def test_a_redis_that_is_gone_and_comes_back_empty_has_every_session_again
         assert one.client.dbsize() == 1
 
 
+async def test_a_session_that_stands_is_saved_again_in_a_redis_that_was_emptied(one: RealRedis) -> None:
+    async with playing(url_in(one.folder)) as (session, told, _, _):
+        await session.pause()
+        await until_true(lambda: session.durable_seq == session.last_seq)
+        one.client.flushall()
+        await until_true(lambda: told[-2:] == [False, True])
+        assert one.client.dbsize() == 1
+
+
 async def test_after_a_failover_another_server_goes_on_with_what_the_replica_holds(
     one: RealRedis, tmp_path: Path
 ) -> None:

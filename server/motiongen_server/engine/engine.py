@@ -27,6 +27,7 @@ from motiongen_server.engine.session.snapshot import news_of
 from motiongen_server.engine.session.state import SessionState
 from motiongen_server.engine.session_events import SessionEvents
 from motiongen_server.engine.types import (
+    UNTOLD,
     Close,
     CloseReason,
     Code,
@@ -35,9 +36,7 @@ from motiongen_server.engine.types import (
     Open,
     Outcome,
     Output,
-    Playhead,
     Priority,
-    Resume,
 )
 from motiongen_server.engine.types.refusals import handle_in_use, session_not_open
 from motiongen_server.engine.types.report import StepReport
@@ -191,7 +190,7 @@ class Engine:
             if isinstance(event, Open):
                 self._open(event, state)
             elif state is None:
-                if not isinstance(event, Playhead | Resume):
+                if not isinstance(event, UNTOLD):
                     self._refuse(event, session_not_open(event.session.handle))
             elif isinstance(event, Close):
                 self._close(state, event.reason, Code.OK, "")

@@ -15,6 +15,7 @@ from motiongen_server.engine.types import (
     Output,
     Playhead,
     Resume,
+    SaveAgain,
     Seek,
     SetConstraints,
     SetOptions,
@@ -24,7 +25,9 @@ from motiongen_server.engine.types import (
 )
 from motiongen_server.engine.types.report import StepReport
 
-EventWithin = SetPrompts | SetConstraints | SetVelocity | Playhead | SetPlayState | SetOptions | Seek | Resume
+EventWithin = (
+    SetPrompts | SetConstraints | SetVelocity | Playhead | SetPlayState | SetOptions | Seek | Resume | SaveAgain
+)
 """Every event but Open and Close."""
 
 

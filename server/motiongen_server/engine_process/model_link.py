@@ -12,6 +12,7 @@ from motiongen_server.engine.config import EngineConfig
 from motiongen_server.engine.mailbox import Mailbox, pending_refusal
 from motiongen_server.engine.ports import Deliver, Observe
 from motiongen_server.engine.types import (
+    UNTOLD,
     Close,
     Closed,
     CloseReason,
@@ -19,9 +20,7 @@ from motiongen_server.engine.types import (
     Open,
     Outcome,
     Output,
-    Playhead,
     Priority,
-    Resume,
     ServiceTier,
     SessionKey,
     StepsOf,
@@ -216,5 +215,5 @@ class ModelLink:
 
 
 def refused_without_engine(event: Event) -> Outcome | None:
-    """The answer to an event while its engine process is being started; a Playhead gets none, a Resume a Closed."""
-    return None if isinstance(event, Playhead | Resume) else engine_restarting().outcome(event.session, event.event_seq)
+    """The answer to an event while its engine process is being started; None where nothing is said of it."""
+    return None if isinstance(event, UNTOLD) else engine_restarting().outcome(event.session, event.event_seq)

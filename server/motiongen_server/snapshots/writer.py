@@ -13,8 +13,8 @@ import sys
 import threading
 import time
 from collections.abc import Callable
-from typing import NamedTuple, Protocol
 
+from motiongen_server.snapshots.listener import Listener, Written
 from motiongen_server.snapshots.record import RecordRefused, SessionRecord, write_record
 from motiongen_server.snapshots.refused_records import RefusedRecords
 from motiongen_server.snapshots.store import Lease, Renewal, SnapshotStore, StoreFailed
@@ -34,32 +34,6 @@ NO_SESSION = "none"
 """A name of no record: those of sessions are hashes."""
 NICENESS = 5
 """Of the writer's thread, above its process's: where all cores are at work, whoever answers clients goes first."""
-
-
-class Written(NamedTuple):
-    """A record is in the store: the session's events up to taken_seq outlive this process."""
-
-    lease: Lease
-    taken_seq: int
-
-
-class Listener(Protocol):
-    """Who is told. Called on the writer's thread, `failed` on any; must return at once and never raise."""
-
-    def written(self, written: list[Written]) -> None:
-        """These records are in the store."""
-
-    def renewed(self, leases: list[Lease]) -> None:
-        """The records of these are still in the store, and it does again what it had failed to do."""
-
-    def fenced(self, leases: list[Lease]) -> None:
-        """Others have taken these sessions over; nothing is saved of them here any more."""
-
-    def lost(self, leases: list[Lease]) -> None:
-        """Nothing is kept of these: they are too big, or the store has lost them."""
-
-    def failed(self) -> None:
-        """The store does nothing at present, or too slowly to be relied upon."""
 
 
 class SnapshotWriter:
@@ -241,9 +215,17 @@ class SnapshotWriter:
             kept = set(of[Renewal.KEPT])
             if written := [Written(lease, seq) for lease, seq in untold.items() if lease in kept]:
                 self._listener.written(written)
-        if of[Renewal.GONE]:
-            self._listener.lost(of[Renewal.GONE])
+        self._miss(of[Renewal.GONE])
         self._give_up(of[Renewal.FENCED])
+
+    def _miss(self, leases: list[Lease]) -> None:
+        """The store has no record of these, as it may never have had of such as are too big."""
+        with self._lock:
+            lost = [lease for lease in leases if lease in self._refused]
+        if lost:
+            self._listener.lost(lost)
+        if gone := sorted(set(leases) - set(lost)):
+            self._listener.gone(gone)
 
     def _ask_after(self, leases: list[Lease]) -> dict[Renewal, list[Lease]]:
         """Renew them. Where there are none, the store is asked all the same: then it forgets what has expired."""

@@ -5,8 +5,8 @@ from __future__ import annotations
 import threading
 from collections.abc import Sequence
 
+from motiongen_server.snapshots.listener import Written
 from motiongen_server.snapshots.store import Held, Lease, Renewal, StoreFailed
-from motiongen_server.snapshots.writer import Written
 
 
 class Store:
@@ -82,6 +82,9 @@ class Heard:
 
     def lost(self, leases: list[Lease]) -> None:
         self.said.append(("lost", *leases))
+
+    def gone(self, leases: list[Lease]) -> None:
+        self.said.append(("gone", *leases))
 
     def failed(self) -> None:
         self.said.append("failed")

@@ -8,9 +8,10 @@ import threading
 import pytest
 
 from motiongen_server.snapshots import writer
+from motiongen_server.snapshots.listener import Written
 from motiongen_server.snapshots.record import MAX_BYTES, read_record
 from motiongen_server.snapshots.store import Lease
-from motiongen_server.snapshots.writer import SnapshotWriter, Written
+from motiongen_server.snapshots.writer import SnapshotWriter
 from tests.server.snapshots.kept import Heard, Store
 from tests.server.snapshots.records import a_record
 from tests.waiting import until
@@ -74,7 +75,7 @@ def test_a_store_that_fails_is_told_of_once_and_when_it_is_well_again(
     assert saving.is_failing
     del store.records["b"]  # it was away because it was started anew
     store.fails = False
-    until(lambda: not saving.is_failing and saving.lag_s == 0.0 and ("lost", B) in heard.said)
+    until(lambda: not saving.is_failing and saving.lag_s == 0.0 and ("gone", B) in heard.said)
     assert heard.said.count("failed") == 1
     assert ("renewed", A) in heard.said
     assert read_record(store.records["a"][1]).taken_seq == 2, "what waited was written"

@@ -125,6 +125,19 @@ def test_what_is_kept_of_a_session_that_grew_too_big_is_not_relied_upon_after_a_
     assert ("renewed", B) in heard.said
 
 
+def test_a_record_that_was_too_big_is_not_asked_for_again_by_a_store_that_has_none(
+    store: Store, heard: Heard, saving: SnapshotWriter, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    saving.save(B, a_record(1, num_frames=1))
+    until(lambda: heard.said)
+    monkeypatch.setattr(writer, "write_record", _refuse)
+    saving.save(A, a_record(1, num_frames=1))
+    until(lambda: ("lost", A) in heard.said)
+    store.records.clear()
+    until(lambda: heard.said.count(("lost", A)) > 1 and ("gone", B) in heard.said)
+    assert ("gone", A) not in heard.said
+
+
 def test_a_store_that_never_answers_is_told_of_by_who_has_more_to_save(store: Store, heard: Heard) -> None:
     """As of a disk that stands still: the thread that writes is within that call, and tells nobody anything."""
     now = [0.0]

@@ -8,7 +8,7 @@ from collections.abc import Callable
 from motiongen_server.engine.session.cutting import Cut, own_frames
 from motiongen_server.engine.session.edits import SEEK, EditEvent, PendingEdit, edited
 from motiongen_server.engine.session.placing import Anchor
-from motiongen_server.engine.session.state import SessionState, anchor_at
+from motiongen_server.engine.session.state import NOTHING_SAVED, SessionState, anchor_at
 from motiongen_server.engine.session.windows import RunningWindow, history_crop, history_frames
 from motiongen_server.engine.types import (
     Code,
@@ -18,6 +18,7 @@ from motiongen_server.engine.types import (
     Output,
     Playhead,
     Resume,
+    SaveAgain,
     Seek,
     SetPlayState,
     SetPrompts,
@@ -27,7 +28,7 @@ from motiongen_server.engine.types.report import StepReport
 
 
 def apply(
-    state: SessionState, event: EditEvent | Playhead | SetPlayState | Resume, now: float, report: StepReport
+    state: SessionState, event: EditEvent | Playhead | SetPlayState | Resume | SaveAgain, now: float, report: StepReport
 ) -> list[Output]:
     """Take in one event. If this ends the running window (`running` becomes None), its job is to be discarded."""
     if isinstance(event, Playhead):
@@ -36,6 +37,9 @@ def apply(
     if isinstance(event, Resume):
         state.last_playhead_at = state.moved_at = now
         return state.delivery.resume(event, state.plan, state.timeline.first)
+    if isinstance(event, SaveAgain):
+        state.saved = NOTHING_SAVED
+        return []
     if isinstance(event, SetPlayState):
         state.moved_at = now
         state.clock.set_state(event.state, event.received_at, state.delivery.sent_to)

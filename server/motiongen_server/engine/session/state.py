@@ -33,6 +33,9 @@ from motiongen_server.engine.types import (
 from motiongen_server.engine.types.refusals import session_closed
 from motiongen_server.engine.types.report import StepReport
 
+NOTHING_SAVED = (0, 0)
+"""What a snapshot holds that never was: no plan, and no answer."""
+
 
 @dataclass(slots=True)
 class SessionState:
@@ -69,7 +72,7 @@ class SessionState:
     predicted_s: float = 0.0
     underruns: int = 0
     last_seq: int = 1
-    saved: tuple[int, int] = (0, 0)
+    saved: tuple[int, int] = NOTHING_SAVED
     placements: tuple[Placement, ...] = ()
     cut: Cut | None = None
 

@@ -28,11 +28,13 @@ from motiongen_server.engine.types.conditions import (
     Waypoint,
 )
 from motiongen_server.engine.types.events import (
+    UNTOLD,
     Close,
     Event,
     Open,
     Playhead,
     Resume,
+    SaveAgain,
     Seek,
     SetConstraints,
     SetOptions,
@@ -169,4 +171,6 @@ __all__ = [
     "WindowResult",
     "Resume",
     "Resumed",
+    "SaveAgain",
+    "UNTOLD",
 ]

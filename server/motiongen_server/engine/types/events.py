@@ -3,7 +3,7 @@
 event_seq rises within a session and names the event in its Outcome; 0 means not sequenced. received_at is when the
 service read the event. SetPrompts, SetConstraints, SetVelocity, SetPlayState, SetOptions and Seek get exactly one
 Outcome each; Open gets Opened, or an Outcome that refuses it; Resume gets Resumed, or a Closed crosses it; Close gets
-Closed, or an Outcome where no session is open; Playhead gets no answer.
+Closed, or an Outcome where no session is open; Playhead and SaveAgain get no answer.
 """
 
 from __future__ import annotations
@@ -142,6 +142,11 @@ class Resume(_OfSession):
 
 
 @dataclass(frozen=True, slots=True)
+class SaveAgain(_OfSession):
+    """What was saved of the session is lost: let a SnapshotTaken follow, though nothing is new. The service's own."""
+
+
+@dataclass(frozen=True, slots=True)
 class Close(_OfSession):
     """End the session. The service also sends it for every session of a stream that broke or reads too slowly."""
 
@@ -149,5 +154,17 @@ class Close(_OfSession):
 
 
 Event: TypeAlias = (
-    Open | SetPrompts | SetConstraints | SetVelocity | Playhead | SetPlayState | SetOptions | Seek | Resume | Close
+    Open
+    | SetPrompts
+    | SetConstraints
+    | SetVelocity
+    | Playhead
+    | SetPlayState
+    | SetOptions
+    | Seek
+    | Resume
+    | SaveAgain
+    | Close
 )
+UNTOLD: TypeAlias = Playhead | Resume | SaveAgain
+"""Events of which nothing is said where no session is open; what a Resume asks for is told by a Closed."""

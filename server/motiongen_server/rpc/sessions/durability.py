@@ -18,16 +18,20 @@ import secrets
 from collections.abc import Callable, Iterable
 from dataclasses import replace
 
-from motiongen_server.engine.types import Close, CloseReason, Code, Durable, SnapshotTaken
+from motiongen_server.engine.types import Close, CloseReason, Code, Durable, SaveAgain, SnapshotTaken
 from motiongen_server.rpc.sessions.entry import SessionEntry
 from motiongen_server.rpc.sessions.store_turns import StoreAway, StoreTurns
+from motiongen_server.snapshots.listener import Written
 from motiongen_server.snapshots.record import RecordRefused, SessionRecord, read_record
 from motiongen_server.snapshots.store import Held, Lease, SnapshotStore
 from motiongen_server.snapshots.taker import SnapshotTaker
-from motiongen_server.snapshots.writer import SnapshotWriter, Written
+from motiongen_server.snapshots.writer import SnapshotWriter
 from motiongen_server.text.turns import Asker
 
 SECRET_BYTES = 24
+MOST_SAVED_AGAIN = 256
+"""Sessions that are asked for at a time where the store has lost them: tenths of a millisecond each, here and in an
+engine, every `writer.RENEW_EVERY_S`."""
 
 
 class NotKept(Exception):
@@ -171,6 +175,18 @@ class Durability:
             if self._tell(lease, 0, is_kept=False):
                 self._count("lost")
 
+    def gone(self, leases: Iterable[Lease]) -> None:
+        """These are not any more: who plays on is saved with the next plan, and who stands is asked for here.
+
+        A part of them at a time, which keeps no engine long: the writer says it again of those that are still missing.
+        """
+        leases = list(leases)
+        self.lost(leases)
+        for lease in leases[:MOST_SAVED_AGAIN]:
+            entry = self._entries.get(lease)
+            if entry is not None and not entry.closing and entry.closed is None:
+                entry.model.engine.submit(SaveAgain(entry.key, 0, self._loop.time()))
+
     def failed(self) -> None:
         """None is to be relied upon."""
         for lease in list(self._entries):
@@ -258,6 +274,9 @@ class _OnLoop:
 
     def lost(self, leases: list[Lease]) -> None:
         self._call(self._durability.lost, leases)
+
+    def gone(self, leases: list[Lease]) -> None:
+        self._call(self._durability.gone, leases)
 
     def failed(self) -> None:
         self._call(self._durability.failed)

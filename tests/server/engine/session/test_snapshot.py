@@ -25,6 +25,7 @@ from motiongen_server.engine.types import (
     PlanNotice,
     PlayState,
     Resumed,
+    SaveAgain,
     SessionKey,
     SessionSnapshot,
     SnapshotTaken,
@@ -92,6 +93,22 @@ def test_one_follows_each_plan_and_each_answer_and_nothing_else() -> None:
     last = len(snapshots(stage))
     stage.run(5.0)
     assert len(snapshots(stage)) == last, "nothing happens to a session that is paused and full"
+
+
+def test_a_session_that_stands_is_saved_again_where_that_is_asked_for_and_others_are_not() -> None:
+    stage = Stage(SAVING)
+    viewer, clip = stage.open(prompts=(prompt(1),)), stage.open_clip(2, 80)
+    stage.run(3.0)
+    stage.pause(viewer, True)
+    stage.run(5.0)
+    stage.outputs.clear()
+    for key in (viewer.key, clip.key, ELSEWHERE):
+        stage.engine.submit(SaveAgain(key, 0, stage.clock.now()))
+    stage.run(5.0)
+    (snapshot,) = snapshots(stage)
+    assert snapshot.plan == viewer.notices[-1].plan
+    assert snapshot.play_state is PlayState.PAUSED
+    assert not any(isinstance(output, Outcome) for output in stage.outputs)
 
 
 def test_another_engine_goes_on_with_the_frames_and_conditions_of_the_first() -> None:

@@ -10,12 +10,23 @@ from pathlib import Path
 import pytest
 
 from motiongen.v1 import session_pb2
-from motiongen_server.engine.types import Closed, CloseReason, Code, Outcome, SessionKey, SnapshotTaken, Warned
+from motiongen_server.engine.types import (
+    Closed,
+    CloseReason,
+    Code,
+    Durable,
+    Outcome,
+    SaveAgain,
+    SessionKey,
+    SnapshotTaken,
+    Warned,
+)
 from motiongen_server.rpc.sessions.durability import Durability, lease_of
 from motiongen_server.rpc.sessions.entry import SessionEntry
 from motiongen_server.rpc.sessions.kept_sessions import KeptSessions
 from motiongen_server.snapshots.record import SessionRecord, read_record
 from motiongen_server.snapshots.sqlite_store import SqliteStore
+from motiongen_server.snapshots.store import Lease
 from tests.server.rpc.streams.test_event_order import HANDLE, PAUSE, WALK, Line
 from tests.server.snapshots.records import a_record
 from tests.waiting import until_true
@@ -111,6 +122,29 @@ async def test_a_client_is_told_once_of_what_is_kept_and_of_what_is_not(saving: 
     assert new_of(durability.failed) == [(3, False)]
     assert new_of(lambda: durability.written([(lease, 4)])) == [(4, True)]
     assert saving.counted.count("lost") == 1, "the second time it was known"
+
+
+async def test_sessions_that_the_store_has_lost_are_asked_for_and_those_that_end_are_not(
+    saving: Saving, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    await saving.record(1)
+    entry, durability = saving.entry, saving.durability
+    lease = entry.lease
+    assert lease is not None
+    await until_true(lambda: entry.durable is not None)
+
+    def asked_for(*leases: Lease) -> list[SessionKey]:
+        saving.line.engine.events.clear()
+        durability.gone(leases)
+        return [event.session for event in saving.line.engine.events if isinstance(event, SaveAgain)]
+
+    assert asked_for(lease, Lease("of nobody", 1)) == [KEY]
+    assert entry.durable == Durable(KEY, 1, False), "until it is saved again"
+    monkeypatch.setattr("motiongen_server.rpc.sessions.durability.MOST_SAVED_AGAIN", 1)
+    assert asked_for(Lease("of nobody", 1), lease) == []
+    assert asked_for(lease) == [KEY]
+    entry.closing = True
+    assert asked_for(lease) == []
 
 
 @pytest.mark.parametrize(

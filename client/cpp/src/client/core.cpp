@@ -106,7 +106,6 @@ void ClientCore::flush() {
 
 void ClientCore::on_message(const wire::Piece* pieces, std::size_t size) {
   const double now = now_s();
-  heard_at_s_ = now;
   ++num_messages_;
   num_bytes_ += size;
   // what is said of the stream is to be taken before what is said of its sessions, wherever it lies
@@ -185,6 +184,7 @@ void ClientCore::take_pong(std::int64_t pinged_ns) {
   const std::lock_guard<std::mutex> lock(mutex_);
   if (pinged_ns <= ponged_ns_ || pinged_ns > pinged_ns_) return;  // it answers no ping, and says nothing of the line
   ponged_ns_ = pinged_ns;
+  proved_at_s_ = now_s();
   round_trip_s_ = now_s() - static_cast<double>(pinged_ns) / 1e9;
   backoff_.note_pong();
 }

@@ -151,8 +151,8 @@ class ClientCore final : public CallUser, public std::enable_shared_from_this<Cl
   std::atomic<std::uint64_t> num_chunks_{0};
   std::atomic<std::uint32_t> num_reconnects_{0};
   std::atomic<double> round_trip_s_{0};
-  std::atomic<double> heard_at_s_{0};
-  std::string scratch_;  // of the call's reads, which come one at a time
+  std::atomic<double> proved_at_s_{0};  // when the server took the call, or answered a ping
+  std::string scratch_;                 // of the call's reads, which come one at a time
 
   // never held while another lock is taken, but for those of `outbox_`, `events_`, `route_` and calls
   mutable std::mutex mutex_;

@@ -8,7 +8,7 @@ namespace motiongen {
 namespace {
 
 constexpr double kTickS = 0.025;        // reports of a moment go together; a session has at most 40 a second
-constexpr double kSilentPeriods = 2.5;  // of pings, without a message, after which a server is given up
+constexpr double kSilentPeriods = 2.5;  // of pings, without an answer, after which a server is given up
 
 }  // namespace
 
@@ -33,9 +33,10 @@ void ClientCore::work() {
     if (due) reconnect();
     if (connected_) tick(now_s());
     if (connected_ && wants_catalog_.exchange(false)) static_cast<void>(fetch_catalog(kAskTimeoutS));
-    if (has_call && now_s() - heard_at_s_ > kSilentPeriods * options_.ping_period_s) {
-      heard_at_s_ = now_s();  // the call ends by itself now
-      drop_call(Status(Code::unavailable, "SERVER_SILENT", "nothing came from the server for too long"));
+    // whatever else it says: one that reads nothing may go on with its frames, and nobody would ever be heard
+    if (has_call && now_s() - proved_at_s_ > kSilentPeriods * options_.ping_period_s) {
+      proved_at_s_ = now_s();  // the call ends by itself now
+      drop_call(Status(Code::unavailable, "SERVER_SILENT", "the server has answered no ping for too long"));
     }
     events_.dispatch();
   }

@@ -135,7 +135,7 @@ class Stream(StreamTakeOvers):
         self._take_token(entry, now)
         entry.note_heard()
         report = event.playhead
-        if entry.answers:
+        if report.answered_seq:
             entry.confirm(report.answered_seq)
         if entry.reached:
             entry.note_shown(report.frame)

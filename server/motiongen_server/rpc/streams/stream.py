@@ -257,9 +257,10 @@ class Stream(StreamTakeOvers):
             if entry.opened is not None and not entry.muted and not self.ended and self._kept.park(entry):
                 self._remove(entry)
         self.close_all(CloseReason.CLIENT)
-        for entry in self._entries.values():
+        for entry in list(self._entries.values()):
             entry.place.release()
             self._kept.see_out(entry)
+            self._remove(entry)  # which is over elsewhere, and must not be seen out once more as the call ends
         self.end()
         self._patience.end()
 

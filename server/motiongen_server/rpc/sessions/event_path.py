@@ -12,7 +12,17 @@ import numpy as np
 from numpy.typing import NDArray
 
 from motiongen.v1 import session_pb2
-from motiongen_server.engine.types import Close, Closed, Open, Outcome, Output, SessionKey, SetOptions
+from motiongen_server.engine.types import (
+    Close,
+    Closed,
+    CloseReason,
+    Code,
+    Open,
+    Outcome,
+    Output,
+    SessionKey,
+    SetOptions,
+)
 from motiongen_server.engine.types.refusals import session_closed, too_many_pending
 from motiongen_server.errors import EventRefused
 from motiongen_server.models.registry import LoadedModel
@@ -52,6 +62,16 @@ def pass_on(entry: SessionEntry, event: session_pb2.SessionEvent, now: float) ->
     entry.wait_for_prompts(kept, now, texts)
     if entry.encoding is None:
         entry.encoding = asyncio.get_running_loop().create_task(_encode_waiting(entry))
+
+
+def begin_end(entry: SessionEntry, reason: CloseReason) -> None:
+    """A session is about to be closed: answer what waits for the encoder, or let go of it where the session goes on.
+
+    So is what comes before the engine has said that it is over.
+    """
+    end = Closed(entry.key, reason, Code.OK, "", 0, 0)
+    entry.is_leaving |= entry.goes_on_after(end)
+    end_waiting(entry, end)  # the first may be the OpenSession itself, which is then refused
 
 
 def end_waiting(entry: SessionEntry, closed: Closed) -> None:

@@ -24,7 +24,7 @@ from motiongen_server.engine.types import (
 from motiongen_server.models.registry import LoadedModel
 from motiongen_server.rpc.sessions.durability import Durability
 from motiongen_server.rpc.sessions.entry import Carrier, SessionEntry
-from motiongen_server.rpc.sessions.event_path import end_waiting, refuse_waiting, without_needless_refusals
+from motiongen_server.rpc.sessions.event_path import begin_end, end_waiting, without_needless_refusals
 from motiongen_server.rpc.sessions.kept_answers import KeptAnswers
 from motiongen_server.rpc.stream_metrics import NoStreamMetrics, StreamMetrics
 
@@ -176,8 +176,8 @@ class KeptSessions:
             self._close(entry, CloseReason.CLIENT)
 
     def _close(self, entry: SessionEntry, reason: CloseReason) -> None:
+        begin_end(entry, reason)
         entry.closing = True
-        refuse_waiting(entry)
         entry.model.engine.submit(Close(entry.key, entry.last_seq + 1, time.monotonic(), reason))
 
     def _stop_timer(self, entry: SessionEntry) -> None:

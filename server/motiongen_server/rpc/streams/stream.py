@@ -39,7 +39,7 @@ from motiongen_server.rpc.errors.streams import stream_failed
 from motiongen_server.rpc.limits import PeerLimits
 from motiongen_server.rpc.sessions.durability import new_secret, token_of
 from motiongen_server.rpc.sessions.entry import SessionEntry
-from motiongen_server.rpc.sessions.event_path import SESSION_CLOSED, end_waiting, pass_on, tell_internal_error
+from motiongen_server.rpc.sessions.event_path import SESSION_CLOSED, begin_end, pass_on, tell_internal_error
 from motiongen_server.rpc.sessions.kept_sessions import KeptSessions
 from motiongen_server.rpc.stream_metrics import NoStreamMetrics, StreamMetrics
 from motiongen_server.rpc.streams.take_overs import StreamTakeOvers
@@ -241,9 +241,7 @@ class Stream(StreamTakeOvers):
         for entry in list(self._entries.values()):
             if model is not None and entry.model is not model:
                 continue
-            end = Closed(entry.key, reason, Code.OK, "", 0, 0)
-            entry.is_leaving |= entry.goes_on_after(end)
-            end_waiting(entry, end)  # the first may be the OpenSession itself, which is then refused
+            begin_end(entry, reason)
             if entry.known_to_engine and not entry.closing:
                 entry.closing = True
                 entry.model.engine.submit(Close(entry.key, entry.last_seq + 1, now, reason))

@@ -123,6 +123,8 @@ class StreamSessions(StreamOutput):
                 self._welcome_back(entry, 0)
             elif isinstance(said, Outcome) and said.event_seq == 1:  # the engine does not go on with a snapshot
                 self._stream_metrics.count_resume("refused")
+                entry.is_resuming = False  # what waits for the encoder is answered, and told
+                refuse_waiting(entry)
                 self._end(entry)
                 self._say(replace(self._hinted(said, entry.model), session=SessionKey(self.number, entry.handle)), None)
             return

@@ -165,7 +165,7 @@ class Stream(StreamTakeOvers):
         if event.open.resume_token:
             self._resume(event, now)
             return None
-        if not self.accepts_opens:
+        if self.ended or not self.accepts_opens:  # a stream that ends is read on without being held back
             raise draining()
         model = self._models.find(event.open.model_id)
         asked = int(event.open.priority)

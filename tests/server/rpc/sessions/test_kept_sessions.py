@@ -43,10 +43,10 @@ def token_of(line: Line) -> str:
     return next(update.opened.session_token for update in line.updates() if update.HasField("opened"))
 
 
-def resume(kept: KeptSessions, engine: Engine, token: str) -> Line:
+def resume(kept: KeptSessions, engine: Engine, token: str, attempt: int = 1) -> Line:
     """Another stream that asks for the session."""
-    line = Line(engine=engine, kept=kept, number=2)
-    point = session_pb2.ResumePoint(attempt=1, answered_seq=1)
+    line = Line(engine=engine, kept=kept, number=1 + attempt)
+    point = session_pb2.ResumePoint(attempt=attempt, answered_seq=1)
     line.send(1, open=session_pb2.OpenSession(resume_token=token, resume_point=point))
     return line
 

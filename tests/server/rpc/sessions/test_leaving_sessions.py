@@ -7,7 +7,7 @@ import asyncio
 import pytest
 
 from motiongen.v1 import session_pb2
-from motiongen_server.engine.types import Closed, CloseReason, Code, Durable, Open, SessionKey
+from motiongen_server.engine.types import Closed, CloseReason, Code, Durable, Event, Open, Outcome, SessionKey
 from motiongen_server.engine.types.refusals import session_closed
 from motiongen_server.rpc.sessions.durability import Durability
 from motiongen_server.rpc.sessions.entry import SessionEntry
@@ -123,3 +123,27 @@ async def test_nor_of_one_that_another_server_has_taken(line: Line) -> None:
     assert (line.updates()[-1].closed.reason, line.updates()[-1].applied_seq) == (CloseReason.TAKEN_OVER, 1)
     assert len(line.engine.events) == 2, "its Open and its Close"
     await asyncio.to_thread(durability.close)
+
+
+@pytest.mark.parametrize("is_away", [False, True])
+@pytest.mark.parametrize("reason", ["ENGINE_RESTARTING", "SESSION_NOT_OPEN"])
+async def test_nor_is_what_came_when_its_engine_was_lost_already_and_nobody_had_heard(
+    line: Line, reason: str, is_away: bool
+) -> None:
+    save(line)
+    entry, kept = entry_of(line), line.kept
+    assert kept is not None
+
+    def lost(event: Event) -> Outcome:
+        return Outcome(KEY, event.event_seq, Code.UNAVAILABLE, reason=reason)
+
+    line.engine.submit = lost  # type: ignore[method-assign]
+    if is_away:
+        line.stream.lose()
+    line.prompts.go.set()
+    for _ in range(10):
+        await asyncio.sleep(0)
+    assert (len(entry.waiting), entry.applied_seq) == (0, 1)
+    (kept.carrier_of(KEY) or line.stream).take(LOST)
+    assert answered(line) == []
+    assert (entry.closed, entry.applied_seq, len(entry.answers)) == (LOST, 1, 0)

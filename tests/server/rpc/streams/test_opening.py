@@ -9,7 +9,7 @@ from pathlib import Path
 import pytest
 
 from motiongen.v1 import session_pb2
-from motiongen_server.engine.types import Close, Closed, CloseReason, Code, Open, SessionKey
+from motiongen_server.engine.types import Close, Closed, CloseReason, Code, Open, Opened, Outcome, SessionKey
 from motiongen_server.rpc.sessions.durability import Durability
 from motiongen_server.rpc.sessions.kept_sessions import KeptSessions
 from tests.server.rpc.sessions.test_taking_over import SlowStore, resuming
@@ -78,3 +78,31 @@ async def test_who_has_sent_too_much_can_close_its_session() -> None:
     line.send(8, at=now, close=session_pb2.CloseSession())
     assert [seq for seq, _ in line.refusals()][-1] == 7
     assert (line.engine.kinds()[0], line.engine.kinds()[-1]) == (Open, Close)
+
+
+async def test_an_answer_that_comes_after_the_end_of_its_session_is_not_of_the_next_on_its_handle() -> None:
+    """Of an event that was on its way to the engine as that ended the session."""
+    line = Line()
+    line.open()
+    key = line.engine.events[0].session
+    line.send(2, set_play_state=PAUSE)
+    line.stream.take(Closed(key, CloseReason.IDLE, Code.OK, "", 0, 0))
+    line.send(1, open=session_pb2.OpenSession(request_id="second"))
+    late = Outcome(key, 2, Code.NOT_FOUND, reason="SESSION_NOT_OPEN")
+    line.stream.take(late)
+    line.stream.take(Opened(key, 1, 0, 40, 4, 4, "tiny", "stick", 20))
+    line.stream.take(late)
+    assert (line.refusals(), line.updates()[-1].applied_seq) == ([], 1)
+    line.send(2, set_play_state=PAUSE)
+    line.stream.take(Outcome(key, 2, Code.OK))
+    assert line.updates()[-1].applied_seq == 2
+
+
+async def test_what_came_behind_an_open_that_an_engine_refuses_as_it_is_lost_is_answered() -> None:
+    line = Line()
+    line.send(1, open=session_pb2.OpenSession())
+    key = line.engine.events[0].session
+    line.engine.submit = lambda event: Outcome(key, event.event_seq, Code.UNAVAILABLE, reason="ENGINE_RESTARTING")  # type: ignore[method-assign]
+    line.send(2, set_play_state=PAUSE)
+    line.stream.take(Outcome(key, 1, Code.UNAVAILABLE, reason="ENGINE_RESTARTING"))
+    assert line.refusals() == [(2, "ENGINE_RESTARTING"), (1, "ENGINE_RESTARTING")]

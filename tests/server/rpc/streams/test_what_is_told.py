@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import asyncio
 import time
 from collections import Counter
 
@@ -9,11 +10,22 @@ import numpy as np
 import pytest
 
 from motiongen.v1 import session_pb2
-from motiongen_server.engine.types import Chunk, CloseReason, Code, Outcome, PlanCause, PlanNotice, Resumed, SessionKey
+from motiongen_server.engine.types import (
+    Chunk,
+    Closed,
+    CloseReason,
+    Code,
+    Open,
+    Outcome,
+    PlanCause,
+    PlanNotice,
+    Resumed,
+    SessionKey,
+)
 from motiongen_server.rpc.sessions.kept_sessions import KeptSessions
 from motiongen_server.rpc.stream_metrics import NoStreamMetrics
 from tests.server.rpc.sessions.test_kept_sessions import resume, token_of
-from tests.server.rpc.streams.test_event_order import HANDLE, PAUSE, Line, make_catalog
+from tests.server.rpc.streams.test_event_order import HANDLE, PAUSE, WALK, Line, make_catalog
 
 KEY = SessionKey(1, HANDLE)
 FRAMES = (
@@ -52,6 +64,33 @@ async def test_a_session_that_is_resumed_has_its_frames_once_its_engine_goes_on_
     assert kinds(other) == []
     other.stream.take(Resumed(KEY, 1, 0), *FRAMES)
     assert kinds(other) == ["opened", "outcome", "plan", "chunk"]
+
+
+async def test_a_session_is_told_of_by_the_handle_that_it_was_resumed_with() -> None:
+    kept = KeptSessions(30.0)
+    line, other = Line(kept=kept), Line(kept=kept, number=2)
+    line.open()
+    opening = session_pb2.OpenSession(
+        resume_token=token_of(line), resume_point=session_pb2.ResumePoint(attempt=1, answered_seq=1)
+    )
+    other.stream.receive(session_pb2.SessionEvent(session=99, event_seq=1, open=opening), time.monotonic())
+    other.stream.take(Resumed(KEY, 1, 0), *FRAMES, Outcome(KEY, 2, Code.OK))
+    other.stream.take(Closed(KEY, CloseReason.IDLE, Code.OK, "", 0, 0))
+    assert [update.session for update in other.updates()] == [99] * 5
+    assert kinds(line)[-1] == "closed", "on the stream that had it"
+
+
+async def test_what_waits_behind_an_open_that_an_engine_refuses_is_answered_and_is_nothing_to_the_next() -> None:
+    line = Line()
+    line.send(1, open=session_pb2.OpenSession())
+    line.send(2, edit_prompts=WALK)
+    line.stream.take(Outcome(KEY, 1, Code.RESOURCE_EXHAUSTED, reason="OVERLOADED"))
+    assert line.refusals() == [(2, "SESSION_CLOSED"), (1, "OVERLOADED")]
+    line.prompts.go.set()
+    line.send(1, open=session_pb2.OpenSession())
+    for _ in range(10):
+        await asyncio.sleep(0)
+    assert line.engine.kinds() == [Open, Open]
 
 
 async def test_an_older_attempt_takes_nothing_over() -> None:

@@ -76,6 +76,17 @@ def test_a_role_that_a_tenant_lacks_is_refused(tenants: TenantsFile) -> None:
         assert reason_of(callers, *bearer(token), role=role) == "ROLE_MISSING"
 
 
+def test_the_metrics_are_for_this_machine_and_elsewhere_for_who_may_read_them(tenants: TenantsFile) -> None:
+    token = tenants.one("roles = ['metrics']")
+    callers = tenants.callers()
+    assert callers.metrics_refusal("127.0.0.1", "") is None
+    assert callers.metrics_refusal("0.0.0.0", f"Bearer {token}") is None
+    assert "authorization" in (callers.metrics_refusal("0.0.0.0", "") or "")
+    assert callers.metrics_refusal("0.0.0.0", f"Bearer {new_token()[0]}") is not None
+    another = tenants.one("roles = ['motion']")
+    assert "the role 'metrics'" in (callers.metrics_refusal("0.0.0.0", f"Bearer {another}") or "")
+
+
 def test_a_token_expires(tenants: TenantsFile) -> None:
     token = tenants.one(expires=EXPIRES)
     callers = tenants.callers()

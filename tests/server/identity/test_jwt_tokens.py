@@ -261,6 +261,8 @@ def test_what_only_looks_like_a_token_is_refused(callers: Callers, junk: str) ->
         ("audience = []", "audience is empty"),
         ("algorithms = ['HS256']", "algorithms has HS256; known are RS256"),
         ("algorithms = ['none']", "algorithms has none"),
+        ("algorithms = []", "algorithms has none"),
+        ("issuer = 'corp'", "has no keys, and its issuer is no URL"),
         ("keys = 'http://login.example/jwks'", "keys come by https"),
         ("keys = 'ftp://127.0.0.1/jwks'", "keys come by https"),
         ("keys = 'https://me:hush@login.example/jwks'", "has a name or a password in its URL"),

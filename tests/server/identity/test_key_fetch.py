@@ -110,6 +110,16 @@ def test_an_answer_that_is_none_is_a_fetch_that_failed(answer: bytes, is_discove
         fetched(KeySource(f"http://127.0.0.1:{port}/jwks", is_discovery=is_discovery))
 
 
+@pytest.mark.parametrize("named", ["http://login.example/jwks", "https://me:hush@login.example/jwks"])
+def test_keys_that_discovery_finds_come_by_a_way_on_which_nobody_can_change_them(named: str) -> None:
+    answer = HEAD + b'\r\n{"jwks_uri": "%s"}' % named.encode()
+    with (
+        answering(lambda line: line.sendall(answer)) as (port, _),
+        pytest.raises(ValueError, match=r"jwks_uri of http://127.0.0.1.*(keys come by https|has a name or a password)"),
+    ):
+        fetched(KeySource(f"http://127.0.0.1:{port}/jwks", is_discovery=True))
+
+
 def test_a_proxy_of_the_environment_sees_nothing_but_where_https_goes(monkeypatch: pytest.MonkeyPatch) -> None:
     for name in ("no_proxy", "NO_PROXY", "HTTP_PROXY", "HTTPS_PROXY"):
         monkeypatch.delenv(name, raising=False)

@@ -57,3 +57,22 @@ def test_whatever_reading_raises_what_was_read_before_holds_and_it_is_told_once(
     path.write_text("mended")
     assert files.look()
     assert files.value == "mended"
+
+
+def test_what_is_written_while_it_is_read_is_read_whole_at_the_next_look(tmp_path: Path) -> None:
+    path = tmp_path / "tenants.toml"
+    path.write_text("first")
+    coming: list[str] = []
+
+    def read() -> str:
+        text = path.read_text()
+        if coming:
+            path.write_text(coming.pop())
+        return text
+
+    files = Watched("tenants", [str(path)], read)
+    path.write_text("begun")
+    coming.append("begun, and ended")
+    assert (files.look(), files.value) == (False, "first")
+    assert (files.look(), files.value) == (True, "begun, and ended")
+    assert not files.look()

@@ -143,6 +143,28 @@ class Service:
     num_held_back: int = 7
 
 
+def test_what_the_edge_counts_is_told_as_it_is_when_somebody_asks() -> None:
+    metrics, service = Metrics(), Service(3, 4, 5, 6, 0.5)
+    metrics.watch_service(service)
+    names = ("streams", "sessions_parked", "outbound_queue_bytes", "other_servers", "gateway_lag_seconds")
+    value = metrics.registry.get_sample_value
+    assert [value(f"motiongen_{name}") for name in names] == [3, 4, 5, 6, 0.5]
+    service.num_parked = 0
+    assert value("motiongen_sessions_parked") == 0
+
+
+def test_clips_and_resumes_are_counted_by_how_they_ended_and_only_whole_clips_are_timed() -> None:
+    metrics = Metrics()
+    metrics.end_clip("OK", 2.0, 3)
+    metrics.end_clip("CANCELLED", 100.0, 1)
+    metrics.count_resume("resumed")
+    value = metrics.registry.get_sample_value
+    assert value("motiongen_clips_total", {"code": "OK"}) == 3
+    assert value("motiongen_clips_total", {"code": "CANCELLED"}) == 1
+    assert value("motiongen_clip_seconds_sum") == 2.0
+    assert value("motiongen_session_resumes_total", {"how": "resumed"}) == 1
+
+
 def test_what_messages_took_of_the_event_loop_arrives() -> None:
     metrics, service = Metrics(), Service()
     value = metrics.registry.get_sample_value

@@ -100,11 +100,73 @@ def test_a_plan_takes_out_the_frames_it_replaces_and_leaves_those_below() -> Non
     assert send_queue.dropped_frames == 10
 
 
+def test_what_was_taken_is_neither_added_to_nor_cut() -> None:
+    """It is being written: frames that joined it would be lost, and counted for ever."""
+    send_queue = put_all(chunk(0, 4), notice(2, 8), chunk(8, 4, plan=2))
+    first, _, second = send_queue.take(10_000)
+    assert (len(send_queue), send_queue.num_bytes) == (0, 0)
+    send_queue.put_chunk(chunk(12, 4, plan=2), 3)
+    assert isinstance(first, Run)
+    assert isinstance(second, Run)
+    (later,) = send_queue.take(10_000)
+    assert isinstance(later, Run)
+    assert (frames(first), frames(second), frames(later)) == ([*range(4)], [*range(8, 12)], [*range(12, 16)])
+    send_queue.put(notice(3, 0), 4)
+    assert send_queue.dropped_frames == 0
+
+
+def test_of_runs_that_wait_for_one_session_a_plan_cuts_those_behind_what_was_taken() -> None:
+    send_queue = put_all(chunk(0, 4), chunk(8, 4), chunk(16, 4))
+    (first,) = send_queue.take(1)
+    (second,) = send_queue.take(1)
+    send_queue.put(notice(2, 0), 5)
+    assert send_queue.dropped_frames == 4, "those of the third, and of none that was taken"
+    assert isinstance(first, Run)
+    assert isinstance(second, Run)
+    assert (frames(first), frames(second)) == ([*range(4)], [*range(8, 12)])
+    assert [type(item) for item in send_queue.take(10_000)] == [tuple], "the plan"
+    assert send_queue.num_bytes == 0
+
+
+def test_frames_join_the_newest_that_wait_and_none_before_what_was_said_since() -> None:
+    send_queue = put_all(chunk(0, 4), chunk(8, 4), chunk(12, 4), Outcome(KEY, 2, Code.OK), chunk(16, 4))
+    runs = [item for item in send_queue.take(10_000) if isinstance(item, Run)]
+    assert [frames(run) for run in runs] == [[*range(4)], [*range(8, 16)], [*range(16, 20)]]
+    assert [run.applied_seq for run in runs] == [0, 1, 4]
+
+
+def test_frames_of_the_same_plan_do_not_join_those_that_were_cut() -> None:
+    """Else they would be told with the number that held before what was said in between."""
+    send_queue = put_all(chunk(0, 8))
+    send_queue.drop_frames()
+    send_queue.put_chunk(chunk(0, 4), 5)
+    (run,) = send_queue.take(10_000)
+    assert isinstance(run, Run)
+    assert (frames(run), run.applied_seq) == ([*range(4)], 5)
+
+
+def test_after_a_clearing_nothing_waits_and_what_comes_does_not_join_what_went() -> None:
+    send_queue = put_all(notice(1, 0), chunk(0, 4))
+    send_queue.clear()
+    assert (len(send_queue), send_queue.num_bytes, send_queue.take(10_000)) == (0, 0, [])
+    send_queue.put_chunk(chunk(4, 4), 3)
+    (run,) = send_queue.take(10_000)
+    assert isinstance(run, Run)
+    assert frames(run) == [*range(4, 8)]
+
+
 def test_a_plan_of_the_next_session_on_a_handle_leaves_the_last_one_s_frames() -> None:
     closed = Closed(KEY, CloseReason.CLIENT, Code.OK, "", 4, 0)
     run, _, _ = put_all(chunk(0, 4), closed, notice(1, 0)).take(1 << 30)
     assert isinstance(run, Run)
     assert frames(run) == [0, 1, 2, 3]
+
+
+def test_what_is_taken_of_the_last_session_on_a_handle_leaves_the_next_one_s_frames_to_its_plans() -> None:
+    send_queue = put_all(chunk(0, 4), Closed(KEY, CloseReason.CLIENT, Code.OK, "", 4, 0), chunk(0, 8))
+    send_queue.take(1)
+    send_queue.put(notice(2, 6), 3)
+    assert send_queue.dropped_frames == 2
 
 
 def test_frames_can_be_dropped_and_the_rest_stays() -> None:
@@ -160,6 +222,8 @@ def test_bytes_are_those_of_what_waits_and_frames_below_a_plan_survive(outputs: 
     "output",
     [
         Outcome(KEY, 2**63, Code.OK, 2**53, warnings=WARNED, placements=(PLACED,) * 256),
+        Outcome(KEY, 2**63, Code.OK, 2**53, warnings=WARNED),
+        Outcome(KEY, 2**63, Code.NOT_FOUND, None, "R" * 30, "m" * 200, "f" * 30, "a" * 100),
         Opened(KEY, 1, 0, 40, 4, 4, "tiny", "stick", 20, WARNED, placements=(PLACED,) * 256),
         PlanNotice(KEY, 1, 0, PlanCause.EDIT, (2**63,) * 256),
     ],

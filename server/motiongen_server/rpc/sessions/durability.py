@@ -20,6 +20,7 @@ from dataclasses import replace
 
 from motiongen_server.engine.types import Close, CloseReason, Code, Durable, SaveAgain, SnapshotTaken
 from motiongen_server.rpc.sessions.entry import SessionEntry
+from motiongen_server.rpc.sessions.event_path import begin_end
 from motiongen_server.rpc.sessions.store_turns import StoreAway, StoreTurns
 from motiongen_server.snapshots.listener import Written
 from motiongen_server.snapshots.record import RecordRefused, SessionRecord, read_record
@@ -198,6 +199,7 @@ class Durability:
             self._count("fenced")
             entry = self._let_go(lease)
             if entry is not None and not entry.closing:
+                begin_end(entry, CloseReason.TAKEN_OVER)
                 entry.closing = True
                 entry.model.engine.submit(
                     Close(entry.key, entry.last_seq + 1, self._loop.time(), CloseReason.TAKEN_OVER)

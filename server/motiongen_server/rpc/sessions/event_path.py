@@ -5,15 +5,25 @@ from __future__ import annotations
 import asyncio
 import logging
 import secrets
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Container, Sequence
 from dataclasses import replace
 
 import numpy as np
 from numpy.typing import NDArray
 
 from motiongen.v1 import session_pb2
-from motiongen_server.engine.types import Close, Closed, Open, Outcome, Output, SessionKey, SetOptions
-from motiongen_server.engine.types.refusals import session_closed, too_many_pending
+from motiongen_server.engine.types import (
+    Close,
+    Closed,
+    CloseReason,
+    Code,
+    Open,
+    Outcome,
+    Output,
+    SessionKey,
+    SetOptions,
+)
+from motiongen_server.engine.types.refusals import session_closed, session_not_open, too_many_pending
 from motiongen_server.errors import EventRefused
 from motiongen_server.models.registry import LoadedModel
 from motiongen_server.rpc.convert import UNENCODED, coding_of, engine_event, prompt_texts, warnings_of
@@ -27,6 +37,9 @@ _log = logging.getLogger(__name__)
 Embeddings = dict[str, NDArray[np.float32]]
 
 SESSION_CLOSED = session_closed().reason
+SESSION_NOT_OPEN = session_not_open(0).reason
+_NO_SESSION = (SESSION_NOT_OPEN, "ENGINE_RESTARTING")
+"""What is told of an event for whose session there is no engine."""
 MAX_WAITING_EVENTS = 64
 """Events of one session that may wait for a prompt to be encoded."""
 
@@ -54,6 +67,16 @@ def pass_on(entry: SessionEntry, event: session_pb2.SessionEvent, now: float) ->
         entry.encoding = asyncio.get_running_loop().create_task(_encode_waiting(entry))
 
 
+def begin_end(entry: SessionEntry, reason: CloseReason) -> None:
+    """A session is about to be closed: answer what waits for the encoder, or let go of it where the session goes on.
+
+    So is what comes before the engine has said that it is over.
+    """
+    end = Closed(entry.key, reason, Code.OK, "", 0, 0)
+    entry.is_leaving |= entry.goes_on_after(end)
+    end_waiting(entry, end)  # the first may be the OpenSession itself, which is then refused
+
+
 def end_waiting(entry: SessionEntry, closed: Closed) -> None:
     """Answer what waits for the encoder before the end of its session is told; let go of it where that goes on."""
     if entry.goes_on_after(closed):
@@ -78,19 +101,30 @@ def _drop_waiting(entry: SessionEntry) -> list[session_pb2.SessionEvent]:
 def without_needless_refusals(
     outputs: Sequence[Output], entry_of: Callable[[SessionKey], SessionEntry | None]
 ) -> Sequence[Output]:
-    """Outputs, less refusals before the end of a session that goes on elsewhere: its client says those events again."""
+    """Outputs, less refusals that a session's end makes needless: it answers all, or all is said again elsewhere.
+
+    Those are refusals before the end of a session that goes on elsewhere, and those of events that came to an engine
+    which had ended it, or was lost with it: the end is on its way, or was told and this is the next on its handle.
+    """
     leaving = {
         said.session
         for said in outputs
         if isinstance(said, Closed) and (entry := entry_of(said.session)) is not None and entry.goes_on_after(said)
     }
-    if not leaving:
+    if not leaving and not any(isinstance(said, Outcome) and said.reason in _NO_SESSION for said in outputs):
         return outputs
-    return [
-        said
-        for said in outputs
-        if not (isinstance(said, Outcome) and said.reason == SESSION_CLOSED and said.session in leaving)
-    ]
+    return [said for said in outputs if not (isinstance(said, Outcome) and _is_needless(said, leaving, entry_of))]
+
+
+def _is_needless(
+    said: Outcome, leaving: Container[SessionKey], entry_of: Callable[[SessionKey], SessionEntry | None]
+) -> bool:
+    if said.reason == SESSION_CLOSED:
+        return said.session in leaving
+    entry = entry_of(said.session)
+    if entry is None or said.reason not in _NO_SESSION or said.event_seq == 1:
+        return False
+    return said.reason == SESSION_NOT_OPEN or entry.opened is not None  # else the open is refused, and so is this
 
 
 def tell_internal_error(entry: SessionEntry, event_seq: int, error: Exception) -> None:

@@ -24,7 +24,7 @@ from motiongen_server.engine.types import (
 from motiongen_server.models.registry import LoadedModel
 from motiongen_server.rpc.sessions.durability import Durability
 from motiongen_server.rpc.sessions.entry import Carrier, SessionEntry
-from motiongen_server.rpc.sessions.event_path import end_waiting, refuse_waiting, without_needless_refusals
+from motiongen_server.rpc.sessions.event_path import begin_end, end_waiting, refuse_waiting, without_needless_refusals
 from motiongen_server.rpc.sessions.kept_answers import KeptAnswers
 from motiongen_server.rpc.stream_metrics import NoStreamMetrics, StreamMetrics
 
@@ -176,8 +176,8 @@ class KeptSessions:
             self._close(entry, CloseReason.CLIENT)
 
     def _close(self, entry: SessionEntry, reason: CloseReason) -> None:
+        begin_end(entry, reason)
         entry.closing = True
-        refuse_waiting(entry)
         entry.model.engine.submit(Close(entry.key, entry.last_seq + 1, time.monotonic(), reason))
 
     def _stop_timer(self, entry: SessionEntry) -> None:
@@ -209,6 +209,8 @@ class _Nobody:
             # A refused open leaves nothing to resume here, though its session was parked: one that was taken over is
             # from the moment on that its engine is asked.
             is_refused = isinstance(said, Outcome) and said.event_seq == 1 and said.code is not Code.OK
+            if is_refused:
+                refuse_waiting(self._entry)
             if is_refused or (isinstance(said, Closed) and self._kept.find(self._entry.token) is None):
                 self._kept.forget(self._entry)
 

@@ -3,13 +3,14 @@
 from __future__ import annotations
 
 import logging
+import time
 from dataclasses import replace
 
 from motiongen.v1 import session_pb2
 from motiongen_server.engine.types import GoingOn, Open, SessionKey, SessionSnapshot
 from motiongen_server.engine.types.going_on import check_going_on, check_told
 from motiongen_server.errors import EventRefused
-from motiongen_server.models.registry import ModelRegistry
+from motiongen_server.models.registry import LoadedModel, ModelRegistry
 from motiongen_server.rpc.budgets.peer import Peer
 from motiongen_server.rpc.budgets.token_bucket import TokenBucket
 from motiongen_server.rpc.convert.frames import FrameCoding
@@ -23,31 +24,56 @@ from motiongen_server.text.turns import Asker
 _log = SparingLog(logging.getLogger(__name__))  # any client can make tokens up
 
 
+class NoRoom(Exception):
+    """The engines of a session's model would not let it in. refusal: what its client is told."""
+
+    def __init__(self, refusal: EventRefused, model: LoadedModel) -> None:
+        super().__init__(str(refusal))
+        self.refusal = refusal
+        self.model = model
+
+
 async def claimed(
     durability: Durability, opening: session_pb2.OpenSession, peer: Peer, models: ModelRegistry, asker: Asker
 ) -> tuple[str, SessionRecord]:
     """The record that an OpenSession's token stands for, and the token from now on; no other server writes it any more.
 
     Raises EventRefused where there is none, or it lacks what the client knows of: acknowledged events are never lost;
-    where the model here cannot go on with it; and where that cannot be known at present, since the store does not
-    answer. A message that was under way for long, and what is refused, take nothing from who serves the session.
+    where the model here cannot go on with it, or its peer has no place or no steps for it; and where that cannot be
+    known at present, since the store does not answer. Raises NoRoom where the engines have none for it. A message that
+    was under way for long, and what is refused, take nothing from who serves the session.
     """
     point = opening.resume_point
 
     def check(record: SessionRecord) -> None:
         if point.attempt <= record.attempt:
             raise resume_superseded(point.attempt, record.attempt)
-        facts = models.find(record.snapshot.spec.model_id).catalog.facts
+        model = models.find(record.snapshot.spec.model_id)
+        facts = model.catalog.facts
         if record.taken_seq < point.answered_seq:
             raise events_not_saved(record.taken_seq, point.answered_seq)
         check_told(record.opened, facts)
         check_going_on(_going_on(record.snapshot, point), facts)
+        _check_room(record.snapshot, model, peer)
 
     try:
         return await durability.take_over(opening.resume_token, peer.tenant, asker, check)
     except NotKept as error:
         _log.info("a session is not gone on with: %s", error)
         raise session_not_kept() from error
+
+
+def _check_room(snapshot: SessionSnapshot, model: LoadedModel, peer: Peer) -> None:
+    """Raises what `adopted` does for want of a place or of steps, and NoRoom."""
+    spec = snapshot.spec
+    place = peer.place(spec.priority, time.monotonic())
+    try:
+        place.begin_steps(model.steps_hz(spec.denoise_steps))
+    finally:
+        place.release()
+    refusal = model.engine.refusal_of(spec.priority, spec.denoise_steps)
+    if refusal is not None:
+        raise NoRoom(refusal, model)
 
 
 def adopted(

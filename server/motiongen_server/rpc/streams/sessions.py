@@ -5,6 +5,7 @@ from __future__ import annotations
 import time
 from collections.abc import Callable, Sequence
 from dataclasses import replace
+from typing import cast
 
 from motiongen.v1 import session_pb2
 from motiongen_server.engine.types import (
@@ -86,11 +87,10 @@ class StreamSessions(StreamOutput):
                     continue
                 self._put(said, entry)
                 answers_edits |= isinstance(said, PlanNotice) and bool(said.event_seqs)
-            elif isinstance(said, SnapshotTaken):
-                if entry is not None:
-                    self._kept.save(entry, said)
             elif entry is None:
-                self.send_queue.put(said, 0)
+                self._pass_on(said)
+            elif isinstance(said, SnapshotTaken):
+                self._kept.save(entry, said)
             elif isinstance(said, Resumed):
                 self._go_on(said, entry)
             else:
@@ -100,6 +100,14 @@ class StreamSessions(StreamOutput):
         if answers_edits:
             self.urgent.set()
         self.ready.set()
+
+    def _pass_on(self, said: Output) -> None:
+        """What is said of a session that this stream does not carry, or not since what was said just before."""
+        carrier, this = self._kept.carrier_of(said.session), cast(object, self)
+        if carrier is not None and carrier is not this:
+            carrier.take(said)
+        elif not isinstance(said, SnapshotTaken):
+            self.send_queue.put(said, 0)
 
     def _put(self, said: Output, entry: SessionEntry) -> None:
         """Queue what is said of a session, by the handle that it has here."""
@@ -123,6 +131,8 @@ class StreamSessions(StreamOutput):
                 self._welcome_back(entry, 0)
             elif isinstance(said, Outcome) and said.event_seq == 1:  # the engine does not go on with a snapshot
                 self._stream_metrics.count_resume("refused")
+                entry.is_resuming = False  # what waits for the encoder is answered, and told
+                refuse_waiting(entry)
                 self._end(entry)
                 self._say(replace(self._hinted(said, entry.model), session=SessionKey(self.number, entry.handle)), None)
             return

@@ -39,7 +39,7 @@ from motiongen_server.rpc.errors.streams import stream_failed
 from motiongen_server.rpc.limits import PeerLimits
 from motiongen_server.rpc.sessions.durability import new_secret, token_of
 from motiongen_server.rpc.sessions.entry import SessionEntry
-from motiongen_server.rpc.sessions.event_path import SESSION_CLOSED, end_waiting, pass_on, tell_internal_error
+from motiongen_server.rpc.sessions.event_path import SESSION_CLOSED, begin_end, pass_on, tell_internal_error
 from motiongen_server.rpc.sessions.kept_sessions import KeptSessions
 from motiongen_server.rpc.stream_metrics import NoStreamMetrics, StreamMetrics
 from motiongen_server.rpc.streams.take_overs import StreamTakeOvers
@@ -135,7 +135,7 @@ class Stream(StreamTakeOvers):
         self._take_token(entry, now)
         entry.note_heard()
         report = event.playhead
-        if entry.answers:
+        if report.answered_seq:
             entry.confirm(report.answered_seq)
         if entry.reached:
             entry.note_shown(report.frame)
@@ -165,7 +165,7 @@ class Stream(StreamTakeOvers):
         if event.open.resume_token:
             self._resume(event, now)
             return None
-        if not self.accepts_opens:
+        if self.ended or not self.accepts_opens:  # a stream that ends is read on without being held back
             raise draining()
         model = self._models.find(event.open.model_id)
         asked = int(event.open.priority)
@@ -241,9 +241,7 @@ class Stream(StreamTakeOvers):
         for entry in list(self._entries.values()):
             if model is not None and entry.model is not model:
                 continue
-            end = Closed(entry.key, reason, Code.OK, "", 0, 0)
-            entry.is_leaving |= entry.goes_on_after(end)
-            end_waiting(entry, end)  # the first may be the OpenSession itself, which is then refused
+            begin_end(entry, reason)
             if entry.known_to_engine and not entry.closing:
                 entry.closing = True
                 entry.model.engine.submit(Close(entry.key, entry.last_seq + 1, now, reason))
@@ -257,9 +255,10 @@ class Stream(StreamTakeOvers):
             if entry.opened is not None and not entry.muted and not self.ended and self._kept.park(entry):
                 self._remove(entry)
         self.close_all(CloseReason.CLIENT)
-        for entry in self._entries.values():
+        for entry in list(self._entries.values()):
             entry.place.release()
             self._kept.see_out(entry)
+            self._remove(entry)  # which is over elsewhere, and must not be seen out once more as the call ends
         self.end()
         self._patience.end()
 

@@ -10,7 +10,7 @@ from dataclasses import dataclass, field
 from functools import partial
 
 from motiongen.v1 import session_pb2
-from motiongen_server.engine.types import SessionKey
+from motiongen_server.engine.types import Outcome, SessionKey
 from motiongen_server.engine.types.refusals import draining, too_many_pending
 from motiongen_server.errors import EventRefused
 from motiongen_server.models.registry import ModelRegistry
@@ -20,7 +20,7 @@ from motiongen_server.rpc.budgets.stream_budget import FREE, REFUSAL_COST, Strea
 from motiongen_server.rpc.sessions.durability import Durability
 from motiongen_server.rpc.sessions.event_path import MAX_WAITING_EVENTS
 from motiongen_server.rpc.sessions.kept_sessions import KeptSessions
-from motiongen_server.rpc.sessions.taking_over import adopted, claimed
+from motiongen_server.rpc.sessions.taking_over import NoRoom, adopted, claimed
 from motiongen_server.rpc.stream_metrics import StreamMetrics
 from motiongen_server.rpc.streams.sessions import StreamSessions
 from motiongen_server.snapshots.record import SessionRecord
@@ -148,15 +148,20 @@ class StreamTakeOvers(StreamSessions):
                 self._adopt(record, token, opening, key, durability, now)
                 self.budget.give_back(REFUSAL_COST, time.monotonic())
                 self._room.set()
+        except NoRoom as error:
+            self._refuse_take_over(error.refusal, self._hinted(error.refusal.outcome(key, 1), error.model))
         except EventRefused as refusal:
-            self._stream_metrics.count_resume("refused")
-            self.work.num_events += 1
-            self.work.num_refused += refusal.code not in FREE
-            self._say(refusal.outcome(key, 1), None)
+            self._refuse_take_over(refusal, refusal.outcome(key, 1))
         except Exception as error:
             self.fail(error)
         finally:
             await self._go_through(handle)
+
+    def _refuse_take_over(self, refusal: EventRefused, told: Outcome) -> None:
+        self._stream_metrics.count_resume("refused")
+        self.work.num_events += 1
+        self.work.num_refused += refusal.code not in FREE
+        self._say(told, None)
 
     async def _go_through(self, handle: int) -> None:
         """Take what was held back, as the stream can pay for it; what comes meanwhile is held back behind it.

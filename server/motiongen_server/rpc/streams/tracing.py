@@ -15,13 +15,13 @@ RecordWindow = Callable[[WindowTrace], None]
 
 
 class StreamTracing:
-    """By handle: a session has one newest plan, and a plan before it that was not written is not going to be."""
+    """By handle: a session has one newest plan, and a plan before it that is not being written is not going to be."""
 
     def __init__(self, record: RecordWindow, clock: Callable[[], float] = time.monotonic) -> None:
         self._record = record
         self._now = clock
         self._waiting: dict[int, tuple[PlanNotice, SessionEntry]] = {}
-        self._taken: list[int] = []
+        self._taken: list[tuple[PlanNotice, SessionEntry]] = []
 
     def announce(self, notice: PlanNotice, entry: SessionEntry) -> None:
         """A plan is on its way to the client."""
@@ -33,31 +33,33 @@ class StreamTracing:
         """These are being written."""
         for item in items:
             if isinstance(item, Run) and item.handle in self._waiting and item.plan == self._plan_of(item.handle):
-                self._taken.append(item.handle)
+                self._taken.append(self._waiting.pop(item.handle))
 
     def note_written(self) -> None:
         """What was taken last has been written."""
-        for handle in self._taken:
-            self._tell(handle, is_sent=True)
-        self._taken.clear()
+        self._tell_taken(is_sent=True)
 
     def end(self, handle: int) -> None:
         """The frames of the plan that waits there will not be written."""
-        self._tell(handle, is_sent=False)
+        waiting = self._waiting.pop(handle, None)
+        if waiting is not None:
+            self._tell(*waiting, is_sent=False)
 
     def end_all(self) -> None:
-        """Nothing more will be written."""
+        """Nothing more will be written, nor is what was being written."""
+        self._tell_taken(is_sent=False)
         for handle in tuple(self._waiting):
             self.end(handle)
 
     def _plan_of(self, handle: int) -> int:
         return self._waiting[handle][0].plan
 
-    def _tell(self, handle: int, is_sent: bool) -> None:
-        waiting = self._waiting.pop(handle, None)
-        if waiting is None:
-            return
-        notice, entry = waiting
+    def _tell_taken(self, is_sent: bool) -> None:
+        taken, self._taken = self._taken, []
+        for notice, entry in taken:
+            self._tell(notice, entry, is_sent)
+
+    def _tell(self, notice: PlanNotice, entry: SessionEntry, is_sent: bool) -> None:
         assert notice.timing is not None
         self._record(
             WindowTrace(

@@ -10,6 +10,8 @@ from motiongen_server.errors import StreamRefused
 from motiongen_server.rpc.calls import health_pace
 from motiongen_server.rpc.calls.health_pace import (
     CHECKS_PER_SECOND,
+    FORGET_AFTER_S,
+    MOST_WAITING,
     MOST_WAITING_OF_A_CONNECTION,
     MOST_WAITING_OF_AN_ADDRESS,
     HealthPace,
@@ -60,6 +62,25 @@ async def test_a_flood_is_answered_once_a_second_s_worth_then_waits_and_then_is_
     await _end(tasks)
 
 
+async def test_where_those_that_waited_are_gone_as_many_may_wait_again(monkeypatch: pytest.MonkeyPatch) -> None:
+    time = Time(monkeypatch)
+    pace = HealthPace(lambda: time.now)
+    for rounds in (1, 2, 3):
+        tasks = [asyncio.create_task(pace.wait(FLOOD)) for _ in range(500)]
+        await _settle(tasks)
+        assert len(time.slept) == rounds * MOST_WAITING_OF_A_CONNECTION
+        await _end(tasks)
+        time.now += 1.5  # it is not forgotten
+    for _ in range(2):
+        peers = [f"ipv4:10.0.0.{host}:{port}" for host in range(10) for port in range(100)]
+        tasks = [asyncio.create_task(pace.wait(peer)) for peer in peers for _ in range(4)]
+        before = len(time.slept)
+        await _settle(tasks)
+        assert len(time.slept) - before == MOST_WAITING, "of all addresses together"
+        await _end(tasks)
+        time.now += 1.5
+
+
 async def test_who_shares_the_address_of_a_flood_is_answered_as_it_asks(monkeypatch: pytest.MonkeyPatch) -> None:
     time = Time(monkeypatch)
     pace = HealthPace(lambda: time.now)
@@ -105,6 +126,38 @@ async def test_connections_that_ask_no_more_are_forgotten(monkeypatch: pytest.Mo
         await pace.wait(f"ipv4:10.0.{number % 250}.7:{number}")
     assert len(pace._connections) < 250
     assert len(pace._addresses) < 250
+
+
+async def test_a_connection_has_no_smaller_part_for_those_that_are_forgotten(monkeypatch: pytest.MonkeyPatch) -> None:
+    """A proxy may check by a new connection each time."""
+    time = Time(monkeypatch)
+    pace = HealthPace(lambda: time.now)
+    for number in range(500):
+        time.now += 0.02
+        await pace.wait(f"ipv4:10.0.0.7:{number}")
+    for _ in range(50):
+        time.now += 0.1
+        await pace.wait(OTHER)
+    tasks = [asyncio.create_task(pace.wait(FLOOD)) for _ in range(500)]
+    await _settle(tasks)
+    for _ in range(20):
+        time.now += 0.1
+        tasks += [asyncio.create_task(pace.wait(FLOOD)) for _ in range(50)]
+        asked = asyncio.create_task(pace.wait(OTHER))
+        assert await _settle([asked]) == 1
+    await _end(tasks)
+
+
+async def test_an_address_that_owes_is_not_forgotten_with_its_connections(monkeypatch: pytest.MonkeyPatch) -> None:
+    time = Time(monkeypatch)
+    pace = HealthPace(lambda: time.now)
+    tasks = [asyncio.create_task(pace.wait(f"ipv4:10.0.0.7:{port}")) for port in range(400)]
+    await _settle(tasks)
+    await _end(tasks)
+    time.now += FORGET_AFTER_S
+    again = [asyncio.create_task(pace.wait(FLOOD)) for _ in range(500)]
+    assert await _settle(again) < CHECKS_PER_SECOND
+    await _end(again)
 
 
 async def test_many_connections_are_not_answered_at_once_again_and_again(monkeypatch: pytest.MonkeyPatch) -> None:

@@ -99,6 +99,36 @@ async def test_nothing_is_left_of_one_that_its_engine_refuses_after_its_line_was
     assert adopting.store.renew([Lease(NAME, 2)]) == [Renewal.KEPT], "its client may come again"
 
 
+async def test_what_waits_for_one_that_its_engine_refuses_is_answered_and_is_nothing_to_the_next_on_its_handle(
+    adopting: Adopting,
+) -> None:
+    line = adopting.line
+    await adopting.adopt()
+    key = line.engine.events[0].session
+    line.send(RECORD.taken_seq + 1, edit_prompts=WALK)
+    line.stream.take(Outcome(key, 1, Code.RESOURCE_EXHAUSTED, reason="OVERLOADED"))
+    assert line.refusals() == [(RECORD.taken_seq + 1, "SESSION_CLOSED"), (1, "OVERLOADED")]
+    assert line.stream.peer.waiting_bytes == 0
+    line.prompts.go.set()
+    line.send(1, open=session_pb2.OpenSession())
+    line.send(2, edit_prompts=WALK)
+    for _ in range(10):
+        await asyncio.sleep(0)
+    assert [(event.session, event.event_seq) for event in line.engine.events[1:]] == [(key, 1), (key, 2)]
+
+
+async def test_what_waits_for_one_that_its_engine_refuses_after_its_line_was_lost_is_let_go(adopting: Adopting) -> None:
+    line = adopting.line
+    await adopting.adopt()
+    key = line.engine.events[0].session
+    line.send(RECORD.taken_seq + 1, edit_prompts=WALK)
+    line.stream.lose()
+    carrier = line.stream._kept.carrier_of(key)
+    assert carrier is not None
+    carrier.take(Outcome(key, 1, Code.RESOURCE_EXHAUSTED, reason="OVERLOADED"))
+    assert line.stream.peer.waiting_bytes == 0
+
+
 async def test_one_is_saved_from_the_beginning_and_its_client_knows(adopting: Adopting) -> None:
     """Nothing may be saved of it before it goes on elsewhere: what it was told here is then said again there."""
     line = adopting.line

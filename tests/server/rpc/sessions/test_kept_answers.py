@@ -12,6 +12,7 @@ from motiongen_server.engine.types import (
     Chunk,
     Code,
     ConstraintReached,
+    Opened,
     Outcome,
     Placement,
     PlanCause,
@@ -109,6 +110,20 @@ async def test_they_count_among_what_is_held_for_a_stream_until_its_client_has_h
     assert line.updates()[-1].outcome.event_seq == 2
     assert line.stream.num_waiting_bytes > 256 * PLACEMENT_OBJECT_BYTES
     line.send(0, playhead=session_pb2.Playhead(frame=0, answered_seq=2))
+    assert line.stream.num_waiting_bytes == 0
+
+
+@pytest.mark.parametrize("grace_s", [30.0, 0.0])
+async def test_placements_of_an_opening_are_let_go_once_heard_though_nothing_else_was_answered(grace_s: float) -> None:
+    """Who walks a path that the session was opened with says nothing more than what it shows."""
+    line = Line(kept=KeptSessions(grace_s))
+    line.send(1, open=session_pb2.OpenSession())
+    line.stream.take(Opened(line.engine.events[0].session, 1, 0, 40, 4, 4, "tiny", "stick", 20, placements=FULL))
+    assert len(line.updates()[0].opened.placements) == len(FULL)
+    assert line.stream.num_waiting_bytes == 256 * PLACEMENT_OBJECT_BYTES
+    line.send(0, playhead=session_pb2.Playhead(frame=0))
+    assert line.stream.num_waiting_bytes == 256 * PLACEMENT_OBJECT_BYTES, "it has not said that it heard"
+    line.send(0, playhead=session_pb2.Playhead(frame=0, answered_seq=1))
     assert line.stream.num_waiting_bytes == 0
 
 

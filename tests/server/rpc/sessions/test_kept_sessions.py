@@ -22,7 +22,8 @@ from motiongen_server.engine.types import (
 )
 from motiongen_server.rpc.sessions.durability import Durability
 from motiongen_server.rpc.sessions.kept_sessions import KeptSessions
-from tests.server.rpc.streams.test_event_order import HANDLE, Engine, Line
+from tests.server.rpc.sessions.test_kept_answers import placed
+from tests.server.rpc.streams.test_event_order import HANDLE, PAUSE, Engine, Line
 from tests.server.snapshots.test_writer import Store
 
 KEY = SessionKey(1, HANDLE)
@@ -42,10 +43,10 @@ def token_of(line: Line) -> str:
     return next(update.opened.session_token for update in line.updates() if update.HasField("opened"))
 
 
-def resume(kept: KeptSessions, engine: Engine, token: str) -> Line:
+def resume(kept: KeptSessions, engine: Engine, token: str, attempt: int = 1) -> Line:
     """Another stream that asks for the session."""
-    line = Line(engine=engine, kept=kept, number=2)
-    point = session_pb2.ResumePoint(attempt=1, answered_seq=1)
+    line = Line(engine=engine, kept=kept, number=1 + attempt)
+    point = session_pb2.ResumePoint(attempt=attempt, answered_seq=1)
     line.send(1, open=session_pb2.OpenSession(resume_token=token, resume_point=point))
     return line
 
@@ -102,6 +103,17 @@ async def test_nothing_is_left_of_it_after_its_end(line: Line, kept: KeptSession
     assert kept.num_parked == 0
 
 
+async def test_one_that_is_seen_out_is_counted_once(line: Line, kept: KeptSessions) -> None:
+    line.open()
+    line.send(2, set_play_state=PAUSE)
+    line.stream.take(placed(2))
+    line.updates()
+    held = line.stream.num_waiting_bytes
+    line.stream.end()
+    line.stream.lose()
+    assert (line.stream.num_waiting_bytes, kept.num_waiting_bytes) == (0, held)
+
+
 async def test_one_that_has_ended_while_its_client_was_away_has_no_place_any_more(
     line: Line, kept: KeptSessions
 ) -> None:
@@ -140,6 +152,8 @@ async def test_nothing_is_left_of_one_that_is_refused_after_its_stream_has_gone(
     assert carrier is not None
     carrier.take(Outcome(KEY, 1, Code.RESOURCE_EXHAUSTED))
     assert not kept.has_away
+    line.stream.lose()  # as the call ends, for which what is being written may have taken long
+    assert not kept.has_away, "nobody would tell of its end a second time"
 
 
 async def test_one_that_no_lost_transport_is_waited_for_can_still_be_saved() -> None:

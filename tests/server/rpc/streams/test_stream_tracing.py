@@ -91,6 +91,31 @@ def test_a_plan_that_another_replaces_unwritten_was_not_sent() -> None:
     assert told(traced) == [(1, False, 2.0), (2, True, 3.0)]
 
 
+def test_a_plan_that_another_replaces_while_it_is_written_was_sent_and_the_other_is_when_its_own_frames_are() -> None:
+    """To who reads slowly a write takes long."""
+    traced = Traced()
+    traced.plan(1, 1)
+    traced.chunk(1, 1)
+    traced.tracing.take(traced.queue.take(1 << 20))
+    traced.plan(1, 2)
+    traced.chunk(1, 2)
+    traced.now = 3.0
+    traced.tracing.note_written()
+    traced.write(4.0)
+    assert told(traced) == [(1, True, 3.0), (2, True, 4.0)]
+
+
+def test_what_was_being_written_as_its_stream_ended_was_not_sent() -> None:
+    traced = Traced()
+    traced.plan(1, 1)
+    traced.chunk(1, 1)
+    traced.tracing.take(traced.queue.take(1 << 20))
+    traced.plan(1, 2)
+    traced.tracing.end_all()
+    traced.tracing.note_written()
+    assert told(traced) == [(1, False, 2.0), (2, False, 2.0)]
+
+
 def test_frames_of_an_older_plan_do_not_count_for_the_newest() -> None:
     traced = Traced()
     traced.chunk(1, 1)

@@ -12,7 +12,7 @@ import numpy as np
 import pytest
 
 from motiongen.v1 import service_pb2, session_pb2
-from motiongen_server.engine.types import Chunk, Close, PlanCause, PlanNotice, SessionKey
+from motiongen_server.engine.types import Chunk, Close, Closed, CloseReason, Code, PlanCause, PlanNotice, SessionKey
 from motiongen_server.rpc.errors.streams import stream_empty
 from motiongen_server.rpc.service import MotionService
 from motiongen_server.rpc.streams import writer as stream_writer
@@ -166,3 +166,28 @@ async def test_a_stream_that_writes_nothing_ends_at_once() -> None:
         await asyncio.wait({writer}, timeout=SOON_S)
         assert writer.cancelled()
         assert context.messages.empty()
+
+
+async def test_a_stream_that_fails_ends_with_what_is_being_written_though_it_has_sessions() -> None:
+    line, context = Line(), SlowContext()
+    writer = asyncio.create_task(stream_writer.write(line.stream, context))  # type: ignore[arg-type]
+    line.stream.cut = lambda: stream_writer.cut(line.stream, writer)
+    line.open()
+    assert await context.is_silent()
+    line.stream.fail(RuntimeError("a bug"))
+    assert line.stream.num_sessions == 1
+    context.reads.set()
+    await asyncio.wait_for(writer, SOON_S)
+
+
+async def test_a_stream_that_ends_tells_of_the_ends_of_its_sessions_before() -> None:
+    async with written() as (line, key, context):
+        writer = next(task for task in asyncio.all_tasks() if task.get_coro().__name__ == "write")
+        line.stream.close_all(CloseReason.DRAINED)
+        line.stream.end()
+        assert await context.is_silent()
+        assert not writer.done(), "its engine has not said yet that it is over"
+        line.stream.take(Closed(key, CloseReason.DRAINED, Code.OK, "", 0, 0))
+        (told,) = await context.next_updates()
+        assert told.HasField("closed")
+        await asyncio.wait_for(writer, SOON_S)

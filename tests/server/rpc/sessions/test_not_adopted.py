@@ -1,0 +1,70 @@
+"""Sessions of other servers that are asked for and not gone on with after all: who is told, and what is left."""
+
+from __future__ import annotations
+
+import asyncio
+from pathlib import Path
+
+from motiongen.v1 import session_pb2
+from motiongen_server.engine.types import Code, Event, Open, Outcome
+from motiongen_server.rpc.sessions.durability import Durability, lease_of
+from motiongen_server.rpc.sessions.kept_sessions import KeptSessions
+from motiongen_server.snapshots.record import write_record
+from tests.server.rpc.sessions.test_taking_over import RECORD, TOKEN, SlowStore, of_model, resuming
+from tests.server.rpc.streams.test_event_order import PAUSE, Line
+from tests.waiting import until_true
+
+
+def asking(tmp_path: Path) -> tuple[Line, SlowStore, Durability]:
+    """A line, and a store with a session of another server that answers once its gate is open."""
+    store = SlowStore(tmp_path / "store.sqlite")
+    store.save([(lease_of(TOKEN), write_record(RECORD))])
+    durability = Durability(store, asyncio.get_running_loop(), lambda _: None)
+    line = Line(catalog=of_model("fake").default.catalog, kept=KeptSessions(30.0, durability=durability))
+    line.stream.peer.tenant = RECORD.tenant
+    return line, store, durability
+
+
+async def test_one_whose_client_has_gone_meanwhile_is_nobodys(tmp_path: Path) -> None:
+    line, store, durability = asking(tmp_path)
+    line.send(1, open=resuming(9))
+    line.stream.lose()
+    store.gate.set()
+    await until_true(lambda: not line.stream.peer.waiting_bytes)
+    assert (line.engine.events, line.stream.num_sessions, line.stream.peer.num_sessions) == ([], 0, 0)
+    assert not durability.writer._leases, "its client asks for it again"
+    await asyncio.to_thread(durability.close)
+
+
+async def test_who_asks_is_told_where_no_engine_takes_it_and_may_use_the_handle(tmp_path: Path) -> None:
+    line, store, durability = asking(tmp_path)
+    store.gate.set()
+    asked: list[Event] = []
+
+    def full(event: Event) -> Outcome:
+        asked.append(event)
+        return Outcome(event.session, event.event_seq, Code.RESOURCE_EXHAUSTED, reason="OVERLOADED")
+
+    line.engine.submit = full  # type: ignore[method-assign]
+    line.send(1, open=resuming(9))
+    await until_true(lambda: bool(line.refusals()))
+    assert line.refusals() == [(1, "OVERLOADED")]
+    assert [type(event) for event in asked] == [Open]
+    assert (line.stream.num_sessions, line.stream.peer.num_sessions, line.kept and line.kept.has_away) == (0, 0, False)
+    await asyncio.to_thread(durability.close)
+
+
+async def test_what_its_client_shows_meanwhile_is_not_kept_and_what_it_says_is(tmp_path: Path) -> None:
+    line, store, durability = asking(tmp_path)
+    line.send(1, open=resuming(9))
+    waiting = line.stream.peer.waiting_bytes
+    line.send(0, playhead=session_pb2.Playhead(frame=70))
+    assert line.stream.peer.waiting_bytes == waiting
+    line.send(RECORD.taken_seq + 1, set_play_state=PAUSE)
+    assert line.stream.peer.waiting_bytes > waiting
+    store.gate.set()
+    await until_true(lambda: len(line.engine.events) == 2)
+    line.send(0, playhead=session_pb2.Playhead(frame=70))
+    assert [event.event_seq for event in line.engine.events] == [1, RECORD.taken_seq + 1, 0]
+    await until_true(lambda: not line.stream.peer.waiting_bytes)
+    await asyncio.to_thread(durability.close)

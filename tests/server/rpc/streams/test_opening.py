@@ -1,0 +1,108 @@
+"""Which sessions a stream takes, and that one can always be closed."""
+
+from __future__ import annotations
+
+import asyncio
+import time
+from pathlib import Path
+
+import pytest
+
+from motiongen.v1 import session_pb2
+from motiongen_server.engine.types import Close, Closed, CloseReason, Code, Open, Opened, Outcome, SessionKey
+from motiongen_server.rpc.sessions.durability import Durability
+from motiongen_server.rpc.sessions.kept_sessions import KeptSessions
+from tests.server.rpc.sessions.test_taking_over import SlowStore, resuming
+from tests.server.rpc.streams.test_event_order import PAUSE, Line, make_catalog
+from tests.waiting import until_true
+
+MOST = 3
+
+
+def ask(line: Line, handle: int, opening: session_pb2.OpenSession | None = None) -> None:
+    event = session_pb2.SessionEvent(session=handle, event_seq=1, open=opening or session_pb2.OpenSession())
+    line.stream.receive(event, time.monotonic())
+
+
+def refused(line: Line) -> list[tuple[int, str]]:
+    """Handle and reason of each refusal."""
+    told = [update for update in line.updates() if update.HasField("outcome")]
+    return [(update.session, update.outcome.reason) for update in told]
+
+
+async def test_a_stream_takes_so_many_sessions_and_another_once_one_has_ended() -> None:
+    line = Line(make_catalog(max_sessions_per_stream=MOST))
+    for handle in range(1, MOST + 2):
+        ask(line, handle)
+    assert refused(line) == [(MOST + 1, "TOO_MANY_SESSIONS")]
+    line.stream.take(Closed(SessionKey(1, 2), CloseReason.CLIENT, Code.OK, "", 0, 0))
+    ask(line, MOST + 1)
+    ask(line, MOST + 2)
+    assert refused(line) == [(MOST + 1, "TOO_MANY_SESSIONS"), (MOST + 2, "TOO_MANY_SESSIONS")]
+
+
+async def test_sessions_that_are_on_their_way_from_another_server_are_among_them(tmp_path: Path) -> None:
+    store = SlowStore(tmp_path / "store.sqlite")
+    durability = Durability(store, asyncio.get_running_loop(), lambda _: None)
+    line = Line(make_catalog(max_sessions_per_stream=MOST), kept=KeptSessions(30.0, durability=durability))
+    ask(line, 1)
+    for handle in (2, 3, 4):
+        ask(line, handle, resuming(1))
+    ask(line, 5)
+    assert refused(line) == [(4, "TOO_MANY_SESSIONS"), (5, "TOO_MANY_SESSIONS")]
+    store.gate.set()
+    await until_true(lambda: len(refused(line)) == 4)
+    await until_true(lambda: not line.stream.peer.waiting_bytes)
+    ask(line, 5)
+    assert line.stream.num_sessions == 2, "those that were not kept hold no place"
+    await asyncio.to_thread(durability.close)
+
+
+@pytest.mark.parametrize("is_going_away", [False, True])
+async def test_where_a_stream_ends_or_its_server_goes_away_nothing_more_is_opened(is_going_away: bool) -> None:
+    line = Line()
+    if is_going_away:
+        line.stream.accepts_opens = False
+    else:  # as where no engine is left: there may be one again before its client has read that
+        line.stream.end()
+    ask(line, 1)
+    assert refused(line) == [(1, "DRAINING")]
+    assert line.engine.events == []
+
+
+async def test_who_has_sent_too_much_can_close_its_session() -> None:
+    line, now = Line(make_catalog(events_per_second=3.0)), time.monotonic()
+    line.open()
+    for event_seq in range(2, 8):
+        line.send(event_seq, at=now, set_play_state=PAUSE)
+    line.send(8, at=now, close=session_pb2.CloseSession())
+    assert [seq for seq, _ in line.refusals()][-1] == 7
+    assert (line.engine.kinds()[0], line.engine.kinds()[-1]) == (Open, Close)
+
+
+async def test_an_answer_that_comes_after_the_end_of_its_session_is_not_of_the_next_on_its_handle() -> None:
+    """Of an event that was on its way to the engine as that ended the session."""
+    line = Line()
+    line.open()
+    key = line.engine.events[0].session
+    line.send(2, set_play_state=PAUSE)
+    line.stream.take(Closed(key, CloseReason.IDLE, Code.OK, "", 0, 0))
+    line.send(1, open=session_pb2.OpenSession(request_id="second"))
+    late = Outcome(key, 2, Code.NOT_FOUND, reason="SESSION_NOT_OPEN")
+    line.stream.take(late)
+    line.stream.take(Opened(key, 1, 0, 40, 4, 4, "tiny", "stick", 20))
+    line.stream.take(late)
+    assert (line.refusals(), line.updates()[-1].applied_seq) == ([], 1)
+    line.send(2, set_play_state=PAUSE)
+    line.stream.take(Outcome(key, 2, Code.OK))
+    assert line.updates()[-1].applied_seq == 2
+
+
+async def test_what_came_behind_an_open_that_an_engine_refuses_as_it_is_lost_is_answered() -> None:
+    line = Line()
+    line.send(1, open=session_pb2.OpenSession())
+    key = line.engine.events[0].session
+    line.engine.submit = lambda event: Outcome(key, event.event_seq, Code.UNAVAILABLE, reason="ENGINE_RESTARTING")  # type: ignore[method-assign]
+    line.send(2, set_play_state=PAUSE)
+    line.stream.take(Outcome(key, 1, Code.UNAVAILABLE, reason="ENGINE_RESTARTING"))
+    assert line.refusals() == [(2, "ENGINE_RESTARTING"), (1, "ENGINE_RESTARTING")]

@@ -48,6 +48,19 @@ def test_captures_become_a_set_and_what_cannot_be_used_is_named(
     assert "skipped gone" in capsys.readouterr().out
 
 
+@pytest.mark.parametrize("units", ["1e40", "1000001"])  # hundredths of a metre
+def test_a_capture_further_away_than_a_set_can_tell_apart_is_left_out(
+    tmp_path: Path, units: str, capsys: pytest.CaptureFixture[str]
+) -> None:
+    head, times = write_capture(tmp_path / "a.bvh").read_text().split("Frame Time: ")
+    first, *frames = times.splitlines()
+    away = [" ".join([units, *frame.split()[1:]]) for frame in frames]
+    (tmp_path / "far.bvh").write_text("\n".join([f"{head}Frame Time: {first}", *away, ""]))
+    assert command.main([*line(tmp_path, ROW, ROW.replace("a,a", "far,far")), "--strict"]) == 1
+    assert "skipped far: it lies" in capsys.readouterr().out
+    assert [clip.id for clip in MotionDataset.load(tmp_path / "set").clips] == ["a"]
+
+
 def test_a_set_that_cannot_be_written_is_not_made(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
 ) -> None:

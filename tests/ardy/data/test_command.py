@@ -124,6 +124,7 @@ def test_labels_and_captions_are_shown_as_they_stand(
     [
         (["look", "set", "--png", "clips.png", "--rows", "0"], "--rows: must be a whole number from 1 on, not 0"),
         (["build", "a", "b", "c", "--seed", "-1"], "--seed: must be a whole number from 0 on, not -1"),
+        (["build", "a", "b", "c", "--fps", "1e9"], "--fps: must be 1000 at most, as of models, not 1e9"),
     ],
 )
 def test_numbers_that_mean_nothing_are_refused(

@@ -21,7 +21,8 @@ def load_stats(folder: Path, width: int) -> Stats:
     """Read `mean.npy` and `std.npy` (vectors of `width` numbers) of a folder.
 
     Raises StatsError listing what is wrong: a file missing or not such a vector, numbers that are not finite, a
-    negative standard deviation, or none above zero. A single zero is sound: it belongs to a number that never changed.
+    standard deviation that is negative or too large to be squared, or none above zero. A single zero is sound: it
+    belongs to a number that never changed.
     """
     problems: list[str] = []
     vectors = [_load_vector(folder / name, width, problems) for name in ("mean.npy", "std.npy")]
@@ -32,7 +33,10 @@ def load_stats(folder: Path, width: int) -> Stats:
         problems.append(f"{folder / 'std.npy'} holds nothing but zeros; these are no statistics")
     if problems or mean is None or std is None:
         raise StatsError(problems)
-    return Stats(mean, std)
+    try:
+        return Stats(mean, std)
+    except StatsError as error:
+        raise StatsError([f"{folder}: {problem}" for problem in error.problems]) from error
 
 
 def _load_vector(path: Path, width: int, problems: list[str]) -> Tensor | None:

@@ -33,9 +33,12 @@ class Stats(nn.Module):
             raise StatsError(f"mean has shape {tuple(mean.shape)} and std {tuple(std.shape)}; give two equal vectors")
         if not (torch.isfinite(mean).all() and torch.isfinite(std).all()):
             raise StatsError("statistics hold NaN or infinite numbers; every mean and std must be finite")
+        scale = torch.sqrt(std.square() + VARIANCE_FLOOR)
+        if not torch.isfinite(scale).all():  # motion would come out as NaN
+            raise StatsError(f"a std is {float(std.abs().max()):.3g}, whose square no float32 holds; give 1e19 at most")
         self.register_buffer("mean", mean, persistent=False)
         self.register_buffer("std", std, persistent=False)
-        self.register_buffer("scale", torch.sqrt(std.square() + VARIANCE_FLOOR), persistent=False)
+        self.register_buffer("scale", scale, persistent=False)
 
     @cached_property
     def on_host(self) -> Stats:

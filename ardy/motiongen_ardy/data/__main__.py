@@ -11,6 +11,7 @@ from rich.console import Console
 from rich.progress import Progress
 from rich.table import Table
 
+from motiongen_ardy.checkpoint.config import MAX_FPS
 from motiongen_ardy.core.skeleton import UnknownSkeleton, load_skeleton
 from motiongen_ardy.data.build import BuildSettings, build, more_labels
 from motiongen_ardy.data.dataset import DatasetError, MotionDataset, prepare_folder, skipped_clips
@@ -41,7 +42,7 @@ def _parser() -> argparse.ArgumentParser:
     building.add_argument("folder", type=Path, help="folder that the table's file column starts from")
     building.add_argument("labels", type=Path, help="labels table (CSV; docs/data.md lists the columns)")
     building.add_argument("out", type=Path, help="folder to write the set to")
-    building.add_argument("--fps", type=_positive, default=20.0, help="frames per second of the set (default 20)")
+    building.add_argument("--fps", type=_rate, default=20.0, help="frames per second of the set (default 20)")
     building.add_argument("--skeleton", default="core27", help="skeleton of the set (default core27)")
     building.add_argument("--retarget", default="auto", help="a retarget file, or auto to choose by joint names")
     building.add_argument(
@@ -80,6 +81,13 @@ def _positive(text: str) -> float:
     value = float(text)
     if not 0 < value < float("inf"):
         raise argparse.ArgumentTypeError(f"must be a number above 0, not {text}")
+    return value
+
+
+def _rate(text: str) -> float:
+    value = _positive(text)
+    if value > MAX_FPS:
+        raise argparse.ArgumentTypeError(f"must be {MAX_FPS} at most, as of models, not {text}")
     return value
 
 

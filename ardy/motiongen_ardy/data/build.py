@@ -25,6 +25,8 @@ from motiongen_ardy.data.validation import CUT_MARK
 
 # No captured joint moves this fast; a file in which one does has a jump in it.
 MAX_JOINT_SPEED_M_S = 25.0
+# Further from the origin a set's float32 tells places apart by a millimetre and more, and at last not at all.
+MAX_DISTANCE_M = 10_000.0
 # A foot is planted while its joints move slower than this in the source.
 PLANTED_M_S = 0.03
 # A clip with this flag is cut into pieces no longer than this.
@@ -198,6 +200,12 @@ def _check_motion(positions: Tensor, settings: BuildSettings) -> None:
         )
     if not bool(torch.isfinite(positions).all()):
         raise SkippedClip("positions that are not finite")
+    furthest = float(positions.abs().max())
+    if furthest > MAX_DISTANCE_M:
+        raise SkippedClip(
+            f"it lies {furthest:.3g} m from the origin, more than {MAX_DISTANCE_M:g} m, where a set is too coarse for"
+            " motion; move it, or mend metres_per_unit of its retarget"
+        )
     speed = (positions[1:] - positions[:-1]).norm(dim=-1) * settings.fps
     fastest = float(speed.max())
     if fastest > MAX_JOINT_SPEED_M_S:

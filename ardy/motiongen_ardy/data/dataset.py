@@ -24,6 +24,7 @@ from motiongen_ardy.core.files import written_whole
 from motiongen_ardy.core.skeleton import Skeleton, load_skeleton
 from motiongen_ardy.data.captions import mirror_caption, mirror_content
 from motiongen_ardy.data.mirror import mirror_clip
+from motiongen_ardy.data.set_rows import TOP_FIELDS, fields_problem, rate_problem, rows_problem
 from motiongen_ardy.data.validation import with_validation
 
 FORMAT = 1
@@ -120,12 +121,13 @@ class MotionDataset:
         try:
             # numpy leaves a file open that it cannot read.
             with (folder / MOTION_FILE).open("rb") as file, np.load(file, allow_pickle=False) as arrays:
-                rotations = torch.from_numpy(arrays["local_rotations"])
-                positions = torch.from_numpy(arrays["root_positions"])
+                rotations, positions = (_finite(arrays, name) for name in ("local_rotations", "root_positions"))
         except (OSError, KeyError, ValueError, EOFError, zipfile.BadZipFile, zlib.error) as error:
             raise DatasetError(f"{folder / MOTION_FILE}: cannot be read: {error}; build the set again") from error
-        skeleton = load_skeleton(document["skeleton"])
         rows = document["clips"]
+        if problem := rows_problem(rows):
+            raise DatasetError(f"{folder / CLIPS_FILE}: {problem}; mend it, or build the set again")
+        skeleton = load_skeleton(document["skeleton"])
         total = sum(row["length"] for row in rows)
         if rotations.shape != (total, skeleton.num_joints, 4) or positions.shape != (total, 3):
             raise DatasetError(
@@ -201,7 +203,17 @@ def _read_document(folder: Path) -> dict[str, Any]:
         raise DatasetError(f"{path}: cannot be read: {error}") from error
     if not isinstance(document, dict) or document.get("format") != FORMAT:
         raise DatasetError(f"{path}: not a training set of format {FORMAT}; build it again")
+    if problem := fields_problem(document, TOP_FIELDS) or rate_problem(document["fps"]):
+        raise DatasetError(f"{path}: {problem}; mend it, or build the set again")
     return document
+
+
+def _finite(arrays: Mapping[str, np.ndarray], name: str) -> Tensor:
+    """An array of a set in float32. Raises ValueError for other things than finite numbers, KeyError without it."""
+    array = arrays[name]
+    if array.dtype.kind != "f" or not np.isfinite(array).all():
+        raise ValueError(f"{name} holds {array.dtype}, or NaN or infinite numbers; every one must be a finite float")
+    return torch.from_numpy(np.ascontiguousarray(array, np.float32))
 
 
 def _end_to_end(parts: Sequence[Tensor]) -> np.ndarray:

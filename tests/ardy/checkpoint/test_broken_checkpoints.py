@@ -188,6 +188,17 @@ def test_statistics_that_are_none_are_all_listed(tmp_path: Path) -> None:
     assert "post_quantization/std.npy is missing" in text
 
 
+@pytest.mark.parametrize("part", ["motion", "pre_quantization"])
+def test_a_deviation_whose_square_is_infinite_is_refused(tmp_path: Path, part: str) -> None:
+    name = f"stats/{part}/std.npy"
+    (tmp_path / "std.npy").write_bytes(FILES[name])
+    deviations = np.load(tmp_path / "std.npy")
+    deviations[7] = 1e20
+    np.save(tmp_path / "std.npy", deviations)
+    text = refusal(tmp_path / "model", {name: (tmp_path / "std.npy").read_bytes()})
+    assert f"stats/{part}: a std is 1e+20, whose square no float32 holds" in text
+
+
 def test_everything_that_is_wrong_is_listed_at_once(tmp_path: Path) -> None:
     def change(config: Any) -> None:
         config["denoiser"].update(num_layers=0, surprise=1)

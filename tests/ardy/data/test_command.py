@@ -48,6 +48,19 @@ def test_captures_become_a_set_and_what_cannot_be_used_is_named(
     assert "skipped gone" in capsys.readouterr().out
 
 
+@pytest.mark.parametrize("units", ["1e40", "1000001"])  # hundredths of a metre
+def test_a_capture_further_away_than_a_set_can_tell_apart_is_left_out(
+    tmp_path: Path, units: str, capsys: pytest.CaptureFixture[str]
+) -> None:
+    head, times = write_capture(tmp_path / "a.bvh").read_text().split("Frame Time: ")
+    first, *frames = times.splitlines()
+    away = [" ".join([units, *frame.split()[1:]]) for frame in frames]
+    (tmp_path / "far.bvh").write_text("\n".join([f"{head}Frame Time: {first}", *away, ""]))
+    assert command.main([*line(tmp_path, ROW, ROW.replace("a,a", "far,far")), "--strict"]) == 1
+    assert "skipped far: it lies" in capsys.readouterr().out
+    assert [clip.id for clip in MotionDataset.load(tmp_path / "set").clips] == ["a"]
+
+
 def test_a_set_that_cannot_be_written_is_not_made(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
 ) -> None:
@@ -111,6 +124,7 @@ def test_labels_and_captions_are_shown_as_they_stand(
     [
         (["look", "set", "--png", "clips.png", "--rows", "0"], "--rows: must be a whole number from 1 on, not 0"),
         (["build", "a", "b", "c", "--seed", "-1"], "--seed: must be a whole number from 0 on, not -1"),
+        (["build", "a", "b", "c", "--fps", "1e9"], "--fps: must be 1000 at most, as of models, not 1e9"),
     ],
 )
 def test_numbers_that_mean_nothing_are_refused(

@@ -173,8 +173,11 @@ void Player::act_on(const Intent& intent) {
   Stream& stream = stream_of(intent.character);
   const std::uint32_t group = character.plan().group();
   if (intent.rule == kOpen) {
-    if (stream.lost()) return recorder_.count("opens_not_sent");
     character.note_open_sent();
+    if (stream.lost()) {  // to its player it is like one that was lost
+      character.end(now, false);
+      return recorder_.count("opens_not_sent");
+    }
     stream.put(open_event(character, load_));
     recorder_.add(Figure::opens, group, intent.at_s);
   } else if (!character.is_live()) {

@@ -21,6 +21,7 @@ from motiongen_tools.bench.recorder import (
     GENERATOR,
     LATENCIES,
     LOOP_LAG,
+    OPEN,
     SEND_LAG,
     Recorder,
 )
@@ -144,6 +145,17 @@ async def test_a_lost_stream_is_missed_frames_and_no_crash(server: FakeServer, l
     # gRPC says INTERNAL of a call that it loses in the middle of a write, so the status is not always the server's
     assert sum(n for name, n in recorder.counts.items() if name.startswith("stream_lost: ")) == len(server.streams)
     assert recorder.counts["sessions_lost: STREAM_LOST"] > 0
+
+
+async def test_who_cannot_be_opened_any_more_goes_without_frames(server: FakeServer, load: Load) -> None:
+    def lose(progress: Progress) -> None:
+        for stream in server.streams:
+            stream.fail(grpc.StatusCode.UNAVAILABLE)
+
+    load = replace(load, seconds=2)
+    recorder, _, _ = await play(load, lose)
+    assert recorder.counts["characters_without_a_frame"] >= recorder.counts["opens_not_sent"] > 0
+    assert recorder.histogram(OPEN).get_total_count() == len(load.schedule().characters), "each of them has waited"
 
 
 @pytest.fixture

@@ -167,10 +167,11 @@ class Generator:
         group = self._groups[character.plan.group]
         now_s = self._now_s()
         if rule == _OPEN:
-            if stream_client.lost:
-                self._recorder.counts["opens_not_sent"] += 1
-                return
             character.open_sent = True
+            if stream_client.lost:  # to its player it is like one that was lost
+                self._recorder.counts["opens_not_sent"] += 1
+                character.end(now_s, as_planned=False)
+                return
             stream_client.put(edits.open_event(character, group, self._load.denoise_steps))
             self._recorder.add("opens", group.name, intended_s)
         elif not character.is_live:

@@ -34,6 +34,12 @@ def test_what_is_no_address_of_this_machine_is_one_line(
     assert "a free address of this machine" in capsys.readouterr().err
 
 
+@pytest.mark.parametrize("port", ["65536", "99999", "-1", "x", "9" * 5000])
+def test_a_port_that_there_is_not_is_refused(port: str, capsys: pytest.CaptureFixture[str]) -> None:
+    assert run(["view", f"--port={port}"]) == 2
+    assert "allowed is a whole number from 0 to 65535" in capsys.readouterr().err
+
+
 def test_a_session_file_is_replayed_to_a_motion(
     server: FakeServer, tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:

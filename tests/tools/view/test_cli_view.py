@@ -53,6 +53,19 @@ def test_a_session_file_is_replayed_to_a_motion(
     assert "1 edits, 0 of them took effect otherwise" in capsys.readouterr().out
 
 
+def test_what_can_be_written_of_a_replay_is(
+    server: FakeServer, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    (tmp_path / "a.session.json").write_text(write_session(SessionFile({"text": "a person stands"}, 4, ())))
+    outs = [str(tmp_path / name) for name in ("no_robot.csv", "again.npz")]
+    asked = ["replay", str(tmp_path / "a.session.json"), "--server", server.address, "--out", outs[0], "--out", outs[1]]
+    assert run(asked) == 1
+    assert len(read_npz(outs[1])) == 4
+    told = capsys.readouterr()
+    assert "0 edits" in told.out
+    assert "error: no_robot.csv: the converter failed" in told.err
+
+
 def test_a_file_that_is_no_session_is_refused(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
     (tmp_path / "a.json").write_text(json.dumps([1, 2]))
     assert run(["replay", str(tmp_path / "a.json")]) == 1

@@ -58,6 +58,22 @@ sys.exit(main())
 """
 
 
+JUST_BEGUN = """
+import asyncio, os, signal, sys
+from motiongen_tools import cli
+
+signal.signal(signal.SIGINT, signal.default_int_handler)
+place, name = {"arguments": (cli, "parse"), "loop": (asyncio.events, "new_event_loop")}[sys.argv[1]]
+usual = getattr(place, name)
+
+def interrupted(*given):
+    os.kill(os.getpid(), signal.SIGINT)
+    return usual(*given)
+
+setattr(place, name, interrupted)
+sys.exit(cli.run(["catalog"]))
+"""
+
 VIEWING = """
 import sys
 from motiongen_tools import cli
@@ -117,6 +133,13 @@ def test_ctrl_c_before_anything_has_begun_leaves_no_traceback() -> None:
     with started(BEGINNING) as process:
         _, error = process.communicate()
     assert (process.returncode, error) == (-signal.SIGINT, "")
+
+
+@pytest.mark.parametrize("where", ["arguments", "loop"])
+def test_ctrl_c_while_a_command_begins_is_told_in_a_word(where: str) -> None:
+    with started(JUST_BEGUN, where) as process:
+        _, error = process.communicate()
+    assert (process.returncode, error) == (130, "interrupted\n")
 
 
 @pytest.mark.parametrize("number", [signal.SIGTERM, signal.SIGINT])

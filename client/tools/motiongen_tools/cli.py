@@ -25,7 +25,7 @@ from motiongen_tools import (
 )
 from motiongen_tools.arguments import add_start_timeout
 from motiongen_tools.cli_script import AtAction, PromptAction, Script, check_generate, check_stream
-from motiongen_tools.connection import add_connection
+from motiongen_tools.connection import add_connection, check_started
 from motiongen_tools.demo import command
 from motiongen_tools.demo.script import PLACE_BOUND_M, STORY_S
 from motiongen_tools.termination import Terminated, terminating
@@ -84,6 +84,7 @@ def parse(arguments: Sequence[str]) -> argparse.Namespace:
         check_stream(parser, options)
     if options.command is cli_bench.bench:
         cli_bench.check(parser, options)
+    check_started(parser, options)
     return options
 
 

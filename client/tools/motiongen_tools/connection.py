@@ -118,6 +118,21 @@ def add_token(parser: argparse._ActionsContainer) -> None:
     parser.add_argument("--token-file", type=Path, metavar="FILE", help="file with the token that says who calls")
 
 
+def check_started(parser: argparse.ArgumentParser, options: argparse.Namespace) -> None:
+    """Exit with 2, and say why, where options are for another server than the one that is started, or not."""
+    is_own: bool = options.start_server if "start_server" in options else options.server is None
+    if not is_own and getattr(options, "start_timeout", None) is not None:
+        given = "leave --server out" if "start_server" not in options else "give --start-server too"
+        parser.error(f"--start-timeout is for a server that this starts: {given}")
+    if not is_own or "server_arguments" in options:  # settings of its own may have it speak TLS and ask who calls
+        return
+    for name in ("tls", "tls_ca", "tls_certificate", "tls_key", "token_file"):
+        if getattr(options, name, None):
+            parser.error(
+                f"--{name.replace('_', '-')} is for a server that is there: the one that this starts needs none"
+            )
+
+
 def connection_of(options: argparse.Namespace) -> Connection:
     """What the options say. Raises InvalidInput where they do not fit together."""
     certificate, key = options.tls_certificate, options.tls_key

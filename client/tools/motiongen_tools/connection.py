@@ -10,6 +10,7 @@ from pathlib import Path
 import grpc
 import grpc.aio
 
+from motiongen_client.channel import names_for_tls
 from motiongen_client.client import MotionClient
 from motiongen_client.errors import InvalidInput
 from motiongen_client.line_policy import LinePolicy
@@ -66,7 +67,8 @@ class Connection:
         credentials = self.credentials()
         if credentials is None:
             return grpc.aio.insecure_channel(address, options=options)
-        return grpc.aio.secure_channel(address, credentials, options=options)
+        names = names_for_tls(address, (name for name, _ in options))
+        return grpc.aio.secure_channel(address, credentials, options=[*options, *names])
 
     def metadata(self) -> tuple[tuple[str, str], ...]:
         """What a call carries. Raises InvalidInput."""

@@ -4,10 +4,12 @@ from __future__ import annotations
 
 import os
 import signal
+import socket
 import subprocess
 import sys
 import urllib.request
 from pathlib import Path
+from urllib.parse import urlsplit
 
 import pytest
 
@@ -152,7 +154,14 @@ def test_a_viewer_ends_without_a_word_too_many(number: signal.Signals, tmp_path:
         page = process.stdout.readline().split()[-1]
         with urllib.request.urlopen(page) as answer:  # it listens from before it has said so
             assert answer.status == 200
-        process.send_signal(number)
-        _, error = process.communicate()
+        bridge = urlsplit(page)
+        assert bridge.hostname is not None
+        assert bridge.port is not None
+        with socket.create_connection((bridge.hostname, bridge.port)) as upload:
+            head = f"POST /session/main HTTP/1.1\r\nHost: {bridge.netloc}\r\nExpect: 100-continue"
+            upload.sendall(f"{head}\r\nContent-Length: 9\r\n\r\n".encode())
+            assert upload.recv(1024).startswith(b"HTTP/1.1 100 ")  # it waits for what never comes
+            process.send_signal(number)
+            _, error = process.communicate()
     said = "terminated\n" if number == signal.SIGTERM else "interrupted\n"
     assert (process.returncode, error) == (128 + number, said)

@@ -73,6 +73,7 @@ async def view(options: argparse.Namespace) -> int:
         def note(sig: int, frame: FrameType | None) -> None:
             ended_by.append(sig)
             server.should_exit = True
+            logging.getLogger("uvicorn").setLevel(logging.CRITICAL)  # a request that is cut off now is no failure
 
         server.handle_exit = note  # type: ignore[method-assign]  # its own would raise the signal again, in its task
         _say_where(listening, access.control_token, access.watch_token, address, options.open)

@@ -106,9 +106,9 @@ def test_a_server_that_goes_is_in_the_report(program: Callable[[str], Path]) -> 
         assert load.stdout is not None
         with server_process(NULL_SERVER, *SETTINGS) as server:
             message = {"address": server.address, "num_processes": 1, "num_streams": 1, "max_request_bytes": 65536}
-            message |= {"frame_rate": 20, "patch_frames": 4, "report_hz": 4, "measure_to_s": 4, "end_s": 4}
+            message |= {"frame_rate": 20, "patch_frames": 4, "report_hz": 4, "measure_to_s": 6, "end_s": 6}
             message |= {"groups": [{"name": "g", "prompts": ["walk"]}], "jitter_s": [0]}
-            message |= {"characters": [{"open_s": 0, "seed": "7"}]}
+            message |= {"characters": [{"open_s": 0, "seed": "7"}, {"open_s": 4.5, "seed": "8"}]}
             load.stdin.write(json.dumps(message) + "\n")
             load.stdin.flush()
             assert "ready" in json.loads(load.stdout.readline())
@@ -117,8 +117,12 @@ def test_a_server_that_goes_is_in_the_report(program: Callable[[str], Path]) -> 
             while not json.loads(load.stdout.readline())["progress"]["playing"]:
                 pass
         *_, last = load.stdout
-    counts = json.loads(last)["book"]["counts"]
-    assert counts["sessions_opened"] == "1"
+    book = json.loads(last)["book"]
+    counts = book["counts"]
+    assert counts["sessions_opened"] == counts["opens_not_sent"] == counts["characters_without_a_frame"] == "1"
+    (waited,) = (each for each in book["latencies"] if each["what"] == "open_to_first_frame")
+    assert sum(map(int, waited["count"])) == 2
+    assert max(waited["value_us"]) == pytest.approx(1.5e6, rel=0.01), "who cannot be opened has waited to the end"
     assert sum(int(count) for name, count in counts.items() if name.startswith("sessions_lost: ")) == 1
 
 

@@ -48,7 +48,10 @@ def test_a_clip_takes_a_timeline_and_settings_of_its_server() -> None:
     assert options.start_timeout is None, "the first start of a model takes as long as its weights take to come"
 
 
-@pytest.mark.parametrize("command", ["generate walk", "bench", "view", "gallery motiongen-mini", "demo"])
+@pytest.mark.parametrize(
+    "command",
+    ["generate walk --start-server", "bench --start-server", "view --start-server", "gallery motiongen-mini", "demo"],
+)
 def test_commands_that_start_a_server_may_bound_its_start(command: str) -> None:
     assert parse([*command.split(), "--start-timeout", "30"]).start_timeout == 30
 
@@ -85,6 +88,13 @@ def test_the_output_is_a_bvh_file(given: str, file: str) -> None:
         ("generate walk --samples 0", "allowed is a whole number of 1 or more"),
         ("generate walk -- --model g1", "'--model' is for a server that this starts: give --start-server too"),
         ("generate walk --start-server --server a:1", "not allowed with argument"),
+        ("generate walk --start-timeout 5", "--start-timeout is for a server that this starts: give --start-server"),
+        ("demo --server a:1 --start-timeout 5", "--start-timeout is for a server that this starts: leave --server out"),
+        ("gallery mini --token-file t", "--token-file is for a server that is there"),
+        ("demo --tls", "--tls is for a server that is there"),
+        ("view --start-server --tls-ca ca.pem", "--tls-ca is for a server that is there"),
+        ("bench --find-within 60", "--find-within is for a search: give --find too"),
+        ("bench --trial-seconds 5", "--trial-seconds is for a search: give --find too"),
         ("dance", "invalid choice: 'dance'"),
         ("stream --prompt caf\udce9", "'caf\\udce9' is no text in UTF-8"),
         ("stream --prompt walk --out caf\udce9.bvh", "is no text in UTF-8"),

@@ -2,12 +2,46 @@
 
 from __future__ import annotations
 
+import asyncio
+from collections.abc import AsyncIterator
 from pathlib import Path
 
+import grpc
+import grpc.aio
 import pytest
 
 from motiongen_client import InvalidInput
+from motiongen_client.channel import ChannelSettings
 from motiongen_tools.connection import Connection
+from tests.waiting import LIMIT_S
+
+CERTIFICATES = Path(__file__).parents[1] / "certificates"
+
+
+@pytest.fixture
+async def tls_socket(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> AsyncIterator[str]:
+    """The address of a server that speaks TLS on a socket of this machine, with a certificate for localhost."""
+    monkeypatch.chdir(tmp_path)  # a path of a socket is short
+    pair = ((CERTIFICATES / "server-1.key").read_bytes(), (CERTIFICATES / "server-1.pem").read_bytes())
+    server = grpc.aio.server()
+    server.add_secure_port("unix:motion.sock", grpc.ssl_server_credentials([pair]))
+    await server.start()
+    yield "unix:motion.sock"
+    await server.stop(None)
+
+
+@pytest.mark.parametrize("chosen", [(), (("grpc.ssl_target_name_override", "localhost"),)])
+async def test_a_socket_of_this_machine_is_localhost_to_tls(
+    tls_socket: str, chosen: tuple[tuple[str, str], ...]
+) -> None:
+    authority = CERTIFICATES / "authority.pem"
+    credentials = grpc.ssl_channel_credentials(authority.read_bytes())
+    for channel in (
+        ChannelSettings(tls_socket, credentials, options=chosen).open(),
+        Connection(tls=True, authorities=authority).channel(tls_socket, [("grpc.enable_retries", 0)]),
+    ):
+        async with asyncio.timeout(LIMIT_S), channel:
+            await channel.channel_ready()
 
 
 @pytest.mark.parametrize("content", [b"", b"not PEM", b"\x30\x82\x01"])

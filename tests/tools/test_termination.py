@@ -4,10 +4,12 @@ from __future__ import annotations
 
 import os
 import signal
+import socket
 import subprocess
 import sys
 import urllib.request
 from pathlib import Path
+from urllib.parse import urlsplit
 
 import pytest
 
@@ -57,6 +59,22 @@ from motiongen_tools.__main__ import main
 sys.exit(main())
 """
 
+
+JUST_BEGUN = """
+import asyncio, os, signal, sys
+from motiongen_tools import cli
+
+signal.signal(signal.SIGINT, signal.default_int_handler)
+place, name = {"arguments": (cli, "parse"), "loop": (asyncio.events, "new_event_loop")}[sys.argv[1]]
+usual = getattr(place, name)
+
+def interrupted(*given):
+    os.kill(os.getpid(), signal.SIGINT)
+    return usual(*given)
+
+setattr(place, name, interrupted)
+sys.exit(cli.run(["catalog"]))
+"""
 
 VIEWING = """
 import sys
@@ -119,6 +137,13 @@ def test_ctrl_c_before_anything_has_begun_leaves_no_traceback() -> None:
     assert (process.returncode, error) == (-signal.SIGINT, "")
 
 
+@pytest.mark.parametrize("where", ["arguments", "loop"])
+def test_ctrl_c_while_a_command_begins_is_told_in_a_word(where: str) -> None:
+    with started(JUST_BEGUN, where) as process:
+        _, error = process.communicate()
+    assert (process.returncode, error) == (130, "interrupted\n")
+
+
 @pytest.mark.parametrize("number", [signal.SIGTERM, signal.SIGINT])
 def test_a_viewer_ends_without_a_word_too_many(number: signal.Signals, tmp_path: Path) -> None:
     (tmp_path / "build").mkdir()
@@ -129,7 +154,14 @@ def test_a_viewer_ends_without_a_word_too_many(number: signal.Signals, tmp_path:
         page = process.stdout.readline().split()[-1]
         with urllib.request.urlopen(page) as answer:  # it listens from before it has said so
             assert answer.status == 200
-        process.send_signal(number)
-        _, error = process.communicate()
+        bridge = urlsplit(page)
+        assert bridge.hostname is not None
+        assert bridge.port is not None
+        with socket.create_connection((bridge.hostname, bridge.port)) as upload:
+            head = f"POST /session/main HTTP/1.1\r\nHost: {bridge.netloc}\r\nExpect: 100-continue"
+            upload.sendall(f"{head}\r\nContent-Length: 9\r\n\r\n".encode())
+            assert upload.recv(1024).startswith(b"HTTP/1.1 100 ")  # it waits for what never comes
+            process.send_signal(number)
+            _, error = process.communicate()
     said = "terminated\n" if number == signal.SIGTERM else "interrupted\n"
     assert (process.returncode, error) == (128 + number, said)

@@ -78,6 +78,22 @@ def test_a_link_goes_on_pointing_and_a_file_keeps_its_mode(tmp_path: Path) -> No
     assert (tmp_path / "real").stat().st_mode & 0o777 == 0o600
 
 
+def full_disk(_: Path) -> None:
+    fail()
+
+
+def gone_folder(part: Path) -> None:
+    part.parent.rmdir()
+    part.write_text("new")
+
+
+@pytest.mark.parametrize("write", [full_disk, gone_folder])
+def test_a_failure_names_the_file_that_was_asked_for(write: Callable[[Path], None], tmp_path: Path) -> None:
+    with pytest.raises(OSError, match=r"walk\.npz") as failure, whole_file(tmp_path / "walk.npz") as part:
+        write(part)
+    assert failure.value.filename == str(tmp_path / "walk.npz")
+
+
 def test_what_is_no_file_is_written_as_it_is(tmp_path: Path) -> None:
     os.mkfifo(tmp_path / "pipe")
     with whole_file(tmp_path / "pipe") as part:

@@ -106,7 +106,7 @@ void PlayedCharacter::end(double now_s, bool as_planned) {
   run_.recorder.add_span(Figure::due, plan_.group(), due_from_s_, end_s, run_.load.frame_rate());
   if (started_) return;
   run_.recorder.count("characters_without_a_frame");
-  run_.recorder.record(Latency::open, plan_.group(), now_s - plan_.open_s());
+  run_.recorder.record(Latency::open, plan_.group(), end_s - plan_.open_s());  // it has waited at least so long
 }
 
 void PlayedCharacter::give_up_edits(double now_s) {

@@ -128,6 +128,8 @@ void Player::play(double start_at_s, const std::function<void(const Progress&)>&
     const double pause_s = std::max(std::min(next_s, load_.end_s()) - now_s(), kLeastSleepS);
     std::this_thread::sleep_for(std::chrono::duration<double>(pause_s));
   }
+  const std::lock_guard<std::mutex> lock(stage_.mutex);
+  probe(now_s());  // all may have stood still until the end
 }
 
 double Player::act(double now) {
@@ -152,13 +154,16 @@ double Player::act(double now) {
 }
 
 // How late the loop wakes, once every so often whatever else wakes it: of many streams, whose turns come faster, as of
-// one, or a moment that all stood still would be one sample among more.
+// one. Of all probes that would have been due until it woke, or a time in which all stood still would be one sample
+// among a hundred a second, however long it was.
 void Player::probe(double now) {
   if (probe_due_s_ != kNoProbe && now < probe_due_s_) {
     probe_due_s_ = std::max(probe_due_s_, now + kLeastSleepS);  // the loop sleeps no shorter
     return;
   }
-  if (probe_due_s_ != kNoProbe) note_lag(Lag::loop, now, now - probe_due_s_);
+  if (probe_due_s_ != kNoProbe) {
+    for (double due_s = probe_due_s_; due_s <= now; due_s += kProbeS) note_lag(Lag::loop, due_s, now - due_s);
+  }
   probe_due_s_ = now + kProbeS;
 }
 
@@ -168,8 +173,11 @@ void Player::act_on(const Intent& intent) {
   Stream& stream = stream_of(intent.character);
   const std::uint32_t group = character.plan().group();
   if (intent.rule == kOpen) {
-    if (stream.lost()) return recorder_.count("opens_not_sent");
     character.note_open_sent();
+    if (stream.lost()) {  // to its player it is like one that was lost
+      character.end(now, false);
+      return recorder_.count("opens_not_sent");
+    }
     stream.put(open_event(character, load_));
     recorder_.add(Figure::opens, group, intent.at_s);
   } else if (!character.is_live()) {
@@ -183,7 +191,7 @@ void Player::act_on(const Intent& intent) {
     stream.put(edit_event(character, load_, rule, intent.value, intent.at_s, now));
     recorder_.add(Figure::edits, group, intent.at_s);
   }
-  note_lag(Lag::send, now, now - intent.at_s);
+  note_lag(Lag::send, intent.at_s, now - intent.at_s);
 }
 
 void Player::report(const std::vector<std::uint32_t>& numbers, double now) {
@@ -195,8 +203,9 @@ void Player::report(const std::vector<std::uint32_t>& numbers, double now) {
   }
 }
 
-void Player::note_lag(Lag what, double now, double lag_s) {
-  if (run_.measures(now)) recorder_.record(what, std::max(lag_s, 0.0));
+// By when it was due, as latencies are by when edits were meant: a stall may last until all is measured.
+void Player::note_lag(Lag what, double due_s, double lag_s) {
+  if (run_.measures(due_s)) recorder_.record(what, std::max(lag_s, 0.0));
 }
 
 void Player::note_cpu(double now) {

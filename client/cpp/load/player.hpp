@@ -51,7 +51,7 @@ class Player {
   void act_on(const Intent& intent);
   void probe(double now_s);
   void report(const std::vector<std::uint32_t>& numbers, double now_s);
-  void note_lag(Lag what, double now_s, double lag_s);
+  void note_lag(Lag what, double due_s, double lag_s);
   void note_cpu(double now_s);
   Progress progress(double now_s) const;
 

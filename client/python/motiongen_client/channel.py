@@ -35,6 +35,7 @@ OPTIONS: tuple[Option, ...] = (
     ("grpc.initial_reconnect_backoff_ms", 100),
     ("grpc.max_reconnect_backoff_ms", 2_000),
 )
+_NAMES_FOR_TLS = ("grpc.ssl_target_name_override", "grpc.default_authority")
 REPLICA_KEY = "x-motiongen-key"
 """Metadata by which a proxy can bring all calls of one client to one server, which has its sessions."""
 DRAWN_KEY = re.compile(r"[0-9a-f]{16}")
@@ -45,6 +46,15 @@ _PROXY = "grpc.enable_http_proxy"
 _KEY = re.compile(r"(?!grpc-)[0-9a-z_.-]+(?<!-bin)")
 _TEXT = re.compile(r"[\x20-\x7e]+")
 _TOKEN = re.compile(r"[\x21-\x7e]+")
+
+
+def names_for_tls(address: str, chosen: Iterable[str]) -> list[Option]:
+    """Options by which a server's certificate is checked, but for those that are chosen.
+
+    A socket of this machine is localhost to it: gRPC would look for its path among the names of the certificate.
+    """
+    is_ours = address.startswith(_UNIX) and not set(chosen).intersection(_NAMES_FOR_TLS)
+    return [("grpc.default_authority", "localhost")] if is_ours else []
 
 
 @dataclass(frozen=True)
@@ -85,6 +95,7 @@ class ChannelSettings:
         if self.credentials is None:
             channel = grpc.aio.insecure_channel(self.address, options=options)
         else:
+            options += names_for_tls(self.address, chosen)
             channel = grpc.aio.secure_channel(self.address, self.credentials, options=options)
         if self.token is None and not self.metadata:
             return channel

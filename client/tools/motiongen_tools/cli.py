@@ -25,7 +25,7 @@ from motiongen_tools import (
 )
 from motiongen_tools.arguments import add_start_timeout
 from motiongen_tools.cli_script import AtAction, PromptAction, Script, check_generate, check_stream
-from motiongen_tools.connection import add_connection
+from motiongen_tools.connection import add_connection, check_started
 from motiongen_tools.demo import command
 from motiongen_tools.demo.script import PLACE_BOUND_M, STORY_S
 from motiongen_tools.termination import Terminated, terminating
@@ -38,17 +38,16 @@ def run(arguments: Sequence[str]) -> int:
     if isinstance(sys.stdout, io.TextIOWrapper):
         sys.stdout.reconfigure(errors="backslashreplace")  # as standard error has it: no name of a file ends a command
     try:
-        options = parse(arguments)
-    except SystemExit as end:  # argparse has printed why, or the help
-        return int(end.code or 0)
-    try:
-        with warnings_shown(), terminating():
-            result: int = asyncio.run(options.command(options))
+        with warnings_shown(), terminating(), asyncio.Runner() as runner:
+            options = parse(arguments)
+            result: int = runner.run(options.command(options))
     except KeyboardInterrupt:
         print("interrupted", file=sys.stderr)
         return 130
     except Terminated as end:
         print("terminated", file=sys.stderr)
+        return int(end.code or 0)
+    except SystemExit as end:  # argparse has printed why, or the help
         return int(end.code or 0)
     except (MotiongenError, OSError) as error:  # a disk that is full, a folder that is gone
         print(f"error: {error}", file=sys.stderr)
@@ -85,6 +84,7 @@ def parse(arguments: Sequence[str]) -> argparse.Namespace:
         check_stream(parser, options)
     if options.command is cli_bench.bench:
         cli_bench.check(parser, options)
+    check_started(parser, options)
     return options
 
 

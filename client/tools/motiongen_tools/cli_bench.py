@@ -29,6 +29,7 @@ from motiongen_tools.server_process import ServerProcess
 VOID = 3  # exit code of a run whose figures do not count
 _CHARACTERS_A_PROCESS = 2000
 REST_S = 10.0
+DEFAULT_TRIAL_SECONDS = 10
 MOST_CHARACTERS, MOST_SECONDS, MOST_PROCESSES = 1_000_000, 1_000_000, 1024
 """All of a load is drawn before it begins, and lies in memory: nobody means more."""
 _NEEDED = {"hdrh": "hdrhistogram", "matplotlib": "matplotlib", "psutil": "psutil", "yaml": "pyyaml"}
@@ -76,9 +77,9 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     parser.add_argument(
         "--trial-seconds",
         type=_whole(1, MOST_SECONDS),
-        default=10,
         metavar="N",
-        help="to measure in each trial of --find; its answer is confirmed with --seconds (default: %(default)s)",
+        help="to measure in each trial of --find; its answer is confirmed with --seconds "
+        f"(default: {DEFAULT_TRIAL_SECONDS})",
     )
     parser.add_argument(
         "--find-within",
@@ -137,7 +138,7 @@ async def bench(options: argparse.Namespace) -> int:
             found = await find_most(
                 load,
                 run,
-                options.trial_seconds,
+                options.trial_seconds or DEFAULT_TRIAL_SECONDS,
                 lambda trial: console.print(terminal.describe_trial(trial), soft_wrap=True),
                 lambda: asyncio.sleep(REST_S),
                 within_s=options.find_within or math.inf,
@@ -181,6 +182,9 @@ def check(parser: argparse.ArgumentParser, options: argparse.Namespace) -> None:
     """Exit with 2, and say why, where options make no sense together."""
     if options.server_arguments and not options.start_server:
         parser.error(f"{options.server_arguments[0]!r} is for a server that this starts: give --start-server too")
+    for name in () if options.find else ("trial_seconds", "find_within"):
+        if getattr(options, name) is not None:
+            parser.error(f"--{name.replace('_', '-')} is for a search: give --find too")
 
 
 def _whole(least: int, most: float = math.inf) -> Callable[[str], int]:

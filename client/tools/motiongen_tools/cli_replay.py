@@ -3,10 +3,11 @@
 from __future__ import annotations
 
 import argparse
+import sys
 from pathlib import Path
 
 from motiongen_client.edit import Edit
-from motiongen_client.errors import EventRefused, InvalidInput
+from motiongen_client.errors import EventRefused, InvalidInput, MotiongenError
 from motiongen_client.motion import Motion
 from motiongen_client.session import Session
 from motiongen_client.types import StartPose
@@ -45,14 +46,21 @@ async def replay(options: argparse.Namespace) -> int:
             answers = await play(session, session_file)
         motion = session.motion(0, session_file.num_frames)
         await session.close()
+    failures: list[Exception] = []
     for path in outs:
-        for line in [f"wrote {path}", *_write(path, motion)]:
-            console.print(line, soft_wrap=True)
+        try:
+            lines = _write(path, motion)
+        except (MotiongenError, OSError) as failure:  # what took its time to play is in the other files all the same
+            failures.append(failure)
+        else:
+            console.print("\n".join([f"wrote {path}", *lines]), soft_wrap=True)
     others = [f"{edit.message['op']} at frame {edit.at_frame}: {said}" for edit, said in answers if said]
     console.print(f"{len(answers)} edits, {len(others)} of them took effect otherwise than then", soft_wrap=True)
     for line in others:
         console.print(f"  {line}", soft_wrap=True)
-    return 0
+    for one in failures:
+        print(f"error: {one}", file=sys.stderr)
+    return 1 if failures else 0
 
 
 async def play(session: Session, session_file: SessionFile) -> list[tuple[ToldAt, str]]:

@@ -21,6 +21,7 @@ from motiongen_tools.server_process import ServerProcess
 from motiongen_tools.termination import Terminated
 
 DEFAULT_PORT = 8321
+MOST_PORT, MOST_PORT_DIGITS = 65535, 5
 
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
@@ -30,7 +31,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
         "loopback has tokens, one to steer and one to look on",
     )  # fmt: skip
     parser.add_argument(
-        "--port", type=int, default=DEFAULT_PORT, help="of the page; 0 takes a free one (default: %(default)s)"
+        "--port", type=_port, default=DEFAULT_PORT, help="of the page; 0 takes a free one (default: %(default)s)"
     )
     parser.add_argument("--token", action="store_true", help="have tokens on loopback too")
     parser.add_argument("--open", action="store_true", help="open the page in a browser")
@@ -72,6 +73,7 @@ async def view(options: argparse.Namespace) -> int:
         def note(sig: int, frame: FrameType | None) -> None:
             ended_by.append(sig)
             server.should_exit = True
+            logging.getLogger("uvicorn").setLevel(logging.CRITICAL)  # a request that is cut off now is no failure
 
         server.handle_exit = note  # type: ignore[method-assign]  # its own would raise the signal again, in its task
         _say_where(listening, access.control_token, access.watch_token, address, options.open)
@@ -89,6 +91,13 @@ async def view(options: argparse.Namespace) -> int:
     if ended_by:
         raise KeyboardInterrupt if ended_by[0] == signal.SIGINT else Terminated(128 + ended_by[0])
     return 0
+
+
+def _port(text: str) -> int:
+    """Raises ArgumentTypeError, which argparse prints: of a larger number, systems would take the last 16 bits."""
+    if not text.isascii() or not text.isdigit() or len(text) > MOST_PORT_DIGITS or int(text) > MOST_PORT:
+        raise argparse.ArgumentTypeError(f"{text!r} was given; allowed is a whole number from 0 to {MOST_PORT}")
+    return int(text)
 
 
 def _listen(host: str, port: int) -> socket.socket:

@@ -10,6 +10,7 @@ from pathlib import Path
 import grpc
 import grpc.aio
 
+from motiongen_client.channel import names_for_tls
 from motiongen_client.client import MotionClient
 from motiongen_client.errors import InvalidInput
 from motiongen_client.line_policy import LinePolicy
@@ -66,7 +67,8 @@ class Connection:
         credentials = self.credentials()
         if credentials is None:
             return grpc.aio.insecure_channel(address, options=options)
-        return grpc.aio.secure_channel(address, credentials, options=options)
+        names = names_for_tls(address, (name for name, _ in options))
+        return grpc.aio.secure_channel(address, credentials, options=[*options, *names])
 
     def metadata(self) -> tuple[tuple[str, str], ...]:
         """What a call carries. Raises InvalidInput."""
@@ -116,6 +118,21 @@ def add_connection(parser: argparse.ArgumentParser) -> None:
 def add_token(parser: argparse._ActionsContainer) -> None:
     """--token-file."""
     parser.add_argument("--token-file", type=Path, metavar="FILE", help="file with the token that says who calls")
+
+
+def check_started(parser: argparse.ArgumentParser, options: argparse.Namespace) -> None:
+    """Exit with 2, and say why, where options are for another server than the one that is started, or not."""
+    is_own: bool = options.start_server if "start_server" in options else options.server is None
+    if not is_own and getattr(options, "start_timeout", None) is not None:
+        given = "leave --server out" if "start_server" not in options else "give --start-server too"
+        parser.error(f"--start-timeout is for a server that this starts: {given}")
+    if not is_own or "server_arguments" in options:  # settings of its own may have it speak TLS and ask who calls
+        return
+    for name in ("tls", "tls_ca", "tls_certificate", "tls_key", "token_file"):
+        if getattr(options, name, None):
+            parser.error(
+                f"--{name.replace('_', '-')} is for a server that is there: the one that this starts needs none"
+            )
 
 
 def connection_of(options: argparse.Namespace) -> Connection:

@@ -93,6 +93,15 @@ def test_one_that_is_lost_misses_what_it_would_have_played() -> None:
     assert table.total("due") == pytest.approx(10 * FPS)
 
 
+def test_one_that_is_lost_before_its_first_frame_has_waited_to_its_end() -> None:
+    table = Table(close_s=10.0)
+    table.character.end(0.25, as_planned=False)
+    assert table.recorder.histogram(OPEN).get_max_value() / 1e6 == pytest.approx(10, rel=0.01)
+    assert table.total("due") == pytest.approx((10 - START_GRACE_S) * FPS)
+    assert table.total("missed") == pytest.approx((10 - START_GRACE_S) * FPS, abs=1)
+    assert not table.character.is_live
+
+
 def test_an_edit_is_measured_from_its_intended_moment(table: Table) -> None:
     table.send_plan(0, 2.0)
     table.send_frames(0, 40, 2.0)

@@ -15,7 +15,16 @@ from motiongen_client.errors import ServerUnavailable
 from motiongen_tools.bench.clock import RealTime
 from motiongen_tools.bench.generator import Generator
 from motiongen_tools.bench.load import Load, Progress, Report
-from motiongen_tools.bench.recorder import ANSWER, EVENT, LATENCIES, Recorder
+from motiongen_tools.bench.recorder import (
+    ANSWER,
+    EVENT,
+    GENERATOR,
+    LATENCIES,
+    LOOP_LAG,
+    OPEN,
+    SEND_LAG,
+    Recorder,
+)
 from motiongen_tools.bench.scenario import load_scenario
 from motiongen_tools.bench.terminal import LATENCY_NAMES
 from tests.client.fake_server import FakeServer, FakeStream
@@ -48,9 +57,25 @@ class SleptTime(RealTime):
         self._now_s = max(self._now_s, wake_s)
 
 
-async def play(load: Load, at_each_tell: object = None) -> tuple[Recorder, Report, list[Progress]]:
+class StalledTime(SleptTime):
+    """Stands still once for all who sleep, as a process does that the machine gives no time."""
+
+    def __init__(self, at_s: float, for_s: float) -> None:
+        super().__init__()
+        self._at_s, self._for_s = at_s, for_s
+
+    async def sleep(self, seconds: float) -> None:
+        await super().sleep(seconds)
+        if self._now_s >= self._at_s:
+            self._now_s += self._for_s
+            self._for_s = 0.0
+
+
+async def play(
+    load: Load, at_each_tell: object = None, clock: SleptTime | None = None
+) -> tuple[Recorder, Report, list[Progress]]:
     """The whole load in this process."""
-    clock = SleptTime()
+    clock = clock or SleptTime()
     async with MotionClient(load.address) as client:
         generator = Generator(load, client.catalog, 0, clock)
     await generator.connect()
@@ -120,6 +145,44 @@ async def test_a_lost_stream_is_missed_frames_and_no_crash(server: FakeServer, l
     # gRPC says INTERNAL of a call that it loses in the middle of a write, so the status is not always the server's
     assert sum(n for name, n in recorder.counts.items() if name.startswith("stream_lost: ")) == len(server.streams)
     assert recorder.counts["sessions_lost: STREAM_LOST"] > 0
+
+
+async def test_who_cannot_be_opened_any_more_goes_without_frames(server: FakeServer, load: Load) -> None:
+    def lose(progress: Progress) -> None:
+        for stream in server.streams:
+            stream.fail(grpc.StatusCode.UNAVAILABLE)
+
+    load = replace(load, seconds=2)
+    recorder, _, _ = await play(load, lose)
+    assert recorder.counts["characters_without_a_frame"] >= recorder.counts["opens_not_sent"] > 0
+    assert recorder.histogram(OPEN).get_total_count() == len(load.schedule().characters), "each of them has waited"
+
+
+@pytest.fixture
+def measured_from_the_start(short_scenario: Path) -> Path:
+    text = short_scenario.read_text(encoding="utf-8").replace("ramp_s: 0.2", "ramp_s: 0")
+    short_scenario.write_text(text.replace("life: {median_s: 1, sigma: 0.5}", "life: {median_s: 80000, sigma: 0}"))
+    return short_scenario
+
+
+async def test_a_stall_of_the_load_weighs_as_much_as_it_is_long(load: Load, measured_from_the_start: Path) -> None:
+    load = replace(load, scenario=load_scenario(str(measured_from_the_start)))
+    recorder, _, _ = await play(load, clock=StalledTime(0.3, for_s=0.5))
+    lags = recorder.histogram(LOOP_LAG, GENERATOR)
+    assert lags.get_value_at_percentile(60) > 10_000, "half of the second was slept through, and is no single sample"
+    assert lags.get_total_count() > 80, "a hundred a second, whatever stood still"
+
+
+async def test_a_stall_that_lasts_until_all_is_measured_is_in_the_lag(
+    load: Load, measured_from_the_start: Path
+) -> None:
+    load = replace(load, scenario=load_scenario(str(measured_from_the_start)))
+    schedule = load.schedule()
+    recorder, _, _ = await play(load, clock=StalledTime(0.6, for_s=1.2))
+    meant = [*schedule.edit_at_s.tolist(), *(plan.open_s for plan in schedule.characters)]
+    assert recorder.histogram(SEND_LAG, GENERATOR).get_total_count() == sum(0 <= at_s < 1 for at_s in meant)
+    assert recorder.histogram(SEND_LAG, GENERATOR).get_max_value() > 500_000
+    assert recorder.histogram(LOOP_LAG, GENERATOR).get_max_value() > 500_000
 
 
 def test_processes_share_a_load_without_overlap(load: Load) -> None:

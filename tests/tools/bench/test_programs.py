@@ -27,6 +27,8 @@ def write_program(folder: Path, body: str) -> Path:
     ("body", "why"),
     [
         ("print('Usage: walk')", "is no motiongen-load: it said b'Usage: walk"),
+        ("print(1)", "is no motiongen-load: it said b'1"),
+        ("import sys; print(sys.stdin.readline())", "is no motiongen-load: it said b'{"),
         ("import sys; sys.stdin.readline()", "ended without a report"),
         ("""print('{"failed": "no motiongen server answers at a:1"}')""", "^no motiongen server answers at a:1$"),
     ],

@@ -15,8 +15,14 @@ def test_figures_are_of_the_measured_seconds_alone() -> None:
     assert figures.on_time_per_s == pytest.approx(980 / SECONDS)
 
 
-def test_nothing_due_is_everything_missed() -> None:
-    assert make_result().figures("nobody").miss_ratio == 1.0
+@pytest.mark.parametrize(("characters", "ratio"), [(20, 1.0), (2, 0.0)])
+def test_nothing_due_is_everything_missed_but_where_nobody_is(characters: int, ratio: float) -> None:
+    result = make_result(scenario="mixed", characters=characters)  # one in twenty is a hero
+    result.recorder.seconds["due"]["hero"] = [0.0] * result.recorder.num_seconds
+    assert result.figures("hero").miss_ratio == ratio
+    for row in result.recorder.seconds["due"].values():
+        row[:] = [0.0] * len(row)
+    assert result.figures().miss_ratio == 1.0
 
 
 @pytest.mark.parametrize(("lag_ms", "void"), [(4.9, 0), (5.1, 2)])

@@ -34,6 +34,12 @@ def test_what_is_no_address_of_this_machine_is_one_line(
     assert "a free address of this machine" in capsys.readouterr().err
 
 
+@pytest.mark.parametrize("port", ["65536", "99999", "-1", "x", "9" * 5000])
+def test_a_port_that_there_is_not_is_refused(port: str, capsys: pytest.CaptureFixture[str]) -> None:
+    assert run(["view", f"--port={port}"]) == 2
+    assert "allowed is a whole number from 0 to 65535" in capsys.readouterr().err
+
+
 def test_a_session_file_is_replayed_to_a_motion(
     server: FakeServer, tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
@@ -45,6 +51,19 @@ def test_a_session_file_is_replayed_to_a_motion(
     assert len(motion) == 70
     np.testing.assert_array_equal(np.unique(motion.rows[50:, 0]) > motion.rows[0, 0], True)
     assert "1 edits, 0 of them took effect otherwise" in capsys.readouterr().out
+
+
+def test_what_can_be_written_of_a_replay_is(
+    server: FakeServer, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    (tmp_path / "a.session.json").write_text(write_session(SessionFile({"text": "a person stands"}, 4, ())))
+    outs = [str(tmp_path / name) for name in ("no_robot.csv", "again.npz")]
+    asked = ["replay", str(tmp_path / "a.session.json"), "--server", server.address, "--out", outs[0], "--out", outs[1]]
+    assert run(asked) == 1
+    assert len(read_npz(outs[1])) == 4
+    told = capsys.readouterr()
+    assert "0 edits" in told.out
+    assert "error: no_robot.csv: the converter failed" in told.err
 
 
 def test_a_file_that_is_no_session_is_refused(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:

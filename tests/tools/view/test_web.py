@@ -256,6 +256,17 @@ async def test_constraints_are_read_and_written_beside_the_beat(
         assert (await site.get(f"/take/main/{number}/a.constraints.json")).text == "[]"
 
 
+async def test_what_is_wrong_with_a_file_is_said_by_its_own_name(bridge: Bridge, room: Room, three: Path) -> None:
+    (number,) = await room.add({})
+    while not room.character(number).session.playback.started:
+        await bridge.beat()
+    async with await site_of(bridge, three) as site:
+        assert "failed: a walk.glb: " in (await site.post("/motion?name=a walk.glb", content=b"glTF")).text
+        listed = await site.post(f"/constraints/main/{number}?name=list.json", content=b"{")
+        assert listed.json()["error"].startswith("path: 'list.json' was given")
+        assert "failed: the motion: " in (await site.get(f"/take/main/{number}/a.csv")).text
+
+
 async def test_no_number_of_files_is_made_at_once(
     bridge: Bridge, room: Room, three: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:

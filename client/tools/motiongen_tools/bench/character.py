@@ -208,7 +208,7 @@ class Character:
         self._recorder.add_span("due", self._group, self._due_from_s, end_s, 1 / self._frame_s)
         if not self.started:
             self._recorder.counts["characters_without_a_frame"] += 1
-            self._recorder.record(OPEN, self._group, now_s - self.plan.open_s)
+            self._recorder.record(OPEN, self._group, end_s - self.plan.open_s)  # it has waited at least so long
 
     def give_up_edits(self, now_s: float) -> None:
         """The run is over: what still waits has waited at least so long; leaving it out would flatter the server."""

@@ -167,10 +167,11 @@ class Generator:
         group = self._groups[character.plan.group]
         now_s = self._now_s()
         if rule == _OPEN:
-            if stream_client.lost:
-                self._recorder.counts["opens_not_sent"] += 1
-                return
             character.open_sent = True
+            if stream_client.lost:  # to its player it is like one that was lost
+                self._recorder.counts["opens_not_sent"] += 1
+                character.end(now_s, as_planned=False)
+                return
             stream_client.put(edits.open_event(character, group, self._load.denoise_steps))
             self._recorder.add("opens", group.name, intended_s)
         elif not character.is_live:
@@ -187,7 +188,7 @@ class Generator:
             )
             stream_client.put(event)
             self._recorder.add("edits", group.name, intended_s)
-        self._record_lag(SEND_LAG, now_s, now_s - intended_s)
+        self._record_lag(SEND_LAG, intended_s, now_s - intended_s)
 
     def _report_playheads(self, members: list[tuple[StreamClient, Character]], now_s: float) -> None:
         for stream_client, character in members:
@@ -199,19 +200,31 @@ class Generator:
         """How late the event loop wakes who sleeps."""
         while True:
             due_s = self._now_s() + _PROBE_S
-            await self._clock.sleep(_PROBE_S)
-            now_s = self._now_s()
-            self._record_lag(LOOP_LAG, now_s, now_s - due_s)
+            try:
+                await self._clock.sleep(_PROBE_S)
+            finally:  # the run may be over before it is woken
+                self._note_loop_lag(due_s)
+
+    def _note_loop_lag(self, due_s: float) -> None:
+        """What a probe that was due then found, and those that would have been due until it was woken.
+
+        Else a time in which all stood still would be one sample among a hundred a second, however long it was.
+        """
+        now_s = self._now_s()
+        while due_s <= now_s:
+            self._record_lag(LOOP_LAG, due_s, now_s - due_s)
+            due_s += _PROBE_S
 
     def _note_round_trip(self, now_s: float, seconds: float) -> None:
         self._record(ROUND_TRIP, STREAMS, now_s, seconds)
 
-    def _record_lag(self, what: str, now_s: float, lag_s: float) -> None:
-        self._record(what, GENERATOR, now_s, max(lag_s, 0.0))
+    def _record_lag(self, what: str, due_s: float, lag_s: float) -> None:
+        """By when it was due, as latencies are by when edits were meant: a stall may last until all is measured."""
+        self._record(what, GENERATOR, due_s, max(lag_s, 0.0))
 
-    def _record(self, what: str, owner: str, now_s: float, seconds: float) -> None:
-        """What is seen at now_s, where that is measured."""
-        if self._phases.measure_from_s <= now_s < self._phases.measure_to_s:
+    def _record(self, what: str, owner: str, at_s: float, seconds: float) -> None:
+        """What belongs to a moment, where that is measured."""
+        if self._phases.measure_from_s <= at_s < self._phases.measure_to_s:
             self._recorder.record(what, owner, seconds)
 
     def _note_cpu(self, now_s: float) -> None:

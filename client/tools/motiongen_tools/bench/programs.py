@@ -28,6 +28,7 @@ _READY_TIMEOUT_S = 60.0
 _SILENCE_TIMEOUT_S = 60.0  # a program tells its progress every second
 _END_TIMEOUT_S = 10.0
 _MOST_LINE_BYTES = 64 << 20
+_MESSAGES = ("ready", "progress", "book", "failed")  # what a program may say: Told of load.proto
 
 
 class Programs:
@@ -83,11 +84,13 @@ class Programs:
         except TimeoutError:
             raise GeneratorFailed(f"{self._load.program} said nothing for {timeout_s:g} s") from None
         try:
-            message: dict[str, Any] = json.loads(line)
+            message: Any = json.loads(line)
         except ValueError:
+            message = None
+        if not isinstance(message, dict) or message.keys().isdisjoint(_MESSAGES):
             raise GeneratorFailed(
                 f"{self._load.program} ended without a report, or is no motiongen-load: it said {line[:80]!r}"
-            ) from None
+            )
         if "failed" in message:
             raise GeneratorFailed(message["failed"])
         return message

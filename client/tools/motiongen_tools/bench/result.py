@@ -39,6 +39,7 @@ class Standard:
 class Figures:
     """Of a group or of all, while measuring. missed: frames that were not there when playback needed them.
 
+    miss_ratio: of those that were due; 1 where somebody is there and nothing was due, 0 where nobody is.
     frames_per_s: received; on_time_per_s: frames played when they were due. underruns: times that playback stood still.
     """
 
@@ -79,7 +80,7 @@ class Result:
         return Figures(
             due=round(due),
             missed=round(missed),
-            miss_ratio=missed / due if due else 1.0,
+            miss_ratio=missed / due if due else float(self._has_anyone(group)),
             underruns=round(sums["underruns"]),
             frames_per_s=sums["frames"] / seconds,
             on_time_per_s=max(due - missed, 0.0) / seconds,
@@ -174,6 +175,11 @@ class Result:
                 for (what, group), encoded in sorted(self.recorder.pack().histograms.items())
             },
         }
+
+    def _has_anyone(self, group: str) -> bool:
+        """Whether the load has a character of the group: of few characters, a small share may be none."""
+        groups = self.load.scenario.groups
+        return group == ALL or group in {groups[n].name for n in self.load.scenario.group_indices(self.load.characters)}
 
     @property
     def _measured(self) -> tuple[int, int]:

@@ -24,6 +24,7 @@ from motiongen_client.types import (
 )
 from motiongen_tools.constraint_file import read_constraints
 from motiongen_tools.view.constraint_json import write_constraint
+from motiongen_tools.view.motion_files import FOLDER_PREFIX
 from motiongen_tools.view.pose_fit import Float64, axis_angles, fitted, pose, reached, to_local
 from motiongen_tools.view.script import Target
 from motiongen_tools.view.settled import settled
@@ -56,7 +57,7 @@ def write_constraint_list(targets: Iterable[Target], take: Motion) -> tuple[str,
 
 def read_list(data: bytes, rig: Rig, max_path_frames: int) -> list[Entry]:
     """The constraints of such a list, as messages. Raises InvalidInput."""
-    with tempfile.TemporaryDirectory(prefix="motiongen-view-") as folder:
+    with tempfile.TemporaryDirectory(prefix=FOLDER_PREFIX) as folder:
         path = Path(folder) / "constraints.json"
         path.write_bytes(data)
         found = read_constraints(path, rig, MOST_FRAMES, max_path_frames)

@@ -16,6 +16,8 @@ from motiongen_tools.conversion import convert_file
 from motiongen_tools.npz import read_npz
 
 MAX_BYTES = 64 << 20
+FOLDER_PREFIX = "motiongen-view-"
+"""Of the folders in which files lie while they are read and written."""
 MOST_FRAMES = 20_000
 MOST_HZ = 1000
 MOST_SIGNS = 60
@@ -30,7 +32,7 @@ def read_upload(name: str, data: bytes, rigs: Sequence[Rig]) -> Motion:
     suffixes = "".join(Path(name).suffixes[-2:]).lower().replace("\0", "")[-MOST_SIGNS:]
     if not data or not suffixes:
         raise InvalidInput("file", name or "nothing", "a motion file with a name, such as walk.bvh or walk.npz")
-    with tempfile.TemporaryDirectory(prefix="motiongen-view-") as folder:
+    with tempfile.TemporaryDirectory(prefix=FOLDER_PREFIX) as folder:
         source = Path(folder) / f"motion{suffixes}"
         source.write_bytes(data)
         motion = _read_own(source) if suffixes.endswith(".npz") else None

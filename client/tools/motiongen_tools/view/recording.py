@@ -13,6 +13,7 @@ from motiongen_tools.cli_generate import write_motion
 from motiongen_tools.npz import write_npz
 from motiongen_tools.view.character import Character
 from motiongen_tools.view.constraint_list import write_constraint_list
+from motiongen_tools.view.motion_files import FOLDER_PREFIX
 from motiongen_tools.view.session_file import session_of, write_session
 
 JSON = "application/json"
@@ -48,7 +49,7 @@ async def write_take(
 
 
 def _convert(suffix: str, take: Motion, prompts: str) -> tuple[bytes, list[str]]:
-    with tempfile.TemporaryDirectory(prefix="motiongen-view-") as folder:
+    with tempfile.TemporaryDirectory(prefix=FOLDER_PREFIX) as folder:
         path = Path(folder) / f"take{suffix}"
         warnings: list[str] = []
         if suffix == ".npz":

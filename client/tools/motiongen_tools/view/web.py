@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import asyncio
 import logging
+import re
 from collections.abc import Awaitable, Callable
 from pathlib import Path
 from urllib.parse import quote
@@ -23,7 +24,7 @@ from motiongen_tools.view.bridge import Bridge
 from motiongen_tools.view.browser import Browser
 from motiongen_tools.view.character import Character
 from motiongen_tools.view.constraint_list import moved, read_list
-from motiongen_tools.view.motion_files import MAX_BYTES, read_upload
+from motiongen_tools.view.motion_files import FOLDER_PREFIX, MAX_BYTES, read_upload
 from motiongen_tools.view.page_files import PAGE, content_policy
 from motiongen_tools.view.recording import write_take
 from motiongen_tools.view.session_file import parse_session
@@ -35,6 +36,7 @@ UNKNOWN_ROOM = 4400
 """Close code of one whose room cannot be had. Pages take both as final, and show the reason."""
 MOST_REASON_BYTES = 123
 """Of a close frame; a longer reason is an error of the protocol."""
+_OWN_FILE = re.compile(rf"[^\s'\"]*{FOLDER_PREFIX}\w+/[\w.-]+")
 MOST_HEADER_SIGNS = 800
 MOST_DIGITS = 15
 """Of a frame; Python refuses to read thousands."""
@@ -117,7 +119,7 @@ def web_app(bridge: Bridge, access: Access, three: Path) -> Starlette:
             try:
                 return await answer(request)
             except MotiongenError as error:
-                return JSONResponse({"error": str(error)}, status_code=400)
+                return JSONResponse({"error": _said(error, request)}, status_code=400)
             except ClientDisconnect:
                 return PlainTextResponse("nobody is there any more", status_code=400)
             except Exception:
@@ -138,6 +140,12 @@ def web_app(bridge: Bridge, access: Access, three: Path) -> Starlette:
         ],
         middleware=[Middleware(_Guard, access=access)],
     )
+
+
+def _said(error: MotiongenError, request: Request) -> str:
+    """An error's text, which calls a file by its name on the page: in a folder of ours it lies for the moment only."""
+    name = request.query_params.get("name") or request.path_params.get("name") or "the file"
+    return _OWN_FILE.sub(lambda _: name, str(error))
 
 
 def _frame(text: str) -> int | None:

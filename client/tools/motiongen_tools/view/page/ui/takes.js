@@ -87,7 +87,8 @@ export class Takes extends EventTarget {
     }
     const member = this._cast.one;
     if (!member) throw new Error("no character is chosen that these constraints could be for");
-    const answer = await (await this._send(`constraints/${this._room}/${member.number}`, file)).json();
+    const list = `constraints/${this._room}/${member.number}?name=${encodeURIComponent(file.name)}`;
+    const answer = await (await this._send(list, file)).json();
     note(`${answer.count} constraints of ${file.name}, from now on`);
   }
 

@@ -22,7 +22,7 @@ def across(vectors: Tensor, axis: Tensor) -> Tensor:
 def swing(before: Tensor, after: Tensor) -> Tensor:
     """The least rotation (..., 3, 3) that turns unit vectors `before` into `after` (..., 3).
 
-    None for opposite ones, for which every axis would do.
+    None for opposite ones, for which every axis would do; within a few milliradians of these it is no rotation.
     """
     axis = torch.linalg.cross(before, after)
     cosine = (before * after).sum(-1)[..., None, None]

@@ -5,6 +5,7 @@ from __future__ import annotations
 import asyncio
 import contextlib
 import logging
+import re
 import ssl
 from collections import OrderedDict
 from collections.abc import Callable, Iterator
@@ -22,6 +23,7 @@ from uvicorn.protocols.http.h11_impl import H11Protocol
 from motiongen_server.ops.pace import Pace
 
 LIFE_S = 30.0
+_HEAD_END, _HEAD_END_BYTES = re.compile(rb"\n\r?\n"), 2  # without the last byte: that comes with other data
 MOST_CONNECTIONS = 64
 RENDERINGS_A_SECOND = 5
 """Of the metrics, which take milliseconds; who asks more often gets those of just before."""
@@ -92,14 +94,21 @@ class BoundedConnection(H11Protocol):
     def connection_made(self, transport: asyncio.Transport) -> None:  # type: ignore[override]
         super().connection_made(transport)
         self._end = self.loop.call_later(LIFE_S, transport.abort)
+        self._last, self._has_head = b"", False
         self.open_ones[self] = None
         if len(self.open_ones) > MOST_CONNECTIONS:
             oldest, _ = self.open_ones.popitem(last=False)
             oldest.transport.abort()
 
     def data_received(self, data: bytes) -> None:
+        if self._has_head:
+            return  # a body, which nothing here takes: in chunks of a byte it would cost the event loop half a second
+        known = len(self._last)
+        end = _HEAD_END.search(self._last + data)
+        self._last = (self._last + data)[-_HEAD_END_BYTES:]
+        self._has_head = end is not None
         try:
-            super().data_received(data)
+            super().data_received(data if end is None else data[: end.end() - known])
         except ProtocolError:  # uvicorn's own answer to what is no request, of one that it has begun to answer
             self.transport.abort()
 

@@ -18,6 +18,7 @@ import grpc.aio
 from grpc._cython import cygrpc  # type: ignore[attr-defined]  # which has no stubs
 
 from motiongen_server.rpc.calls.context import SEEN_GONE_S
+from motiongen_server.rpc.calls.headers import HeaderTime, bounded
 
 _NO_NAME = "not read"
 """In the place of a name."""
@@ -65,8 +66,14 @@ def make_server(options: Sequence[tuple[str, int]] = (), most_calls: int | None 
 def serve_methods(
     server: grpc.aio.Server, service: str, handlers: Mapping[str, grpc.RpcMethodHandler[Any, Any]]
 ) -> None:
-    """Serve the methods of a service, before the server is started. service: its full name; handlers: by name."""
-    server.add_registered_method_handlers(service, dict(handlers))
+    """Serve the methods of a service, before the server is started. service: its full name; handlers: by name.
+
+    Calls of them have so many headers at most (`calls.headers`).
+    """
+    header_time = HeaderTime()
+    server.add_registered_method_handlers(
+        service, {name: bounded(handler, header_time) for name, handler in handlers.items()}
+    )
 
 
 @contextlib.contextmanager

@@ -21,3 +21,8 @@ def one_request_expected(num: str) -> StreamRefused:
 def request_too_long(num_bytes: int, most: int) -> StreamRefused:
     message = f"the request has {num_bytes} bytes; at most {most} are allowed here, send a shorter one"
     return StreamRefused(grpc.StatusCode.INVALID_ARGUMENT, "REQUEST_TOO_LONG", message)
+
+
+def headers_too_long(num_bytes: int, most: int) -> StreamRefused:
+    message = f"the call's headers have {num_bytes} bytes, {most} are allowed; heed the server's HTTP/2 settings"
+    return StreamRefused(grpc.StatusCode.INVALID_ARGUMENT, "HEADERS_TOO_LONG", message)

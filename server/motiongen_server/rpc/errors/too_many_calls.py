@@ -32,6 +32,11 @@ def too_many_bad_tokens(wait_s: float) -> StreamRefused:
     return _refused(message, wait_s)
 
 
+def too_many_long_headers(wait_s: float) -> StreamRefused:
+    message = f"calls of your address had more headers than are allowed; ask again in {wait_s:.1f} s"
+    return _refused(message, wait_s)
+
+
 def too_many_calls_open(most: int, kind: str = "") -> StreamRefused:
     """kind: of the peer whose quota it is; "": the server's own limit."""
     whose = f"your {kind} has as many calls open as it may" if kind else "there are as many calls open as there may be"

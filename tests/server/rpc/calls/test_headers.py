@@ -1,0 +1,112 @@
+"""Calls with more headers than any client may send that heeds the server's settings: refused, and paid for."""
+
+from __future__ import annotations
+
+import asyncio
+from collections.abc import AsyncIterator
+from contextlib import asynccontextmanager
+from typing import Any
+
+import grpc
+import grpc.aio
+import pytest
+
+from motiongen_server.errors import StreamRefused
+from motiongen_server.rpc.budgets.loop_time import Clocks
+from motiongen_server.rpc.calls.headers import BYTES_A_HEADER, LOOP_SHARE, MOST_BYTES, HeaderTime
+from motiongen_server.rpc.grpc_server import make_server, serve_methods
+from tests.raw_calls import answer_to, status_in
+from tests.waiting import LIMIT_S
+
+READING_S = 0.25
+HERE, ELSEWHERE = "ipv4:10.0.0.1", "ipv4:10.0.0.2"
+TOO_MANY = (("k", "v"),) * (MOST_BYTES // (BYTES_A_HEADER + 2) + 1)
+AS_MANY_AS_MAY_BE = TOO_MANY[1:]
+
+
+class Called:
+    """A context of gRPC, whose headers take `READING_S` to read where there are many."""
+
+    def __init__(self, clock: list[float], address: str, headers: tuple[tuple[str, str], ...]) -> None:
+        self._clock, self._address, self._headers = clock, address, headers
+        self.num_read = 0
+
+    def peer(self) -> str:
+        return f"{self._address}:55000"
+
+    def invocation_metadata(self) -> tuple[tuple[str, str], ...]:
+        self.num_read += 1
+        if len(self._headers) > len(AS_MANY_AS_MAY_BE):
+            self._clock[0] += READING_S
+        return self._headers
+
+
+@pytest.fixture
+def clock() -> list[float]:
+    return [1000.0]
+
+
+@pytest.fixture
+def header_time(clock: list[float]) -> HeaderTime:
+    return HeaderTime(Clocks(elapsed_s=lambda: clock[0]))
+
+
+def reason(header_time: HeaderTime, call: Called) -> str:
+    with pytest.raises(StreamRefused) as refused:
+        header_time.check(call)
+    return refused.value.reason
+
+
+def test_as_many_headers_as_a_client_may_send_cost_nothing(header_time: HeaderTime, clock: list[float]) -> None:
+    for _ in range(1000):
+        header_time.check(Called(clock, HERE, AS_MANY_AS_MAY_BE))
+    assert header_time.num_addresses == 0
+
+
+def test_what_too_many_took_is_paid_by_their_address_before_any_are_read_again(
+    header_time: HeaderTime, clock: list[float]
+) -> None:
+    assert reason(header_time, Called(clock, HERE, TOO_MANY)) == "HEADERS_TOO_LONG"
+    unread = Called(clock, HERE, TOO_MANY)
+    assert reason(header_time, unread) == "TOO_MANY_CALLS"
+    assert unread.num_read == 0
+    header_time.check(Called(clock, ELSEWHERE, AS_MANY_AS_MAY_BE))
+    clock[0] += READING_S / LOOP_SHARE
+    assert reason(header_time, Called(clock, HERE, TOO_MANY)) == "HEADERS_TOO_LONG"
+
+
+def test_those_that_owe_no_longer_are_forgotten(header_time: HeaderTime, clock: list[float]) -> None:
+    for number in range(100):
+        assert reason(header_time, Called(clock, f"ipv4:10.0.1.{number}", TOO_MANY)) == "HEADERS_TOO_LONG"
+        clock[0] += READING_S / LOOP_SHARE
+    assert header_time.num_addresses == 1
+
+
+@asynccontextmanager
+async def served(reached: list[str]) -> AsyncIterator[int]:
+    """The port of a server, whose method notes that it was reached."""
+
+    async def say(_messages: object, context: Any) -> None:
+        reached.append(context.peer())
+
+    async with asyncio.timeout(LIMIT_S):
+        server = make_server()
+        serve_methods(server, "motiongen.test.Echo", {"Say": grpc.stream_stream_rpc_method_handler(say)})
+        port = server.add_insecure_port("127.0.0.1:0")
+        await server.start()
+        yield port
+        await server.stop(None)
+
+
+async def test_a_client_that_does_not_heed_the_settings_reaches_no_method(caplog: pytest.LogCaptureFixture) -> None:
+    reached: list[str] = []
+    header = (b"k", b"v" * 100)
+    async with served(reached) as port:
+        too_many = await asyncio.to_thread(answer_to, port, b"/motiongen.test.Echo/Say", *[header] * 150)
+        assert status_in(too_many) == grpc.StatusCode.INVALID_ARGUMENT.value[0]
+        assert reached == []
+    async with served(reached) as port:
+        few = await asyncio.to_thread(answer_to, port, b"/motiongen.test.Echo/Say", *[header] * 10)
+        assert status_in(few) == 0
+        assert len(reached) == 1
+    assert not [record for record in caplog.records if record.levelname in ("WARNING", "ERROR")]

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import shutil
+import stat
 import tempfile
 from collections.abc import Iterator
 from contextlib import contextmanager
@@ -17,10 +18,14 @@ def written_whole(path: Path) -> Iterator[Path]:
     it, so two at once leave the file of one of them. A link goes on pointing where it does, a file keeps its mode, and
     what is no file, such as a pipe, is written as it is. Raises OSError.
     """
-    target = path.resolve()
-    if target.exists() and not target.is_file():
-        yield target
+    try:
+        is_file = stat.S_ISREG(path.stat().st_mode)
+    except FileNotFoundError:
+        is_file = True  # it will be one
+    if not is_file:  # by the name that was given: a shell's pipe, /dev/fd/63, resolves to no name that could be opened
+        yield path
         return
+    target = path.resolve()
     try:
         beside = tempfile.TemporaryDirectory(prefix=".motiongen-", dir=target.parent)
     except OSError as error:  # told by the name that was given

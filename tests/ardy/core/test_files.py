@@ -58,6 +58,36 @@ def test_what_is_no_file_is_written_as_it_is(tmp_path: Path) -> None:
     assert (tmp_path / "pipe").is_fifo()
 
 
+def test_a_pipe_that_a_shell_makes_is_written_as_it_is() -> None:
+    reading, writing = os.pipe()
+    with os.fdopen(reading), os.fdopen(writing, "w"):
+        given = Path(f"/dev/fd/{writing}")
+        with written_whole(given) as partial:
+            partial.write_text("new")
+        assert os.read(reading, 10) == b"new"
+
+
+def test_links_in_a_circle_are_told_as_the_system_tells_them(tmp_path: Path) -> None:
+    (tmp_path / "one").symlink_to("other")
+    (tmp_path / "other").symlink_to("one")
+
+    def write() -> None:
+        with written_whole(tmp_path / "one") as partial:
+            partial.write_text("new")
+
+    with pytest.raises(OSError, match="symbolic links"):
+        write()
+    assert (tmp_path / "one").is_symlink()
+
+
+def test_a_link_to_what_is_not_there_yet_makes_it(tmp_path: Path) -> None:
+    (tmp_path / "link").symlink_to("real")
+    with written_whole(tmp_path / "link") as partial:
+        partial.write_text("new")
+    assert (tmp_path / "link").is_symlink()
+    assert (tmp_path / "real").read_text() == "new"
+
+
 def test_a_folder_that_is_not_there_is_told_by_the_name_that_was_given(tmp_path: Path) -> None:
     path = tmp_path / "none" / "walk.npz"
 

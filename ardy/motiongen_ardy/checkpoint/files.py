@@ -105,7 +105,7 @@ def parse_yaml(text: str | bytes, path: Path) -> object:
         try:
             root = loader.get_single_node()
             if root is None:
-                raise CheckpointError(f"{path} is empty; it must describe a model")
+                raise CheckpointError(f"{path} is empty; it must hold named values")
             _check_nodes(root, path)
             return loader.construct_document(root)
         finally:
@@ -113,7 +113,7 @@ def parse_yaml(text: str | bytes, path: Path) -> object:
     except CheckpointError:
         raise
     except RecursionError as error:
-        raise CheckpointError(f"{path} is nested too deeply; a model's configuration has a few levels") from error
+        raise CheckpointError(f"{path} is nested too deeply; a configuration has a few levels") from error
     except (yaml.YAMLError, ValueError, OverflowError, AttributeError, TypeError) as error:
         # besides YAMLError: what PyYAML's own constructors raise for malformed numbers, dates and sets
         raise CheckpointError(f"{path} is not readable YAML: {str(error)[:500]}") from error
@@ -132,7 +132,7 @@ def _check_nodes(root: yaml.Node, path: Path) -> None:
         if nodes < 0 or characters < 0 or depth > MAX_CONFIG_DEPTH:
             raise CheckpointError(
                 f"{path} is too large when its anchors are followed (more than {MAX_CONFIG_NODES} entries, "
-                f"{MAX_CONFIG_CHARACTERS} characters or {MAX_CONFIG_DEPTH} levels); that is not a model configuration"
+                f"{MAX_CONFIG_CHARACTERS} characters or {MAX_CONFIG_DEPTH} levels); that is no configuration"
             )
         if isinstance(node, ScalarNode):
             _check_scalar(node, path)

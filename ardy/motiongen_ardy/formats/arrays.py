@@ -10,6 +10,8 @@ from contextlib import contextmanager
 from pathlib import Path
 
 import numpy as np
+import torch
+from torch import Tensor
 
 from motiongen_ardy.checkpoint.npy import NpyError, read_npy_header
 from motiongen_ardy.formats.bounded import MAX_ARRAY_BYTES
@@ -37,6 +39,19 @@ def read_arrays(path: Path, names: Mapping[str, str], check: Check) -> dict[str,
     with _opened(path) as archive:
         members = _members(path, archive)
         return {name: _read(path, archive, members[name], names[name], check) for name in names if name in members}
+
+
+def as_contacts(path: Path, name: str, values: np.ndarray) -> Tensor:
+    """Whether (T, 4) each foot joint is on the ground: above a half. Raises FormatError for what is not finite."""
+    if not np.isfinite(values).all():
+        raise FormatError(path, f"{name} holds NaN or infinite numbers", "1 is on the ground, 0 is not")
+    return torch.from_numpy(values > 0.5)
+
+
+def as_float32(values: np.ndarray) -> Tensor:
+    """Numbers in float32; what is beyond it becomes infinite, without a word from numpy."""
+    with np.errstate(over="ignore"):
+        return torch.from_numpy(values.astype(np.float32))
 
 
 @contextmanager

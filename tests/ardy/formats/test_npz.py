@@ -111,6 +111,9 @@ def spoiled(array: Any) -> Any:
         (bad(root_positions=lambda a: a[:4]), "different lengths"),
         (bad(root_positions=lambda a: a.astype(complex)), "its type must be one of f"),
         (bad(posed_joints=lambda a: a + 0.1), "not where the bones of core27 put it"),
+        (bad(root_positions=lambda a: a.astype(np.float64) + 1e300), "root positions hold NaN or infinite"),
+        (bad(posed_joints=lambda a: a.astype(np.float64) + 1e300), "not where the bones of core27 put it"),
+        (bad(foot_contacts=lambda a: np.where(np.arange(4) < 3, a, np.nan)), "foot_contacts holds NaN"),
         (bad(text=np.array(["a", "b"])), r"text has shape \(2,\)"),
     ],
 )

@@ -19,6 +19,8 @@ from motiongen_ardy.formats.errors import FormatError, shortened
 
 MAX_MEMBERS = 64
 _HEADER_BYTES = 16_384
+_LAST_CHARACTER = 0x10FFFF
+_SURROGATES = 0xD800, 0xDFFF  # halves of characters in other encodings, which no text can hold alone
 
 Check = Callable[[str, tuple[int, ...]], None]
 
@@ -34,7 +36,8 @@ def read_arrays(path: Path, names: Mapping[str, str], check: Check) -> dict[str,
 
     names: name -> the kinds of type it may have, out of "f" float, "i" and "u" whole, "b" bool, "U" text. check: called
     with name and shape of each array before it is read; raises FormatError for a shape that cannot be. Raises
-    FormatError for a damaged archive, too many or too large members, objects, and headers that lie about the size.
+    FormatError for a damaged archive, too many or too large members, objects, headers that lie about the size, and
+    text of what are no characters.
     """
     with _opened(path) as archive:
         members = _members(path, archive)
@@ -97,7 +100,18 @@ def _read(path: Path, archive: zipfile.ZipFile, entry: zipfile.ZipInfo, kinds: s
             header = read_npy_header(start, kinds)
             check(name, header.shape)
             header.check_size(entry.file_size - start.tell())
-            return header.array(start.read() + file.read())
+            array = header.array(start.read() + file.read())
         except NpyError as error:
             allowed = f"its type must be one of {', '.join(kinds)}, and it must be what numpy.savez writes, whole"
             raise FormatError(path, f"{name} is no array: {error}", allowed) from None
+    if array.dtype.kind == "U":
+        _check_text(path, name, array)
+    return array
+
+
+def _check_text(path: Path, name: str, array: np.ndarray) -> None:
+    """Raise FormatError for what numpy takes for text and Python does not: it fails where it is first looked at."""
+    codes = np.frombuffer(array.tobytes(), np.dtype("u4").newbyteorder(array.dtype.byteorder))
+    bad = codes[(codes > _LAST_CHARACTER) | ((codes >= _SURROGATES[0]) & (codes <= _SURROGATES[1]))]
+    if len(bad):
+        raise FormatError(path, f"{name} has text with the number {int(bad[0]):#x}", "no character has that number")

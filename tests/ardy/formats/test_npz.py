@@ -124,6 +124,25 @@ def test_motion_without_meaning_is_refused(tmp_path: Path, arrays: dict[str, Any
         read_npz(tmp_path / "bad.npz")
 
 
+@pytest.mark.parametrize("order", ["<", ">"])
+@pytest.mark.parametrize("code", [0xD800, 0x110000, 0xFFFFFFFF])
+def test_text_of_what_are_no_characters_is_refused(
+    tmp_path: Path, arrays: dict[str, Any], order: str, code: int
+) -> None:
+    content = np.array([ord("a"), code], f"{order}u4").tobytes()
+    arrays["text"] = np.frombuffer(content, f"{order}U2").reshape(())
+    np.savez(tmp_path / "odd.npz", **arrays)
+    with pytest.raises(FormatError, match=f"text has text with the number {code:#x}"):
+        read_npz(tmp_path / "odd.npz")
+
+
+@pytest.mark.parametrize("text", ["", "a \U0001f9cd walks, \u00fc"])
+def test_any_text_comes_back_in_either_order_of_bytes(tmp_path: Path, arrays: dict[str, Any], text: str) -> None:
+    arrays["text"] = np.asarray(text, f">U{max(1, len(text))}")
+    np.savez(tmp_path / "other.npz", **arrays)
+    assert read_npz(tmp_path / "other.npz").text == text
+
+
 class Trap:
     """A pickle that would write a file on being read."""
 

@@ -91,6 +91,11 @@ def test_a_long_text_is_kept_whole_or_refused(tmp_path: Path) -> None:
         stored(local, root, text="x" * (MAX_TEXT_LENGTH + 1))
 
 
+def test_a_text_that_no_file_can_hold_is_refused() -> None:
+    with pytest.raises(FormatError, match="half of a surrogate pair, '.ud83e'; give whole characters"):
+        stored(WALK.motion.local_rotations, WALK.motion.root_positions, text="waves \ud83e")
+
+
 @pytest.mark.parametrize("suffix", [".csv", ".controller.csv"])
 def test_a_skeleton_that_a_file_cannot_have_is_refused(tmp_path: Path, suffix: str) -> None:
     path = tmp_path / f"walk{suffix}"

@@ -92,7 +92,7 @@ def test_a_long_text_is_kept_whole_or_refused(tmp_path: Path) -> None:
 
 
 def test_a_text_that_no_file_can_hold_is_refused() -> None:
-    with pytest.raises(FormatError, match="half of a surrogate pair, '.ud83e'; give whole characters"):
+    with pytest.raises(FormatError, match=r"half of a surrogate pair, '.ud83e'; give whole characters"):
         stored(WALK.motion.local_rotations, WALK.motion.root_positions, text="waves \ud83e")
 
 

@@ -16,14 +16,20 @@ def written_whole(path: Path) -> Iterator[Path]:
 
     Where something is raised meanwhile, what was at `path` stays as it was. Each writer has a folder of its own for
     it, so two at once leave the file of one of them. A link goes on pointing where it does, a file keeps its mode, and
-    what is no file, such as a pipe, is written as it is. Raises OSError.
+    what is no file, such as a pipe, stays what it is and is given everything at the end. Raises OSError.
     """
     try:
         is_file = stat.S_ISREG(path.stat().st_mode)
     except FileNotFoundError:
         is_file = True  # it will be one
-    if not is_file:  # by the name that was given: a shell's pipe, /dev/fd/63, resolves to no name that could be opened
-        yield path
+    if not is_file:
+        # By the name that was given: a shell's pipe, /dev/fd/63, resolves to no name that could be opened. And opened
+        # here: a library that replaces what it is told to write would put a file in the place of /dev/null.
+        with tempfile.TemporaryDirectory(prefix="motiongen-") as folder:
+            partial = Path(folder) / path.name
+            yield partial
+            with partial.open("rb") as source, path.open("wb") as sink:
+                shutil.copyfileobj(source, sink)
         return
     target = path.resolve()
     try:

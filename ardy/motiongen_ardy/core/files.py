@@ -15,8 +15,9 @@ def written_whole(path: Path) -> Iterator[Path]:
     """Where to write what shall be at `path`: a file of its name beside it, which takes its place once it is written.
 
     Where something is raised meanwhile, what was at `path` stays as it was. Each writer has a folder of its own for
-    it, so two at once leave the file of one of them. A link goes on pointing where it does, a file keeps its mode, and
-    what is no file, such as a pipe, stays what it is and is given everything at the end. Raises OSError.
+    it, so two at once leave the file of one of them. A link goes on pointing where it does, a file keeps its mode, a
+    new one has the usual one, and what is no file, such as a pipe, stays what it is and is given everything at the end.
+    Raises OSError.
     """
     try:
         is_file = stat.S_ISREG(path.stat().st_mode)
@@ -38,7 +39,12 @@ def written_whole(path: Path) -> Iterator[Path]:
         raise OSError(error.errno, error.strerror, str(path)) from None
     with beside as folder:
         partial = Path(folder) / target.name
+        partial.touch()
+        usual = partial.stat().st_mode
+        partial.unlink()
         yield partial
-        if target.exists():
-            shutil.copymode(target, partial)
+        # Of a new one, too: what libraries write, such as that of safetensors, is for their user's eyes alone.
+        mode = target.stat().st_mode if target.exists() else usual
+        if mode != partial.stat().st_mode:  # there are file systems that know of none
+            partial.chmod(stat.S_IMODE(mode))
         partial.replace(target)

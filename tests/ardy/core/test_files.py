@@ -51,6 +51,13 @@ def test_a_link_goes_on_pointing_and_a_file_keeps_its_mode(tmp_path: Path) -> No
     assert (tmp_path / "real").stat().st_mode & 0o777 == 0o600
 
 
+def test_a_new_file_has_the_usual_mode_whoever_writes_it(tmp_path: Path) -> None:
+    (tmp_path / "usual").touch()
+    with written_whole(tmp_path / "new") as partial:
+        partial.touch(0o600)  # as the library of safetensors makes them
+    assert (tmp_path / "new").stat().st_mode == (tmp_path / "usual").stat().st_mode
+
+
 def test_what_is_no_file_is_written_and_stays_what_it_is(tmp_path: Path) -> None:
     """Also by a library that puts another file in the place of what it is to write, as that of safetensors does."""
     pipe = tmp_path / "pipe"

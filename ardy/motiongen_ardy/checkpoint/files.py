@@ -7,7 +7,7 @@ import math
 import stat
 import struct
 from collections import Counter
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path, PurePosixPath
 from typing import TYPE_CHECKING, Any
@@ -30,6 +30,9 @@ MAX_INTEGER_CHARACTERS = 64
 INTEGER_TAG = "tag:yaml.org,2002:int"
 MAX_HEADER_BYTES = 1 << 20
 WEIGHT_TYPES = {"F64": torch.float64, "F32": torch.float32, "F16": torch.float16, "BF16": torch.bfloat16}
+OTHER_TYPES = {"BOOL": 1, "U8": 1, "I8": 1, "F8_E4M3": 1, "F8_E5M2": 1, "U16": 2, "I16": 2, "U32": 4, "I32": 4,
+               "U64": 8, "I64": 8}  # fmt: skip
+"""Of tensors that are nobody's weights and may lie beside them: bytes of a number."""
 
 
 class CheckpointError(Problems):
@@ -226,6 +229,15 @@ class TensorFile:
             raise CheckpointError([f"{self.path}: {problem}" for problem in problems])
         return entries
 
+    def require_weights(self, names: Iterable[str]) -> None:
+        """Raise CheckpointError for those of the named tensors that are of a type that no weights have."""
+        odd = [name for name in names if self.entries[name].dtype not in WEIGHT_TYPES]
+        if odd:
+            allowed = f"weights must be one of {', '.join(WEIGHT_TYPES)}"
+            raise CheckpointError(
+                [f"{self.path}: {name[:200]!r} has the type {self.entries[name].dtype!r}; {allowed}" for name in odd]
+            )
+
     def read(self, wanted: Mapping[str, torch.dtype]) -> dict[str, Tensor]:
         """The named tensors, each as the given floating-point type. Raises CheckpointError if the file has shrunk."""
         tensors: dict[str, Tensor] = {}
@@ -251,13 +263,13 @@ def _tensor_entry(fields: object) -> TensorEntry | str:
     if not isinstance(fields, dict) or fields.keys() != {"dtype", "shape", "data_offsets"}:
         return "is not described by dtype, shape and data_offsets"
     dtype, shape, offsets = fields["dtype"], fields["shape"], fields["data_offsets"]
-    if not isinstance(dtype, str) or dtype not in WEIGHT_TYPES:
+    if not isinstance(dtype, str) or dtype not in WEIGHT_TYPES.keys() | OTHER_TYPES.keys():
         return f"has the type {str(dtype)[:40]!r}; weights must be one of {', '.join(WEIGHT_TYPES)}"
     if not _counts(shape) or len(shape) > 8:
         return f"has the shape {str(shape)[:80]}"
     if not _counts(offsets) or len(offsets) != 2:
         return f"has the data_offsets {str(offsets)[:80]}"
-    needed = math.prod(shape) * WEIGHT_TYPES[dtype].itemsize
+    needed = math.prod(shape) * (OTHER_TYPES[dtype] if dtype in OTHER_TYPES else WEIGHT_TYPES[dtype].itemsize)
     if offsets[1] - offsets[0] != needed:
         return f"lies in bytes {offsets[0]} to {offsets[1]}, but {dtype} {tuple(shape)} takes {needed}"
     return TensorEntry(dtype, tuple(shape), offsets[0], offsets[1])

@@ -222,6 +222,7 @@ def _prepare(
             problems.append(f"{name[:200]!r} and {stored[ours][:200]!r} are both {ours[:200]!r}")
         elif ours is not None:
             stored[ours] = name
+    file.require_weights(stored.values())
     expected = {name: tuple(tensor.shape) for name, tensor in module.state_dict().items()}
     for name in sorted(expected.keys() | stored.keys()):
         shape = file.entries[stored[name]].shape if name in stored else None

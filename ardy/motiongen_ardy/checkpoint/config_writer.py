@@ -12,8 +12,11 @@ from motiongen_ardy.checkpoint.config import (
     SKELETON_CLASSES,
     TOKENIZER_CLASSES,
     TOKENIZER_FILE,
+    read_model_config,
+    read_tokenizer_config,
 )
 from motiongen_ardy.model.config import (
+    ConfigError,
     DenoiserConfig,
     ModelConfig,
     TokenizerConfig,
@@ -24,7 +27,9 @@ FOLDER = "${oc.select:checkpoint_dir}"
 
 
 def write_model_config(config: ModelConfig) -> dict[str, Any]:
-    """The mapping to write as `config.yaml`, such that `read_model_config` returns `config` again."""
+    """The mapping to write as `config.yaml`, such that `read_model_config` returns `config` again, but for its dropout,
+    which counts in training alone. Raises ConfigError for a skeleton of which there are no checkpoints.
+    """
     motion_rep = _write_motion_rep(config.skeleton, config.fps)
     guidance = {name: key for key, name in GUIDANCE_TYPES.items()}[config.guidance]
     content: dict[str, Any] = {
@@ -41,12 +46,25 @@ def write_model_config(config: ModelConfig) -> dict[str, Any]:
 
 
 def write_tokenizer_config(config: TokenizerConfig, skeleton: str, fps: int) -> dict[str, Any]:
-    """The mapping that `read_tokenizer_config` reads."""
+    """The mapping that `read_tokenizer_config` reads. Raises as `write_model_config` does."""
     return {"autoencoder": _write_tokenizer(config) | {"motion_rep": _write_motion_rep(skeleton, fps)}}
 
 
+def check_model_config(config: ModelConfig) -> None:
+    """Raise ConfigError for a model whose checkpoint could not be written or read: before it is trained for hours."""
+    read_model_config(write_model_config(config))
+
+
+def check_tokenizer_config(config: TokenizerConfig, skeleton: str, fps: int) -> None:
+    """As `check_model_config`, of a tokenizer alone."""
+    read_tokenizer_config(write_tokenizer_config(config, skeleton, fps))
+
+
 def _write_motion_rep(skeleton: str, fps: int) -> dict[str, Any]:
-    name = {ours: theirs for theirs, ours in SKELETON_CLASSES.items()}[skeleton]
+    name = {ours: theirs for theirs, ours in SKELETON_CLASSES.items()}.get(skeleton)
+    if name is None:
+        known = ", ".join(SKELETON_CLASSES.values())
+        raise ConfigError(f"no checkpoint holds a model of the skeleton {skeleton}; give motion of {known}")
     return {
         "_target_": "ardy.motion_rep.ArdyMotionRep",
         "fps": fps,

@@ -7,7 +7,7 @@ import math
 import stat
 import struct
 from collections import Counter
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path, PurePosixPath
 from typing import TYPE_CHECKING, Any
@@ -30,6 +30,9 @@ MAX_INTEGER_CHARACTERS = 64
 INTEGER_TAG = "tag:yaml.org,2002:int"
 MAX_HEADER_BYTES = 1 << 20
 WEIGHT_TYPES = {"F64": torch.float64, "F32": torch.float32, "F16": torch.float16, "BF16": torch.bfloat16}
+OTHER_TYPES = {"BOOL": 1, "U8": 1, "I8": 1, "F8_E4M3": 1, "F8_E5M2": 1, "U16": 2, "I16": 2, "U32": 4, "I32": 4,
+               "U64": 8, "I64": 8}  # fmt: skip
+"""Of tensors that are nobody's weights and may lie beside them: bytes of a number."""
 
 
 class CheckpointError(Problems):
@@ -105,7 +108,7 @@ def parse_yaml(text: str | bytes, path: Path) -> object:
         try:
             root = loader.get_single_node()
             if root is None:
-                raise CheckpointError(f"{path} is empty; it must describe a model")
+                raise CheckpointError(f"{path} is empty; it must hold named values")
             _check_nodes(root, path)
             return loader.construct_document(root)
         finally:
@@ -113,7 +116,7 @@ def parse_yaml(text: str | bytes, path: Path) -> object:
     except CheckpointError:
         raise
     except RecursionError as error:
-        raise CheckpointError(f"{path} is nested too deeply; a model's configuration has a few levels") from error
+        raise CheckpointError(f"{path} is nested too deeply; a configuration has a few levels") from error
     except (yaml.YAMLError, ValueError, OverflowError, AttributeError, TypeError) as error:
         # besides YAMLError: what PyYAML's own constructors raise for malformed numbers, dates and sets
         raise CheckpointError(f"{path} is not readable YAML: {str(error)[:500]}") from error
@@ -132,7 +135,7 @@ def _check_nodes(root: yaml.Node, path: Path) -> None:
         if nodes < 0 or characters < 0 or depth > MAX_CONFIG_DEPTH:
             raise CheckpointError(
                 f"{path} is too large when its anchors are followed (more than {MAX_CONFIG_NODES} entries, "
-                f"{MAX_CONFIG_CHARACTERS} characters or {MAX_CONFIG_DEPTH} levels); that is not a model configuration"
+                f"{MAX_CONFIG_CHARACTERS} characters or {MAX_CONFIG_DEPTH} levels); that is no configuration"
             )
         if isinstance(node, ScalarNode):
             _check_scalar(node, path)
@@ -226,6 +229,15 @@ class TensorFile:
             raise CheckpointError([f"{self.path}: {problem}" for problem in problems])
         return entries
 
+    def require_weights(self, names: Iterable[str]) -> None:
+        """Raise CheckpointError for those of the named tensors that are of a type that no weights have."""
+        odd = [name for name in names if self.entries[name].dtype not in WEIGHT_TYPES]
+        if odd:
+            allowed = f"weights must be one of {', '.join(WEIGHT_TYPES)}"
+            raise CheckpointError(
+                [f"{self.path}: {name[:200]!r} has the type {self.entries[name].dtype!r}; {allowed}" for name in odd]
+            )
+
     def read(self, wanted: Mapping[str, torch.dtype]) -> dict[str, Tensor]:
         """The named tensors, each as the given floating-point type. Raises CheckpointError if the file has shrunk."""
         tensors: dict[str, Tensor] = {}
@@ -251,13 +263,13 @@ def _tensor_entry(fields: object) -> TensorEntry | str:
     if not isinstance(fields, dict) or fields.keys() != {"dtype", "shape", "data_offsets"}:
         return "is not described by dtype, shape and data_offsets"
     dtype, shape, offsets = fields["dtype"], fields["shape"], fields["data_offsets"]
-    if not isinstance(dtype, str) or dtype not in WEIGHT_TYPES:
+    if not isinstance(dtype, str) or dtype not in WEIGHT_TYPES.keys() | OTHER_TYPES.keys():
         return f"has the type {str(dtype)[:40]!r}; weights must be one of {', '.join(WEIGHT_TYPES)}"
     if not _counts(shape) or len(shape) > 8:
         return f"has the shape {str(shape)[:80]}"
     if not _counts(offsets) or len(offsets) != 2:
         return f"has the data_offsets {str(offsets)[:80]}"
-    needed = math.prod(shape) * WEIGHT_TYPES[dtype].itemsize
+    needed = math.prod(shape) * (OTHER_TYPES[dtype] if dtype in OTHER_TYPES else WEIGHT_TYPES[dtype].itemsize)
     if offsets[1] - offsets[0] != needed:
         return f"lies in bytes {offsets[0]} to {offsets[1]}, but {dtype} {tuple(shape)} takes {needed}"
     return TensorEntry(dtype, tuple(shape), offsets[0], offsets[1])

@@ -33,6 +33,7 @@ def read_paces(path: Path, text_dim: int) -> PromptPaces:
     file = TensorFile(path)
     if file.entries.keys() != _SHAPES.keys():
         raise CheckpointError(f"{path} holds {', '.join(sorted(file.entries))[:200]}; give {', '.join(_SHAPES)}")
+    file.require_weights(_SHAPES)
     sizes = {"W": text_dim, "2": 2}
     for name, letters in _SHAPES.items():
         shape = file.entries[name].shape

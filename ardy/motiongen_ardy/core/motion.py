@@ -33,6 +33,11 @@ class Motion:
         """World joint positions (..., T, J, 3), metres."""
         return forward_kinematics(skeleton, self.local_rotations, self.root_positions)[1]
 
+    def on_host(self) -> Motion:
+        """The same on the processor, without a graph behind it."""
+        parts = (self.local_rotations, self.root_positions, self.foot_contacts)
+        return Motion(*(part.detach().cpu() for part in parts), self.fps)
+
     def frames(self, first: int, end: int) -> Motion:
         """The frames first..end-1."""
         return Motion(

@@ -41,13 +41,14 @@ class Residual:
 def residuals(motion: Motion, constraints: Iterable[Targets], first_frame: int = 0) -> list[Residual]:
     """The residual of each constraint, given as its targets, in the order of `constraints`.
 
-    motion: (T) of the targets' skeleton, its row 0 being frame first_frame. Each is measured alone: what a later
-    constraint overrides counts all the same.
+    motion: (T) of the targets' skeleton, on any device, its row 0 being frame first_frame. Each is measured alone: what
+    a later constraint overrides counts all the same.
     """
     posed: tuple[Tensor, Tensor] | None = None
     measured = []
     for targets in constraints:
         if posed is None:
+            motion = motion.on_host()  # where targets are
             local, root = motion.local_rotations.double(), motion.root_positions.double()
             posed = forward_kinematics(targets.skeleton, local, root)
         measured.append(_residual(targets, *posed, first_frame))

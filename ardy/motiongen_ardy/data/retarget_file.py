@@ -6,6 +6,7 @@ is reported once, by its place in the file, and not for every clip.
 
 from __future__ import annotations
 
+import math
 from collections.abc import Mapping
 from importlib import resources
 from importlib.resources.abc import Traversable
@@ -13,8 +14,8 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
-import yaml
 
+from motiongen_ardy.checkpoint.files import CheckpointError, parse_yaml
 from motiongen_ardy.core.skeleton import Skeleton, UnknownSkeleton, load_skeleton
 from motiongen_ardy.data.retarget_rules import (
     FillRule,
@@ -46,11 +47,11 @@ def built_in_retargets() -> tuple[Retarget, ...]:
 def read_retarget(path: Path | Traversable) -> Retarget:
     """Read and check a retarget file. Raises RetargetError."""
     try:
-        document = yaml.safe_load(path.read_text(encoding="utf-8"))
-    except (OSError, UnicodeDecodeError) as error:
+        document = parse_yaml(path.read_bytes(), Path(str(path)))
+    except OSError as error:
         raise RetargetError(f"{path}: cannot be read: {error}") from error
-    except yaml.YAMLError as error:
-        raise RetargetError(f"{path}: not YAML: {error}") from error
+    except CheckpointError as error:
+        raise RetargetError(str(error)) from error
     return _Reader(str(path)).retarget(document)
 
 
@@ -80,7 +81,7 @@ class _Reader:
         return value
 
     def number(self, value: Any, place: str) -> float:
-        if isinstance(value, bool) or not isinstance(value, int | float) or not np.isfinite(value):
+        if isinstance(value, bool) or not isinstance(value, int | float) or not math.isfinite(value):
             raise self.error(place, f"expected a number; found {value!r}")
         return float(value)
 
@@ -191,7 +192,10 @@ class _Reader:
                 raise self.error(f"{place}.between", f"expected two joints; found {len(ends)}")
             for end in ends:
                 self.one_of(end, tuple(joints), "joint with a source", f"{place}.between")
-            between[name] = FillRule(ends[0], ends[1], self.number(section["fraction"], f"{place}.fraction"))
+            fraction = self.number(section["fraction"], f"{place}.fraction")
+            if not 0 <= fraction <= 1:
+                raise self.error(f"{place}.fraction", f"must be 0..1; found {fraction}")
+            between[name] = FillRule(ends[0], ends[1], fraction)
         missing = [name for name in skeleton.joint_names if name not in joints.keys() | between.keys() | identity]
         if missing:
             raise self.error("fill", f"joints with neither a source nor a fill rule: {', '.join(missing)}")
@@ -209,10 +213,12 @@ class _Reader:
         for key in ("from", "to"):
             if not isinstance(section[key], list) or not section[key]:
                 raise self.error(f"root.scale.{key}", f"expected a list of chains; found {section[key]!r}")
-        return LegScale(
-            tuple(self.words(chain, "root.scale.from") for chain in section["from"]),
-            tuple(self.target_joints(chain, skeleton, "root.scale.to") for chain in section["to"]),
-        )
+        source = tuple(self.words(chain, "root.scale.from") for chain in section["from"])
+        target = tuple(self.target_joints(chain, skeleton, "root.scale.to") for chain in section["to"])
+        for key, chains in (("from", source), ("to", target)):
+            if any(len(chain) < 2 for chain in chains):
+                raise self.error(f"root.scale.{key}", "a chain of one joint has no length; name two or more")
+        return LegScale(source, target)
 
     def ground(self, value: Any, skeleton: Skeleton, values: tuple[str, ...]) -> FixedGround | MeasuredGround:
         known = ("source_height", "lowest_of", "percentile", "height")

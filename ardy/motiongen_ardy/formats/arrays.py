@@ -10,6 +10,8 @@ from contextlib import contextmanager
 from pathlib import Path
 
 import numpy as np
+import torch
+from torch import Tensor
 
 from motiongen_ardy.checkpoint.npy import NpyError, read_npy_header
 from motiongen_ardy.formats.bounded import MAX_ARRAY_BYTES
@@ -17,6 +19,8 @@ from motiongen_ardy.formats.errors import FormatError, shortened
 
 MAX_MEMBERS = 64
 _HEADER_BYTES = 16_384
+_LAST_CHARACTER = 0x10FFFF
+_SURROGATES = 0xD800, 0xDFFF  # halves of characters in other encodings, which no text can hold alone
 
 Check = Callable[[str, tuple[int, ...]], None]
 
@@ -32,11 +36,25 @@ def read_arrays(path: Path, names: Mapping[str, str], check: Check) -> dict[str,
 
     names: name -> the kinds of type it may have, out of "f" float, "i" and "u" whole, "b" bool, "U" text. check: called
     with name and shape of each array before it is read; raises FormatError for a shape that cannot be. Raises
-    FormatError for a damaged archive, too many or too large members, objects, and headers that lie about the size.
+    FormatError for a damaged archive, too many or too large members, objects, headers that lie about the size, and
+    text of what are no characters.
     """
     with _opened(path) as archive:
         members = _members(path, archive)
         return {name: _read(path, archive, members[name], names[name], check) for name in names if name in members}
+
+
+def as_contacts(path: Path, name: str, values: np.ndarray) -> Tensor:
+    """Whether (T, 4) each foot joint is on the ground: above a half. Raises FormatError for what is not finite."""
+    if not np.isfinite(values).all():
+        raise FormatError(path, f"{name} holds NaN or infinite numbers", "1 is on the ground, 0 is not")
+    return torch.from_numpy(values > 0.5)
+
+
+def as_float32(values: np.ndarray) -> Tensor:
+    """Numbers in float32; what is beyond it becomes infinite, without a word from numpy."""
+    with np.errstate(over="ignore"):
+        return torch.from_numpy(values.astype(np.float32))
 
 
 @contextmanager
@@ -82,7 +100,18 @@ def _read(path: Path, archive: zipfile.ZipFile, entry: zipfile.ZipInfo, kinds: s
             header = read_npy_header(start, kinds)
             check(name, header.shape)
             header.check_size(entry.file_size - start.tell())
-            return header.array(start.read() + file.read())
+            array = header.array(start.read() + file.read())
         except NpyError as error:
             allowed = f"its type must be one of {', '.join(kinds)}, and it must be what numpy.savez writes, whole"
             raise FormatError(path, f"{name} is no array: {error}", allowed) from None
+    if array.dtype.kind == "U":
+        _check_text(path, name, array)
+    return array
+
+
+def _check_text(path: Path, name: str, array: np.ndarray) -> None:
+    """Raise FormatError for what numpy takes for text and Python does not: it fails where it is first looked at."""
+    codes = np.frombuffer(array.tobytes(), np.dtype("u4").newbyteorder(array.dtype.byteorder))
+    bad = codes[(codes > _LAST_CHARACTER) | ((codes >= _SURROGATES[0]) & (codes <= _SURROGATES[1]))]
+    if len(bad):
+        raise FormatError(path, f"{name} has text with the number {int(bad[0]):#x}", "no character has that number")

@@ -32,7 +32,7 @@ def write_bvh(path: Path, stored: StoredMotion, units_per_metre: float = 100.0) 
     angles = np.degrees(euler_zxy(as_array(motion.local_rotations)))
     root = as_array(motion.root_positions) * units_per_metre
     order: list[int] = []
-    with written_whole(path) as partial, partial.open("w", encoding="ascii", newline="\n") as file:
+    with written_whole(path) as partial, partial.open("w", encoding="utf-8", newline="\n") as file:
         file.write("HIERARCHY\n")
         _write_joint(file, skeleton, 0, 0, units_per_metre, order)
         file.write(f"MOTION\nFrames: {motion.num_frames}\nFrame Time: {1 / motion.fps:.8f}\n")

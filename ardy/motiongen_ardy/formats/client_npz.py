@@ -12,7 +12,7 @@ import torch
 
 from motiongen_ardy.core.rotation import quaternion_to_matrix
 from motiongen_ardy.core.skeleton import Skeleton
-from motiongen_ardy.formats.arrays import read_arrays
+from motiongen_ardy.formats.arrays import as_contacts, read_arrays
 from motiongen_ardy.formats.bounded import MAX_FRAMES
 from motiongen_ardy.formats.errors import FormatError, shortened
 from motiongen_ardy.formats.stored import StoredMotion, from_pose, skeleton_with, whole_fps
@@ -59,6 +59,6 @@ def read_client_npz(path: Path, skeleton: Skeleton | None = None) -> StoredMotio
         raise FormatError(path, f"{MARK} are not all of length 1", "give unit quaternions w, x, y, z")
     rotations = quaternion_to_matrix(quaternions[:, [names.index(name) for name in skeleton.joint_names]])
     root = torch.from_numpy(arrays["root_translation_m"].astype(np.float64))
-    contacts = torch.from_numpy(arrays["foot_contact"] > 0.5)
+    contacts = as_contacts(path, "foot_contact", arrays["foot_contact"])
     fps = whole_fps(path, float(arrays["frame_rate_hz"]))
     return from_pose(skeleton, rotations, root, fps, source=path, contacts=contacts)

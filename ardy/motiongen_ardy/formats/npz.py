@@ -14,7 +14,7 @@ import torch
 from motiongen_ardy.core.files import written_whole
 from motiongen_ardy.core.representation import heading_angle
 from motiongen_ardy.core.skeleton import Skeleton, forward_kinematics
-from motiongen_ardy.formats.arrays import read_arrays
+from motiongen_ardy.formats.arrays import as_contacts, as_float32, read_arrays
 from motiongen_ardy.formats.bounded import MAX_FRAMES
 from motiongen_ardy.formats.errors import FormatError
 from motiongen_ardy.formats.stored import StoredMotion, as_array, from_pose, skeleton_of_size, whole_fps
@@ -65,17 +65,19 @@ def read_npz(path: Path, skeleton: Skeleton | None = None) -> StoredMotion:
         if name not in arrays:
             raise FormatError(path, f"{name} is missing", f"the file has {', '.join(arrays) or 'none of the names'}")
     text = str(arrays["text"]) if "text" in arrays else ""
-    rotations = torch.from_numpy(arrays["local_rot_mats"].astype(np.float32))
-    root = torch.from_numpy(arrays["root_positions"].astype(np.float32))
+    rotations = as_float32(arrays["local_rot_mats"])
+    root = as_float32(arrays["root_positions"])
     skeleton = skeleton_of_size(path, rotations.shape[1], skeleton)
-    contacts = torch.from_numpy(arrays["foot_contacts"] > 0.5) if "foot_contacts" in arrays else None
+    contacts = None
+    if "foot_contacts" in arrays:
+        contacts = as_contacts(path, "foot_contacts", arrays["foot_contacts"])
     fps = whole_fps(path, float(arrays["fps"]))
     lengths = {name: len(arrays[name]) for name in arrays if arrays[name].ndim}
     if len(set(lengths.values())) > 1:
         raise FormatError(path, f"arrays of different lengths: {lengths}", "every array has one entry a frame")
     stored = from_pose(skeleton, rotations, root, fps, source=path, text=text, contacts=contacts)
     if "posed_joints" in arrays:
-        _check_positions(path, stored, torch.from_numpy(arrays["posed_joints"].astype(np.float32)))
+        _check_positions(path, stored, as_float32(arrays["posed_joints"]))
     return stored
 
 

@@ -25,8 +25,8 @@ _BELOW_WHOLE, _ABOVE_WHOLE = 5e-4, 1.1e-3
 class StoredMotion:
     """One motion (T frames, no batch) with its skeleton, and the text it was made from where known.
 
-    Raises FormatError for shapes that do not agree, numbers that are not finite, matrices that are no rotations, and
-    texts of more than a million characters.
+    Raises FormatError for shapes that do not agree, numbers that are not finite, matrices that are no rotations,
+    texts of more than a million characters, and texts with half of a surrogate pair.
     """
 
     skeleton: Skeleton
@@ -52,6 +52,11 @@ class StoredMotion:
             raise FormatError(self.source, f"{motion.fps} frames a second", f"give a whole number of 1 to {MAX_FPS}")
         if len(self.text) > MAX_TEXT_LENGTH:
             raise FormatError(self.source, f"a text of {len(self.text)} characters", f"give {MAX_TEXT_LENGTH} at most")
+        try:
+            self.text.encode()
+        except UnicodeEncodeError as error:
+            given = f"a text with half of a surrogate pair, {self.text[error.start]!r}"
+            raise FormatError(self.source, given, "give whole characters, which every file can hold") from None
         check_rotations(self.source, motion.local_rotations)
 
     def positions(self) -> Tensor:

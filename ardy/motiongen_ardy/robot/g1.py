@@ -135,7 +135,7 @@ def hinge_angles(local_rotations: Tensor) -> Tensor:
 
 
 def motion_to_qpos(motion: Motion) -> Tensor:
-    """Qpos (T, 36) float64 of a motion of the skeleton g134.
+    """Qpos (T, 36) float64, on the processor, of a motion of the skeleton g134 on any device.
 
     Each angle is that of the rotation about the hinge's axis nearest to the joint's rotation: exact for a rotation
     about that axis; what else a joint does is lost (`lost_rotation` says how much). In (-pi, pi], not clamped.
@@ -145,6 +145,7 @@ def motion_to_qpos(motion: Motion) -> Tensor:
     num_joints = motion.local_rotations.shape[-3]
     if num_joints != robot.skeleton.num_joints:
         raise RobotError(f"the motion has {num_joints} joints; qpos is of {robot.skeleton.name}, which has 34")
+    motion = motion.on_host()
     angles = hinge_angles(motion.local_rotations)
     root = TO_ROBOT @ motion.local_rotations.double()[..., 0, :, :] @ TO_ROBOT.T
     position = motion.root_positions.double() @ TO_ROBOT.T
@@ -154,7 +155,7 @@ def motion_to_qpos(motion: Motion) -> Tensor:
 def lost_rotation(motion: Motion, qpos: Tensor) -> Tensor:
     """Radians (T, 34) by which each joint's rotation differs from what qpos (T, 36) makes it, 0 for the root."""
     kept = qpos_to_local_rotations(qpos)
-    difference = kept.transpose(-1, -2) @ motion.local_rotations.double()
+    difference = kept.transpose(-1, -2) @ motion.on_host().local_rotations.double()
     lost = rotation_vector(difference).norm(dim=-1)
     return torch.cat([torch.zeros_like(lost[..., :1]), lost[..., 1:]], dim=-1)
 

@@ -28,7 +28,7 @@ def history_from_qpos(
     frames = resample_qpos(newest_first, rate_hz, layout.fps)
     available = len(frames) if max_frames is None else min(len(frames), max_frames)
     length = available // patch * patch
-    if length == 0:
+    if length <= 0:
         raise RobotError(
             f"{len(qpos)} rows at {rate_hz:g} Hz are {len(frames)} frames at the model's {layout.fps} a second"
             f"{'' if max_frames is None else f', of which {max_frames} may be used'}; give {patch} or more"

@@ -107,9 +107,12 @@ def resample_qpos(qpos: Tensor, from_hz: float, to_hz: float) -> Tensor:
             raise RobotError(f"the rate is {rate} Hz; give one above 0 and up to {MAX_RATE_HZ:.0f}")
     if from_hz == to_hz:
         return qpos
-    count = resampled_length(len(qpos), from_hz, to_hz)
+    spans = (len(qpos) - 1) * to_hz / from_hz  # infinite of a rate that is next to nothing
+    count = resampled_length(len(qpos), from_hz, to_hz) if math.isfinite(spans) else spans
     if count > MAX_ROWS:
         raise RobotError(f"{len(qpos)} rows at {from_hz:g} Hz are {count} at {to_hz:g} Hz; {MAX_ROWS} at most are made")
+    if count == 1:
+        return qpos[:1]
     at = torch.arange(count, dtype=torch.float64, device=qpos.device) * (from_hz / to_hz)
     # The tiny step keeps a row that lies on a source row from landing just before it.
     first = (at + 1e-6).long().clamp(max=len(qpos) - 1)

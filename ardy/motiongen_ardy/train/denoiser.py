@@ -17,6 +17,7 @@ import torch
 from torch import nn
 
 from motiongen_ardy.checkpoint.checkpoint import load_checkpoint, load_tokenizer, save_checkpoint
+from motiongen_ardy.checkpoint.config_writer import check_model_config
 from motiongen_ardy.data.dataset import MotionDataset
 from motiongen_ardy.model.config import ConfigError, DenoiserConfig, ModelConfig
 from motiongen_ardy.model.denoiser import build_denoiser
@@ -95,6 +96,7 @@ def train_denoiser(
         torch.manual_seed(settings.seed + rank)
         config = model.config
         dataset.require(config.skeleton, config.fps)
+        check_model_config(config)
         device = model.representation.stats.mean.device
         bank = build_feature_bank(dataset, natural_layout(dataset.skeleton, config.fps), device=device)
         encoder = load_text_encoder(text_encoder, config.denoiser.text_dim)

@@ -12,8 +12,7 @@ from dataclasses import dataclass, field, fields, replace
 from pathlib import Path
 from typing import Any, TypeVar
 
-import yaml
-
+from motiongen_ardy.checkpoint.files import CheckpointError, read_yaml
 from motiongen_ardy.model.config import ConfigError, DenoiserConfig, TokenizerConfig, TransformerConfig
 from motiongen_ardy.train.denoiser_loss import LossWeights
 
@@ -52,18 +51,19 @@ class Recipe:
 def read_recipe(path: Path | None) -> Recipe:
     """The recipe of a YAML file, of the built-in model where it says nothing (None: throughout).
 
-    Raises ConfigError for a file that is not such a mapping, for unknown keys, and for values that cannot be built.
+    Raises ConfigError for a file that is not such a mapping, for unknown keys and keys given twice, and for values that
+    cannot be built.
     """
     if path is None:
         return Recipe()
     try:
-        content = yaml.safe_load(path.read_text(encoding="utf-8"))
-    except (OSError, UnicodeDecodeError, yaml.YAMLError) as error:
-        raise ConfigError(f"{path} cannot be read: {error}") from error
+        content = read_yaml(path)
+    except CheckpointError as error:
+        raise ConfigError(error.problems) from error
     sections = _mapping(content, str(path), ("tokenizer", "denoiser", "model", "loss", "files"))
     tokenizer = dict(_mapping(sections.get("tokenizer", {}), "tokenizer", _names(TokenizerConfig)))
     if isinstance(tokenizer.get("levels"), int) and "latent_dim" in tokenizer:
-        tokenizer["levels"] = (tokenizer["levels"],) * tokenizer["latent_dim"]
+        tokenizer["levels"] = (tokenizer["levels"],) * _whole("tokenizer.latent_dim", tokenizer["latent_dim"])
     model = _mapping(sections.get("model", {}), "model", ("horizon", "num_base_steps"))
     changed_tokenizer = _changed(MINI_TOKENIZER, tokenizer, "tokenizer")
     shared = {"latent_dim": changed_tokenizer.latent_dim, "patch": changed_tokenizer.patch}
@@ -96,7 +96,8 @@ def _changed(base: Configuration, changes: Mapping[str, Any], where: str) -> Con
 def _files(given: Mapping[str, Any], folder: Path) -> tuple[tuple[str, Path], ...]:
     """(name in the checkpoint, file) of each entry; files are looked for beside the recipe."""
     for name, source in given.items():
-        if Path(name).name != name or not isinstance(source, str) or not (folder / source).is_file():
+        plain = isinstance(name, str) and Path(name).name == name
+        if not plain or not isinstance(source, str) or not (folder / source).is_file():
             raise ConfigError(f"files.{name} is {source!r}; give a plain name, and a file that lies in {folder}")
     return tuple((name, folder / source) for name, source in given.items())
 

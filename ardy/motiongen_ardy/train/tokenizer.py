@@ -18,6 +18,7 @@ from torch import Tensor, nn
 
 from motiongen_ardy.checkpoint.checkpoint import save_tokenizer
 from motiongen_ardy.checkpoint.config import MOTION_STATS
+from motiongen_ardy.checkpoint.config_writer import check_tokenizer_config
 from motiongen_ardy.checkpoint.stats import load_stats, save_stats
 from motiongen_ardy.core.representation import LOCAL_ROOT_WIDTH, ROOT_WIDTH, Representation
 from motiongen_ardy.core.stats import Stats
@@ -173,6 +174,7 @@ def train_tokenizer(
     with distributed() as (rank, num_processes), held(settings.out, rank):
         torch.manual_seed(settings.seed)
         dataset.require(dataset.skeleton.name, round(dataset.fps))  # models count in whole frames a second
+        check_tokenizer_config(config, dataset.skeleton.name, int(dataset.fps))
         layout = natural_layout(dataset.skeleton, int(dataset.fps))
         bank = build_feature_bank(dataset, layout, device=device)
         # A run that goes on keeps the statistics it began with: its weights know no others. They are written before the

@@ -88,6 +88,20 @@ def test_missing_extra_and_misshapen_tensors_are_all_listed(folder: Path) -> Non
         assert words in str(caught.value)
 
 
+@pytest.mark.parametrize("dtype", [torch.int64, torch.bool, torch.uint8, torch.float8_e4m3fn, torch.int16])
+def test_tensors_of_others_may_be_of_any_type_and_weights_may_not(folder: Path, dtype: torch.dtype) -> None:
+    path = folder / "denoiser.safetensors"
+    tensors = load_file(path)
+    save_file(tensors | {"text_encoder.position_ids": torch.zeros(3, dtype=dtype)}, path)
+    load_checkpoint(folder)
+    name = "denoiser.global_root_hybrid_proj.bias"
+    save_file(tensors | {name: torch.zeros_like(tensors[name], dtype=dtype)}, path)
+    with pytest.raises(
+        CheckpointError, match=rf"'{name}' has the type '\w+'; weights must be one of F64, F32, F16, BF16"
+    ):
+        load_checkpoint(folder)
+
+
 def test_tensors_that_are_not_finite_are_all_listed(folder: Path) -> None:
     path = folder / "denoiser.safetensors"
     tensors = load_file(path)

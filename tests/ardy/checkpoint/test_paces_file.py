@@ -75,6 +75,16 @@ def test_another_file_is_refused(tmp_path: Path) -> None:
         read_paces(tmp_path / PACES_FILE, WIDTH)
 
 
+def test_whole_numbers_are_no_paces(tmp_path: Path) -> None:
+    from safetensors.torch import load_file, save_file
+
+    write_paces(tmp_path / PACES_FILE, paces())
+    tensors = load_file(tmp_path / PACES_FILE)
+    save_file(tensors | {"quarters": tensors["quarters"].long()}, tmp_path / PACES_FILE)
+    with pytest.raises(CheckpointError, match="'quarters' has the type 'I64'; weights must be one of"):
+        read_paces(tmp_path / PACES_FILE, WIDTH)
+
+
 def test_a_model_that_needs_them_is_saved_with_them(tmp_path: Path) -> None:
     model = load_checkpoint(TINY)
     model.sampling, model.paces = replace(model.sampling, fit_prompts=True), paces()

@@ -51,11 +51,66 @@ def test_a_link_goes_on_pointing_and_a_file_keeps_its_mode(tmp_path: Path) -> No
     assert (tmp_path / "real").stat().st_mode & 0o777 == 0o600
 
 
-def test_what_is_no_file_is_written_as_it_is(tmp_path: Path) -> None:
-    os.mkfifo(tmp_path / "pipe")
-    with written_whole(tmp_path / "pipe") as partial:
-        assert partial == tmp_path / "pipe"
-    assert (tmp_path / "pipe").is_fifo()
+def test_a_new_file_has_the_usual_mode_whoever_writes_it(tmp_path: Path) -> None:
+    (tmp_path / "usual").touch()
+    with written_whole(tmp_path / "new") as partial:
+        partial.touch(0o600)  # as the library of safetensors makes them
+    assert (tmp_path / "new").stat().st_mode == (tmp_path / "usual").stat().st_mode
+
+
+def test_what_is_no_file_is_written_and_stays_what_it_is(tmp_path: Path) -> None:
+    """Also by a library that puts another file in the place of what it is to write, as that of safetensors does."""
+    pipe = tmp_path / "pipe"
+    os.mkfifo(pipe)
+    reading = os.open(pipe, os.O_RDONLY | os.O_NONBLOCK)
+    with os.fdopen(reading):
+        with written_whole(pipe) as partial:
+            (tmp_path / "other").write_text("new")
+            (tmp_path / "other").replace(partial)
+        assert os.read(reading, 10) == b"new"
+    assert pipe.is_fifo()
+
+
+def test_what_a_folder_is_cannot_be_written(tmp_path: Path) -> None:
+    (tmp_path / "folder").mkdir()
+
+    def write() -> None:
+        with written_whole(tmp_path / "folder") as partial:
+            partial.write_text("new")
+
+    with pytest.raises(IsADirectoryError):
+        write()
+
+
+def test_a_pipe_that_a_shell_makes_is_written_as_it_is() -> None:
+    reading, writing = os.pipe()
+    with os.fdopen(reading), os.fdopen(writing, "w"):
+        given = Path(f"/dev/fd/{writing}")
+        with written_whole(given) as partial:
+            partial.write_text("new")
+        assert os.read(reading, 10) == b"new"
+        assert given.is_fifo()
+
+
+def test_links_in_a_circle_are_told_as_the_system_tells_them(tmp_path: Path) -> None:
+    (tmp_path / "one").symlink_to("other")
+    (tmp_path / "other").symlink_to("one")
+
+    def write() -> None:
+        with written_whole(tmp_path / "one") as partial:
+            partial.write_text("new")
+
+    with pytest.raises(OSError, match="symbolic links"):
+        write()
+    assert (tmp_path / "one").is_symlink()
+
+
+def test_a_link_to_what_is_not_there_yet_makes_it(tmp_path: Path) -> None:
+    (tmp_path / "link").symlink_to("real")
+    with written_whole(tmp_path / "link") as partial:
+        partial.write_text("new")
+    assert (tmp_path / "link").is_symlink()
+    assert (tmp_path / "real").read_text() == "new"
 
 
 def test_a_folder_that_is_not_there_is_told_by_the_name_that_was_given(tmp_path: Path) -> None:

@@ -17,6 +17,7 @@ from motiongen_ardy.core.rotation import rotation_y
 from motiongen_ardy.core.skeleton import Skeleton, load_skeleton, skeleton_names
 from motiongen_ardy.formats.constraints import PoseConstraint, RootConstraint, constraint_targets, pose_constraint
 from tests.ardy.formats.motions import random_motion
+from tests.pretend_device import AWAY, pretended
 
 CORE = load_skeleton("core27")
 MOTION = random_motion(CORE, 12, seed=0).motion
@@ -29,6 +30,14 @@ def moved(motion: Motion, by: tuple[float, float, float]) -> Motion:
 def one(motion: Motion, constraint: RootConstraint | PoseConstraint, first_frame: int = 0) -> Residual:
     (measured,) = residuals(motion, [constraint_targets(CORE, [constraint])], first_frame)
     return measured
+
+
+def test_motion_on_any_device_is_measured() -> None:
+    constraint = pose_constraint(moved(MOTION, (0.5, 0, 0)), [3, 7])
+    with pretended():
+        parts = (MOTION.local_rotations, MOTION.root_positions, MOTION.foot_contacts)
+        measured = one(Motion(*(part.to(AWAY) for part in parts), MOTION.fps), constraint)
+    assert measured == one(MOTION, constraint)
 
 
 @pytest.mark.parametrize("limbs", [None, ("LeftHand", "Hips"), ("RightFoot", "LeftHand", "Hips")])

@@ -18,6 +18,7 @@ from motiongen_ardy.data.mirror import mirror_clip
 from motiongen_ardy.data.resample import resample, resampled_length
 from motiongen_ardy.data.retarget_file import built_in_retargets, read_retarget
 from motiongen_ardy.data.retarget_rules import RetargetError
+from tests.ardy.data.captures import write_retarget
 from tests.ardy.train.clips import swinging_dataset
 
 CORE = load_skeleton("core27")
@@ -104,6 +105,45 @@ def test_the_built_in_retargets_are_sound_and_name_their_joints() -> None:
     names = {retarget.name for retarget in built_in_retargets()}
     assert names == {"bandai_namco", "cmu", "cmu_bvh", "react_idle"}
     assert all(retarget.skeleton is CORE for retarget in built_in_retargets())
+
+
+@pytest.mark.parametrize(
+    ("line", "message"),
+    [
+        (f"metres_per_unit: 1{400 * '0'}", "a whole number of 401 characters"),
+        ("metres_per_unit: 2020-13-01", "is not readable YAML"),
+        ("metres_per_unit: " + 1000 * "[", "nested too deeply"),
+        ("metres_per_unit: 1\nmetres_per_unit: 100", "gives the keys 'metres_per_unit' twice"),
+        ("metres_per_unit: \udcff", "is not readable YAML"),
+    ],
+)
+def test_what_is_no_sound_yaml_is_no_retarget(tmp_path: Path, line: str, message: str) -> None:
+    path = tmp_path / "mine.yaml"
+    path.write_text(f"name: mine\nskeleton: core27\n{line}\n", encoding="utf-8", errors="surrogateescape")
+    with pytest.raises(RetargetError, match=message):
+        read_retarget(path)
+
+
+@pytest.mark.parametrize(
+    ("there", "wanted", "message"),
+    [
+        ("scale: 1.0", "scale: {from: [[Hips, LeftUpLeg]], to: [[Hips]]}", "root.scale.to: a chain of one joint"),
+        ("scale: 1.0", "scale: {from: [[Hips]], to: [[Hips, LeftUpLeg]]}", "root.scale.from: a chain of one joint"),
+        ("  Neck: {from: Neck}\n", "", r"fill.Neck.fraction: must be 0\.\.1; found 1\.5"),
+    ],
+)
+def test_numbers_of_a_retarget_must_make_a_body(tmp_path: Path, there: str, wanted: str, message: str) -> None:
+    fill = "" if wanted else "fill: {Neck: {between: [Hips, Head], fraction: 1.5}}\n"
+    path = write_retarget(tmp_path / "mine.yaml", fill)
+    path.write_text(path.read_text().replace(there, wanted))
+    with pytest.raises(RetargetError, match=message):
+        read_retarget(path)
+
+
+def test_a_whole_number_of_any_size_is_a_number(tmp_path: Path) -> None:
+    path = write_retarget(tmp_path / "mine.yaml")
+    path.write_text(path.read_text().replace("scale: 1.0", f"scale: 1{31 * '0'}"))
+    assert read_retarget(path).scale == 1e31
 
 
 def test_a_retarget_file_with_an_unknown_key_lists_the_known_ones(tmp_path: Path) -> None:

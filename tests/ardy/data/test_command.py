@@ -100,7 +100,7 @@ def test_rows_of_the_package_stand_back_for_those_of_the_table(tmp_path: Path, m
 def test_a_retarget_file_of_another_encoding_or_with_half_a_foot_is_refused(tmp_path: Path) -> None:
     path = tmp_path / "own.yaml"
     path.write_bytes("name: Müller".encode("latin-1"))
-    with pytest.raises(RetargetError, match="cannot be read"):
+    with pytest.raises(RetargetError, match="is not readable YAML"):
         read_retarget(path)
     names = "[LeftFoot, RightFoot, LeftToeBase]"
     with pytest.raises(RetargetError, match="feet: has 3 joints; give two for each foot, ankle and toe in turn"):

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import re
 from collections.abc import Callable
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
@@ -30,6 +31,14 @@ def test_motion_of_every_skeleton_comes_back(tmp_path: Path, name: str, units_pe
     again = read_bvh(tmp_path / "motion.bvh")
     assert (again.skeleton.name, again.motion.fps) == (name, 25)
     torch.testing.assert_close(again.motion.local_rotations, stored.motion.local_rotations, atol=1e-5, rtol=0)
+    torch.testing.assert_close(again.positions(), stored.positions(), atol=1e-5, rtol=0)
+
+
+def test_joints_may_have_any_name(tmp_path: Path) -> None:
+    names = tuple(f"{name}_\u9aa8" for name in CORE.joint_names)
+    stored = random_motion(replace(CORE, joint_names=names), 3, seed=1)
+    write_bvh(tmp_path / "motion.bvh", stored)
+    again = read_bvh(tmp_path / "motion.bvh", stored.skeleton)
     torch.testing.assert_close(again.positions(), stored.positions(), atol=1e-5, rtol=0)
 
 

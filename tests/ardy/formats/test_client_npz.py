@@ -43,6 +43,7 @@ def test_the_clients_motion_is_read_and_written_in_other_formats(tmp_path: Path,
         (lambda arrays: arrays.update(foot_contact=np.zeros((6, 3), np.float32)), "goes with the other arrays"),
         (lambda arrays: arrays.update(joint_rotation_quat_wxyz=np.zeros((6, 27, 4), np.float32)), "length 1"),
         (lambda arrays: arrays.update(joint_rotation_quat_wxyz=np.full((6, 27, 4), np.nan, np.float32)), "length 1"),
+        (lambda arrays: arrays.update(foot_contact=np.full((6, 4), np.nan, np.float32)), "foot_contact holds NaN"),
     ],
 )
 def test_what_the_client_would_not_write_is_refused(

@@ -9,6 +9,7 @@ import pytest
 import torch
 from torch import Tensor
 
+from motiongen_ardy.core.constants import constant
 from motiongen_ardy.core.motion import Motion
 from motiongen_ardy.core.skeleton import load_skeleton
 from motiongen_ardy.formats.errors import FormatError
@@ -17,6 +18,7 @@ from motiongen_ardy.formats.stored import MAX_TEXT_LENGTH, StoredMotion, whole_f
 from motiongen_ardy.robot.g1 import load_g1, qpos_to_local_rotations
 from tests.ardy.formats.motions import random_motion
 from tests.ardy.robot.poses import walking_qpos
+from tests.pretend_device import AWAY, pretended
 
 ROBOT = load_skeleton("g134")
 WALK = random_motion(ROBOT, 5, seed=1, fps=25)
@@ -55,6 +57,19 @@ def test_numbers_that_are_no_float32_are_written(tmp_path: Path, dtype: torch.dt
 
 
 @pytest.mark.parametrize("chosen", MOTION_FORMATS, ids=lambda one: one.name)
+def test_motion_on_any_device_is_written_alike(tmp_path: Path, chosen: MotionFormat) -> None:
+    here = WALK.motion
+    write_motion(tmp_path / f"here{chosen.suffix}", StoredMotion(ROBOT, here))
+    with pretended():
+        parts = (here.local_rotations, here.root_positions, here.foot_contacts)
+        there = Motion(*(part.to(AWAY) for part in parts), here.fps)
+        write_motion(tmp_path / f"there{chosen.suffix}", StoredMotion(ROBOT, there))
+    constant.cache_clear()  # of tables that lie there
+    written, other = (tmp_path / f"{name}{chosen.suffix}" for name in ("here", "there"))
+    assert written.read_bytes() == other.read_bytes()
+
+
+@pytest.mark.parametrize("chosen", MOTION_FORMATS, ids=lambda one: one.name)
 def test_files_are_the_same_whatever_the_default_device_is(tmp_path: Path, chosen: MotionFormat) -> None:
     before, after = (tmp_path / f"{name}{chosen.suffix}" for name in ("before", "after"))
     write_motion(before, WALK)
@@ -89,6 +104,11 @@ def test_a_long_text_is_kept_whole_or_refused(tmp_path: Path) -> None:
     assert read_motion(tmp_path / "walk.npz").text == text
     with pytest.raises(FormatError, match="a text of 1000001 characters; give 1000000 at most"):
         stored(local, root, text="x" * (MAX_TEXT_LENGTH + 1))
+
+
+def test_a_text_that_no_file_can_hold_is_refused() -> None:
+    with pytest.raises(FormatError, match=r"half of a surrogate pair, '.ud83e'; give whole characters"):
+        stored(WALK.motion.local_rotations, WALK.motion.root_positions, text="waves \ud83e")
 
 
 @pytest.mark.parametrize("suffix", [".csv", ".controller.csv"])

@@ -111,6 +111,9 @@ def spoiled(array: Any) -> Any:
         (bad(root_positions=lambda a: a[:4]), "different lengths"),
         (bad(root_positions=lambda a: a.astype(complex)), "its type must be one of f"),
         (bad(posed_joints=lambda a: a + 0.1), "not where the bones of core27 put it"),
+        (bad(root_positions=lambda a: a.astype(np.float64) + 1e300), "root positions hold NaN or infinite"),
+        (bad(posed_joints=lambda a: a.astype(np.float64) + 1e300), "not where the bones of core27 put it"),
+        (bad(foot_contacts=lambda a: np.where(np.arange(4) < 3, a, np.nan)), "foot_contacts holds NaN"),
         (bad(text=np.array(["a", "b"])), r"text has shape \(2,\)"),
     ],
 )
@@ -119,6 +122,25 @@ def test_motion_without_meaning_is_refused(tmp_path: Path, arrays: dict[str, Any
     np.savez(tmp_path / "bad.npz", **arrays)
     with pytest.raises(FormatError, match=message):
         read_npz(tmp_path / "bad.npz")
+
+
+@pytest.mark.parametrize("order", ["<", ">"])
+@pytest.mark.parametrize("code", [0xD800, 0x110000, 0xFFFFFFFF])
+def test_text_of_what_are_no_characters_is_refused(
+    tmp_path: Path, arrays: dict[str, Any], order: str, code: int
+) -> None:
+    content = np.array([ord("a"), code], f"{order}u4").tobytes()
+    arrays["text"] = np.frombuffer(content, f"{order}U2").reshape(())
+    np.savez(tmp_path / "odd.npz", **arrays)
+    with pytest.raises(FormatError, match=f"text has text with the number {code:#x}"):
+        read_npz(tmp_path / "odd.npz")
+
+
+@pytest.mark.parametrize("text", ["", "a \U0001f9cd walks, \u00fc"])
+def test_any_text_comes_back_in_either_order_of_bytes(tmp_path: Path, arrays: dict[str, Any], text: str) -> None:
+    arrays["text"] = np.asarray(text, f">U{max(1, len(text))}")
+    np.savez(tmp_path / "other.npz", **arrays)
+    assert read_npz(tmp_path / "other.npz").text == text
 
 
 class Trap:

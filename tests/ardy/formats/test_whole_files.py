@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import fcntl
+import os
 from collections.abc import Callable
 from pathlib import Path
 from typing import Any
@@ -39,28 +41,31 @@ def domain(path: Path) -> None:
 
 def paces(path: Path) -> None:
     one = torch.ones(1, 4)
-    write_paces(path, PromptPaces(one[0], one, torch.ones(1, 2), 0.5, one, torch.zeros(1), torch.zeros(1)))
+    write_paces(
+        path, PromptPaces(one[0].clone(), one, torch.ones(1, 2), 0.5, one.clone(), torch.zeros(1), torch.zeros(1))
+    )
 
 
 def root_points(path: Path) -> None:
     write_root_points(path, RootPoints((3,), torch.zeros(1, 3)))
 
 
-@pytest.mark.parametrize(
-    ("name", "write", "last"),
-    [
-        ("walk.npz", write_motion, (np, "savez")),
-        ("walk.bvh", write_motion, (np, "savetxt")),
-        ("walk.csv", write_motion, (np, "savetxt")),
-        ("walk.controller.csv", write_motion, (np, "savetxt")),
-        ("walk.glb", write_motion, (pygltflib.GLTF2, "save_to_bytes")),
-        ("list.json", constraints, (Path, "write_text")),
-        ("path.json", root_points, (Path, "write_text")),
-        ("prompts.safetensors", write_prompt_file, (safetensors.numpy, "save_file")),
-        ("prompt_domain.safetensors", domain, (safetensors.numpy, "save_file")),
-        ("prompt_paces.safetensors", paces, (safetensors.torch, "save_file")),
-    ],
-)
+WRITERS: list[tuple[str, Callable[..., object], tuple[Any, str]]] = [
+    ("walk.npz", write_motion, (np, "savez")),
+    ("walk.bvh", write_motion, (np, "savetxt")),
+    ("walk.csv", write_motion, (np, "savetxt")),
+    ("walk.controller.csv", write_motion, (np, "savetxt")),
+    ("walk.glb", write_motion, (pygltflib.GLTF2, "save_to_bytes")),
+    ("list.json", constraints, (Path, "write_text")),
+    ("path.json", root_points, (Path, "write_text")),
+    ("prompts.safetensors", write_prompt_file, (safetensors.numpy, "save_file")),
+    ("prompt_domain.safetensors", domain, (safetensors.numpy, "save_file")),
+    ("prompt_paces.safetensors", paces, (safetensors.torch, "save_file")),
+]
+MORE: dict[Callable[..., object], list[Any]] = {write_motion: [WALK], write_prompt_file: [PROMPTS]}
+
+
+@pytest.mark.parametrize(("name", "write", "last"), WRITERS)
 @pytest.mark.parametrize(
     "ends_by", [OSError(28, "No space left on device"), KeyboardInterrupt()], ids=["full", "ctrl-c"]
 )
@@ -78,10 +83,21 @@ def test_what_was_there_stays(
         raise ends_by
 
     monkeypatch.setattr(*last, fail)
-    more = {write_motion: [WALK], write_prompt_file: [PROMPTS]}.get(write, [])
     with pytest.raises((type(ends_by), PromptFileError)):
-        write(path, *more)
+        write(path, *MORE.get(write, []))
     assert [(one.name, one.read_bytes()) for one in tmp_path.iterdir()] == [(name, b"of yesterday")]
+
+
+@pytest.mark.parametrize(("name", "write"), [(name, write) for name, write, _ in WRITERS])
+def test_a_pipe_is_given_the_file_and_stays_a_pipe(name: str, write: Callable[..., object], tmp_path: Path) -> None:
+    file, pipe = tmp_path / f"file-{name}", tmp_path / name
+    write(file, *MORE.get(write, []))
+    os.mkfifo(pipe)
+    with os.fdopen(os.open(pipe, os.O_RDONLY | os.O_NONBLOCK), "rb") as reading:
+        fcntl.fcntl(reading, fcntl.F_SETPIPE_SZ, 1 << 20)
+        write(pipe, *MORE.get(write, []))
+        assert len(reading.read()) == file.stat().st_size
+    assert pipe.is_fifo()
 
 
 def test_the_command_leaves_what_was_there(

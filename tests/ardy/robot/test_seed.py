@@ -50,8 +50,9 @@ def test_a_faster_robot_ends_at_its_newest_row(g1: Model) -> None:
 def test_too_little_state_is_refused(g1: Model) -> None:
     with pytest.raises(RobotError, match="give 4 or more"):
         history_from_qpos(g1.representation, walking_qpos(3, 25), 25)
-    with pytest.raises(RobotError, match="of which 3 may be used"):
-        history_from_qpos(g1.representation, walking_qpos(30, 25), 25, max_frames=3)
+    for max_frames in (3, 0, -4):
+        with pytest.raises(RobotError, match=f"of which {max_frames} may be used"):
+            history_from_qpos(g1.representation, walking_qpos(30, 25), 25, max_frames=max_frames)
 
 
 def test_a_model_of_people_is_refused() -> None:

@@ -109,10 +109,16 @@ def test_rates_without_meaning_are_refused(rate_hz: float) -> None:
         controller_trajectory(random_qpos(3, 0), 25, rate_hz)
 
 
-@pytest.mark.parametrize(("from_hz", "to_hz"), [(1e-12, 10_000.0), (0.001, 501.0)])
+@pytest.mark.parametrize(("from_hz", "to_hz"), [(1e-320, 25.0), (1e-12, 10_000.0), (0.001, 501.0)])
 def test_more_rows_than_memory_holds_are_not_begun(from_hz: float, to_hz: float) -> None:
-    with pytest.raises(RobotError, match=r"5 rows at .* Hz are \d+ at .* Hz; 2000000 at most are made"):
+    with pytest.raises(RobotError, match=r"5 rows at .* Hz are (\d+|inf) at .* Hz; 2000000 at most are made"):
         resample_qpos(walking_qpos(5, 25), from_hz, to_hz)
+
+
+@pytest.mark.parametrize("rate_hz", [5e-324, 1e-320, 1e-9])
+def test_a_rate_next_to_nothing_leaves_the_first_row(rate_hz: float) -> None:
+    qpos = walking_qpos(5, 25)
+    assert torch.equal(resample_qpos(qpos, 25, rate_hz), qpos[:1])
 
 
 def test_rows_of_whole_numbers_are_state_too() -> None:

@@ -10,6 +10,7 @@ from dataclasses import replace
 from pathlib import Path
 
 import pytest
+import torch
 
 from motiongen_ardy.capabilities import read_capabilities
 from motiongen_ardy.checkpoint.checkpoint import load_checkpoint
@@ -136,6 +137,7 @@ def test_make_builds_nothing_upon_what_is_unfinished(tmp_path: Path) -> None:
     ("recipe", "said"),
     [
         ("model: {horizon: 200}", "model.horizon is 200; a window of training lasts 10 s"),
+        ("model: {num_base_steps: 1001}", "num_base_steps is 1001; it must be a whole number from 1 to 1000"),
         ("modle: {}", "unknown keys modle"),
     ],
 )
@@ -160,3 +162,23 @@ def test_wrong_input_ends_both_trainings_with_2_and_a_message(
     lines = capsys.readouterr().err.splitlines()
     assert all(line.startswith("error: ") for line in lines if not line.startswith(" "))
     assert "no clips.json; make a set" in lines[0]
+
+
+def test_no_tokenizer_is_trained_that_no_checkpoint_could_hold(
+    data: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    """The first export, hours later, would be the first to say so."""
+    soma = load_skeleton("soma77")
+    still = torch.zeros(60, soma.num_joints, 4)
+    still[..., 0] = 1
+    clip = replace(swinging_clip(1, 60), local_rotations=still)
+    MotionDataset(soma, 20.0, (clip,)).save(tmp_path / "soma")
+    run, recipe = tmp_path / "run", tmp_path / "recipe.yaml"
+    options = ["--config", str(recipe), "--steps", "1", "--batch", "2", "--device", "cpu"]
+    recipe.write_text(RECIPE)
+    assert tokenizer.main([str(tmp_path / "soma"), str(run), *options]) == 2
+    assert "no checkpoint holds a model of the skeleton soma77; give motion of core27, g134" in capsys.readouterr().err
+    recipe.write_text(RECIPE.replace("levels: 16", "levels: 65537"))
+    assert tokenizer.main([str(data), str(run), *options]) == 2
+    assert "a number of levels from 2 to 65536" in capsys.readouterr().err
+    assert not (run / "state.pt").exists()

@@ -65,7 +65,12 @@ def test_files_are_copied_from_beside_the_recipe(tmp_path: Path) -> None:
         ("files: {../evil.yaml: recipe.yaml}\n", "plain name"),
         ("files: {sampling.yaml: absent.yaml}\n", "a file that lies in"),
         ("- 1\n", "must be a mapping"),
-        ("a: [\n", "cannot be read"),
+        ("a: [\n", "is not readable YAML"),
+        ("loss: {goal: 2020-13-01}\n", "is not readable YAML"),
+        ("[" * 1000, "nested too deeply"),
+        ("loss: {goal: 1, goal: 2}\n", "gives the keys 'goal' twice"),
+        ("tokenizer: {levels: 64, latent_dim: many}\n", r"tokenizer\.latent_dim is 'many'; it must be a whole number"),
+        ("files: {1: recipe.yaml}\n", r"files\.1 is 'recipe.yaml'; give a plain name"),
     ],
 )
 def test_what_cannot_be_built_is_refused(tmp_path: Path, text: str, message: str) -> None:

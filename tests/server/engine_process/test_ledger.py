@@ -57,6 +57,14 @@ def test_events_that_the_end_has_overtaken_are_answered_before_it() -> None:
     assert isinstance(settled[-1], Closed)
 
 
+def test_a_close_of_nobody_that_is_known_takes_the_way_of_events_for_the_engine_to_answer() -> None:
+    ledger = noted(opening())
+    assert ledger.goes_ahead(close(2))
+    assert not ledger.goes_ahead(close(2, OTHER))
+    late = close(2, OTHER)
+    assert ledger.number([late]) == (2, [late])
+
+
 def test_of_a_closing_session_nothing_more_is_sent_than_its_open() -> None:
     ledger = Ledger()
     events = [opening(), play(2), play(3)]

@@ -21,6 +21,7 @@ from motiongen_server.engine_process.messages import (
     Encoded,
     EncoderReady,
     EncodeTexts,
+    Ended,
     Events,
     Load,
     LoadEncoder,
@@ -168,12 +169,20 @@ class EngineHost:
     def _ended(self, slot: Slot, failure: BaseException | None) -> None:
         del self._slots[slot.number]
         if failure is not None:
-            self._jobs.put(failure)
+            self._fail(failure)
         else:
             if not self._is_stopping:
                 # Its engine is held here: what is settled now would be kept. Before anybody asks for the next load.
                 self._jobs.put(slot)
             self._wire.say(Unloaded(slot.number))
+
+    def _fail(self, error: BaseException) -> None:
+        """End the process. The gateway is told at once: the main thread may be loading a model for minutes yet, and
+        until then nobody would be answered.
+        """
+        self._jobs.put(error)
+        if not self._is_stopping:
+            self._wire.say(ended_by(error))
 
     # ---- the reader's thread ----------------------------------------------------------------------------------------
 
@@ -193,7 +202,7 @@ class EngineHost:
                     self._pass_on(message)
         except Exception as error:
             _log.exception("what the gateway says cannot be read")
-            self._jobs.put(error)
+            self._fail(error)
 
     @property
     def _is_blocked(self) -> bool:
@@ -235,6 +244,11 @@ class EngineHost:
         except zmq.Again:
             return None
         return TO_ENGINE.decode(data)
+
+
+def ended_by(error: BaseException | None) -> Ended:
+    """The last message of the process. error: None after Stop."""
+    return Ended("" if error is None else sendable(f"{type(error).__name__}: {error}"))
 
 
 def _encoded(ready: Ready, built: Built) -> bytes:

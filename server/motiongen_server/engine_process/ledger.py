@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections import Counter
+from collections import deque
 from collections.abc import Iterable, Sequence
 from dataclasses import dataclass, field
 
@@ -48,22 +48,33 @@ class Entry:
     is_clip: bool = False
 
 
+@dataclass(slots=True)
+class Late:
+    """What the engine will yet say of a session that it has refused or ended: all of it has been answered here.
+
+    seqs: of events that were sent. close_seq: of its Close, where that was: with the answer to it all has come, since
+    the engine leaves out what the Close has overtaken. 0 where none was sent.
+    """
+
+    seqs: set[int]
+    close_seq: int
+
+
 class Ledger:
     """The sessions of one engine process. Not thread-safe: its owner holds a lock."""
 
     def __init__(self) -> None:
         self._entries: dict[SessionKey, Entry] = {}
         self._closing: dict[SessionKey, Close] = {}
-        self._refused: dict[SessionKey, Entry] = {}  # their Close is on its way, and the engine will answer it
         self._answered: set[tuple[SessionKey, int]] = set()  # here, before they were sent
-        self._told: Counter[tuple[SessionKey, int]] = Counter()  # here, after they were sent: the engine's is dropped
+        self._late: dict[SessionKey, deque[Late]] = {}  # of one name, in the order in which the engine comes to them
         self._number = 0
         self.num_clips = 0
         self._new: set[SessionKey] = set()  # and still here
 
     def __contains__(self, session: SessionKey) -> bool:
-        """Whether a session is open, about to be, or waits for the answer to a Close."""
-        return session in self._entries or session in self._refused
+        """Whether a session is open, or about to be."""
+        return session in self._entries
 
     def __len__(self) -> int:
         return len(self._entries)
@@ -117,9 +128,8 @@ class Ledger:
             if (event.session, event.event_seq) in self._answered:
                 self._answered.remove((event.session, event.event_seq))
                 continue
-            if entry is None and self._is_answered_with_close(event):
-                continue
-            if entry is not None:
+            # What comes before a session's Open is of an earlier one of its name, as a Playhead that waited is.
+            if entry is not None and (entry.opened or isinstance(event, Open)):
                 entry.unsent.discard(event.event_seq)
                 if entry.close is not None and entry.opened:
                     if event.event_seq in entry.unanswered:
@@ -143,22 +153,21 @@ class Ledger:
         """Enter what the engine has delivered, and answer before its session's end what a close has overtaken."""
         settled: list[Output] = []
         for output in outputs:
-            if self._told and isinstance(output, Outcome) and self._told[(output.session, output.event_seq)]:
-                self._told.subtract([(output.session, output.event_seq)])
-                self._told += Counter()  # forgets what none is left of
+            if self._late and isinstance(output, Outcome) and self._is_late(output):
                 continue
             entry = self._entries.get(output.session)
             if entry is None:
-                if self._refused:
-                    settled += self._after_refusal(output)
                 settled.append(output)
                 continue
             if isinstance(output, Chunk):
                 entry.num_frames += len(output.rows)
             elif isinstance(output, Opened):
                 entry.is_open = True
+                self._late.pop(output.session, None)  # the engine has come to all that was before it
                 entry.unanswered.pop(entry.open_seq, None)
             elif isinstance(output, Closed):
+                if not self._is_asked_for(output, entry):
+                    self._expect_late(output.session, entry)
                 settled += self._overtaken(output.session, entry)
                 self._forget(output.session)
             settled.append(output)
@@ -168,36 +177,41 @@ class Ledger:
                     settled += self._refuse(output.session, entry)
         return settled
 
+    def _is_asked_for(self, closed: Closed, entry: Entry) -> bool:
+        """Whether this is what the session's Close has brought about: then the engine leaves out what comes behind."""
+        return entry.close is not None and closed.session not in self._closing and closed.reason is entry.close.reason
+
     def _refuse(self, key: SessionKey, entry: Entry) -> list[Output]:
-        """The engine has refused an Open, and will refuse what has been sent after it: the answers to all else."""
-        close = self._closing.get(key)
+        """The engine has refused an Open, and will refuse what has been sent after it: the answers to all else.
+
+        At once: the name may be used again before the engine comes to these, and they are not of the next session.
+        """
+        close_seqs = () if entry.close is None else (entry.close.event_seq,)
+        self._expect_late(key, entry)
         self._forget(key)
-        if entry.close is not None and close is None:
-            self._refused[key] = entry
-            return []
-        # At once: the name may be used again before the engine comes to these, and they are not of the next session.
+        return self._overtaken(key, entry) + self._cancelled(key, close_seqs)
+
+    def _expect_late(self, key: SessionKey, entry: Entry) -> None:
+        """Events of a session that has gone are on their way, and the engine will refuse them."""
         never_sent = entry.unsent.union(entry.held_back)
-        self._told.update((key, seq) for seq in entry.unanswered if seq not in never_sent)
-        return self._overtaken(key, entry) + self._cancelled(key, () if close is None else (close.event_seq,))
+        seqs = {seq for seq in entry.unanswered if seq not in never_sent}
+        close_seq = 0 if entry.close is None or key in self._closing else entry.close.event_seq
+        if close_seq:
+            seqs.add(close_seq)
+        if seqs:
+            self._late.setdefault(key, deque()).append(Late(seqs, close_seq))
 
-    def _after_refusal(self, output: Output) -> list[Output]:
-        """The answers that are due before the one to the Close of a session that was refused."""
-        key = output.session
-        entry = self._refused.get(key)
-        if entry is None or entry.close is None or not isinstance(output, Outcome):
-            return []
-        entry.unanswered.pop(output.event_seq, None)
-        if output.event_seq != entry.close.event_seq:
-            return []
-        del self._refused[key]
-        return self._overtaken(key, entry)
-
-    def _is_answered_with_close(self, event: Event) -> bool:
-        """Whether the answer to the Close of a session that was refused meanwhile will bring that of an event too."""
-        refused = self._refused.get(event.session)
-        if refused is None or event.event_seq not in refused.unanswered:
+    def _is_late(self, answer: Outcome) -> bool:
+        """Whether this has been answered here already. The engine answers events of a name in the order they came."""
+        sessions = self._late.get(answer.session)
+        if sessions is None or answer.event_seq not in sessions[0].seqs:
             return False
-        refused.unsent.discard(event.event_seq)
+        first = sessions[0]
+        first.seqs.remove(answer.event_seq)
+        if answer.event_seq == first.close_seq or not first.seqs:
+            sessions.popleft()
+            if not sessions:
+                del self._late[answer.session]
         return True
 
     def _overtaken(self, key: SessionKey, entry: Entry) -> list[Output]:
@@ -217,9 +231,6 @@ class Ledger:
     def end_all(self, reason: CloseReason, message: str) -> list[Output]:
         """The engine process is gone: an end for every session, and an answer for everything that waits for one."""
         outputs: list[Output] = []
-        for key, entry in self._refused.items():
-            close_seq = () if entry.close is None else (entry.close.event_seq,)
-            outputs += self._cancelled(key, [*entry.unanswered, *close_seq])
         for key, entry in self._entries.items():
             entry.unanswered.pop(entry.open_seq, None)
             if entry.is_open:
@@ -230,10 +241,9 @@ class Ledger:
                 closes = () if entry.close is None else (entry.close.event_seq,)
                 outputs += self._cancelled(key, [*entry.unanswered, *closes])
         self._entries.clear()
-        self._refused.clear()
         self._closing.clear()
         self._answered.clear()
-        self._told.clear()
+        self._late.clear()
         self._new.clear()
         self._number = self.num_clips = 0
         return outputs

@@ -13,9 +13,9 @@ from pathlib import Path
 import zmq
 
 from motiongen_server.engine_process import signals
-from motiongen_server.engine_process.codec import CodecError, sendable
-from motiongen_server.engine_process.host import EngineHost, FreeUnused, LoadText
-from motiongen_server.engine_process.messages import GREETING, SCHEMA, TO_ENGINE, Begin, Ended, Greeting, Joined
+from motiongen_server.engine_process.codec import CodecError
+from motiongen_server.engine_process.host import EngineHost, FreeUnused, LoadText, ended_by
+from motiongen_server.engine_process.messages import GREETING, SCHEMA, TO_ENGINE, Begin, Greeting, Joined
 from motiongen_server.engine_process.outlet import Wire
 from motiongen_server.engine_process.slot import BuildEngine
 from motiongen_server.engine_process.sockets import EngineEnd
@@ -49,7 +49,7 @@ def run(folder: Path, prepare: Prepare) -> int:
     except Exception as error:
         _log.exception("the engine process failed")
         failure = error
-    wire.say(Ended("" if failure is None else sendable(f"{type(failure).__name__}: {failure}")))
+    wire.say(ended_by(failure))
     wire.finish()
     end.close()
     return 0 if failure is None else 1

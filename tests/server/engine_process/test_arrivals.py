@@ -12,7 +12,7 @@ from motiongen_server.engine.types import Close, Closed, CloseReason, Code, Even
 from motiongen_server.engine_process.arrivals import Arrivals
 from motiongen_server.engine_process.ledger import Ledger
 from motiongen_server.engine_process.messages import CloseAhead, Events
-from tests.server.engine_process.audience import KEY, close, opening, play
+from tests.server.engine_process.audience import KEY, close, opening, play, playhead
 
 OTHER = SessionKey(1, 2)
 
@@ -37,6 +37,13 @@ def test_a_close_that_comes_before_its_open_follows_it_at_once() -> None:
     arrivals = Arrivals()
     assert arrivals.ahead(CloseAhead(1, last, opened=1, last=2)) == []
     assert arrivals.in_order(Events(1, 1, (first, edit))) == [first, last]
+
+
+def test_a_close_that_comes_early_waits_for_the_open_and_not_for_what_is_left_of_the_session_before() -> None:
+    left, again, last = playhead(3), opening(), close(2)
+    arrivals = Arrivals()
+    assert arrivals.ahead(CloseAhead(1, last, opened=2, last=2)) == []
+    assert arrivals.in_order(Events(1, 1, (left, again))) == [left, again, last]
 
 
 @settings(deadline=None, max_examples=40, suppress_health_check=[HealthCheck.too_slow])

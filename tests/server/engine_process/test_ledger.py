@@ -57,6 +57,14 @@ def test_events_that_the_end_has_overtaken_are_answered_before_it() -> None:
     assert isinstance(settled[-1], Closed)
 
 
+def test_a_close_of_nobody_that_is_known_takes_the_way_of_events_for_the_engine_to_answer() -> None:
+    ledger = noted(opening())
+    assert ledger.goes_ahead(close(2))
+    assert not ledger.goes_ahead(close(2, OTHER))
+    late = close(2, OTHER)
+    assert ledger.number([late]) == (2, [late])
+
+
 def test_of_a_closing_session_nothing_more_is_sent_than_its_open() -> None:
     ledger = Ledger()
     events = [opening(), play(2), play(3)]
@@ -151,3 +159,73 @@ def test_what_came_behind_a_refused_open_is_no_part_of_the_next_session_of_its_n
     assert [event.event_seq for event in sent] == [1, 2]
     assert answers(ledger.settle([outcome(2, Code.NOT_FOUND), OPENED])) == []
     assert answers(ledger.settle([outcome(2)])) == [(2, "OK")]
+
+
+@pytest.mark.parametrize("again", [play(2), close(2)])
+def test_the_late_answer_to_a_close_is_not_of_the_next_session_of_its_name(again: Event) -> None:
+    """Its Open was refused while the Close was on its way; with that the engine leaves out what came behind it."""
+    ledger = noted(opening(), play(2))
+    ledger.note(close(3))
+    assert ledger.take_closes()
+    settled = ledger.settle([outcome(1, Code.RESOURCE_EXHAUSTED)])
+    assert answers(settled) == [(1, "RESOURCE_EXHAUSTED"), (2, "CANCELLED"), (3, "CANCELLED")]
+    assert KEY not in ledger
+    ledger.note(opening())
+    ledger.note(again)
+    assert answers(ledger.settle([outcome(3, Code.NOT_FOUND)])) == []
+    assert answers(ledger.settle([OPENED, outcome(2)])) == [(2, "OK")]
+
+
+def test_of_sessions_of_one_name_that_are_refused_one_after_the_other_each_event_is_answered_once() -> None:
+    ledger = Ledger()
+    for _ in range(2):
+        ledger.note(opening())
+        ledger.note(play(2))
+        ledger.number([opening(), play(2)])
+        ledger.note(close(3))
+        assert ledger.take_closes()
+        refused = answers(ledger.settle([outcome(1, Code.RESOURCE_EXHAUSTED)]))
+        assert refused == [(1, "RESOURCE_EXHAUSTED"), (2, "CANCELLED"), (3, "CANCELLED")]
+    # The first one's edit was overtaken by its close, so that the engine leaves it out.
+    late = [outcome(3, Code.NOT_FOUND), outcome(2, Code.NOT_FOUND), outcome(3, Code.NOT_FOUND)]
+    assert ledger.settle([*late]) == []
+    assert answers(ledger.settle([outcome(2, Code.NOT_FOUND)])) == [(2, "NOT_FOUND")], "of nobody that is known here"
+
+
+@pytest.mark.parametrize("is_closing", [False, True])
+def test_what_crosses_the_end_that_an_engine_gives_a_session_is_answered_once(is_closing: bool) -> None:
+    ledger = noted(opening(), play(2), play(3))
+    ledger.settle([OPENED, outcome(2)])
+    if is_closing:
+        ledger.note(close(4))
+        assert ledger.take_closes()
+    settled = ledger.settle([closed(CloseReason.IDLE)])
+    assert answers(settled) == [(3, "CANCELLED")]
+    late: list[Output] = [outcome(3, Code.NOT_FOUND)]
+    if is_closing:
+        late.append(outcome(4, Code.NOT_FOUND))
+    assert ledger.settle(late) == []
+    ledger.note(opening())
+    ledger.note(play(2))
+    assert answers(ledger.settle([OPENED, outcome(2)])) == [(2, "OK")]
+
+
+def test_once_a_session_is_open_nothing_is_late_of_those_of_its_name_before() -> None:
+    """So that what an engine does not say, for whatever reason, is not missing to the next one."""
+    ledger = noted(opening(), play(2))
+    ledger.settle([OPENED, closed(CloseReason.IDLE)])
+    ledger.note(opening())
+    ledger.note(play(2))
+    assert answers(ledger.settle([OPENED, outcome(2)])) == [(2, "OK")]
+
+
+def test_a_playhead_that_waited_is_not_taken_for_the_open_of_the_next_session_of_its_name() -> None:
+    ledger = noted(opening())
+    ledger.note(playhead(3))
+    ledger.settle([OPENED, closed(CloseReason.IDLE)])
+    ledger.note(opening())
+    ledger.note(close(2))
+    first, sent = ledger.number([playhead(3), opening()])
+    assert (first, sent[-1].event_seq) == (2, 1), "it was held back, and the session never ended"
+    ((_, opened, last),) = ledger.take_closes()
+    assert (opened, last) == (3, 3)

@@ -65,3 +65,19 @@ def test_each_that_comes_back_gives_the_others_time(monkeypatch: pytest.MonkeyPa
 
 def test_what_was_never_loaded_may_take_as_long_as_it_takes(monkeypatch: pytest.MonkeyPatch) -> None:
     Watch(monkeypatch, Ready(1, was_held=False)).look_for(3 * LOAD_AGAIN_S)
+
+
+def test_it_is_the_time_that_passes_that_counts_and_not_how_often_is_looked(monkeypatch: pytest.MonkeyPatch) -> None:
+    """There is a look for each thing that an engine process says, of whichever model."""
+    talking, working = Ready(1, was_held=True), Ready(2, was_held=True)
+    watch = Watch(monkeypatch, talking, working)
+    talking.come()
+    working.come()
+    for _ in range(4000):
+        watch.now += LOOK_S / 256
+        watch.silence.look()
+        watch.silence.check(30.0)
+    assert working.silent_s == 4000 * LOOK_S / 256
+    watch.now += 100 * LOOK_S  # this process stood still
+    watch.silence.look()
+    assert working.silent_s == 4000 * LOOK_S / 256 + LOOK_S

@@ -2,6 +2,7 @@
 // is opened again after a loss, so that nothing that the server took is lost, and nothing it has not answered either.
 #pragma once
 
+#include <cstddef>
 #include <cstdint>
 #include <deque>
 #include <map>
@@ -18,6 +19,7 @@ namespace motiongen {
 struct Taken {
   std::uint64_t effective_frame = 0;
   std::vector<Placement> placements;
+  std::uint64_t playhead = 0;  // then: what has ended by it is forgotten
 };
 
 class SessionBook {
@@ -52,9 +54,11 @@ class SessionBook {
   std::uint64_t take_seq() { return next_seq_++; }
 
   // The message that opens the session for the first time, or anew where `prior` (rows of patch_frames each, the last
-  // of which is shown before frame `base`) says what it did; without it, it starts at its start pose.
+  // of which is shown before frame `base`) says what it did; without it, it starts at its start pose. Prompts in whose
+  // place others come later are left out where there would be more than most_prompts.
   v1::OpenSession opening() const { return open_; }
-  v1::OpenSession reopening(std::uint64_t base, std::uint32_t num_prior, std::string prior) const;
+  v1::OpenSession reopening(std::uint64_t base, std::uint32_t num_prior, std::string prior,
+                            std::size_t most_prompts) const;
 
   // Every event up to this one has been answered.
   std::uint64_t answered_seq() const {
@@ -124,7 +128,9 @@ class SessionBook {
   void accept(const v1::SessionEvent& event, const Taken& taken);
   void accept_options(const v1::SetOptions& options);
   void place(const std::vector<Placement>& placements);
-  void forget_prompt(std::uint32_t id);
+  void accept_prompts(const v1::EditPrompts& edit, const Taken& taken);
+  void put_prompt(v1::PromptSpan span, std::uint64_t playhead);
+  std::vector<v1::PromptSpan> prompts_from(std::uint64_t base, std::size_t most) const;
   bool is_being_changed(std::uint32_t prompt_id) const;
   bool is_over(const v1::Constraint& constraint, std::uint64_t frame) const;
   std::optional<v1::Constraint> left(const v1::Constraint& constraint, std::uint64_t frame) const;

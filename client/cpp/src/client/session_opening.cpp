@@ -104,7 +104,7 @@ v1::SessionEvent SessionState::opening_event(const Catalog& catalog) {
     base_ = timeline->buffered_to();
     const std::uint32_t num_rows = prior_rows(catalog, base_, rows);
     book.change_seeks([&](v1::Seek& seek) { say_as_rows(seek, catalog); });
-    *event.mutable_open() = book.reopening(base_, num_rows, std::move(rows));
+    *event.mutable_open() = book.reopening(base_, num_rows, std::move(rows), catalog.limits.max_prompts);
     event.mutable_open()->set_model_id(opened.model_id);
     event.mutable_open()->set_seed(opened.seed);
   } else {

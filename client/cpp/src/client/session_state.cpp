@@ -173,7 +173,8 @@ void SessionState::take_outcome(const v1::EditOutcome& message, double now_s, Ev
   if (phase == Phase::opening && was_open_) return;
   std::optional<Taken> taken;
   if (outcome.status) {
-    taken = Taken{outcome.effective_frame.value_or(timeline ? timeline->playhead() : 0), outcome.placements};
+    const std::uint64_t playhead = timeline ? timeline->playhead() : 0;
+    taken = Taken{outcome.effective_frame.value_or(playhead), outcome.placements, playhead};
   }
   const std::vector<std::uint32_t> targets = book.targets_of(message.event_seq());
   const auto edit = book.answer(message.event_seq(), taken);

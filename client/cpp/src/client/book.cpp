@@ -89,6 +89,12 @@ std::vector<std::uint32_t> SessionBook::targets_of(std::uint64_t event_seq) cons
   return ids;
 }
 
+bool SessionBook::is_cut(std::uint64_t event_seq) const {
+  return std::any_of(pending_.begin(), pending_.end(), [event_seq](const Pending& each) {
+    return each.event.event_seq() == event_seq && each.event.has_seek();
+  });
+}
+
 bool SessionBook::is_being_set(std::uint32_t target) const {
   const auto has_id = [target](const v1::Constraint& each) { return each.constraint_id() == target; };
   return std::any_of(pending_.begin(), pending_.end(), [&has_id](const Pending& each) {

@@ -83,6 +83,8 @@ class SessionBook {
 
   // The targets that an event without an answer sets.
   std::vector<std::uint32_t> targets_of(std::uint64_t event_seq) const;
+  // Whether an event without an answer asks for a cut.
+  bool is_cut(std::uint64_t event_seq) const;
   // Whether an event without an answer sets a target.
   bool is_being_set(std::uint32_t target) const;
   // Whether a target may be told of: it is on its way, or was accepted and is not over.

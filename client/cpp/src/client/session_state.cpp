@@ -176,6 +176,9 @@ void SessionState::take_outcome(const v1::EditOutcome& message, double now_s, Ev
     const std::uint64_t playhead = timeline ? timeline->playhead() : 0;
     taken = Taken{outcome.effective_frame.value_or(playhead), outcome.placements, playhead};
   }
+  if (taken && timeline && outcome.effective_frame && book.is_cut(message.event_seq())) {
+    timeline->note_cut(*outcome.effective_frame);
+  }
   const std::vector<std::uint32_t> targets = book.targets_of(message.event_seq());
   const auto edit = book.answer(message.event_seq(), taken);
   settle_targets(targets, outcome.status);

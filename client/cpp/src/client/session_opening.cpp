@@ -147,6 +147,7 @@ void SessionState::take_resumed(const v1::SessionOpened& message, const Catalog&
   event.frame = base_ + message.start_frame();
   event.exact = true;
   events.push(std::move(event));
+  serve_in_full(message.denoise_steps(), events);
   report_before_edit(outbox);  // it may have gone on meanwhile
   send_all(book.repetitions(base_), outbox, catalog, events);
 }
@@ -180,11 +181,15 @@ void SessionState::take_opened(const v1::SessionOpened& message, const Catalog& 
     if (!begun) return break_off(begun, events, outbox);
   }
   events.push(std::move(event));
-  // another follows where that is not so; one that has just begun has told nobody anything else
-  const ServiceLevel full = {v1::SERVICE_TIER_FULL, opened.denoise_steps};
-  const bool was_less = level_.tier != full.tier || level_.denoise_steps != full.denoise_steps;
-  if (was_reopened && was_less) set_level(full, events);
-  level_ = full;
+  // one that has just begun has told nobody anything else
+  if (!was_reopened) level_ = {v1::SERVICE_TIER_FULL, opened.denoise_steps};
+  serve_in_full(opened.denoise_steps, events);
+}
+
+// As a session is that goes on or begins: where that is not so another level follows.
+void SessionState::serve_in_full(std::uint32_t denoise_steps, EventQueue& events) {
+  const ServiceLevel full = {v1::SERVICE_TIER_FULL, denoise_steps};
+  if (level_.tier != full.tier || level_.denoise_steps != full.denoise_steps) set_level(full, events);
 }
 
 // Who waits for a target that the new session is not told of hears that none will be told of it.

@@ -112,6 +112,7 @@ class SessionState {
   // Send them, or end where one of them is too big.
   void send_all(const std::vector<v1::SessionEvent>& said, Outbox& outbox, const Catalog& catalog, EventQueue& events);
   void set_level(const ServiceLevel& level, EventQueue& events);
+  void serve_in_full(std::uint32_t denoise_steps, EventQueue& events);
   void take_outcome(const v1::EditOutcome& message, double now_s, EventQueue& events);
   void break_off(const Status& status, EventQueue& events, Outbox& outbox);
   void note_reached(const v1::ConstraintReached& message, EventQueue& events);

@@ -58,5 +58,27 @@ TEST(Resumed, ACutThatIsRefusedIsNone) {
   EXPECT_TRUE(cuts(*stage.state.timeline, 40).empty());
 }
 
+TEST(Resumed, ItIsServedInFullUntilItIsTold) {
+  Stage stage;
+  const std::lock_guard<std::mutex> lock(stage.state.mutex);
+  stage.open();
+  stage.hear_opened();
+  v1::SessionUpdate less;
+  less.mutable_service_level()->set_tier(v1::SERVICE_TIER_FEWER_STEPS);
+  less.mutable_service_level()->set_denoise_steps(2);
+  stage.hear(less);
+  for (const std::size_t expected : {1U, 0U}) {
+    for (Event event; stage.events.take(event);) continue;
+    stage.lose();
+    stage.open();
+    stage.hear_opened();  // by another server, say, that has less to do
+    std::vector<std::uint32_t> tiers;
+    for (Event event; stage.events.take(event);) {
+      if (event.kind == EventKind::service_level) tiers.push_back(event.level.tier);
+    }
+    EXPECT_EQ(tiers, std::vector<std::uint32_t>(expected, v1::SERVICE_TIER_FULL)) << "told where it differs";
+  }
+}
+
 }  // namespace
 }  // namespace motiongen

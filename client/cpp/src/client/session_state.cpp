@@ -252,8 +252,9 @@ void SessionState::note_placements(std::vector<Placement>& placements) {
 void SessionState::settle_targets(const std::vector<std::uint32_t>& targets, const Status& answer) {
   for (const std::uint32_t target : targets) {
     const bool was_taken = answer.ok();
-    if (!was_taken && book.is_being_set(target)) continue;  // another edit of it is still on its way
-    reached_book.settle(target, was_taken);
+    const bool is_last = !book.is_being_set(target);
+    if (!was_taken && !is_last) continue;  // what was before it is known once the other is answered
+    reached_book.settle(target, was_taken, is_last);
     if (!was_taken && !book.expects(target)) reached_book.refuse(target, answer);
   }
 }

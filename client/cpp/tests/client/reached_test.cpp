@@ -93,6 +93,43 @@ TEST(Reached, OfTwoReplacementsTheLastThatIsTakenCounts) {
   EXPECT_FALSE(stage.state.reached_book.find(kTarget));
 }
 
+TEST(Reached, OldNewsIsNotOfTheTargetThatHasTheIdNow) {
+  Walking stage;
+  const std::lock_guard<std::mutex> lock(stage.state.mutex);
+  stage.hear_answer(stage.set(kTarget, 10));
+  stage.hear_reached(10);
+  stage.hear_answer(stage.set(kTarget, 60));
+  stage.hear_reached(10);  // told again, to a session that resumes
+  EXPECT_FALSE(stage.state.reached_book.find(kTarget));
+  stage.hear_reached(60);
+  ASSERT_TRUE(stage.state.reached_book.find(kTarget));
+  EXPECT_EQ(stage.state.reached_book.find(kTarget)->frame, 60U);
+}
+
+TEST(Reached, NewsThatCrossesAReplacementIsOfTheOneBefore) {
+  for (const Code code : {Code::ok, Code::failed_precondition}) {
+    Walking stage;
+    const std::lock_guard<std::mutex> lock(stage.state.mutex);
+    stage.hear_answer(stage.set(kTarget, 10));
+    const std::uint64_t seq = stage.set(kTarget, 60);
+    stage.hear_reached(10);
+    stage.hear_answer(seq, code);
+    EXPECT_EQ(stage.state.reached_book.find(kTarget).has_value(), code != Code::ok);
+  }
+}
+
+TEST(Reached, NewsOfAReplacementThatIsReplacedItselfIsNotOfTheLast) {
+  Walking stage;
+  const std::lock_guard<std::mutex> lock(stage.state.mutex);
+  stage.hear_answer(stage.set(kTarget, 10));
+  const std::uint64_t first = stage.set(kTarget, 12);
+  const std::uint64_t second = stage.set(kTarget, 100);
+  stage.hear_answer(first);
+  stage.hear_reached(12);
+  stage.hear_answer(second);
+  EXPECT_FALSE(stage.state.reached_book.find(kTarget));
+}
+
 TEST(Reached, WhatPassedWhileTheLineWasLostIsToldOfByNoServer) {
   Walking stage("");
   const std::lock_guard<std::mutex> lock(stage.state.mutex);

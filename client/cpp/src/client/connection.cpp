@@ -1,6 +1,7 @@
 // Connecting, what is done about a loss, and the end.
 #include <algorithm>
 #include <iterator>
+#include <limits>
 
 #include "client/convert.hpp"
 #include "client/core.hpp"
@@ -159,6 +160,7 @@ double ClientCore::choose_server(bool was_connected, const Status& why) {
 
 void ClientCore::lose(const Status& status, bool will_reconnect) {
   const bool was_connected = connected_.exchange(false);
+  double reconnect_at_s = 0;
   {
     const std::lock_guard<std::mutex> lock(mutex_);
     call_ = nullptr;
@@ -169,8 +171,9 @@ void ClientCore::lose(const Status& status, bool will_reconnect) {
     const bool all_failed = lacks_token(status) || num_failures_ % servers_.size() == 0;
     const double jitter = std::uniform_real_distribution<double>(0.8, 1.2)(jitter_);
     const double wait_s = was_connected || all_failed ? backoff_.next_s(now_s()) * jitter : 0;
-    reconnect_at_s_ = now_s() + std::max(wait_s, asked_s);
-    woken_ = true;
+    reconnect_at_s = now_s() + std::max(wait_s, asked_s);
+    // not before all sessions have heard: one would be opened on the next call, and then take that for lost
+    reconnect_at_s_ = std::numeric_limits<double>::infinity();
     changed_.notify_all();
   }
   if (was_connected && !closing_) {
@@ -184,6 +187,10 @@ void ClientCore::lose(const Status& status, bool will_reconnect) {
     state->lose(status, will_reconnect, events_);
   }
   forget_closed();
+  const std::lock_guard<std::mutex> lock(mutex_);
+  reconnect_at_s_ = reconnect_at_s;
+  woken_ = true;
+  changed_.notify_all();
 }
 
 void ClientCore::forget_closed() {

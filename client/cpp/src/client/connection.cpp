@@ -123,6 +123,7 @@ Status ClientCore::begin_call() {
   drop_reason_ = Status();  // of a call that had ended already
   backoff_.begin_call();
   next_ping_s_ = now_s();
+  unanswered_since_s_ = 0;
   call_ = Call::start(*server().stub, metadata.value(), outbox_, shared_from_this());
   return {};
 }

@@ -185,6 +185,7 @@ void ClientCore::take_pong(std::int64_t pinged_ns) {
   const std::lock_guard<std::mutex> lock(mutex_);
   if (pinged_ns <= ponged_ns_ || pinged_ns > pinged_ns_) return;  // it answers no ping, and says nothing of the line
   ponged_ns_ = pinged_ns;
+  unanswered_since_s_ = 0;
   round_trip_s_ = now_s() - static_cast<double>(pinged_ns) / 1e9;
   backoff_.note_pong();
 }

@@ -112,6 +112,7 @@ class ClientCore final : public CallUser, public std::enable_shared_from_this<Cl
   void tick(double now);
   void report(double now);
   void send_ping(double now);
+  bool is_silent(double now);
 
   bool take_stream_event(const wire::Cursor& message);
   void take_hello(const v1::ServerHello& hello);
@@ -174,6 +175,7 @@ class ClientCore final : public CallUser, public std::enable_shared_from_this<Cl
   double next_ping_s_ = 0;
   std::int64_t pinged_ns_ = 0;  // when the last ping was sent, and the last that was answered
   std::int64_t ponged_ns_ = 0;
+  double unanswered_since_s_ = 0;  // when the first ping was sent that nothing was heard of; 0: none is open
   bool woken_ = false;
   std::thread worker_;
   std::minstd_rand jitter_{std::random_device{}()};

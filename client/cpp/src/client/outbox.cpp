@@ -30,15 +30,25 @@ void Outbox::put_alone(const v1::StreamMotionRequest& message) {
   can_append_ = false;
 }
 
+void Outbox::put_ping(const v1::StreamMotionRequest& message) {
+  const std::lock_guard<std::mutex> lock(mutex_);
+  ping_ = Waiting{message.SerializeAsString()};
+}
+
 bool Outbox::take(std::string& message) {
   std::chrono::steady_clock::time_point since;
   {
     const std::lock_guard<std::mutex> lock(mutex_);
-    if (messages_.empty()) return false;
-    message = std::move(messages_.front().message);
-    since = messages_.front().since;
-    messages_.pop_front();
-    if (messages_.empty()) can_append_ = false;
+    if (!ping_ && messages_.empty()) return false;
+    Waiting& next = ping_ ? *ping_ : messages_.front();
+    message = std::move(next.message);
+    since = next.since;
+    if (ping_) {
+      ping_.reset();
+    } else {
+      messages_.pop_front();
+      if (messages_.empty()) can_append_ = false;
+    }
   }
   if (on_taken_) on_taken_(std::chrono::duration<double>(std::chrono::steady_clock::now() - since).count());
   return true;
@@ -47,6 +57,7 @@ bool Outbox::take(std::string& message) {
 void Outbox::clear() {
   const std::lock_guard<std::mutex> lock(mutex_);
   messages_.clear();
+  ping_.reset();
   can_append_ = false;
 }
 

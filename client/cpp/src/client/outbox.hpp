@@ -7,6 +7,7 @@
 #include <deque>
 #include <functional>
 #include <mutex>
+#include <optional>
 #include <string>
 
 #include "motiongen/v1/service.pb.h"
@@ -30,6 +31,8 @@ class Outbox {
   void put(const v1::SessionEvent& event);
   // A message about the stream itself: hello or ping.
   void put_alone(const v1::StreamMotionRequest& message);
+  // A ping, which overtakes what waits, and takes the place of one that has not gone out yet.
+  void put_ping(const v1::StreamMotionRequest& message);
   // The next message; false when there is none.
   bool take(std::string& message);
   void clear();
@@ -43,6 +46,7 @@ class Outbox {
   const std::function<void(double waited_s)> on_taken_;
   std::mutex mutex_;
   std::deque<Waiting> messages_;
+  std::optional<Waiting> ping_;
   bool can_append_ = false;
   std::size_t limit_ = std::size_t{64} * 1024;
 };

@@ -31,6 +31,7 @@ class ScriptedServer final : public v1::MotionService::Service {
   std::atomic<int> num_catalogs{0};
   std::atomic<bool> is_frozen{false};  // takes calls and says nothing
   std::atomic<bool> says_hello{true};
+  std::atomic<bool> answers_pings{true};
 
   ScriptedServer() {
     catalog_.add_rigs()->CopyFrom(rig());
@@ -114,7 +115,8 @@ class ScriptedServer final : public v1::MotionService::Service {
     while (stream.Read(&request)) {
       v1::StreamMotionResponse response;
       if (request.has_hello() && says_hello) response.mutable_hello()->set_replica_id("scripted");
-      if (request.has_ping()) response.mutable_pong()->set_client_time_ns(request.ping().client_time_ns());
+      if (request.has_ping() && answers_pings)
+        response.mutable_pong()->set_client_time_ns(request.ping().client_time_ns());
       if (response.has_hello() || response.has_pong()) stream.Write(response);
       if (!hear) continue;
       for (const v1::SessionEvent& event : request.events()) hear(event, stream);

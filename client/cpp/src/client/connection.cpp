@@ -188,6 +188,7 @@ void ClientCore::lose(const Status& status, bool will_reconnect) {
     state->lose(status, will_reconnect, events_);
   }
   forget_closed();
+  outbox_.clear();  // what has no answer is said again
   const std::lock_guard<std::mutex> lock(mutex_);
   reconnect_at_s_ = reconnect_at_s;
   woken_ = true;

@@ -72,6 +72,7 @@ Result<std::shared_ptr<SessionState>> ClientCore::open(const SessionOptions& opt
     state->book.add_opening(convert::constraint(state->book.take_constraint_id(), target));
   }
   Status fits = convert::check_size("the session", state->book.opening(), catalog()->limits);
+  if (fits) fits = check_room();
   if (!fits) return fits;
   {
     // looked at where the session comes in: whoever ends the client ends those that are there, and it alone
@@ -91,6 +92,13 @@ Result<std::shared_ptr<SessionState>> ClientCore::open(const SessionOptions& opt
 
 Result<EditId> ClientCore::edit(SessionState& state, v1::SessionEvent event) {
   return edit_with(state, [&event] { return std::move(event); });
+}
+
+Status ClientCore::check_room() const {
+  if (!outbox_.is_full()) return {};
+  return {Code::resource_exhausted, "OUTBOX_FULL",
+          "more than " + std::to_string(Outbox::kMostWaiting) +
+              " bytes wait until the server reads them; tell it less, or again later"};
 }
 
 void ClientCore::flush() {

@@ -79,6 +79,8 @@ class ClientCore final : public CallUser, public std::enable_shared_from_this<Cl
   void wake();   // let the thread look at what is due
   EventQueue& events() { return events_; }
   Outbox& outbox() { return outbox_; }
+  // RESOURCE_EXHAUSTED (OUTBOX_FULL) where the server does not read what it was told before.
+  Status check_room() const;
   double report_period_s() const { return 1 / options_.report_hz; }
 
   // ---- for the call
@@ -192,6 +194,7 @@ Result<EditId> ClientCore::edit_with(SessionState& state, Make make) {
     }
     v1::SessionEvent event = make();
     Status fits = convert::check_size("edit", event, catalog()->limits);
+    if (fits) fits = check_room();
     if (!fits) return fits;
     edit = state.send_edit(std::move(event), outbox_);
   }

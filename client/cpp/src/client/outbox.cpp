@@ -15,6 +15,7 @@ void Outbox::put(const std::string& entry) {
     messages_.emplace_back();
   }
   messages_.back().message += entry;
+  num_bytes_ += entry.size();
   can_append_ = true;
 }
 
@@ -27,6 +28,7 @@ void Outbox::put(const v1::SessionEvent& event) {
 void Outbox::put_alone(const v1::StreamMotionRequest& message) {
   const std::lock_guard<std::mutex> lock(mutex_);
   messages_.push_back({message.SerializeAsString()});
+  num_bytes_ += messages_.back().message.size();
   can_append_ = false;
 }
 
@@ -47,6 +49,7 @@ bool Outbox::take(std::string& message) {
       ping_.reset();
     } else {
       messages_.pop_front();
+      num_bytes_ -= message.size();
       if (messages_.empty()) can_append_ = false;
     }
   }
@@ -54,9 +57,15 @@ bool Outbox::take(std::string& message) {
   return true;
 }
 
+bool Outbox::is_full() const {
+  const std::lock_guard<std::mutex> lock(mutex_);
+  return num_bytes_ > kMostWaiting;
+}
+
 void Outbox::clear() {
   const std::lock_guard<std::mutex> lock(mutex_);
   messages_.clear();
+  num_bytes_ = 0;
   ping_.reset();
   can_append_ = false;
 }

@@ -52,6 +52,7 @@ void SessionState::send_close(Outbox& outbox) {
 void SessionState::report(double now_s, double period_s, Outbox& outbox) {
   if (phase != Phase::open || !timeline) return;
   if (options.clock == Clock::real_time) timeline->advance(now_s);
+  if (outbox.is_full()) return;  // the next says it all
   // What plays on towards what a new session has made is not told: the server would count on from there. What stands
   // still is, or the session would be closed for its silence; and so is what was told once.
   const bool stands = !timeline->started() || !timeline->playing();

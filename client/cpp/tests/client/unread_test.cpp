@@ -4,10 +4,12 @@
 #include <atomic>
 #include <chrono>
 #include <future>
+#include <memory>
 #include <string>
 
-#include "client/outbox.hpp"
+#include "client/core.hpp"
 #include "scripted_server.hpp"
+#include "session_stage.hpp"
 
 namespace motiongen {
 namespace {
@@ -68,6 +70,64 @@ TEST(Unread, APingOvertakesWhatWaitsAndTheNewestCounts) {
   outbox.put_ping(ping(3));
   outbox.clear();
   EXPECT_EQ(taken(outbox), "none");
+}
+
+void fill(Outbox& outbox) {
+  const std::string big(Outbox::kMostWaiting / 8, 'x');
+  outbox.set_limit(1 << 20);                              // each is a message of its own
+  for (int part = 0; part < 10; ++part) outbox.put(big);  // of which one may be on its way
+}
+
+TEST(Unread, AnOutboxIsFullUntilItIsRead) {
+  Outbox outbox;
+  EXPECT_FALSE(outbox.is_full());
+  fill(outbox);
+  outbox.put_alone(ping(1));
+  EXPECT_TRUE(outbox.is_full());
+  static_cast<void>(taken(outbox));
+  EXPECT_TRUE(outbox.is_full());
+  while (taken(outbox) != "none") continue;
+  EXPECT_FALSE(outbox.is_full());
+  fill(outbox);
+  outbox.clear();
+  EXPECT_FALSE(outbox.is_full());
+}
+
+TEST(Unread, ReportsAreLeftOutWhereNobodyReads) {
+  Stage stage;
+  const std::lock_guard<std::mutex> lock(stage.state.mutex);
+  stage.open();
+  stage.hear_opened();
+  static_cast<void>(stage.sent());
+  fill(stage.outbox);
+  stage.state.report(1, 0.25, stage.outbox);
+  std::string message;
+  while (stage.outbox.take(message)) EXPECT_EQ(message.find_first_not_of('x'), std::string::npos);
+  stage.state.report(2, 0.25, stage.outbox);
+  EXPECT_EQ(stage.sent(v1::SessionEvent::kPlayhead).size(), 1U);
+}
+
+TEST(Unread, EditsAndSessionsAreRefusedWhereNobodyReadsAndNothingThatWasTakenOnIsLost) {
+  ScriptedServer server;
+  std::promise<void> release;
+  std::shared_future<void> released = release.get_future().share();
+  server.hear = [released](const v1::SessionEvent& /*event*/, ScriptedServer::Stream& /*stream*/) { released.wait(); };
+  const auto core = std::make_shared<ClientCore>(server.options());
+  ASSERT_TRUE(core->connect());
+  const auto session = core->open({});
+  ASSERT_TRUE(session) << session.status().message();
+  fill(core->outbox());
+  v1::SessionEvent told;
+  told.mutable_set_velocity()->set_x(1);
+  const auto refused = core->edit(*session.value(), told);
+  EXPECT_EQ(refused.status().code(), Code::resource_exhausted);
+  EXPECT_EQ(refused.status().reason(), "OUTBOX_FULL");
+  EXPECT_FALSE(session.value()->book.is_waiting()) << "it is not told later all the same";
+  EXPECT_EQ(core->open({}).status().reason(), "OUTBOX_FULL");
+  core->outbox().clear();
+  EXPECT_TRUE(core->edit(*session.value(), told));
+  release.set_value();
+  core->shut_down();
 }
 
 }  // namespace

@@ -37,7 +37,10 @@ v1::OpenSession SessionBook::reopening(std::uint64_t base, std::uint32_t num_pri
 
 std::vector<v1::SessionEvent> SessionBook::repetitions(std::uint64_t base) const {
   std::vector<v1::SessionEvent> events;
-  for (const Pending& each : pending_) events.push_back(shifted(each.event, base));
+  for (const Pending& each : pending_) {
+    auto said = shifted(each.event, base);
+    if (said) events.push_back(std::move(*said));
+  }
   return events;
 }
 
@@ -63,9 +66,25 @@ std::vector<v1::SessionEvent> SessionBook::unanswered(std::uint64_t base) {
   std::vector<v1::SessionEvent> events;
   for (Pending& each : pending_) {
     each.event.set_event_seq(take_seq());
-    events.push_back(shifted(each.event, base));
+    auto said = shifted(each.event, base);
+    if (said) events.push_back(std::move(*said));
   }
   return events;
+}
+
+std::vector<SessionBook::Passed> SessionBook::take_passed(std::uint64_t base) {
+  std::vector<Passed> found;
+  std::deque<Pending> kept;
+  for (Pending& each : pending_) {
+    Passed passed{each.edit, {}, !shifted(each.event, base)};
+    for (v1::Constraint target : each.event.edit_constraints().upsert()) {
+      if (!shift(target, base)) passed.targets.push_back(target.constraint_id());
+    }
+    if (!passed.is_all) kept.push_back(std::move(each));
+    if (passed.is_all || !passed.targets.empty()) found.push_back(std::move(passed));
+  }
+  pending_ = std::move(kept);
+  return found;
 }
 
 std::optional<EditId> SessionBook::answer(std::uint64_t event_seq, const std::optional<Taken>& taken) {

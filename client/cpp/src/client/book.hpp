@@ -46,6 +46,8 @@ class SessionBook {
 
   // Note an edit. Its frames are the timeline's. Returns its number; `event_seq` of the event is set.
   EditId add(v1::SessionEvent& event);
+  // Note one that is never sent.
+  EditId add_unsent() { return next_edit_++; }
 
   // ---- on the wire
 
@@ -71,6 +73,15 @@ class SessionBook {
   // The same for a session that is opened anew: numbered anew and in order. What holds and its opening cannot say comes
   // first: a cut that has not come yet, the velocity, a pause.
   std::vector<v1::SessionEvent> unanswered(std::uint64_t base);
+
+  // What an edit without an answer asked for at frames that a session which begins at `base` does not have.
+  struct Passed {
+    EditId edit = 0;
+    std::vector<std::uint32_t> targets;
+    bool is_all = false;  // nothing else is left of it
+  };
+  // All of these; edits of which nothing is left are not said again.
+  std::vector<Passed> take_passed(std::uint64_t base);
 
   // Let `change` see every cut that is said again.
   template <class Change>

@@ -196,7 +196,7 @@ Result<EditId> ClientCore::edit_with(SessionState& state, Make make) {
     Status fits = convert::check_size("edit", event, catalog()->limits);
     if (fits) fits = check_room();
     if (!fits) return fits;
-    edit = state.send_edit(std::move(event), outbox_);
+    edit = state.send_edit(std::move(event), outbox_, events_);
   }
   flush();
   return edit;

@@ -15,6 +15,10 @@ bool same_rows(const Rig& a, const Rig& b) {
          a.rotation_column == b.rotation_column && a.root_column == b.root_column && a.offsets_m == b.offsets_m;
 }
 
+Status passed() {
+  return {Code::failed_precondition, "FRAME_COMMITTED", "the line was lost, and its frames have passed"};
+}
+
 }  // namespace
 
 std::uint32_t SessionState::prior_rows(const Catalog& catalog, std::uint64_t end, std::string& rows) const {
@@ -80,8 +84,36 @@ void SessionState::send_open(Outbox& outbox, const Catalog& catalog, EventQueue&
   phase = Phase::opening;
   if (resuming_) return send_all({resuming_event()}, outbox, catalog, events);
   std::vector<v1::SessionEvent> said = {opening_event(catalog)};
+  settle_passed(events);
   for (v1::SessionEvent& each : book.unanswered(base_)) said.push_back(std::move(each));
   send_all(said, outbox, catalog, events);
+}
+
+// Said again, they would be asked for at the first frame of the new session.
+void SessionState::settle_passed(EventQueue& events) {
+  for (const SessionBook::Passed& each : book.take_passed(base_)) {
+    if (each.is_all) {
+      refuse_passed(each.edit, each.targets, events);
+    } else {
+      for (const std::uint32_t target : each.targets) reached_book.refuse(target, passed());
+    }
+  }
+}
+
+EditId SessionState::refuse_unsent(const v1::SessionEvent& event, EventQueue& events) {
+  const EditId edit = book.add_unsent();
+  std::vector<std::uint32_t> targets;
+  for (const v1::Constraint& each : event.edit_constraints().upsert()) targets.push_back(each.constraint_id());
+  refuse_passed(edit, targets, events);
+  return edit;
+}
+
+void SessionState::refuse_passed(EditId edit, const std::vector<std::uint32_t>& targets, EventQueue& events) {
+  settle_targets(targets, passed());
+  Outcome outcome;
+  outcome.status = passed();
+  note_answer(edit, std::move(outcome), events);
+  changed.notify_all();
 }
 
 void SessionState::send_all(const std::vector<v1::SessionEvent>& said, Outbox& outbox, const Catalog& catalog,
@@ -194,9 +226,8 @@ void SessionState::serve_in_full(std::uint32_t denoise_steps, EventQueue& events
 
 // Who waits for a target that the new session is not told of hears that none will be told of it.
 void SessionState::take_placements_anew() {
-  const Status passed(Code::failed_precondition, "FRAME_COMMITTED", "the line was lost, and its frames have passed");
   for (const std::uint32_t target : book.passed_at(base_)) {
-    if (!book.is_being_set(target)) reached_book.refuse(target, passed);
+    if (!book.is_being_set(target)) reached_book.refuse(target, passed());
   }
   book.reopened(base_, opened.placements);
 }

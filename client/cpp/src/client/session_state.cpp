@@ -16,12 +16,15 @@ constexpr double kRetryS = 1.0;  // after a refusal that names no time
 
 // ---- to the server
 
-EditId SessionState::send_edit(v1::SessionEvent event, Outbox& outbox) {
-  report_before_edit(outbox);
+EditId SessionState::send_edit(v1::SessionEvent event, Outbox& outbox, EventQueue& events) {
   event.set_session(id);
+  auto said = shifted(event, base_);
+  if (!said) return refuse_unsent(event, events);
+  report_before_edit(outbox);
   const EditId edit = book.add(event);
+  said->set_event_seq(event.event_seq());
   const bool can_send = phase == Phase::open || (phase == Phase::opening && !resuming_);
-  if (can_send) outbox.put(shifted(std::move(event), base_));
+  if (can_send) outbox.put(*said);
   return edit;
 }
 

@@ -37,7 +37,7 @@ TEST(Resumed, ACutThatWasMadeWhileTheLineWasLostIsKnownByItsAnswer) {
   const std::lock_guard<std::mutex> lock(stage.state.mutex);
   stage.open();
   stage.hear_opened();
-  stage.state.send_edit(teleport(), stage.outbox);
+  stage.state.send_edit(teleport(), stage.outbox, stage.events);
   stage.lose();
   stage.open();
   stage.hear_opened();
@@ -53,7 +53,7 @@ TEST(Resumed, ACutThatIsRefusedIsNone) {
   const std::lock_guard<std::mutex> lock(stage.state.mutex);
   stage.open();
   stage.hear_opened();
-  stage.state.send_edit(teleport(), stage.outbox);
+  stage.state.send_edit(teleport(), stage.outbox, stage.events);
   hear_answer(stage, Code::failed_precondition);
   EXPECT_TRUE(cuts(*stage.state.timeline, 40).empty());
 }

@@ -31,6 +31,7 @@ target_link_libraries(motiongen_proto PUBLIC gRPC::grpc++ protobuf::libprotobuf)
 add_library(motiongen_client
   src/client/address.cpp
   src/client/book.cpp
+  src/client/book_prompts.cpp
   src/client/call.cpp
   src/client/call_metadata.cpp
   src/client/channels.cpp

@@ -8,49 +8,19 @@
 
 namespace motiongen {
 
-bool SessionBook::is_being_changed(std::uint32_t prompt_id) const {
-  return std::any_of(pending_.begin(), pending_.end(), [prompt_id](const Pending& each) {
-    const auto& edit = each.event.edit_prompts();
-    const auto has_id = [prompt_id](const v1::PromptSpan& span) { return span.prompt_id() == prompt_id; };
-    return std::count(edit.remove().begin(), edit.remove().end(), prompt_id) != 0 ||
-           std::any_of(edit.upsert().begin(), edit.upsert().end(), has_id);
-  });
-}
-
-std::vector<std::uint32_t> SessionBook::begun_prompts(std::uint64_t playhead, bool spare_last) const {
-  std::vector<std::pair<std::uint64_t, std::uint32_t>> begun;
-  for (const v1::PromptSpan& span : prompts_) {
-    const bool goes_by_itself = span.prompt_id() == kPresentPrompt || span.end_frame() != 0;
-    if (goes_by_itself || span.start_frame() > playhead || is_being_changed(span.prompt_id())) continue;
-    begun.emplace_back(span.start_frame(), span.prompt_id());
-  }
-  std::sort(begun.begin(), begun.end());
-  if (spare_last && !begun.empty()) begun.pop_back();
-  std::vector<std::uint32_t> ids;
-  for (const auto& each : begun) ids.push_back(each.second);
-  return ids;
-}
-
 EditId SessionBook::add(v1::SessionEvent& event) {
   event.set_event_seq(take_seq());
   pending_.push_back({next_edit_, event});
   return next_edit_++;
 }
 
-v1::OpenSession SessionBook::reopening(std::uint64_t base, std::uint32_t num_prior, std::string prior) const {
+v1::OpenSession SessionBook::reopening(std::uint64_t base, std::uint32_t num_prior, std::string prior,
+                                       std::size_t most_prompts) const {
   v1::OpenSession message = open_;
   if (!opened_) return message;
   message.clear_prompts();
   message.clear_constraints();
-  std::vector<v1::PromptSpan> spans = prompts_;
-  const auto later = std::stable_partition(spans.begin(), spans.end(),
-                                           [base](const v1::PromptSpan& each) { return each.start_frame() <= base; });
-  // they all begin at once now: the one that holds must come last
-  std::stable_sort(spans.begin(), later,
-                   [](const v1::PromptSpan& a, const v1::PromptSpan& b) { return a.start_frame() < b.start_frame(); });
-  for (v1::PromptSpan& span : spans) {
-    if (shift(span, base)) *message.add_prompts() = std::move(span);
-  }
+  for (v1::PromptSpan& span : prompts_from(base, most_prompts)) *message.add_prompts() = std::move(span);
   for (const v1::Constraint& each : constraints_) {
     auto rest = left(each, base);
     if (rest) *message.add_constraints() = std::move(*rest);
@@ -67,7 +37,10 @@ v1::OpenSession SessionBook::reopening(std::uint64_t base, std::uint32_t num_pri
 
 std::vector<v1::SessionEvent> SessionBook::repetitions(std::uint64_t base) const {
   std::vector<v1::SessionEvent> events;
-  for (const Pending& each : pending_) events.push_back(shifted(each.event, base));
+  for (const Pending& each : pending_) {
+    auto said = shifted(each.event, base);
+    if (said) events.push_back(std::move(*said));
+  }
   return events;
 }
 
@@ -93,9 +66,25 @@ std::vector<v1::SessionEvent> SessionBook::unanswered(std::uint64_t base) {
   std::vector<v1::SessionEvent> events;
   for (Pending& each : pending_) {
     each.event.set_event_seq(take_seq());
-    events.push_back(shifted(each.event, base));
+    auto said = shifted(each.event, base);
+    if (said) events.push_back(std::move(*said));
   }
   return events;
+}
+
+std::vector<SessionBook::Passed> SessionBook::take_passed(std::uint64_t base) {
+  std::vector<Passed> found;
+  std::deque<Pending> kept;
+  for (Pending& each : pending_) {
+    Passed passed{each.edit, {}, !shifted(each.event, base)};
+    for (v1::Constraint target : each.event.edit_constraints().upsert()) {
+      if (!shift(target, base)) passed.targets.push_back(target.constraint_id());
+    }
+    if (!passed.is_all) kept.push_back(std::move(each));
+    if (passed.is_all || !passed.targets.empty()) found.push_back(std::move(passed));
+  }
+  pending_ = std::move(kept);
+  return found;
 }
 
 std::optional<EditId> SessionBook::answer(std::uint64_t event_seq, const std::optional<Taken>& taken) {
@@ -117,6 +106,12 @@ std::vector<std::uint32_t> SessionBook::targets_of(std::uint64_t event_seq) cons
     }
   }
   return ids;
+}
+
+bool SessionBook::is_cut(std::uint64_t event_seq) const {
+  return std::any_of(pending_.begin(), pending_.end(), [event_seq](const Pending& each) {
+    return each.event.event_seq() == event_seq && each.event.has_seek();
+  });
 }
 
 bool SessionBook::is_being_set(std::uint32_t target) const {
@@ -204,19 +199,9 @@ void SessionBook::place(const std::vector<Placement>& placements) {
   }
 }
 
-void SessionBook::forget_prompt(std::uint32_t id) {
-  const auto has_id = [id](const v1::PromptSpan& each) { return each.prompt_id() == id; };
-  prompts_.erase(std::remove_if(prompts_.begin(), prompts_.end(), has_id), prompts_.end());
-}
-
 void SessionBook::accept(const v1::SessionEvent& event, const Taken& taken) {
   if (event.has_edit_prompts()) {
-    for (const std::uint32_t id : event.edit_prompts().remove()) forget_prompt(id);
-    for (const auto& span : event.edit_prompts().upsert()) {
-      forget_prompt(span.prompt_id());
-      prompts_.push_back(span);
-      prompts_.back().set_start_frame(std::max<std::uint64_t>(span.start_frame(), taken.effective_frame));
-    }
+    accept_prompts(event.edit_prompts(), taken);
   } else if (event.has_edit_constraints()) {
     const auto& edit = event.edit_constraints();
     const auto is_gone = [&edit](const v1::Constraint& each) {

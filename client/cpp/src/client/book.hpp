@@ -2,6 +2,7 @@
 // is opened again after a loss, so that nothing that the server took is lost, and nothing it has not answered either.
 #pragma once
 
+#include <cstddef>
 #include <cstdint>
 #include <deque>
 #include <map>
@@ -18,6 +19,7 @@ namespace motiongen {
 struct Taken {
   std::uint64_t effective_frame = 0;
   std::vector<Placement> placements;
+  std::uint64_t playhead = 0;  // then: what has ended by it is forgotten
 };
 
 class SessionBook {
@@ -44,6 +46,8 @@ class SessionBook {
 
   // Note an edit. Its frames are the timeline's. Returns its number; `event_seq` of the event is set.
   EditId add(v1::SessionEvent& event);
+  // Note one that is never sent.
+  EditId add_unsent() { return next_edit_++; }
 
   // ---- on the wire
 
@@ -52,9 +56,11 @@ class SessionBook {
   std::uint64_t take_seq() { return next_seq_++; }
 
   // The message that opens the session for the first time, or anew where `prior` (rows of patch_frames each, the last
-  // of which is shown before frame `base`) says what it did; without it, it starts at its start pose.
+  // of which is shown before frame `base`) says what it did; without it, it starts at its start pose. Prompts in whose
+  // place others come later are left out where there would be more than most_prompts.
   v1::OpenSession opening() const { return open_; }
-  v1::OpenSession reopening(std::uint64_t base, std::uint32_t num_prior, std::string prior) const;
+  v1::OpenSession reopening(std::uint64_t base, std::uint32_t num_prior, std::string prior,
+                            std::size_t most_prompts) const;
 
   // Every event up to this one has been answered.
   std::uint64_t answered_seq() const {
@@ -68,6 +74,15 @@ class SessionBook {
   // first: a cut that has not come yet, the velocity, a pause.
   std::vector<v1::SessionEvent> unanswered(std::uint64_t base);
 
+  // What an edit without an answer asked for at frames that a session which begins at `base` does not have.
+  struct Passed {
+    EditId edit = 0;
+    std::vector<std::uint32_t> targets;
+    bool is_all = false;  // nothing else is left of it
+  };
+  // All of these; edits of which nothing is left are not said again.
+  std::vector<Passed> take_passed(std::uint64_t base);
+
   // Let `change` see every cut that is said again.
   template <class Change>
   void change_seeks(Change change) {
@@ -79,6 +94,8 @@ class SessionBook {
 
   // The targets that an event without an answer sets.
   std::vector<std::uint32_t> targets_of(std::uint64_t event_seq) const;
+  // Whether an event without an answer asks for a cut.
+  bool is_cut(std::uint64_t event_seq) const;
   // Whether an event without an answer sets a target.
   bool is_being_set(std::uint32_t target) const;
   // Whether a target may be told of: it is on its way, or was accepted and is not over.
@@ -124,7 +141,9 @@ class SessionBook {
   void accept(const v1::SessionEvent& event, const Taken& taken);
   void accept_options(const v1::SetOptions& options);
   void place(const std::vector<Placement>& placements);
-  void forget_prompt(std::uint32_t id);
+  void accept_prompts(const v1::EditPrompts& edit, const Taken& taken);
+  void put_prompt(v1::PromptSpan span, std::uint64_t playhead);
+  std::vector<v1::PromptSpan> prompts_from(std::uint64_t base, std::size_t most) const;
   bool is_being_changed(std::uint32_t prompt_id) const;
   bool is_over(const v1::Constraint& constraint, std::uint64_t frame) const;
   std::optional<v1::Constraint> left(const v1::Constraint& constraint, std::uint64_t frame) const;

@@ -109,7 +109,7 @@ Status ClientCore::begin_call() {
   convert::set_seconds(options_.flush_interval_s, hello.mutable_hello()->mutable_flush_interval());
   outbox_.clear();
   outbox_.put_alone(hello);
-  proved_at_s_ = now_s();
+  heard_at_s_ = now_s();
   std::vector<std::shared_ptr<Call>> ended;  // let go when the lock is
   const std::lock_guard<std::mutex> lock(mutex_);
   if (closing_) return {};
@@ -123,6 +123,7 @@ Status ClientCore::begin_call() {
   drop_reason_ = Status();  // of a call that had ended already
   backoff_.begin_call();
   next_ping_s_ = now_s();
+  unanswered_since_s_ = 0;
   call_ = Call::start(*server().stub, metadata.value(), outbox_, shared_from_this());
   return {};
 }
@@ -172,7 +173,8 @@ void ClientCore::lose(const Status& status, bool will_reconnect) {
     const double jitter = std::uniform_real_distribution<double>(0.8, 1.2)(jitter_);
     const double wait_s = was_connected || all_failed ? backoff_.next_s(now_s()) * jitter : 0;
     reconnect_at_s = now_s() + std::max(wait_s, asked_s);
-    reconnect_at_s_ = std::numeric_limits<double>::infinity();  // until all sessions have heard
+    // not before all sessions have heard: one would be opened on the next call, and then take that for lost
+    reconnect_at_s_ = std::numeric_limits<double>::infinity();
     changed_.notify_all();
   }
   if (was_connected && !closing_) {
@@ -186,6 +188,7 @@ void ClientCore::lose(const Status& status, bool will_reconnect) {
     state->lose(status, will_reconnect, events_);
   }
   forget_closed();
+  outbox_.clear();  // what has no answer is said again
   const std::lock_guard<std::mutex> lock(mutex_);
   reconnect_at_s_ = reconnect_at_s;
   woken_ = true;

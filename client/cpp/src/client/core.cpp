@@ -72,6 +72,7 @@ Result<std::shared_ptr<SessionState>> ClientCore::open(const SessionOptions& opt
     state->book.add_opening(convert::constraint(state->book.take_constraint_id(), target));
   }
   Status fits = convert::check_size("the session", state->book.opening(), catalog()->limits);
+  if (fits) fits = check_room();
   if (!fits) return fits;
   {
     // looked at where the session comes in: whoever ends the client ends those that are there, and it alone
@@ -93,6 +94,13 @@ Result<EditId> ClientCore::edit(SessionState& state, v1::SessionEvent event) {
   return edit_with(state, [&event] { return std::move(event); });
 }
 
+Status ClientCore::check_room() const {
+  if (!outbox_.is_full()) return {};
+  return {Code::resource_exhausted, "OUTBOX_FULL",
+          "more than " + std::to_string(Outbox::kMostWaiting) +
+              " bytes wait until the server reads them; tell it less, or again later"};
+}
+
 void ClientCore::flush() {
   std::shared_ptr<Call> call;
   {
@@ -106,6 +114,7 @@ void ClientCore::flush() {
 
 void ClientCore::on_message(const wire::Piece* pieces, std::size_t size) {
   const double now = now_s();
+  heard_at_s_ = now;
   ++num_messages_;
   num_bytes_ += size;
   // what is said of the stream is to be taken before what is said of its sessions, wherever it lies
@@ -184,7 +193,7 @@ void ClientCore::take_pong(std::int64_t pinged_ns) {
   const std::lock_guard<std::mutex> lock(mutex_);
   if (pinged_ns <= ponged_ns_ || pinged_ns > pinged_ns_) return;  // it answers no ping, and says nothing of the line
   ponged_ns_ = pinged_ns;
-  proved_at_s_ = now_s();
+  unanswered_since_s_ = 0;
   round_trip_s_ = now_s() - static_cast<double>(pinged_ns) / 1e9;
   backoff_.note_pong();
 }

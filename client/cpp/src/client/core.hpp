@@ -79,6 +79,8 @@ class ClientCore final : public CallUser, public std::enable_shared_from_this<Cl
   void wake();   // let the thread look at what is due
   EventQueue& events() { return events_; }
   Outbox& outbox() { return outbox_; }
+  // RESOURCE_EXHAUSTED (OUTBOX_FULL) where the server does not read what it was told before.
+  Status check_room() const;
   double report_period_s() const { return 1 / options_.report_hz; }
 
   // ---- for the call
@@ -112,6 +114,7 @@ class ClientCore final : public CallUser, public std::enable_shared_from_this<Cl
   void tick(double now);
   void report(double now);
   void send_ping(double now);
+  bool is_silent(double now);
 
   bool take_stream_event(const wire::Cursor& message);
   void take_hello(const v1::ServerHello& hello);
@@ -151,8 +154,8 @@ class ClientCore final : public CallUser, public std::enable_shared_from_this<Cl
   std::atomic<std::uint64_t> num_chunks_{0};
   std::atomic<std::uint32_t> num_reconnects_{0};
   std::atomic<double> round_trip_s_{0};
-  std::atomic<double> proved_at_s_{0};  // when the server took the call, or answered a ping
-  std::string scratch_;                 // of the call's reads, which come one at a time
+  std::atomic<double> heard_at_s_{0};
+  std::string scratch_;  // of the call's reads, which come one at a time
 
   // never held while another lock is taken, but for those of `outbox_`, `events_`, `route_` and calls
   mutable std::mutex mutex_;
@@ -174,6 +177,7 @@ class ClientCore final : public CallUser, public std::enable_shared_from_this<Cl
   double next_ping_s_ = 0;
   std::int64_t pinged_ns_ = 0;  // when the last ping was sent, and the last that was answered
   std::int64_t ponged_ns_ = 0;
+  double unanswered_since_s_ = 0;  // when the first ping was sent that nothing was heard of; 0: none is open
   bool woken_ = false;
   std::thread worker_;
   std::minstd_rand jitter_{std::random_device{}()};
@@ -190,8 +194,9 @@ Result<EditId> ClientCore::edit_with(SessionState& state, Make make) {
     }
     v1::SessionEvent event = make();
     Status fits = convert::check_size("edit", event, catalog()->limits);
+    if (fits) fits = check_room();
     if (!fits) return fits;
-    edit = state.send_edit(std::move(event), outbox_);
+    edit = state.send_edit(std::move(event), outbox_, events_);
   }
   flush();
   return edit;

@@ -1,11 +1,22 @@
 #include "client/frame_shift.hpp"
 
+#include <algorithm>
 #include <cstddef>
 
 namespace motiongen {
 namespace {
 
 constexpr std::uint64_t kNever = std::uint64_t{1} << 53;  // no session comes to it: the server refuses to go back there
+
+// Count all from `base`, without those that have passed. Returns whether any has.
+template <class Each>
+bool shift_all(google::protobuf::RepeatedPtrField<Each>& all, std::uint64_t base) {
+  const auto has_passed = [base](Each& each) { return !shift(each, base); };
+  const auto end = std::remove_if(all.begin(), all.end(), has_passed);
+  const bool any = end != all.end();
+  all.erase(end, all.end());
+  return any;
+}
 
 }  // namespace
 
@@ -41,21 +52,17 @@ bool shift(v1::Constraint& constraint, std::uint64_t base) {
   return true;
 }
 
-v1::SessionEvent shifted(v1::SessionEvent event, std::uint64_t base) {
+std::optional<v1::SessionEvent> shifted(v1::SessionEvent event, std::uint64_t base) {
   if (base == 0) return event;
   if (event.has_edit_prompts()) {
-    for (auto& span : *event.mutable_edit_prompts()->mutable_upsert()) {
-      if (shift(span, base)) continue;
-      span.set_start_frame(0);
-      span.set_end_frame(1);
-    }
+    auto& edit = *event.mutable_edit_prompts();
+    const bool has_passed = shift_all(*edit.mutable_upsert(), base);
+    if (has_passed && edit.upsert().empty() && edit.remove().empty()) return std::nullopt;
   }
   if (event.has_edit_constraints()) {
-    for (auto& constraint : *event.mutable_edit_constraints()->mutable_upsert()) {
-      if (shift(constraint, base)) continue;
-      constraint.set_frame(0);
-      if (constraint.has_last_frame()) constraint.set_last_frame(0);
-    }
+    auto& edit = *event.mutable_edit_constraints();
+    const bool has_passed = shift_all(*edit.mutable_upsert(), base);
+    if (has_passed && edit.upsert().empty() && edit.remove().empty() && !edit.clear()) return std::nullopt;
   }
   if (event.has_seek() && event.seek().frame() != 0) {
     const std::uint64_t frame = event.seek().frame();

@@ -2,6 +2,7 @@
 #pragma once
 
 #include <cstdint>
+#include <optional>
 
 #include "motiongen/v1/session.pb.h"
 
@@ -14,8 +15,8 @@ bool shift(v1::PromptSpan& span, std::uint64_t base);
 // frames the server chooses stays as it is.
 bool shift(v1::Constraint& constraint, std::uint64_t base);
 
-// The event as it is sent to a session whose frame 0 is `base`. What has passed is left in where the server refuses it
-// by its own rule, so that the edit gets its answer.
-v1::SessionEvent shifted(v1::SessionEvent event, std::uint64_t base);
+// The event as it is sent to a session whose frame 0 is `base`, without what has passed; nothing where all of it has. A
+// frame to go back to that the session does not have is left in where the server refuses it by its own rule.
+std::optional<v1::SessionEvent> shifted(v1::SessionEvent event, std::uint64_t base);
 
 }  // namespace motiongen

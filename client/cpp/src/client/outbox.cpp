@@ -15,6 +15,7 @@ void Outbox::put(const std::string& entry) {
     messages_.emplace_back();
   }
   messages_.back().message += entry;
+  num_bytes_ += entry.size();
   can_append_ = true;
 }
 
@@ -27,26 +28,45 @@ void Outbox::put(const v1::SessionEvent& event) {
 void Outbox::put_alone(const v1::StreamMotionRequest& message) {
   const std::lock_guard<std::mutex> lock(mutex_);
   messages_.push_back({message.SerializeAsString()});
+  num_bytes_ += messages_.back().message.size();
   can_append_ = false;
+}
+
+void Outbox::put_ping(const v1::StreamMotionRequest& message) {
+  const std::lock_guard<std::mutex> lock(mutex_);
+  ping_ = Waiting{message.SerializeAsString()};
 }
 
 bool Outbox::take(std::string& message) {
   std::chrono::steady_clock::time_point since;
   {
     const std::lock_guard<std::mutex> lock(mutex_);
-    if (messages_.empty()) return false;
-    message = std::move(messages_.front().message);
-    since = messages_.front().since;
-    messages_.pop_front();
-    if (messages_.empty()) can_append_ = false;
+    if (!ping_ && messages_.empty()) return false;
+    Waiting& next = ping_ ? *ping_ : messages_.front();
+    message = std::move(next.message);
+    since = next.since;
+    if (ping_) {
+      ping_.reset();
+    } else {
+      messages_.pop_front();
+      num_bytes_ -= message.size();
+      if (messages_.empty()) can_append_ = false;
+    }
   }
   if (on_taken_) on_taken_(std::chrono::duration<double>(std::chrono::steady_clock::now() - since).count());
   return true;
 }
 
+bool Outbox::is_full() const {
+  const std::lock_guard<std::mutex> lock(mutex_);
+  return num_bytes_ > kMostWaiting;
+}
+
 void Outbox::clear() {
   const std::lock_guard<std::mutex> lock(mutex_);
   messages_.clear();
+  num_bytes_ = 0;
+  ping_.reset();
   can_append_ = false;
 }
 

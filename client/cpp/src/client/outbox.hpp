@@ -7,6 +7,7 @@
 #include <deque>
 #include <functional>
 #include <mutex>
+#include <optional>
 #include <string>
 
 #include "motiongen/v1/service.pb.h"
@@ -17,6 +18,9 @@ class Outbox {
  public:
   // on_taken: hears of each message for how many seconds it waited since its first entry came.
   explicit Outbox(std::function<void(double waited_s)> on_taken = nullptr) : on_taken_(std::move(on_taken)) {}
+
+  // Of more bytes that wait, nothing new is taken on: the server does not read.
+  static constexpr std::size_t kMostWaiting = std::size_t{64} << 20;
 
   // Bytes of an event that still fit into a message of the server's limit.
   static std::size_t most_event_bytes(std::uint32_t max_request_bytes) {
@@ -30,9 +34,13 @@ class Outbox {
   void put(const v1::SessionEvent& event);
   // A message about the stream itself: hello or ping.
   void put_alone(const v1::StreamMotionRequest& message);
+  // A ping, which overtakes what waits, and takes the place of one that has not gone out yet.
+  void put_ping(const v1::StreamMotionRequest& message);
   // The next message; false when there is none.
   bool take(std::string& message);
   void clear();
+  // Whether so much waits that what can be refused, or left out, is to be.
+  bool is_full() const;
 
  private:
   struct Waiting {
@@ -41,8 +49,10 @@ class Outbox {
   };
 
   const std::function<void(double waited_s)> on_taken_;
-  std::mutex mutex_;
+  mutable std::mutex mutex_;
   std::deque<Waiting> messages_;
+  std::size_t num_bytes_ = 0;  // of messages_
+  std::optional<Waiting> ping_;
   bool can_append_ = false;
   std::size_t limit_ = std::size_t{64} * 1024;
 };

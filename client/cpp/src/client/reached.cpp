@@ -1,6 +1,7 @@
 #include "client/reached.hpp"
 
 #include <algorithm>
+#include <utility>
 
 namespace motiongen {
 namespace {
@@ -32,9 +33,15 @@ void erase(std::deque<Each>& in, std::uint32_t target) {
 }  // namespace
 
 bool ReachedBook::note(const Reached& told) {
-  const std::optional<Reached> before = find(told.target);
-  if (before && before->frame == told.frame) return false;
-  keep(told, kKept, told_);
+  const std::pair<std::uint32_t, std::uint64_t> news(told.target, told.frame);
+  if (std::find(heard_.begin(), heard_.end(), news) != heard_.end()) return false;
+  keep(news, kKept, heard_);
+  const auto replaced = forgotten_.find(told.target);
+  if (replaced != forgotten_.end()) {
+    replaced->second.told = told;  // of the new one a server tells after its answer
+  } else {
+    keep(told, kKept, told_);
+  }
   return true;
 }
 
@@ -53,11 +60,11 @@ void ReachedBook::forget(std::uint32_t target) {
   erase(refused_, target);
 }
 
-void ReachedBook::settle(std::uint32_t target, bool was_taken) {
+void ReachedBook::settle(std::uint32_t target, bool was_taken, bool is_last) {
   const auto kept = forgotten_.find(target);
   if (kept == forgotten_.end()) return;
-  const Forgotten before = kept->second;
-  forgotten_.erase(kept);
+  const Forgotten before = std::exchange(kept->second, {});
+  if (is_last) forgotten_.erase(kept);
   if (was_taken) return;
   if (before.told && !find(target)) keep(*before.told, kKept, told_);
   if (before.placed && !find_placement(target)) keep(*before.placed, kKept, placements_);

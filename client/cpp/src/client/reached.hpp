@@ -22,8 +22,9 @@ class ReachedBook {
 
   // Another target is to take the id: what is known of the one before does not hold for it.
   void forget(std::uint32_t target);
-  // The other one was taken, or it was not and what was forgotten holds again.
-  void settle(std::uint32_t target, bool was_taken);
+  // The other one was taken, or it was not and what was forgotten holds again. is_last: none that takes the id is on
+  // its way any more.
+  void settle(std::uint32_t target, bool was_taken, bool is_last);
 
   // The newest that is known, if anything is.
   std::optional<Reached> find(std::uint32_t target) const;
@@ -39,6 +40,7 @@ class ReachedBook {
   };
 
   std::deque<Reached> told_;
+  std::deque<std::pair<std::uint32_t, std::uint64_t>> heard_;  // target and frame of all that was told of late
   std::deque<Placement> placements_;
   std::deque<std::pair<std::uint32_t, Status>> refused_;
   std::map<std::uint32_t, Forgotten> forgotten_;  // by the ids that edits on their way replace

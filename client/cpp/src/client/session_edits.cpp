@@ -114,7 +114,7 @@ Result<EditId> Session::replace_target(std::uint32_t id, const Target& target) {
   });
   if (!sent) {
     const std::lock_guard<std::mutex> lock(state_->mutex);
-    if (!state_->book.is_being_set(id)) state_->reached_book.settle(id, false);
+    if (!state_->book.is_being_set(id)) state_->reached_book.settle(id, false, true);
   }
   return sent;
 }

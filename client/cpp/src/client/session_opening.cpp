@@ -15,6 +15,10 @@ bool same_rows(const Rig& a, const Rig& b) {
          a.rotation_column == b.rotation_column && a.root_column == b.root_column && a.offsets_m == b.offsets_m;
 }
 
+Status passed() {
+  return {Code::failed_precondition, "FRAME_COMMITTED", "the line was lost, and its frames have passed"};
+}
+
 }  // namespace
 
 std::uint32_t SessionState::prior_rows(const Catalog& catalog, std::uint64_t end, std::string& rows) const {
@@ -80,8 +84,36 @@ void SessionState::send_open(Outbox& outbox, const Catalog& catalog, EventQueue&
   phase = Phase::opening;
   if (resuming_) return send_all({resuming_event()}, outbox, catalog, events);
   std::vector<v1::SessionEvent> said = {opening_event(catalog)};
+  settle_passed(events);
   for (v1::SessionEvent& each : book.unanswered(base_)) said.push_back(std::move(each));
   send_all(said, outbox, catalog, events);
+}
+
+// Said again, they would be asked for at the first frame of the new session.
+void SessionState::settle_passed(EventQueue& events) {
+  for (const SessionBook::Passed& each : book.take_passed(base_)) {
+    if (each.is_all) {
+      refuse_passed(each.edit, each.targets, events);
+    } else {
+      for (const std::uint32_t target : each.targets) reached_book.refuse(target, passed());
+    }
+  }
+}
+
+EditId SessionState::refuse_unsent(const v1::SessionEvent& event, EventQueue& events) {
+  const EditId edit = book.add_unsent();
+  std::vector<std::uint32_t> targets;
+  for (const v1::Constraint& each : event.edit_constraints().upsert()) targets.push_back(each.constraint_id());
+  refuse_passed(edit, targets, events);
+  return edit;
+}
+
+void SessionState::refuse_passed(EditId edit, const std::vector<std::uint32_t>& targets, EventQueue& events) {
+  settle_targets(targets, passed());
+  Outcome outcome;
+  outcome.status = passed();
+  note_answer(edit, std::move(outcome), events);
+  changed.notify_all();
 }
 
 void SessionState::send_all(const std::vector<v1::SessionEvent>& said, Outbox& outbox, const Catalog& catalog,
@@ -104,7 +136,7 @@ v1::SessionEvent SessionState::opening_event(const Catalog& catalog) {
     base_ = timeline->buffered_to();
     const std::uint32_t num_rows = prior_rows(catalog, base_, rows);
     book.change_seeks([&](v1::Seek& seek) { say_as_rows(seek, catalog); });
-    *event.mutable_open() = book.reopening(base_, num_rows, std::move(rows));
+    *event.mutable_open() = book.reopening(base_, num_rows, std::move(rows), catalog.limits.max_prompts);
     event.mutable_open()->set_model_id(opened.model_id);
     event.mutable_open()->set_seed(opened.seed);
   } else {
@@ -147,6 +179,7 @@ void SessionState::take_resumed(const v1::SessionOpened& message, const Catalog&
   event.frame = base_ + message.start_frame();
   event.exact = true;
   events.push(std::move(event));
+  serve_in_full(message.denoise_steps(), events);
   report_before_edit(outbox);  // it may have gone on meanwhile
   send_all(book.repetitions(base_), outbox, catalog, events);
 }
@@ -180,18 +213,21 @@ void SessionState::take_opened(const v1::SessionOpened& message, const Catalog& 
     if (!begun) return break_off(begun, events, outbox);
   }
   events.push(std::move(event));
-  // another follows where that is not so; one that has just begun has told nobody anything else
-  const ServiceLevel full = {v1::SERVICE_TIER_FULL, opened.denoise_steps};
-  const bool was_less = level_.tier != full.tier || level_.denoise_steps != full.denoise_steps;
-  if (was_reopened && was_less) set_level(full, events);
-  level_ = full;
+  // one that has just begun has told nobody anything else
+  if (!was_reopened) level_ = {v1::SERVICE_TIER_FULL, opened.denoise_steps};
+  serve_in_full(opened.denoise_steps, events);
+}
+
+// As a session is that goes on or begins: where that is not so another level follows.
+void SessionState::serve_in_full(std::uint32_t denoise_steps, EventQueue& events) {
+  const ServiceLevel full = {v1::SERVICE_TIER_FULL, denoise_steps};
+  if (level_.tier != full.tier || level_.denoise_steps != full.denoise_steps) set_level(full, events);
 }
 
 // Who waits for a target that the new session is not told of hears that none will be told of it.
 void SessionState::take_placements_anew() {
-  const Status passed(Code::failed_precondition, "FRAME_COMMITTED", "the line was lost, and its frames have passed");
   for (const std::uint32_t target : book.passed_at(base_)) {
-    if (!book.is_being_set(target)) reached_book.refuse(target, passed);
+    if (!book.is_being_set(target)) reached_book.refuse(target, passed());
   }
   book.reopened(base_, opened.placements);
 }

@@ -16,12 +16,15 @@ constexpr double kRetryS = 1.0;  // after a refusal that names no time
 
 // ---- to the server
 
-EditId SessionState::send_edit(v1::SessionEvent event, Outbox& outbox) {
-  report_before_edit(outbox);
+EditId SessionState::send_edit(v1::SessionEvent event, Outbox& outbox, EventQueue& events) {
   event.set_session(id);
+  auto said = shifted(event, base_);
+  if (!said) return refuse_unsent(event, events);
+  report_before_edit(outbox);
   const EditId edit = book.add(event);
+  said->set_event_seq(event.event_seq());
   const bool can_send = phase == Phase::open || (phase == Phase::opening && !resuming_);
-  if (can_send) outbox.put(shifted(std::move(event), base_));
+  if (can_send) outbox.put(*said);
   return edit;
 }
 
@@ -52,6 +55,7 @@ void SessionState::send_close(Outbox& outbox) {
 void SessionState::report(double now_s, double period_s, Outbox& outbox) {
   if (phase != Phase::open || !timeline) return;
   if (options.clock == Clock::real_time) timeline->advance(now_s);
+  if (outbox.is_full()) return;  // the next says it all
   // What plays on towards what a new session has made is not told: the server would count on from there. What stands
   // still is, or the session would be closed for its silence; and so is what was told once.
   const bool stands = !timeline->started() || !timeline->playing();
@@ -173,7 +177,11 @@ void SessionState::take_outcome(const v1::EditOutcome& message, double now_s, Ev
   if (phase == Phase::opening && was_open_) return;
   std::optional<Taken> taken;
   if (outcome.status) {
-    taken = Taken{outcome.effective_frame.value_or(timeline ? timeline->playhead() : 0), outcome.placements};
+    const std::uint64_t playhead = timeline ? timeline->playhead() : 0;
+    taken = Taken{outcome.effective_frame.value_or(playhead), outcome.placements, playhead};
+  }
+  if (taken && timeline && outcome.effective_frame && book.is_cut(message.event_seq())) {
+    timeline->note_cut(*outcome.effective_frame);
   }
   const std::vector<std::uint32_t> targets = book.targets_of(message.event_seq());
   const auto edit = book.answer(message.event_seq(), taken);
@@ -248,8 +256,9 @@ void SessionState::note_placements(std::vector<Placement>& placements) {
 void SessionState::settle_targets(const std::vector<std::uint32_t>& targets, const Status& answer) {
   for (const std::uint32_t target : targets) {
     const bool was_taken = answer.ok();
-    if (!was_taken && book.is_being_set(target)) continue;  // another edit of it is still on its way
-    reached_book.settle(target, was_taken);
+    const bool is_last = !book.is_being_set(target);
+    if (!was_taken && !is_last) continue;  // what was before it is known once the other is answered
+    reached_book.settle(target, was_taken, is_last);
     if (!was_taken && !book.expects(target)) reached_book.refuse(target, answer);
   }
 }

@@ -64,8 +64,8 @@ class SessionState {
   // What has it go on from a frame of its own: by number, or by the rows where the session at the server has another
   // count since it was opened anew.
   v1::SessionEvent seek_event(std::uint64_t frame, const Catalog& catalog) const;
-  // Take an edit. Returns its number.
-  EditId send_edit(v1::SessionEvent event, Outbox& outbox);
+  // Take an edit. Returns its number. One for frames before those of the session at the server is refused here.
+  EditId send_edit(v1::SessionEvent event, Outbox& outbox, EventQueue& events);
   void send_close(Outbox& outbox);
   // Whether its playhead shall move, from now on or from when it has opened.
   void set_playing(bool is_playing);
@@ -105,6 +105,9 @@ class SessionState {
   void take_opened(const v1::SessionOpened& message, const Catalog& catalog, EventQueue& events, Outbox& outbox);
   void take_resumed(const v1::SessionOpened& message, const Catalog& catalog, EventQueue& events, Outbox& outbox);
   void take_placements_anew();
+  EditId refuse_unsent(const v1::SessionEvent& event, EventQueue& events);
+  void refuse_passed(EditId edit, const std::vector<std::uint32_t>& targets, EventQueue& events);
+  void settle_passed(EventQueue& events);
   Status begin(const Rig& of, std::uint64_t start_frame, const Catalog& catalog);
   void take_closed(const v1::SessionClosed& message, double now_s, EventQueue& events);
   v1::SessionEvent resuming_event();
@@ -112,6 +115,7 @@ class SessionState {
   // Send them, or end where one of them is too big.
   void send_all(const std::vector<v1::SessionEvent>& said, Outbox& outbox, const Catalog& catalog, EventQueue& events);
   void set_level(const ServiceLevel& level, EventQueue& events);
+  void serve_in_full(std::uint32_t denoise_steps, EventQueue& events);
   void take_outcome(const v1::EditOutcome& message, double now_s, EventQueue& events);
   void break_off(const Status& status, EventQueue& events, Outbox& outbox);
   void note_reached(const v1::ConstraintReached& message, EventQueue& events);

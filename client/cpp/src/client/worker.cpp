@@ -8,7 +8,7 @@ namespace motiongen {
 namespace {
 
 constexpr double kTickS = 0.025;        // reports of a moment go together; a session has at most 40 a second
-constexpr double kSilentPeriods = 2.5;  // of pings, without an answer, after which a server is given up
+constexpr double kSilentPeriods = 2.5;  // of pings, without a message or a pong, after which a server is given up
 
 }  // namespace
 
@@ -33,14 +33,23 @@ void ClientCore::work() {
     if (due) reconnect();
     if (connected_) tick(now_s());
     if (connected_ && wants_catalog_.exchange(false)) static_cast<void>(fetch_catalog(kAskTimeoutS));
-    // whatever else it says: one that reads nothing may go on with its frames, and nobody would ever be heard
-    if (has_call && now_s() - proved_at_s_ > kSilentPeriods * options_.ping_period_s) {
-      proved_at_s_ = now_s();  // the call ends by itself now
-      drop_call(Status(Code::unavailable, "SERVER_SILENT", "the server has answered no ping for too long"));
+    if (has_call && is_silent(now_s())) {
+      drop_call(Status(Code::unavailable, "SERVER_SILENT", "no answer came from the server for too long"));
     }
     events_.dispatch();
   }
   end_calls();
+}
+
+// One that speaks, but answers no ping, does not read what it is told. Once it is found the call ends by itself.
+bool ClientCore::is_silent(double now) {
+  const double most_s = kSilentPeriods * options_.ping_period_s;
+  const std::lock_guard<std::mutex> lock(mutex_);
+  const bool is_deaf = unanswered_since_s_ > 0 && now - unanswered_since_s_ > most_s;
+  if (!is_deaf && now - heard_at_s_ <= most_s) return false;
+  heard_at_s_ = now;
+  unanswered_since_s_ = 0;
+  return true;
 }
 
 void ClientCore::tick(double now) {
@@ -73,10 +82,11 @@ void ClientCore::send_ping(double now) {
   {
     const std::lock_guard<std::mutex> lock(mutex_);
     pinged_ns_ = now_ns;
+    if (unanswered_since_s_ == 0) unanswered_since_s_ = now;
   }
   request.mutable_ping()->set_client_time_ns(now_ns);
   if (round_trip_s_ > 0) convert::set_seconds(round_trip_s_, request.mutable_ping()->mutable_round_trip());
-  outbox_.put_alone(request);
+  outbox_.put_ping(request);
 }
 
 }  // namespace motiongen

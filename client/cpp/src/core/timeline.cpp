@@ -120,6 +120,12 @@ Status Timeline::add_chunk(const ChunkHeader& header, RowSource& rows) {
   return {};
 }
 
+void Timeline::note_cut(std::uint64_t frame) {
+  auto& cuts = state_->cuts;
+  const auto place = std::lower_bound(cuts.begin(), cuts.end(), frame);
+  if (place == cuts.end() || *place != frame) cuts.insert(place, frame);
+}
+
 void Timeline::continue_with_new_plans() {
   State& s = *state_;
   s.plan = 0;

@@ -7,6 +7,8 @@
 namespace motiongen {
 namespace {
 
+constexpr std::size_t kMostPrompts = 16;
+
 SessionBook new_book() {
   v1::OpenSession open;
   open.mutable_start_pose()->set_x(3);
@@ -33,7 +35,7 @@ TEST(SessionBook, OpensAnewWithAllThatWasAcceptedCountedFromTheNewFrameZero) {
   v1::SessionEvent over = prompt_event(3, "jump", 10, 40);
   book.add(over);
   EXPECT_EQ(book.answer(3, Taken{}), EditId{2});
-  const v1::OpenSession open = book.reopening(60, 8, "rows");
+  const v1::OpenSession open = book.reopening(60, 8, "rows", kMostPrompts);
   ASSERT_EQ(open.prompts_size(), 2);
   EXPECT_EQ(open.prompts(0).text(), "walk");
   EXPECT_EQ(open.prompts(1).text(), "run");
@@ -52,7 +54,7 @@ TEST(SessionBook, LeavesOutWhatWasRefusedAndSendsAgainWhatWasNotAnswered) {
   book.add(refused);
   book.add(open);
   EXPECT_EQ(book.answer(2, std::nullopt), EditId{1});
-  EXPECT_EQ(book.reopening(60, 8, "").prompts_size(), 1);
+  EXPECT_EQ(book.reopening(60, 8, "", kMostPrompts).prompts_size(), 1);
   book.begin_stream();
   static_cast<void>(book.take_seq());
   const auto again = book.unanswered(60);
@@ -70,14 +72,14 @@ TEST(SessionBook, CutsAPathWhereItHasBeenWalked) {
   *event.mutable_edit_constraints()->add_upsert() = convert::constraint(9, path);
   book.add(event);
   book.answer(2, Taken{});
-  const v1::OpenSession open = book.reopening(52, 8, "");
+  const v1::OpenSession open = book.reopening(52, 8, "", kMostPrompts);
   ASSERT_EQ(open.constraints_size(), 2);
   const auto& rest = open.constraints(1);
   EXPECT_EQ(rest.frame(), 0U);
   ASSERT_EQ(rest.root_trajectory().positions_size(), 4);
   EXPECT_EQ(rest.root_trajectory().positions(0), 2);
   EXPECT_EQ(rest.root_trajectory().headings(0), 0.2F);
-  EXPECT_EQ(book.reopening(54, 8, "").constraints_size(), 1);
+  EXPECT_EQ(book.reopening(54, 8, "", kMostPrompts).constraints_size(), 1);
 }
 
 TEST(SessionBook, KnowsWhichScheduledPromptsHaveBegun) {
@@ -126,7 +128,7 @@ TEST(SessionBook, WhatIsPutInThePlaceOfATargetIsHeldAlone) {
   *event.mutable_edit_constraints()->add_upsert() = convert::constraint(1, Waypoint{120, 7, 8, {}, {}});
   book.add(event);
   book.answer(2, Taken{});
-  const v1::OpenSession open = book.reopening(60, 8, "");
+  const v1::OpenSession open = book.reopening(60, 8, "", kMostPrompts);
   ASSERT_EQ(open.constraints_size(), 1);
   EXPECT_EQ(open.constraints(0).frame(), 60U);
   EXPECT_EQ(open.constraints(0).waypoint().x(), 7);
@@ -149,7 +151,7 @@ TEST(SessionBook, WhatTheServerPlacedIsAskedForWhereItPutIt) {
   placement.anchor_z_m = 20;
   placement.anchor_heading_rad = 1.57079632679F;  // it looks along +X, and its left is -Z
   book.answer(2, Taken{50, {placement}});
-  const v1::OpenSession open = book.reopening(70, 8, "");
+  const v1::OpenSession open = book.reopening(70, 8, "", kMostPrompts);
   ASSERT_EQ(open.constraints_size(), 2);
   const v1::Constraint& held = open.constraints(1);
   EXPECT_EQ(held.frame(), 0U);
@@ -159,7 +161,7 @@ TEST(SessionBook, WhatTheServerPlacedIsAskedForWhereItPutIt) {
   EXPECT_NEAR(held.waypoint().x(), 12, 1e-5);
   EXPECT_NEAR(held.waypoint().z(), 19, 1e-5);
   EXPECT_NEAR(held.waypoint().heading(), 2.0708, 1e-4);
-  EXPECT_EQ(book.reopening(91, 8, "").constraints_size(), 1);
+  EXPECT_EQ(book.reopening(91, 8, "", kMostPrompts).constraints_size(), 1);
 }
 
 TEST(SessionBook, OfAPathTheCornersAheadAreLeft) {
@@ -172,7 +174,7 @@ TEST(SessionBook, OfAPathTheCornersAheadAreLeft) {
   placement.first_frame = 100;
   placement.last_frame = 200;
   book.answer(2, Taken{100, {placement}});
-  const v1::OpenSession open = book.reopening(160, 8, "");
+  const v1::OpenSession open = book.reopening(160, 8, "", kMostPrompts);
   ASSERT_EQ(open.constraints_size(), 1);  // the waypoint at 100 has passed
   ASSERT_EQ(open.constraints(0).root_path().positions_size(), 2);
   EXPECT_EQ(open.constraints(0).root_path().positions(1), 4);
@@ -192,7 +194,7 @@ TEST(SessionBook, SaysAgainWhatAnOpeningCannot) {
   book.answer(2, Taken{50, {}});
   book.answer(3, Taken{70, {}});
   book.answer(4, Taken{});
-  const v1::OpenSession open = book.reopening(65, 8, "");
+  const v1::OpenSession open = book.reopening(65, 8, "", kMostPrompts);
   EXPECT_EQ(open.denoise_steps(), 4U);
   EXPECT_EQ(open.priority(), v1::PRIORITY_CLASS_HERO);
   book.begin_stream();
@@ -268,7 +270,7 @@ TEST(SessionBook, NeverOpenedItOpensAsAtFirst) {
   first.set_model_id("m");
   *first.add_prompts() = convert::span(1, Prompt("walk"), 0, 0);
   const SessionBook book(1, first);
-  EXPECT_EQ(book.reopening(0, 0, "").SerializeAsString(), first.SerializeAsString());
+  EXPECT_EQ(book.reopening(0, 0, "", kMostPrompts).SerializeAsString(), first.SerializeAsString());
 }
 
 }  // namespace

@@ -7,6 +7,8 @@
 namespace motiongen {
 namespace {
 
+constexpr std::size_t kMostPrompts = 16;
+
 SessionBook opened_book() {
   SessionBook book(1, {});
   static_cast<void>(book.take_seq());
@@ -31,13 +33,13 @@ TEST(PlacedAnew, ATargetIsWhereTheNewSessionHasPutIt) {
   *event.mutable_edit_constraints()->add_upsert() = convert::constraint(2, there);
   book.add(event);
   book.answer(2, Taken{10, {placement_of(2, 10, 120)}});
-  ASSERT_EQ(book.reopening(60, 0, "").constraints_size(), 1);
+  ASSERT_EQ(book.reopening(60, 0, "", kMostPrompts).constraints_size(), 1);
   book.reopened(60, {placement_of(2, 60, 300)});
   book.forget_before(150);
-  const v1::OpenSession again = book.reopening(200, 0, "");
+  const v1::OpenSession again = book.reopening(200, 0, "", kMostPrompts);
   ASSERT_EQ(again.constraints_size(), 1) << "it is still on its way";
   EXPECT_EQ(again.constraints(0).constraint_id(), 2U);
-  EXPECT_EQ(book.reopening(301, 0, "").constraints_size(), 0);
+  EXPECT_EQ(book.reopening(301, 0, "", kMostPrompts).constraints_size(), 0);
 }
 
 TEST(PlacedAnew, APathIsWalkedOnFromWhereItWas) {
@@ -48,7 +50,7 @@ TEST(PlacedAnew, APathIsWalkedOnFromWhereItWas) {
   book.add(event);
   book.answer(2, Taken{10, {placement_of(2, 0, 100)}});
   const auto left_at = [&book](std::uint64_t frame) {
-    const v1::OpenSession open = book.reopening(frame, 0, "");
+    const v1::OpenSession open = book.reopening(frame, 0, "", kMostPrompts);
     return open.constraints_size() == 1 ? open.constraints(0).root_path() : v1::RootPath();
   };
   ASSERT_EQ(left_at(60).positions_size(), 4) << "two of four corners";

@@ -1,6 +1,7 @@
 // What becomes of targets: who waits for one hears of it, or why nobody will ever tell.
 #include "client/reached.hpp"
 
+#include "client/convert.hpp"
 #include "scripted_server.hpp"
 #include "session_stage.hpp"
 
@@ -25,7 +26,7 @@ struct Walking : Stage {
     constraint->set_frame(frame);
     constraint->mutable_waypoint();
     state.reached_book.forget(target);
-    state.send_edit(std::move(event), outbox);
+    state.send_edit(std::move(event), outbox, events);
     return sent().back().event_seq();
   }
 
@@ -93,6 +94,43 @@ TEST(Reached, OfTwoReplacementsTheLastThatIsTakenCounts) {
   EXPECT_FALSE(stage.state.reached_book.find(kTarget));
 }
 
+TEST(Reached, OldNewsIsNotOfTheTargetThatHasTheIdNow) {
+  Walking stage;
+  const std::lock_guard<std::mutex> lock(stage.state.mutex);
+  stage.hear_answer(stage.set(kTarget, 10));
+  stage.hear_reached(10);
+  stage.hear_answer(stage.set(kTarget, 60));
+  stage.hear_reached(10);  // told again, to a session that resumes
+  EXPECT_FALSE(stage.state.reached_book.find(kTarget));
+  stage.hear_reached(60);
+  ASSERT_TRUE(stage.state.reached_book.find(kTarget));
+  EXPECT_EQ(stage.state.reached_book.find(kTarget)->frame, 60U);
+}
+
+TEST(Reached, NewsThatCrossesAReplacementIsOfTheOneBefore) {
+  for (const Code code : {Code::ok, Code::failed_precondition}) {
+    Walking stage;
+    const std::lock_guard<std::mutex> lock(stage.state.mutex);
+    stage.hear_answer(stage.set(kTarget, 10));
+    const std::uint64_t seq = stage.set(kTarget, 60);
+    stage.hear_reached(10);
+    stage.hear_answer(seq, code);
+    EXPECT_EQ(stage.state.reached_book.find(kTarget).has_value(), code != Code::ok);
+  }
+}
+
+TEST(Reached, NewsOfAReplacementThatIsReplacedItselfIsNotOfTheLast) {
+  Walking stage;
+  const std::lock_guard<std::mutex> lock(stage.state.mutex);
+  stage.hear_answer(stage.set(kTarget, 10));
+  const std::uint64_t first = stage.set(kTarget, 12);
+  const std::uint64_t second = stage.set(kTarget, 100);
+  stage.hear_answer(first);
+  stage.hear_reached(12);
+  stage.hear_answer(second);
+  EXPECT_FALSE(stage.state.reached_book.find(kTarget));
+}
+
 TEST(Reached, WhatPassedWhileTheLineWasLostIsToldOfByNoServer) {
   Walking stage("");
   const std::lock_guard<std::mutex> lock(stage.state.mutex);
@@ -105,6 +143,55 @@ TEST(Reached, WhatPassedWhileTheLineWasLostIsToldOfByNoServer) {
   ASSERT_EQ(stage.state.phase, Phase::open);
   EXPECT_EQ(stage.refusal(kTarget), "FRAME_COMMITTED");
   EXPECT_EQ(stage.refusal(2), "") << "the new session was told of it";
+}
+
+TEST(Reached, WhatPassedBeforeItWasAnsweredIsRefusedHereAndNotAskedForAtOnce) {
+  Walking stage("");
+  const std::lock_guard<std::mutex> lock(stage.state.mutex);
+  stage.hold(20);
+  stage.set(kTarget, 10);
+  stage.set(2, 100);
+  stage.set(3, 12);
+  stage.lose();
+  stage.open();
+  stage.hear_opened("");
+  const auto said = stage.sent(v1::SessionEvent::kEditConstraints);
+  ASSERT_EQ(said.size(), 1U) << "the server would have them met at its frame 0";
+  EXPECT_EQ(said[0].event_seq(), 2U);
+  EXPECT_EQ(said[0].edit_constraints().upsert(0).constraint_id(), 2U);
+  EXPECT_EQ(stage.refusal(kTarget), "FRAME_COMMITTED");
+  EXPECT_EQ(stage.refusal(2), "");
+  EXPECT_EQ(stage.refusal(3), "FRAME_COMMITTED");
+  ASSERT_TRUE(stage.state.find_answer(1));
+  EXPECT_EQ(stage.state.find_answer(1)->status.reason(), "FRAME_COMMITTED");
+  EXPECT_FALSE(stage.state.find_answer(2));
+  v1::SessionEvent late;
+  *late.mutable_edit_prompts()->add_upsert() = convert::span(2, Prompt("wave"), 5, 15);
+  const EditId edit = stage.state.send_edit(std::move(late), stage.outbox, stage.events);
+  EXPECT_TRUE(stage.sent().empty());
+  ASSERT_TRUE(stage.state.find_answer(edit));
+  EXPECT_EQ(stage.state.find_answer(edit)->status.reason(), "FRAME_COMMITTED");
+}
+
+TEST(Reached, OfAnEditThatPassedInPartTheRestIsSaidAgain) {
+  Walking stage("");
+  const std::lock_guard<std::mutex> lock(stage.state.mutex);
+  stage.hold(20);
+  v1::SessionEvent event;
+  for (const std::uint32_t id : {1U, 2U}) {
+    *event.mutable_edit_constraints()->add_upsert() =
+        convert::constraint(id, Waypoint{id == 1 ? 10U : 100U, 1, 2, {}, {}});
+  }
+  stage.state.send_edit(std::move(event), stage.outbox, stage.events);
+  static_cast<void>(stage.sent());
+  stage.lose();
+  stage.open();
+  stage.hear_opened("");
+  const auto said = stage.sent(v1::SessionEvent::kEditConstraints);
+  ASSERT_EQ(said.size(), 1U);
+  ASSERT_EQ(said[0].edit_constraints().upsert_size(), 1);
+  EXPECT_EQ(said[0].edit_constraints().upsert(0).frame(), 80U);
+  EXPECT_EQ(stage.refusal(1), "FRAME_COMMITTED");
 }
 
 TEST(Reached, WhoWaitsHearsTheRefusal) {

@@ -182,7 +182,7 @@ class Talk {
       if (below(2) == 0) target->set_last_frame(below(200));
       for (int each = 0; each < 8; ++each) target->mutable_root_trajectory()->add_positions(1);
     }
-    stage_.state.send_edit(std::move(event), stage_.outbox);
+    stage_.state.send_edit(std::move(event), stage_.outbox, stage_.events);
   }
 
   void look() {

@@ -18,8 +18,7 @@
 
 namespace motiongen {
 
-// Says hello, answers pings or speaks of something else, and hands every event to `hear`, which may say something on
-// the stream.
+// Says hello, answers pings, and hands every event to `hear`, which may say something on the stream.
 class ScriptedServer final : public v1::MotionService::Service {
  public:
   using Stream = grpc::ServerReaderWriter<v1::StreamMotionResponse, v1::StreamMotionRequest>;
@@ -116,12 +115,9 @@ class ScriptedServer final : public v1::MotionService::Service {
     while (stream.Read(&request)) {
       v1::StreamMotionResponse response;
       if (request.has_hello() && says_hello) response.mutable_hello()->set_replica_id("scripted");
-      if (request.has_ping() && answers_pings) {
+      if (request.has_ping() && answers_pings)
         response.mutable_pong()->set_client_time_ns(request.ping().client_time_ns());
-      } else if (request.has_ping()) {
-        response.add_updates()->set_session(1 << 20);
-      }
-      if (response.has_hello() || request.has_ping()) stream.Write(response);
+      if (response.has_hello() || response.has_pong()) stream.Write(response);
       if (!hear) continue;
       for (const v1::SessionEvent& event : request.events()) hear(event, stream);
     }

@@ -184,7 +184,7 @@ TEST(SessionState, ClosedWhileItIsResumedSaysSoBehindWhatWasNotAnswered) {
   stage.lose();
   v1::SessionEvent told;
   told.mutable_set_velocity()->set_x(1);
-  stage.state.send_edit(std::move(told), stage.outbox);
+  stage.state.send_edit(std::move(told), stage.outbox, stage.events);
   static_cast<void>(stage.sent());
   stage.open();
   stage.state.send_close(stage.outbox);
@@ -215,7 +215,7 @@ TEST(SessionState, OpenedAnewItHasTheHistoryThatWasAskedForLast) {
   stage.hold(40);
   v1::SessionEvent event;
   event.mutable_set_options()->set_history_frames(16);
-  stage.state.send_edit(std::move(event), stage.outbox);
+  stage.state.send_edit(std::move(event), stage.outbox, stage.events);
   v1::SessionUpdate update;
   update.mutable_outcome()->set_event_seq(2);
   stage.hear(update);
@@ -237,7 +237,7 @@ TEST(SessionState, OpenedAnewItIsNotAskedForATargetThatWasMetEarly) {
   for (const std::uint32_t id : {1U, 2U}) {
     *event.mutable_edit_constraints()->add_upsert() = convert::constraint(id, Waypoint{200, 1, 2, {}, {}});
   }
-  stage.state.send_edit(std::move(event), stage.outbox);
+  stage.state.send_edit(std::move(event), stage.outbox, stage.events);
   v1::SessionUpdate taken;
   taken.mutable_outcome()->set_event_seq(2);
   stage.hear(taken);

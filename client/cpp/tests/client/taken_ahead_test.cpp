@@ -26,7 +26,7 @@ struct Playing : Stage {
   void tell() {
     v1::SessionEvent event;
     event.mutable_set_velocity()->set_x(1);
-    state.send_edit(std::move(event), outbox);
+    state.send_edit(std::move(event), outbox, events);
   }
 
   void hear_answer() {

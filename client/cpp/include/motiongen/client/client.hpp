@@ -43,7 +43,7 @@ struct ClientOptions {
   double connect_timeout_s = 10;   // how long `connect` waits for a server that is ready
   double report_hz = 4;            // how often the server hears each playhead, 1 to 5
   double flush_interval_s = 0.02;  // how long the server may gather frames, 0.005 to 0.1
-  double ping_period_s = 5;        // a server is given up that answers none for 2.5 times as long
+  double ping_period_s = 5;        // a server is given up that says nothing, or answers no ping, for 2.5 as many
   bool reconnect = true;           // after a loss; else sessions end with it
   std::string agent;               // added to the library's name in the server's logs, as far as 100 bytes go
   // Called with each event, one at a time, on a thread of the library; absent: events wait for `next_event`. It may

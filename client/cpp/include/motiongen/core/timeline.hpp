@@ -97,6 +97,9 @@ class MOTIONGEN_API Timeline {
   // received so far, are not as many bytes as they should be, or take a commitment back; then nothing has changed.
   [[nodiscard]] Status add_chunk(const ChunkHeader& header, RowSource& rows);
 
+  // A cut that was asked for is at a frame: no plan says so to a session that was away when it was made.
+  void note_cut(std::uint64_t frame);
+
   // Another session goes on where this one was left: its plans count from 1 again, and its first frame is
   // `buffered_to`. Frames that are held stay.
   void continue_with_new_plans();

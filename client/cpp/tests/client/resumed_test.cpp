@@ -1,0 +1,84 @@
+// A session that was resumed: what happened to it while its line was lost is known by what it hears then.
+#include <vector>
+
+#include "session_stage.hpp"
+
+namespace motiongen {
+namespace {
+
+constexpr std::uint64_t kSeqOfEdit = 2;  // behind the opening
+constexpr std::uint64_t kCutAt = 20;
+
+v1::SessionEvent teleport() {
+  v1::SessionEvent event;
+  event.mutable_seek()->mutable_start_pose()->set_x(5);
+  return event;
+}
+
+void hear_answer(Stage& stage, Code code = Code::ok) {
+  v1::SessionUpdate update;
+  update.mutable_outcome()->set_event_seq(kSeqOfEdit);
+  update.mutable_outcome()->set_effective_frame(kCutAt);
+  update.mutable_outcome()->set_code(static_cast<int>(code));
+  stage.hear(update);
+}
+
+// Those that `timeline` has below a frame.
+std::vector<std::uint64_t> cuts(const Timeline& timeline, std::uint64_t end) {
+  std::vector<std::uint64_t> found;
+  for (std::uint64_t frame = 0; frame < end; ++frame) {
+    if (timeline.is_cut(frame)) found.push_back(frame);
+  }
+  return found;
+}
+
+TEST(Resumed, ACutThatWasMadeWhileTheLineWasLostIsKnownByItsAnswer) {
+  Stage stage;
+  const std::lock_guard<std::mutex> lock(stage.state.mutex);
+  stage.open();
+  stage.hear_opened();
+  stage.state.send_edit(teleport(), stage.outbox, stage.events);
+  stage.lose();
+  stage.open();
+  stage.hear_opened();
+  ASSERT_EQ(stage.state.phase, Phase::open);
+  ASSERT_TRUE(stage.state.timeline->announce_plan(3, 0));   // one for all: its cause is the resume
+  for (int time = 0; time < 2; ++time) hear_answer(stage);  // told again to whoever resumes again
+  EXPECT_EQ(cuts(*stage.state.timeline, 40), (std::vector<std::uint64_t>{kCutAt})) << "or it would be blended over";
+  EXPECT_EQ(stage.state.timeline->cut_before(30), kCutAt) << "or frames from before it would be history of after it";
+}
+
+TEST(Resumed, ACutThatIsRefusedIsNone) {
+  Stage stage;
+  const std::lock_guard<std::mutex> lock(stage.state.mutex);
+  stage.open();
+  stage.hear_opened();
+  stage.state.send_edit(teleport(), stage.outbox, stage.events);
+  hear_answer(stage, Code::failed_precondition);
+  EXPECT_TRUE(cuts(*stage.state.timeline, 40).empty());
+}
+
+TEST(Resumed, ItIsServedInFullUntilItIsTold) {
+  Stage stage;
+  const std::lock_guard<std::mutex> lock(stage.state.mutex);
+  stage.open();
+  stage.hear_opened();
+  v1::SessionUpdate less;
+  less.mutable_service_level()->set_tier(v1::SERVICE_TIER_FEWER_STEPS);
+  less.mutable_service_level()->set_denoise_steps(2);
+  stage.hear(less);
+  for (const std::size_t expected : {1U, 0U}) {
+    for (Event event; stage.events.take(event);) continue;
+    stage.lose();
+    stage.open();
+    stage.hear_opened();  // by another server, say, that has less to do
+    std::vector<std::uint32_t> tiers;
+    for (Event event; stage.events.take(event);) {
+      if (event.kind == EventKind::service_level) tiers.push_back(event.level.tier);
+    }
+    EXPECT_EQ(tiers, std::vector<std::uint32_t>(expected, v1::SERVICE_TIER_FULL)) << "told where it differs";
+  }
+}
+
+}  // namespace
+}  // namespace motiongen

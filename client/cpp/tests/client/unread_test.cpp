@@ -1,0 +1,134 @@
+// A server that does not read what it is told, whatever else it says.
+#include <gtest/gtest.h>
+
+#include <atomic>
+#include <chrono>
+#include <future>
+#include <memory>
+#include <string>
+
+#include "client/core.hpp"
+#include "scripted_server.hpp"
+#include "session_stage.hpp"
+
+namespace motiongen {
+namespace {
+
+constexpr double kPingPeriodS = 0.4;
+constexpr auto kLimit = std::chrono::seconds(60);
+
+TEST(Unread, AServerThatSpeaksAndAnswersNoPingIsGivenUp) {
+  ScriptedServer server;
+  server.answers_pings = false;
+  server.hear = [](const v1::SessionEvent& event, ScriptedServer::Stream& stream) {
+    v1::StreamMotionResponse said;  // to each report, which come more often than pings
+    if (event.has_open()) {
+      said.add_updates()->set_session(event.session());
+      said.mutable_updates(0)->mutable_opened()->set_rig_id("r");
+      said.mutable_updates(0)->mutable_opened()->set_model_id("m");
+    }
+    stream.Write(said);
+  };
+  std::promise<std::string> lost;
+  std::atomic<bool> is_told{false};
+  ClientOptions options = server.options();
+  options.ping_period_s = kPingPeriodS;
+  options.reconnect = false;
+  options.on_event = [&](const Event& event) {
+    if (event.kind == EventKind::connection_lost && !is_told.exchange(true)) {
+      lost.set_value(event.outcome.status.reason());
+    }
+  };
+  auto client = Client::connect(options);
+  ASSERT_TRUE(client) << client.status().message();
+  auto session = client->open({});
+  ASSERT_TRUE(session);
+  auto reason = lost.get_future();
+  ASSERT_EQ(reason.wait_for(kLimit), std::future_status::ready);
+  EXPECT_EQ(reason.get(), "SERVER_SILENT");
+}
+
+std::string taken(Outbox& outbox) {
+  std::string message;
+  return outbox.take(message) ? message : "none";
+}
+
+v1::StreamMotionRequest ping(std::int64_t time_ns) {
+  v1::StreamMotionRequest request;
+  request.mutable_ping()->set_client_time_ns(time_ns);
+  return request;
+}
+
+TEST(Unread, APingOvertakesWhatWaitsAndTheNewestCounts) {
+  Outbox outbox;
+  outbox.put("events");
+  outbox.put_ping(ping(1));
+  outbox.put_ping(ping(2));
+  outbox.put("more");
+  EXPECT_EQ(taken(outbox), ping(2).SerializeAsString());
+  EXPECT_EQ(taken(outbox), "eventsmore");
+  outbox.put_ping(ping(3));
+  outbox.clear();
+  EXPECT_EQ(taken(outbox), "none");
+}
+
+void fill(Outbox& outbox) {
+  const std::string big(Outbox::kMostWaiting / 8, 'x');
+  outbox.set_limit(1 << 20);                              // each is a message of its own
+  for (int part = 0; part < 10; ++part) outbox.put(big);  // of which one may be on its way
+}
+
+TEST(Unread, AnOutboxIsFullUntilItIsRead) {
+  Outbox outbox;
+  EXPECT_FALSE(outbox.is_full());
+  fill(outbox);
+  outbox.put_alone(ping(1));
+  EXPECT_TRUE(outbox.is_full());
+  static_cast<void>(taken(outbox));
+  EXPECT_TRUE(outbox.is_full());
+  while (taken(outbox) != "none") continue;
+  EXPECT_FALSE(outbox.is_full());
+  fill(outbox);
+  outbox.clear();
+  EXPECT_FALSE(outbox.is_full());
+}
+
+TEST(Unread, ReportsAreLeftOutWhereNobodyReads) {
+  Stage stage;
+  const std::lock_guard<std::mutex> lock(stage.state.mutex);
+  stage.open();
+  stage.hear_opened();
+  static_cast<void>(stage.sent());
+  fill(stage.outbox);
+  stage.state.report(1, 0.25, stage.outbox);
+  std::string message;
+  while (stage.outbox.take(message)) EXPECT_EQ(message.find_first_not_of('x'), std::string::npos);
+  stage.state.report(2, 0.25, stage.outbox);
+  EXPECT_EQ(stage.sent(v1::SessionEvent::kPlayhead).size(), 1U);
+}
+
+TEST(Unread, EditsAndSessionsAreRefusedWhereNobodyReadsAndNothingThatWasTakenOnIsLost) {
+  ScriptedServer server;
+  std::promise<void> release;
+  std::shared_future<void> released = release.get_future().share();
+  server.hear = [released](const v1::SessionEvent& /*event*/, ScriptedServer::Stream& /*stream*/) { released.wait(); };
+  const auto core = std::make_shared<ClientCore>(server.options());
+  ASSERT_TRUE(core->connect());
+  const auto session = core->open({});
+  ASSERT_TRUE(session) << session.status().message();
+  fill(core->outbox());
+  v1::SessionEvent told;
+  told.mutable_set_velocity()->set_x(1);
+  const auto refused = core->edit(*session.value(), told);
+  EXPECT_EQ(refused.status().code(), Code::resource_exhausted);
+  EXPECT_EQ(refused.status().reason(), "OUTBOX_FULL");
+  EXPECT_FALSE(session.value()->book.is_waiting()) << "it is not told later all the same";
+  EXPECT_EQ(core->open({}).status().reason(), "OUTBOX_FULL");
+  core->outbox().clear();
+  EXPECT_TRUE(core->edit(*session.value(), told));
+  release.set_value();
+  core->shut_down();
+}
+
+}  // namespace
+}  // namespace motiongen

@@ -148,6 +148,10 @@ class EngineHost:
         except SettingError as error:
             self._wire.say(EncoderReady("", 0, sendable(str(error))))
             return
+        except Exception as error:  # as where memory runs out: models are served on, and so are prompts that are known
+            _log.exception("loading the text encoder failed")
+            self._wire.say(EncoderReady("", 0, sendable(f"{type(error).__name__}: {error}")))
+            return
         self._wire.say(EncoderReady(encoder.identity, job.width, ""))  # before any vector: whose it is
         threading.Thread(target=self._encode, args=(encoder,), name="text", daemon=True).start()
 

@@ -126,3 +126,17 @@ def test_another_one_in_the_next_process_is_not_taken_for_the_one_before(caplog:
     process.is_lost()
     process.say(EncoderReady("length-1", 2, ""))
     assert encoder.encode(["abc"]).tolist() == [[1.0, 1.0]], "it was put back"
+
+
+def test_one_that_is_replaced_just_as_it_is_asked_is_not_taken_for_the_one_before() -> None:
+    process = Process()
+    encoder = EngineTextEncoder(cast(EngineProcess, process), 2, LIMIT_S)
+
+    def number_late() -> int:
+        process.is_lost()
+        process.say(EncoderReady("length-2", 2, ""))
+        return 1
+
+    encoder._numbers = iter(number_late, None)  # type: ignore[assignment]
+    with pytest.raises(EncoderLost, match="'length-2' now, and was 'length-1'"):
+        encoder.encode(["abc"])

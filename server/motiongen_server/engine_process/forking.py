@@ -100,6 +100,7 @@ class ForkServerLink:
         try:
             with self._lock:
                 socket.send_fds(self._running(), [request], theirs)
+                asked = self._process
         except OSError:
             for descriptor in (lifeline, death, told):
                 os.close(descriptor)
@@ -107,9 +108,19 @@ class ForkServerLink:
         finally:
             for descriptor in theirs:
                 os.close(descriptor)
-        child = ForkedChild(lifeline, death, told)
+        try:
+            child = ForkedChild(lifeline, death, told)
+        except ChildProcessError:
+            self._give_up(asked)
+            raise
         self._has_forked = True
         return child
+
+    def _give_up(self, asked: subprocess.Popen[bytes] | None) -> None:
+        """Have one that answers no more make room for another; one that has not forked yet may still be importing."""
+        with self._lock:
+            if self._has_forked and asked is not None and asked is self._process:
+                asked.kill()
 
     def _running(self) -> socket.socket:
         """The way to a fork server that lives, or lived a moment ago."""

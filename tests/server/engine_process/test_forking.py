@@ -15,6 +15,7 @@ from pathlib import Path
 import psutil
 import pytest
 
+from motiongen_server.engine_process import forking
 from motiongen_server.engine_process.child import END_S
 from motiongen_server.engine_process.forking import ForkedChild, ForkServerLink
 from tests.conftest import ROOT
@@ -113,6 +114,23 @@ def test_without_their_fork_server_processes_live_on_and_the_next_gets_another(
     assert link.pid != fork_server
     assert child.end(0.0) == "ended after what it was forked from"
     until(lambda: is_gone(child.pid))
+    assert following.end(0.0) == "killed by SIGKILL"
+
+
+def test_a_fork_server_that_answers_no_more_makes_room_for_another(
+    link: ForkServerLink, start: Callable[..., ForkedChild], tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    child, fork_server = start(), link.pid
+    assert fork_server is not None
+    os.kill(fork_server, signal.SIGSTOP)
+    with monkeypatch.context() as patched:
+        patched.setattr(forking, "FORK_S", 0.1)
+        with pytest.raises(ChildProcessError):
+            link.start(tmp_path, {})
+    until(lambda: is_gone(fork_server))
+    assert not has_died(child)
+    following = start()
+    assert link.pid != fork_server
     assert following.end(0.0) == "killed by SIGKILL"
 
 

@@ -95,7 +95,7 @@ class ForkServerLink:
     def start(self, folder: Path, environment: Mapping[str, str]) -> ForkedChild:
         """A `StartChild`. Raises OSError where no process can be forked."""
         request = json.dumps({"folder": str(folder), "environment": dict(environment)}).encode()
-        (lifeline_end, lifeline), (death, held_open), (told, tells) = os.pipe(), os.pipe(), os.pipe()
+        (lifeline_end, lifeline), (death, held_open), (told, tells) = _pipes(3)
         theirs = [lifeline_end, held_open, tells]
         try:
             with self._lock:
@@ -158,6 +158,19 @@ class ForkServerLink:
         except subprocess.TimeoutExpired:
             self._process.kill()
             self._process.wait()
+
+
+def _pipes(count: int) -> list[tuple[int, int]]:
+    """Raises OSError where there are not so many to be had, and keeps none then."""
+    made: list[tuple[int, int]] = []
+    try:
+        for _ in range(count):
+            made.append(os.pipe())
+    except OSError:
+        for descriptor in (each for pipe in made for each in pipe):
+            os.close(descriptor)
+        raise
+    return made
 
 
 def _told_number(told: int, patience_s: float) -> int | None:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import errno
 import json
 import os
 import select
@@ -132,6 +133,26 @@ def test_a_fork_server_that_answers_no_more_makes_room_for_another(
     following = start()
     assert link.pid != fork_server
     assert following.end(0.0) == "killed by SIGKILL"
+
+
+def test_where_no_more_pipes_can_be_had_none_is_kept(
+    link: ForkServerLink, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    made: list[int] = []
+    pipe = os.pipe
+
+    def scarce() -> tuple[int, int]:
+        if len(made) >= 4:
+            raise OSError(errno.EMFILE, "too many open files")
+        made.extend(ends := pipe())
+        return ends
+
+    monkeypatch.setattr(os, "pipe", scarce)
+    with pytest.raises(OSError, match="too many open files"):
+        link.start(tmp_path, {})
+    for descriptor in made:
+        with pytest.raises(OSError, match="Bad file descriptor"):
+            os.fstat(descriptor)
 
 
 def test_stopped_it_forks_no_more_and_ends_after_the_last_of_its_processes(

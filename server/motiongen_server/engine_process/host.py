@@ -75,6 +75,7 @@ class EngineHost:
         self._build = build
         self._load_text = load_text
         self._slots: dict[int, Slot] = {}
+        self._leaving: dict[int, Slot] = {}  # which say their last word
         self._jobs: queue.SimpleQueue[Load | LoadEncoder | Slot | Stop | BaseException] = queue.SimpleQueue()
         self._texts: queue.SimpleQueue[EncodeTexts] = queue.SimpleQueue()
         self._bell = Bell()
@@ -95,7 +96,7 @@ class EngineHost:
         for slot in tuple(self._slots.values()):
             slot.stop()
         if failure is None:
-            for slot in tuple(self._slots.values()):
+            for slot in (*tuple(self._slots.values()), *tuple(self._leaving.values())):
                 slot.join()
         self._is_over = True
         self._bell.ring()
@@ -170,6 +171,7 @@ class EngineHost:
     # ---- an engine's thread -----------------------------------------------------------------------------------------
 
     def _ended(self, slot: Slot, failure: BaseException | None) -> None:
+        self._leaving[slot.number] = slot  # until it has spoken: what it speaks with is closed at the end
         del self._slots[slot.number]
         if failure is not None:
             self._jobs.put(failure)
@@ -178,6 +180,7 @@ class EngineHost:
                 # Its engine is held here: what is settled now would be kept. Before anybody asks for the next load.
                 self._jobs.put(slot)
             self._wire.say(Unloaded(slot.number))
+        del self._leaving[slot.number]
 
     # ---- the reader's thread ----------------------------------------------------------------------------------------
 

@@ -95,11 +95,12 @@ class ForkServerLink:
     def start(self, folder: Path, environment: Mapping[str, str]) -> ForkedChild:
         """A `StartChild`. Raises OSError where no process can be forked."""
         request = json.dumps({"folder": str(folder), "environment": dict(environment)}).encode()
-        (lifeline_end, lifeline), (death, held_open), (told, tells) = os.pipe(), os.pipe(), os.pipe()
+        (lifeline_end, lifeline), (death, held_open), (told, tells) = _pipes(3)
         theirs = [lifeline_end, held_open, tells]
         try:
             with self._lock:
                 socket.send_fds(self._running(), [request], theirs)
+                asked = self._process
         except OSError:
             for descriptor in (lifeline, death, told):
                 os.close(descriptor)
@@ -107,9 +108,19 @@ class ForkServerLink:
         finally:
             for descriptor in theirs:
                 os.close(descriptor)
-        child = ForkedChild(lifeline, death, told)
+        try:
+            child = ForkedChild(lifeline, death, told)
+        except ChildProcessError:
+            self._give_up(asked)
+            raise
         self._has_forked = True
         return child
+
+    def _give_up(self, asked: subprocess.Popen[bytes] | None) -> None:
+        """Have one that answers no more make room for another; one that has not forked yet may still be importing."""
+        with self._lock:
+            if self._has_forked and asked is not None and asked is self._process:
+                asked.kill()
 
     def _running(self) -> socket.socket:
         """The way to a fork server that lives, or lived a moment ago."""
@@ -147,6 +158,19 @@ class ForkServerLink:
         except subprocess.TimeoutExpired:
             self._process.kill()
             self._process.wait()
+
+
+def _pipes(count: int) -> list[tuple[int, int]]:
+    """Raises OSError where there are not so many to be had, and keeps none then."""
+    made: list[tuple[int, int]] = []
+    try:
+        for _ in range(count):
+            made.append(os.pipe())
+    except OSError:
+        for descriptor in (each for pipe in made for each in pipe):
+            os.close(descriptor)
+        raise
+    return made
 
 
 def _told_number(told: int, patience_s: float) -> int | None:

@@ -76,6 +76,7 @@ class EngineHost:
         self._build = build
         self._load_text = load_text
         self._slots: dict[int, Slot] = {}
+        self._leaving: dict[int, Slot] = {}  # which say their last word
         self._jobs: queue.SimpleQueue[Load | LoadEncoder | Slot | Stop | BaseException] = queue.SimpleQueue()
         self._texts: queue.SimpleQueue[EncodeTexts] = queue.SimpleQueue()
         self._bell = Bell()
@@ -96,7 +97,7 @@ class EngineHost:
         for slot in tuple(self._slots.values()):
             slot.stop()
         if failure is None:
-            for slot in tuple(self._slots.values()):
+            for slot in (*tuple(self._slots.values()), *tuple(self._leaving.values())):
                 slot.join()
         self._is_over = True
         self._bell.ring()
@@ -149,6 +150,10 @@ class EngineHost:
         except SettingError as error:
             self._wire.say(EncoderReady("", 0, sendable(str(error))))
             return
+        except Exception as error:  # as where memory runs out: models are served on, and so are prompts that are known
+            _log.exception("loading the text encoder failed")
+            self._wire.say(EncoderReady("", 0, sendable(f"{type(error).__name__}: {error}")))
+            return
         self._wire.say(EncoderReady(encoder.identity, job.width, ""))  # before any vector: whose it is
         threading.Thread(target=self._encode, args=(encoder,), name="text", daemon=True).start()
 
@@ -167,6 +172,7 @@ class EngineHost:
     # ---- an engine's thread -----------------------------------------------------------------------------------------
 
     def _ended(self, slot: Slot, failure: BaseException | None) -> None:
+        self._leaving[slot.number] = slot  # until it has spoken: what it speaks with is closed at the end
         del self._slots[slot.number]
         if failure is not None:
             self._fail(failure)
@@ -175,6 +181,7 @@ class EngineHost:
                 # Its engine is held here: what is settled now would be kept. Before anybody asks for the next load.
                 self._jobs.put(slot)
             self._wire.say(Unloaded(slot.number))
+        del self._leaving[slot.number]
 
     def _fail(self, error: BaseException) -> None:
         """End the process. The gateway is told at once: the main thread may be loading a model for minutes yet, and

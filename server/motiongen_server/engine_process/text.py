@@ -42,10 +42,10 @@ class EngineTextEncoder:
         """(len(texts), width). Raises EncoderLost where the engine process cannot answer now."""
         if self._process.failure is not None:
             raise EncoderLost("the text encoder has failed")
-        if self._missing:
-            raise EncoderLost(self._missing)
         number, answer = next(self._numbers), Future[Float32Array]()
         with self._lock:
+            if self._missing:  # what waits by now will be broken off should another one come
+                raise EncoderLost(self._missing)
             self._waiting[number] = answer
         try:
             if not self._process.tell(EncodeTexts(number, tuple(texts))):

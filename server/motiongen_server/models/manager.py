@@ -183,7 +183,10 @@ class ModelManager:
         self._loading = source
         _log.info("loading %r", source)
         try:
-            return await self._make(source)
+            made = await self._make(source)
+            if self._is_draining:  # which began while it was loaded, and none of its sessions would end in time
+                made.engine.drain()
+            return made
         except SettingError as error:
             raise CannotKeep(Code.FAILED_PRECONDITION, "CANNOT_LOAD", str(error)) from error
         except Exception as error:

@@ -113,6 +113,8 @@ def main(how: str, folder: Path) -> int:
         def load_text(width: int) -> Stutterer:
             if how == "settings":
                 raise SettingError("there is no such encoder")
+            if how == "large encoder":
+                raise MemoryError("15 GiB")
             return Stutterer()
 
         return building, load_text, lambda: None

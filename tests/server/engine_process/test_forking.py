@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import errno
 import json
 import os
 import select
@@ -15,6 +16,7 @@ from pathlib import Path
 import psutil
 import pytest
 
+from motiongen_server.engine_process import forking
 from motiongen_server.engine_process.child import END_S
 from motiongen_server.engine_process.forking import ForkedChild, ForkServerLink
 from tests.conftest import ROOT
@@ -114,6 +116,43 @@ def test_without_their_fork_server_processes_live_on_and_the_next_gets_another(
     assert child.end(0.0) == "ended after what it was forked from"
     until(lambda: is_gone(child.pid))
     assert following.end(0.0) == "killed by SIGKILL"
+
+
+def test_a_fork_server_that_answers_no_more_makes_room_for_another(
+    link: ForkServerLink, start: Callable[..., ForkedChild], tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    child, fork_server = start(), link.pid
+    assert fork_server is not None
+    os.kill(fork_server, signal.SIGSTOP)
+    with monkeypatch.context() as patched:
+        patched.setattr(forking, "FORK_S", 0.1)
+        with pytest.raises(ChildProcessError):
+            link.start(tmp_path, {})
+    until(lambda: is_gone(fork_server))
+    assert not has_died(child)
+    following = start()
+    assert link.pid != fork_server
+    assert following.end(0.0) == "killed by SIGKILL"
+
+
+def test_where_no_more_pipes_can_be_had_none_is_kept(
+    link: ForkServerLink, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    made: list[int] = []
+    pipe = os.pipe
+
+    def scarce() -> tuple[int, int]:
+        if len(made) >= 4:
+            raise OSError(errno.EMFILE, "too many open files")
+        made.extend(ends := pipe())
+        return ends
+
+    monkeypatch.setattr(os, "pipe", scarce)
+    with pytest.raises(OSError, match="too many open files"):
+        link.start(tmp_path, {})
+    for descriptor in made:
+        with pytest.raises(OSError, match="Bad file descriptor"):
+            os.fstat(descriptor)
 
 
 def test_stopped_it_forks_no_more_and_ends_after_the_last_of_its_processes(

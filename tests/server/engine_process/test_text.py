@@ -13,7 +13,7 @@ from motiongen_server.engine_process.messages import Encoded, EncoderReady, Enco
 from motiongen_server.engine_process.process import EngineProcess, TakeText
 from motiongen_server.engine_process.text import EncoderLost, EngineTextEncoder
 from motiongen_server.settings import SettingError
-from tests.server.engine_process.audience import LIMIT_S, pool_of, stop, stopped
+from tests.server.engine_process.audience import LIMIT_S, opening, pool_of, remote, stop, stopped
 from tests.waiting import until
 
 
@@ -47,6 +47,15 @@ def test_one_that_takes_too_long_is_not_waited_for() -> None:
 def test_one_that_cannot_be_loaded_is_a_wrong_setting() -> None:
     with pool_of("settings") as (pool, _), pytest.raises(SettingError, match="no such encoder"):
         EngineTextEncoder(pool.processes[0], 2, LIMIT_S)
+
+
+def test_one_for_which_there_is_no_memory_leaves_the_models_of_its_process_alone() -> None:
+    with remote("large encoder") as there:
+        with pytest.raises(SettingError, match="MemoryError: 15 GiB"):
+            EngineTextEncoder(there.pool.processes[0], 2, LIMIT_S)
+        there.engine.submit(opening())
+        there.audience.wait_for_frames(1)
+        assert there.pool.processes[0].num_restarts == 0
 
 
 def test_the_end_breaks_off_what_is_encoded_and_nothing_is_asked_afterwards() -> None:
@@ -117,3 +126,17 @@ def test_another_one_in_the_next_process_is_not_taken_for_the_one_before(caplog:
     process.is_lost()
     process.say(EncoderReady("length-1", 2, ""))
     assert encoder.encode(["abc"]).tolist() == [[1.0, 1.0]], "it was put back"
+
+
+def test_one_that_is_replaced_just_as_it_is_asked_is_not_taken_for_the_one_before() -> None:
+    process = Process()
+    encoder = EngineTextEncoder(cast(EngineProcess, process), 2, LIMIT_S)
+
+    def number_late() -> int:
+        process.is_lost()
+        process.say(EncoderReady("length-2", 2, ""))
+        return 1
+
+    encoder._numbers = iter(number_late, None)  # type: ignore[assignment]
+    with pytest.raises(EncoderLost, match="'length-2' now, and was 'length-1'"):
+        encoder.encode(["abc"])

@@ -5,6 +5,7 @@ from __future__ import annotations
 from dataclasses import dataclass, field
 from typing import Any, cast
 
+import numpy as np
 import pytest
 
 from motiongen_server.config import ServerConfig
@@ -12,7 +13,7 @@ from motiongen_server.engine.types import ModelFacts
 from motiongen_server.engine.types.report import StepReport
 from motiongen_server.models.factory import Engines, ModelFactory
 from motiongen_server.ops.metrics import Metrics
-from motiongen_server.rpc.abilities import NOTHING_CLAIMED
+from motiongen_server.rpc.abilities import NOTHING_CLAIMED, Abilities, PresetText
 from motiongen_server.settings import SettingError
 from motiongen_server.text.ports import TextEncoder
 from tests.contract.local import LengthEncoder
@@ -38,11 +39,12 @@ class Loads:
 
     metrics: Metrics
     is_sound: bool = True
+    abilities: Abilities = NOTHING_CLAIMED
     made: list[Model] = field(default_factory=list)
 
     def load(self, source: str) -> Model:
         self.metrics.of_engine(FACTS.model_id, "0").observe(StepReport(frames_sent=40))
-        self.made.append(Model(abilities=NOTHING_CLAIMED if self.is_sound else None))
+        self.made.append(Model(abilities=self.abilities if self.is_sound else None))
         return self.made[-1]
 
     def load_text(self, facts: ModelFacts) -> TextEncoder:
@@ -74,6 +76,23 @@ async def test_a_model_whose_text_encoder_does_not_fit_leaves_no_metrics() -> No
     assert frames_sent() == 80, "they are those of the model of this name that is served"
     factory.forget(served)
     assert frames_sent() is None
+    build = {"model": FACTS.model_id, "rig": FACTS.rig.rig_id}
+    assert metrics.registry.get_sample_value("motiongen_build_info", build) is None
+    with pytest.raises(AttributeError):
+        await factory.load("fake")
+    assert frames_sent() is None, "nothing of that name is served any more"
+    factory.close()
+
+
+async def test_what_presets_are_told_by_is_known_though_the_encoder_goes_away() -> None:
+    metrics = Metrics()
+    factory, loads = ModelFactory(ServerConfig(), metrics), Loads(metrics)
+    factory.use(cast(Engines, loads))
+    loads.abilities = Abilities(presets=(PresetText("bow", "a person bows", ""),))
+    served = await factory.load("fake")
+    known = served.prompts.cached("a person bows")
+    assert known is not None
+    assert np.array_equal(known, LengthEncoder().encode(["a person bows"])[0])
     factory.close()
 
 

@@ -14,6 +14,7 @@ from motiongen.v1 import admin_pb2, admin_pb2_grpc, service_pb2, session_pb2
 from motiongen_server.app import Application
 from motiongen_server.config import ServerConfig
 from motiongen_server.engine.engine_port import EnginePort
+from motiongen_server.engine.types import Priority
 from motiongen_server.models.manager import CannotKeep
 from motiongen_server.models.registry import ModelState
 from motiongen_server.settings import SettingError
@@ -90,6 +91,18 @@ async def test_a_load_that_the_end_of_the_server_breaks_off_is_no_fault(
         await loading
     assert (told.value.code.name, told.value.reason) == ("UNAVAILABLE", "DRAINING")
     assert [line.getMessage() for line in caplog.records if line.levelno > logging.INFO] == []
+
+
+async def test_a_model_that_comes_while_the_server_drains_takes_no_sessions_either(stage: Stage) -> None:
+    stage.shop.go.clear()
+    loading = asyncio.ensure_future(stage.manager.load("three"))
+    await stage.until(lambda models: models[-1].state == admin_pb2.MODEL_STATE_LOADING)
+    stage.manager.drain()
+    stage.shop.go.set()
+    late = await loading
+    refused = [kept.engine.refusal_of(Priority.NEAR, 4, is_clip=True) for kept in stage.manager.kept]
+    assert [refusal.reason for refusal in refused if refusal is not None] == 3 * ["DRAINING"]
+    assert late.engine.free_share == 0.0
 
 
 class Leaving:

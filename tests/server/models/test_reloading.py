@@ -118,3 +118,11 @@ async def test_what_is_unloaded_is_freed_though_what_is_loaded_is_left_out_of_co
         await talk.until(lambda: talk.sessions[1].closed and talk.sessions[2].closed)
         assert [runner() is None for runner in stage.shop.made] == [True, True, False]
         assert gc.get_freeze_count() > 0
+
+
+async def test_what_is_loaded_and_not_kept_is_let_go(stage: Stage) -> None:
+    assert (await refusal(stage.admin.LoadModel(load("one"))))[1] == "MODEL_LOADED"
+    stage.shop.named["two"] = "another"
+    assert (await refusal(stage.admin.ReloadModel(reload("two"))))[1] == "ANOTHER_MODEL"
+    gc.collect()  # what was raised holds it
+    assert [runner() is None for runner in stage.shop.made] == [False, False, True, True]

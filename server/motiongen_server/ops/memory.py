@@ -14,6 +14,8 @@ _TRIM_THRESHOLD, _MMAP_THRESHOLD, _ARENA_MAX = -1, -3, -8  # M_TRIM_THRESHOLD an
 KEPT_BYTES = 64 << 20
 LARGEST_KEPT_BYTES = 32 << 20
 """Of one block; glibc takes no more."""
+FIRST_LOOKS, MOST_LOOKS = 8, 128
+"""After a try to give back memory: so many looks later comes another, and twice as many after each, up to the last."""
 COLLECT_EVERY = (50_000, 10, 10)
 """Objects made and not yet gone, then collections of the younger ones: Python's default is 700, 10, 10."""
 
@@ -76,13 +78,15 @@ class FreedMemory:
     """Tells when memory is worth giving back: after a peak that is over, and when nothing is done any more.
 
     What is in use every day stays meanwhile. Of sessions of all lengths that come and go, pieces are left between what
-    lives longer: a day of them would leave more and more.
+    lives longer: a day of them would leave more and more. What a peak has taken may be in use still when it is seen, as
+    calls are that wait for the event loop, so it is tried again a few times, ever more seldom.
     """
 
     def __init__(self, resident_bytes_of_process: Callable[[], int] | None = None) -> None:
         self._resident_bytes = resident_bytes_of_process or (lambda: resident_bytes(os.getpid()))
         self._kept: int | None = None
         self._was_busy = False
+        self._looks_left = self._looks_between = 0
 
     def is_due(self, *, is_busy: bool) -> bool:
         """Whether much more is resident than after the last time, or all that was being done has ended."""
@@ -90,12 +94,26 @@ class FreedMemory:
         now = self._resident_bytes()
         if has_ended:
             self._kept = None  # what is left then is the least
-            return True
+            return self._try_later()
         if self._kept is None or now < self._kept:
             self._kept = now
         if now - self._kept <= KEPT_BYTES:
-            return False
+            return self._is_later()
         self._kept = now - KEPT_BYTES // 2  # so that what cannot be given back is not tried for at every look
+        return self._try_later()
+
+    def _try_later(self) -> bool:
+        self._looks_left = self._looks_between = FIRST_LOOKS
+        return True
+
+    def _is_later(self) -> bool:
+        if not self._looks_left:
+            return False
+        self._looks_left -= 1
+        if self._looks_left:
+            return False
+        self._looks_between *= 2
+        self._looks_left = self._looks_between if self._looks_between <= MOST_LOOKS else 0
         return True
 
 

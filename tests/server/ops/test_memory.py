@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import gc
+import itertools
 import os
 import resource
 import subprocess
@@ -11,7 +12,9 @@ import weakref
 
 from motiongen_server.ops.memory import (
     COLLECT_EVERY,
+    FIRST_LOOKS,
     KEPT_BYTES,
+    MOST_LOOKS,
     FreedMemory,
     free_garbage,
     resident_bytes,
@@ -126,11 +129,25 @@ def test_memory_is_given_back_after_a_peak_and_not_again_and_again() -> None:
     assert not freed.is_due(is_busy=True), "what is in use every day stays"
     resident += KEPT_BYTES
     assert freed.is_due(is_busy=True)
-    assert not freed.is_due(is_busy=True), "it did not help: only a higher peak is worth another try"
+    assert not freed.is_due(is_busy=True), "it did not help: only a higher peak is worth another try at once"
     resident = 90 << 20
     assert not freed.is_due(is_busy=True)
     resident += KEPT_BYTES + 1
     assert freed.is_due(is_busy=True)
+
+
+def test_what_was_in_use_when_a_peak_was_seen_is_tried_for_again_ever_more_seldom() -> None:
+    resident = 100 << 20
+    freed = FreedMemory(lambda: resident)
+    assert not freed.is_due(is_busy=False)
+    resident += KEPT_BYTES + 1
+    tries = [look for look in range(1000) if freed.is_due(is_busy=False)]
+    gaps = [FIRST_LOOKS * 2**number for number in range((MOST_LOOKS // FIRST_LOOKS).bit_length())]
+    assert tries == [0, *itertools.accumulate(gaps)]
+    assert gaps[-1] == MOST_LOOKS
+    resident += KEPT_BYTES + 1
+    assert freed.is_due(is_busy=False), "a higher peak"
+    assert [look for look in range(1, 1000) if freed.is_due(is_busy=False)] == tries[1:]
 
 
 def test_memory_is_given_back_when_nothing_is_done_any_more_and_once() -> None:

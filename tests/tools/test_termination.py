@@ -20,6 +20,7 @@ import asyncio, signal, sys
 from motiongen_tools import cli, cli_catalog
 
 signal.signal(signal.SIGINT, signal.default_int_handler)  # where the tests run in the background it is ignored
+signal.signal(signal.SIGHUP, signal.SIG_DFL)  # where they run by nohup
 
 async def work(options):
     try:

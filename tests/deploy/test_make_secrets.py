@@ -6,6 +6,7 @@ import os
 import shutil
 import signal
 import subprocess
+import sys
 import tomllib
 from pathlib import Path
 
@@ -28,6 +29,16 @@ def program(path: Path, text: str) -> Path:
     return path
 
 
+HEEDING = """
+import os, signal, sys
+
+for number in (signal.SIGINT, signal.SIGHUP):
+    signal.signal(number, signal.SIG_DFL)
+os.execvp(sys.argv[1], sys.argv[1:])
+"""
+"""A shell cannot heed what was ignored as it began, as these are where the tests run in the background or by nohup."""
+
+
 @pytest.mark.parametrize("number", [signal.SIGINT, signal.SIGTERM, signal.SIGHUP])
 def test_an_interruption_leaves_no_half_of_them(number: signal.Signals, tmp_path: Path) -> None:
     (tmp_path / "programs").mkdir()
@@ -35,7 +46,7 @@ def test_an_interruption_leaves_no_half_of_them(number: signal.Signals, tmp_path
     identity = program(tmp_path / "identity", IDENTITY.format(signal=number.name.removeprefix("SIG")))
     path = f"{tmp_path / 'programs'}:{os.environ['PATH']}"
     made = subprocess.run(
-        ["sh", str(ROOT / "deploy" / "make_secrets.sh"), str(tmp_path / "its secrets")],
+        [sys.executable, "-c", HEEDING, "sh", str(ROOT / "deploy" / "make_secrets.sh"), str(tmp_path / "its secrets")],
         env={**os.environ, "PATH": path, "IDENTITY": str(identity)},
         check=False,
     )

@@ -18,9 +18,9 @@ import secrets
 from collections.abc import Callable, Iterable
 from dataclasses import replace
 
-from motiongen_server.engine.types import Close, CloseReason, Code, Durable, SaveAgain, SnapshotTaken
+from motiongen_server.engine.types import CloseReason, Code, Durable, SaveAgain, SnapshotTaken
 from motiongen_server.rpc.sessions.entry import SessionEntry
-from motiongen_server.rpc.sessions.event_path import begin_end
+from motiongen_server.rpc.sessions.event_path import close
 from motiongen_server.rpc.sessions.store_turns import StoreAway, StoreTurns
 from motiongen_server.snapshots.listener import Written
 from motiongen_server.snapshots.record import RecordRefused, SessionRecord, read_record
@@ -199,11 +199,7 @@ class Durability:
             self._count("fenced")
             entry = self._let_go(lease)
             if entry is not None and not entry.closing:
-                begin_end(entry, CloseReason.TAKEN_OVER)
-                entry.closing = True
-                entry.model.engine.submit(
-                    Close(entry.key, entry.last_seq + 1, self._loop.time(), CloseReason.TAKEN_OVER)
-                )
+                close(entry, CloseReason.TAKEN_OVER, self._loop.time())
 
     def _tell(self, lease: Lease, taken_seq: int, *, is_kept: bool) -> bool:
         """Tell a client what is new of what is kept. False: nothing is."""

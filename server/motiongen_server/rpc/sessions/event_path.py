@@ -77,6 +77,18 @@ def begin_end(entry: SessionEntry, reason: CloseReason) -> None:
     end_waiting(entry, end)  # the first may be the OpenSession itself, which is then refused
 
 
+def close(entry: SessionEntry, reason: CloseReason, now: float) -> None:
+    """Have a session's engine close it, and answer what waits before; see `begin_end`."""
+    begin_end(entry, reason)
+    ask_to_close(entry, reason, now)
+
+
+def ask_to_close(entry: SessionEntry, reason: CloseReason, now: float) -> None:
+    """Have a session's engine close it."""
+    entry.closing = True
+    entry.model.engine.submit(Close(entry.key, entry.last_seq + 1, now, reason))
+
+
 def end_waiting(entry: SessionEntry, closed: Closed) -> None:
     """Answer what waits for the encoder before the end of its session is told; let go of it where that goes on."""
     if entry.goes_on_after(closed):

@@ -10,7 +10,6 @@ from contextlib import nullcontext
 
 from motiongen_server.engine.types import (
     Chunk,
-    Close,
     Closed,
     CloseReason,
     Code,
@@ -24,7 +23,7 @@ from motiongen_server.engine.types import (
 from motiongen_server.models.registry import LoadedModel
 from motiongen_server.rpc.sessions.durability import Durability
 from motiongen_server.rpc.sessions.entry import Carrier, SessionEntry
-from motiongen_server.rpc.sessions.event_path import begin_end, end_waiting, refuse_waiting, without_needless_refusals
+from motiongen_server.rpc.sessions.event_path import close, end_waiting, refuse_waiting, without_needless_refusals
 from motiongen_server.rpc.sessions.kept_answers import KeptAnswers
 from motiongen_server.rpc.stream_metrics import NoStreamMetrics, StreamMetrics
 
@@ -120,7 +119,7 @@ class KeptSessions:
         entry.place.release()
         self.see_out(entry)
         if entry.known_to_engine and not entry.closing:
-            self._close(entry, CloseReason.CLIENT)
+            close(entry, CloseReason.CLIENT, time.monotonic())
 
     def move(self, entry: SessionEntry, carrier: Carrier, handle: int) -> None:
         """Another stream carries a session from now on."""
@@ -142,7 +141,7 @@ class KeptSessions:
         parked = [self._away[key] for key in self._timers]
         chosen = [entry for entry in parked if not entry.closing and model in (None, entry.model)]
         for entry in chosen:
-            self._close(entry, reason)
+            close(entry, reason, time.monotonic())
         return len(chosen)
 
     def let_go(self, num_bytes: int) -> None:
@@ -173,12 +172,7 @@ class KeptSessions:
             return
         self._stream_metrics.count_resume(how)
         if not entry.closing:
-            self._close(entry, CloseReason.CLIENT)
-
-    def _close(self, entry: SessionEntry, reason: CloseReason) -> None:
-        begin_end(entry, reason)
-        entry.closing = True
-        entry.model.engine.submit(Close(entry.key, entry.last_seq + 1, time.monotonic(), reason))
+            close(entry, CloseReason.CLIENT, time.monotonic())
 
     def _stop_timer(self, entry: SessionEntry) -> None:
         timer = self._timers.pop(entry.key, None)

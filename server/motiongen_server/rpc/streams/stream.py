@@ -7,7 +7,6 @@ from collections.abc import Callable
 
 from motiongen.v1 import session_pb2
 from motiongen_server.engine.types import (
-    Close,
     Closed,
     CloseReason,
     Code,
@@ -39,7 +38,13 @@ from motiongen_server.rpc.errors.streams import stream_failed
 from motiongen_server.rpc.limits import PeerLimits
 from motiongen_server.rpc.sessions.durability import new_secret, token_of
 from motiongen_server.rpc.sessions.entry import SessionEntry
-from motiongen_server.rpc.sessions.event_path import SESSION_CLOSED, begin_end, pass_on, tell_internal_error
+from motiongen_server.rpc.sessions.event_path import (
+    SESSION_CLOSED,
+    ask_to_close,
+    begin_end,
+    pass_on,
+    tell_internal_error,
+)
 from motiongen_server.rpc.sessions.kept_sessions import KeptSessions
 from motiongen_server.rpc.stream_metrics import NoStreamMetrics, StreamMetrics
 from motiongen_server.rpc.streams.take_overs import StreamTakeOvers
@@ -243,8 +248,7 @@ class Stream(StreamTakeOvers):
                 continue
             begin_end(entry, reason)
             if entry.known_to_engine and not entry.closing:
-                entry.closing = True
-                entry.model.engine.submit(Close(entry.key, entry.last_seq + 1, now, reason))
+                ask_to_close(entry, reason, now)
                 asked += 1
         return asked
 

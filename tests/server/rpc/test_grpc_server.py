@@ -13,11 +13,10 @@ import grpc.aio
 import pytest
 
 from motiongen_server.rpc import grpc_server
-from motiongen_server.rpc.grpc_server import make_server, serve_methods
 from tests.raw_calls import Header, answer_to, status_in
+from tests.server.rpc.one_method import SERVED, serving
 from tests.waiting import LIMIT_S
 
-SERVED = b"/motiongen.test.Echo/Say"
 OK, UNIMPLEMENTED = 0, 12
 
 
@@ -30,13 +29,8 @@ async def served() -> AsyncIterator[int]:
             await context.write(message)
         context.set_details("over")
 
-    async with asyncio.timeout(LIMIT_S):
-        server = make_server()
-        serve_methods(server, "motiongen.test.Echo", {"Say": grpc.stream_stream_rpc_method_handler(say)})
-        port = server.add_insecure_port("127.0.0.1:0")
-        await server.start()
+    async with serving(say) as port:
         yield port
-        await server.stop(None)
 
 
 @pytest.mark.parametrize("path", [b"/motiongen.test.Echo/\xff", b"\xff\xfe", b"/nobody.Serves/This"])

@@ -14,9 +14,8 @@ import pytest
 from motiongen_server.errors import StreamRefused
 from motiongen_server.rpc.budgets.loop_time import Clocks
 from motiongen_server.rpc.calls.headers import BYTES_A_HEADER, LOOP_SHARE, MOST_BYTES, HeaderTime
-from motiongen_server.rpc.grpc_server import make_server, serve_methods
 from tests.raw_calls import answer_to, status_in
-from tests.waiting import LIMIT_S
+from tests.server.rpc.one_method import SERVED, serving
 
 READING_S = 0.25
 HERE, ELSEWHERE = "ipv4:10.0.0.1", "ipv4:10.0.0.2"
@@ -89,24 +88,19 @@ async def served(reached: list[str]) -> AsyncIterator[int]:
     async def say(_messages: object, context: Any) -> None:
         reached.append(context.peer())
 
-    async with asyncio.timeout(LIMIT_S):
-        server = make_server()
-        serve_methods(server, "motiongen.test.Echo", {"Say": grpc.stream_stream_rpc_method_handler(say)})
-        port = server.add_insecure_port("127.0.0.1:0")
-        await server.start()
+    async with serving(say) as port:
         yield port
-        await server.stop(None)
 
 
 async def test_a_client_that_does_not_heed_the_settings_reaches_no_method(caplog: pytest.LogCaptureFixture) -> None:
     reached: list[str] = []
     header = (b"k", b"v" * 100)
     async with served(reached) as port:
-        too_many = await asyncio.to_thread(answer_to, port, b"/motiongen.test.Echo/Say", *[header] * 150)
+        too_many = await asyncio.to_thread(answer_to, port, SERVED, *[header] * 150)
         assert status_in(too_many) == grpc.StatusCode.INVALID_ARGUMENT.value[0]
         assert reached == []
     async with served(reached) as port:
-        few = await asyncio.to_thread(answer_to, port, b"/motiongen.test.Echo/Say", *[header] * 10)
+        few = await asyncio.to_thread(answer_to, port, SERVED, *[header] * 10)
         assert status_in(few) == 0
         assert len(reached) == 1
     assert not [record for record in caplog.records if record.levelname in ("WARNING", "ERROR")]

@@ -1,0 +1,28 @@
+"""A server of gRPC with one method, for what clients may do to any."""
+
+from __future__ import annotations
+
+import asyncio
+from collections.abc import AsyncIterator, Awaitable, Callable
+from contextlib import asynccontextmanager
+from typing import Any
+
+import grpc
+import grpc.aio
+
+from motiongen_server.rpc.grpc_server import make_server, serve_methods
+from tests.waiting import LIMIT_S
+
+SERVED = b"/motiongen.test.Echo/Say"
+
+
+@asynccontextmanager
+async def serving(say: Callable[[object, Any], Awaitable[None]]) -> AsyncIterator[int]:
+    """The port of a server of which `SERVED` is the method. say: as gRPC calls it."""
+    async with asyncio.timeout(LIMIT_S):
+        server = make_server()
+        serve_methods(server, "motiongen.test.Echo", {"Say": grpc.stream_stream_rpc_method_handler(say)})
+        port = server.add_insecure_port("127.0.0.1:0")
+        await server.start()
+        yield port
+        await server.stop(None)

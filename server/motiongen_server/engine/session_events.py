@@ -28,7 +28,7 @@ from motiongen_server.engine.types.report import StepReport
 EventWithin = (
     SetPrompts | SetConstraints | SetVelocity | Playhead | SetPlayState | SetOptions | Seek | Resume | SaveAgain
 )
-"""Every event but Open and Close."""
+"""Every event except Open and Close."""
 
 
 class SessionEvents:

@@ -31,7 +31,7 @@ def device_errors(let_go: Callable[[], None] = lambda: None) -> Iterator[None]:
     except torch.OutOfMemoryError as error:
         raise no_room(error) from error
     except RecordingFailed as error:
-        raise DeviceLost(f"{error}; with --cuda-graphs false none is recorded") from error
+        raise DeviceLost(f"{error}; with --cuda-graphs false no graphs are recorded") from error
     except torch.AcceleratorError as error:
         if _NO_DEVICE_MEMORY in str(error):
             raise no_room(error) from error

@@ -92,7 +92,7 @@ class Admission:
 
     @property
     def asked_by_class(self) -> dict[Priority, float]:
-        """The same, of each class."""
+        """The same by class."""
         return {each: self._share(each, self._steps[each], self._sessions[each]) for each in Priority}
 
     @property

@@ -100,5 +100,5 @@ class LoadMonitor:
         yielding = self._admission.yielding()
         kept = [level.kept(self._facts, prices) for level in self._levels]
         demand = Demand(self._admission.asked_by_class, kept, times * elsewhere - yielding)
-        load = self.load - yielding / times  # both of the machine as engines themselves use it
+        load = self.load - yielding / times  # both as shares of what the engines themselves use
         return self._degradation.update(now, load, present, self._of_late.busy_s + elsewhere, demand)

@@ -43,7 +43,7 @@ class SchedulingPolicy(Protocol):
 
     @property
     def largest_step(self) -> int:
-        """Evaluations of the largest step that it makes, however much there is to do."""
+        """Evaluations of the largest step that it makes, however much work there is."""
         ...
 
     def wake_at(self) -> float:

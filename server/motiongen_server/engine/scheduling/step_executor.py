@@ -86,7 +86,7 @@ class StepExecutor:
         self._decoded_at = -inf
         self.use = DeviceUse()
         self.held_until = inf
-        """When to ask again for the next step, where the background is held back for other engines."""
+        """When to ask again for the next step, while the background is held back for other engines."""
 
     def __len__(self) -> int:
         """Jobs under way."""

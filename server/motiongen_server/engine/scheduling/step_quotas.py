@@ -29,7 +29,7 @@ class _Account:
     at: float
 
     def update(self, owner: Owner, now: float) -> None:
-        """owner: with the quota that it has by now."""
+        """owner: with its current quota."""
         most = _SAVED_S * owner.steps_per_s
         self.left = min(most, self.left + max(0.0, now - self.at) * owner.steps_per_s)
         self.owner, self.at = owner, now
@@ -40,7 +40,7 @@ class StepQuotas:
 
     def __init__(self) -> None:
         self._accounts: dict[str, _Account] = {}
-        self._taken: Counter[Owner] = Counter()  # since it was last told
+        self._taken: Counter[Owner] = Counter()  # since the last report
         self._elsewhere: deque[StepsOf] = deque()
 
     @property
@@ -74,8 +74,8 @@ class StepQuotas:
     def give_back(self, owner: Owner, charged: float) -> None:
         """A window for which this much was charged was discarded before its first step."""
         account = self._accounts.get(owner.name)
-        if account is not None:  # else it was full, and has been forgotten
-            account.left += charged  # beyond what may be saved up only until it is looked at
+        if account is not None:  # else it was full and was dropped
+            account.left += charged  # may exceed what can be saved up until the next update
 
     def note_begun(self, owner: Owner, steps: int) -> None:
         """A window of this many steps begins: report it to the other engines."""

@@ -20,7 +20,7 @@ from motiongen_server.engine.types import (
     WindowJob,
 )
 
-_DEAREST = Guidance(1.5, 2.5)  # both weights ask for evaluations of their own
+_DEAREST = Guidance(1.5, 2.5)  # both weights need evaluations of their own
 _CHEAPEST = Guidance(1.0, 0.0)  # without constraints, one evaluation in every mode of guidance
 
 

@@ -53,7 +53,7 @@ class Aiming:
                 continue
             begin = max(item.first_frame, first)
             if begin < start and nearest_frame(item, begin, posed.part(begin - first, start - first)).excess <= 1.0:
-                continue  # it is met
+                continue  # already met
             root = root or self.root_before(start)
             anchor = Anchor(start, root, self.fps, self.rig, item.span.last)
             found.append(replace(item, frame=anchor.first_possible(*goal_of(item, root, self.rig))))
@@ -103,7 +103,7 @@ class Aiming:
             if frame in given or any(path.first_frame <= frame <= path.last_frame for path in paths):
                 continue
             x, z = course.at(frame)
-            if not course.is_led_at(frame):  # a single place beside a lead would be a jump aside and back
+            if not course.is_led_at(frame):  # a single place off the lead would make the root jump aside and back
                 x, z = root_for(item, x, z, self.rig)
             course.add(frame, x, z)
             found.append(Waypoint(VELOCITY_ID, frame, x, z))

@@ -45,6 +45,6 @@ def own_frames(
             return timeline.rows_between(frame - length, frame), timeline.features_before(frame, length)
         if low <= high:
             could.append(f"{low} to {high}")
-    given = f"the session cannot go on from its frame {frame}: what was before that one is not held"
+    given = f"the session cannot continue from its frame {frame}: the frames before it are not held"
     allowed = f"frames {', '.join(could)}" if could else f"a frame once {patch} frames before it were sent"
     raise EventRefused(Code.FAILED_PRECONDITION, "FRAME_NOT_HELD", given, "seek.frame", allowed)

@@ -149,7 +149,7 @@ def _walked_path(path: RootPath, anchor: Anchor, field: str) -> RootTrajectory:
         ground = walked(path.corners, path.speed_mps, path.smoothing_m, anchor.root, anchor.fps, MOST_PATH_S)
     except WayTooLong as error:
         given = f"it takes {error.seconds:.0f} s to walk it at {path.speed_mps:g} m/s, slower in bends"
-        allowed = f"a way of up to {MOST_PATH_S:g} s; send the rest when this one nears its end"
+        allowed = f"a path of up to {MOST_PATH_S:g} s; send the rest when this one nears its end"
         raise EventRefused(Code.INVALID_ARGUMENT, "PATH_TOO_LONG", given, f"{field}.root_path", allowed) from error
     if anchor.last_frame is not None:
         ground = ground[: max(1, anchor.last_frame + 1 - anchor.frame)]

@@ -32,7 +32,7 @@ def placed_anew(
             if id(before) in held and not anchor.is_of(placements[asked.constraint_id]):
                 try:
                     found, placement = placed(asked, anchor, "")
-                except EventRefused:  # a way that has become too long in these few frames
+                except EventRefused:  # a path that has become too long to walk in these few frames
                     placement = placements[asked.constraint_id]
                 placements[asked.constraint_id] = placement
                 moved[id(before)] = found

@@ -94,7 +94,7 @@ def check_usable(asked: GoingOn, facts: ModelFacts) -> None:
     """Raise EventRefused if the model, this engine, or the client cannot continue from a snapshot."""
     check_going_on(asked, facts)
     if asked.snapshot.correction not in (0, *Correction):
-        raise unusable("a window is to put something right that is not known here")
+        raise unusable("its next window is to make a correction that is not known here")
 
 
 def going_on(event: Open, asked: GoingOn, opening: Opening, features: Float32Array) -> SessionState:

@@ -20,7 +20,7 @@ from motiongen_server.engine.types.spec import Guidance, SessionSpec, StartPose
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Open:
-    """Open a session. going_on: what it continues from if another engine had it; `spec` is then its original one.
+    """Open a session. going_on: what it continues from if another engine had it, with `spec` then as it was there.
 
     Opened is then followed by Resumed, as if a Resume had been sent.
     """

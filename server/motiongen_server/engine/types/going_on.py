@@ -19,7 +19,7 @@ def check_going_on(asked: GoingOn, facts: ModelFacts) -> None:
     """Raise EventRefused if the model, or the client, cannot continue from a snapshot."""
     held = asked.snapshot
     if why := _misfit(held, facts):
-        raise unusable(f"it is not of the model that is served here: {why}")
+        raise unusable(f"it does not fit the model served here: {why}")
     # A plan newer than the snapshot may have replaced frames that it holds, and its own can never be made again.
     if asked.plan > held.plan or not held.first_frame <= asked.next_frame <= held.end_frame:
         raise unusable(
@@ -37,13 +37,13 @@ def check_told(told: Opened, facts: ModelFacts) -> None:
         )
     for block in told.outputs:
         if block not in facts.outputs:
-            raise unusable(f"its frames have {block.width} numbers {block.name[:80]!r}, which are not made here")
+            raise unusable(f"its frames have {block.width} numbers of {block.name[:80]!r}, which are not made here")
 
 
 def unusable(why: str) -> EventRefused:
     """The refusal of a resume whose saved state cannot be used here, or not by this client."""
-    given = f"the session's snapshot cannot be gone on with: {why}"
-    allowed = "a new session that goes on from the frames held: open.prior_frames"
+    given = f"the session cannot be continued from its snapshot: {why}"
+    allowed = "a new session that continues from the frames held: open.prior_frames"
     return EventRefused(Code.FAILED_PRECONDITION, "SNAPSHOT_UNUSABLE", given, "open.resume_token", allowed)
 
 
@@ -51,7 +51,7 @@ def _misfit(held: SessionSnapshot, facts: ModelFacts) -> str:
     """What in a snapshot does not fit the model, "" if all fits. Servers may have different models under one name."""
     spec, rows = held.spec, held.rows
     if spec.model_id != facts.model_id:
-        return f"it is of {spec.model_id[:80]!r}"
+        return f"it is of the model {spec.model_id[:80]!r}"
     if rows.ndim != 2 or rows.shape[1] != facts.row_width or len(rows) < facts.patch:
         return f"its frames are of shape {rows.shape}"
     if not np.isfinite(rows).all():

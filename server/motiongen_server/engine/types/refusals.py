@@ -51,7 +51,7 @@ def handle_in_use(handle: int) -> EventRefused:
 
 def prior_frames_failed(field: str) -> EventRefused:
     """The model cannot read the frames that a session is to continue from."""
-    given, allowed = "the model can make nothing of the prior frames", "other frames, or none"
+    given, allowed = "the model cannot read the prior frames", "other frames, or none"
     return EventRefused(Code.INTERNAL, "PRIOR_FRAMES_FAILED", given, field, allowed)
 
 

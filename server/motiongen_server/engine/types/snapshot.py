@@ -52,7 +52,7 @@ class HeldVelocity:
 class SessionSnapshot:
     """A session as of the end of one step.
 
-    spec: what it was opened with, without its model's gaits and without what the other fields hold in its current
+    spec: with its current options, without its model's gaits and without what the other fields hold in its current
     state. plan: the newest plan. last_seq: the last event that the engine had taken; unanswered: edits up to it without
     an answer. rows: (T, row_width) float32, the frames from first_frame on that can be sent, replaced, or be history;
     those below motion_from cannot be history. committed_to, num_frames, late_frames: of its delivery. is_started:

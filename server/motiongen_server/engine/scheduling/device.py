@@ -14,7 +14,7 @@ from motiongen_server.engine.scheduling.quota_share import QuotaAccount
 from motiongen_server.engine.types import Float32Array, ModelFacts, RowStatus, WindowJob, WindowResult
 
 BACKGROUND_SHARE = 0.2
-"""The share of the device for the background of an engine without other windows, beside engines that have some.
+"""The share of the device that an engine with background windows only may use beside engines with others.
 
 It is a share of the time of turns with windows that somebody waits for. Within one engine, the background lengthens a
 step by as much.
@@ -35,7 +35,7 @@ class Device:
         """quota: the processor's, None if there is none or its use is not known.
 
         counts_own: engines' own work counts as use of the device, which stands still meanwhile. On a processor it does
-        not: there it is a thirtieth of all.
+        not count: there it is only a thirtieth of all.
         """
         self.quota = quota
         self.counts_own = counts_own

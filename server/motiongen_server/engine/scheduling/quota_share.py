@@ -17,8 +17,8 @@ _LEARNED_S = 16.0
 class QuotaAccount:
     """A quota of processor time, and what has been used of it.
 
-    cores: the quota per thread of an engine: 1.5 if engines of two threads have three cores. engines: that share it.
-    used_s: seconds of the whole quota that all processes in it have used so far; a second of three cores is three
+    cores: the quota per thread of an engine: 1.5 if engines of two threads have three cores. engines: how many share
+    it. used_s: seconds of the whole quota that all processes in it have used so far; a second of three cores is three
     seconds of processor time. spent_s: of this process, seconds of all its engine's threads; an engine that keeps two
     threads busy for a second spends one second, which is two of processor time. So what an engine spends per second is
     its load, at most 1, as everywhere else.

@@ -79,7 +79,7 @@ class Scheduler:
         self._queues: tuple[list[tuple[float, int]], ...] = tuple([] for _ in range(_BACKGROUND + 1))
         self._evaluations = [0 for _ in self._queues]
         self._played: list[tuple[float, int]] = []
-        self._played_steps: Counter[int] = Counter()  # num_steps of these windows: how many have it
+        self._played_steps: Counter[int] = Counter()  # how many of these windows have each num_steps
         self._cap = self._limits.max_evaluations  # most evaluations of the last step
         self._owed: OwedRows[int] = OwedRows()
         self._owners = OwnerShares()

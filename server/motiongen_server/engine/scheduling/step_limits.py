@@ -16,8 +16,8 @@ _MOST_WASTE, _LITTLE_WASTE = 2.0, 1.15
 _STRAINED_SHARE = 0.5
 _STRAINED_STRETCH = 2.0
 _SOON_S = 0.25
-# With time to spare, so many windows may be in a step as take _UNHURRIED_S together besides their steps, and
-# _UNHURRIED_ROWS in any case. On a GPU, steps with many more hardly take longer, but preparing, decoding and the
+# With time to spare, a step has only as many windows as take _UNHURRIED_S in total apart from the step itself, but
+# up to _UNHURRIED_ROWS in any case. On a GPU, steps with many more hardly take longer, but preparing, decoding and the
 # engine's own work for each do, and an edit that comes meanwhile waits for all of that before its own turn.
 _UNHURRIED_S, _UNHURRIED_ROWS = 0.02, 32
 

@@ -60,7 +60,7 @@ def window_due(state: SessionState, now: float) -> bool:
 
 
 def _replan_at(state: SessionState) -> float:
-    """When a window may start for what waits; something must.
+    """When a window may start for the edits or the correction that wait; one of these must.
 
     A client that keeps a velocity up repeats it long before it ends. Until the playhead comes near that end, the plan
     is already what was asked for, and a window for each repetition would be shown only until the next.

@@ -1,4 +1,4 @@
-"""SessionState: all that is known of one character, with what depends neither on events nor on windows or frames."""
+"""SessionState: all that is known of one character, with operations that involve no events, jobs or results."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""EnginePort: all that the service and the application use of an engine, wherever it runs."""
+"""EnginePort: everything that the service and the application use of an engine, wherever it runs."""
 
 from __future__ import annotations
 
@@ -8,58 +8,58 @@ from motiongen_server.engine.types import Event, EventRefused, Outcome, Owner, P
 
 
 class EventSink(Protocol):
-    """The way into the engine, for a stream."""
+    """The part of an engine that streams use."""
 
     def submit(self, event: Event) -> Outcome | None:
-        """Hand in an event; an outcome that comes back at once is a refusal.
+        """Hand in an event; an outcome that is returned at once is a refusal.
 
-        Returns at once, whatever the engine is busy with. Every other answer comes through `Deliver`.
+        Never waits, whatever the engine is busy with. All other answers come through `Deliver`.
         """
         ...
 
     def refusal_of(self, priority: Priority, denoise_steps: int, *, is_clip: bool = False) -> EventRefused | None:
-        """Why a session, or the sample of a clip, would not be let in as things stand; no place is held.
+        """Why a session, or the sample of a clip, would be refused at present; None if admitted. Reserves nothing.
 
-        Returns at once and costs little: asked before the rest of an Open is read and its prompts are encoded.
+        Never waits and costs little: it is asked before the rest of an Open is read and its prompts are encoded.
         """
         ...
 
 
 class EnginePort(EventSink, Protocol):
-    """A model's engine, or what stands for all of them. It takes events. Everything may be called from any thread."""
+    """A model's engine, or what represents all engines of the model. Every member may be used from any thread."""
 
     @property
     def num_sessions(self) -> int:
-        """Sessions that are open in the engine."""
+        """Sessions open in the engine."""
         ...
 
     @property
     def heartbeat_at(self) -> float:
-        """When its loop last went round, in monotonic seconds of this machine."""
+        """When its loop last began a round, in monotonic seconds of this machine."""
         ...
 
     @property
     def failure(self) -> BaseException | None:
-        """What ended it, if it did not end as it should."""
+        """The error that ended the engine, if one did."""
         ...
 
     @property
     def free_share(self) -> float:
-        """Of all that sessions may take, the share that is left to new ones, 0 to 1: a reading of this moment."""
+        """The share of the capacity for sessions that is left for new ones at this moment, 0 to 1."""
         ...
 
     def note_owner(self, owner: Owner) -> None:
-        """An owner has another share and quota from now on; they hold for the sessions that it has, too."""
+        """From now on an owner has this share and quota, also for the sessions that it has already."""
         ...
 
     def drain(self) -> None:
-        """Take no new sessions; those that are open are served on."""
+        """Take no new sessions; open ones continue."""
         ...
 
     def stop(self) -> None:
-        """Finish the windows that run, close every session as DRAINED, and end."""
+        """Finish the running windows, close every session as DRAINED, and end."""
         ...
 
     def join(self, timeout_s: float | None = None) -> bool:
-        """Wait for the end. True if it has come."""
+        """Wait for the engine to end. True if it has ended."""
         ...

@@ -98,7 +98,7 @@ class Peer:
         return self._sessions.total()
 
     def charge_call(self, cost: float, now: float) -> None:
-        """Charge a call. Raises StreamRefused while the peer owes for calls: unlike streams, they cannot be read later."""
+        """Charge a call. Raises StreamRefused while the peer owes for calls: a call cannot be delayed like a stream."""
         if (owed_s := self.calls.owed_s(now)) > 0:
             raise too_many_calls(owed_s, self.kind)
         self.calls.charge(cost, now)

@@ -43,7 +43,7 @@ MOST_QUESTION_BYTES = 1024
 """Questions are names; an answer repeats its question."""
 LIMITS = PeerLimits(calls_per_second=100.0, bytes_per_second=4_000_000.0)
 """Per address: calls and questions, and bytes of questions and answers. A tool asks some ten questions, whose answers
-have 12 KB in all. The limits are separate, so reflection uses up nothing that the address may spend on streams or clips.
+have 12 KB in all. The limits are separate, so reflection uses up nothing that an address may spend on anything else.
 """
 _sleep = asyncio.sleep
 

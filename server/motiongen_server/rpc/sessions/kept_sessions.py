@@ -40,7 +40,7 @@ class KeptSessions:
     def __init__(
         self, grace_s: float, stream_metrics: StreamMetrics | None = None, durability: Durability | None = None
     ) -> None:
-        """grace_s: how long a session is kept; 0: not at all. durability: saves sessions in a store, if there is one."""
+        """grace_s: how long a session is kept; 0: not at all. durability: saves sessions in the store, if any."""
         self.grace_s = grace_s
         self.durability = durability
         self._stream_metrics = stream_metrics or NoStreamMetrics()

@@ -32,7 +32,7 @@ def open_client(url: str) -> redis.Redis:
 
 
 def check_readable(url: str) -> None:
-    """Raise ValueError if an address has no valid port, as when a password cuts it short. Does not repeat the address."""
+    """Raise ValueError, without naming the address, if its port is invalid, as when a password cuts it short."""
     try:
         parts = urlsplit(url)
         is_whole = parts.port != 0 and (parts.scheme == "unix" or "@" not in parts.path + parts.query + parts.fragment)

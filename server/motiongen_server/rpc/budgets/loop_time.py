@@ -148,5 +148,5 @@ class _Steps(Generic[T]):
             except GeneratorExit:
                 self._coroutine.close()
                 raise
-            except BaseException as error:  # a cancellation most of all
+            except BaseException as error:  # above all a cancellation
                 step = partial(self._coroutine.throw, error)

@@ -1,4 +1,4 @@
-"""Peer: what all streams and calls of one tenant, or of one address where callers need no token, may have together."""
+"""Peer: what all streams and calls of one tenant, or of one address if there is no tenant, may have together."""
 
 from __future__ import annotations
 

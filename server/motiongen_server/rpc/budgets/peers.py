@@ -1,4 +1,4 @@
-"""Peers: finds the peer whose budgets a call uses: its tenant, or its address where callers need no token."""
+"""Peers: finds the peer whose budgets a call uses: its tenant, or its address if it has none."""
 
 from __future__ import annotations
 

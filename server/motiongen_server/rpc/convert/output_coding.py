@@ -1,4 +1,4 @@
-"""Encodes the additional outputs that a session asked for, if its numbers are not float32."""
+"""Encodes the additional outputs that a session asked for, if its frames are not float32."""
 
 from __future__ import annotations
 

@@ -12,7 +12,7 @@ from motiongen_server.engine.types import Asked, Direction, RootPath, RootTrajec
 from motiongen_server.rpc.catalog import Catalog
 
 _OVER_S = 0.5
-"""A trajectory's speed is measured over two steps of a walk: captured roots sway within these, faster for a frame."""
+"""A trajectory's speed is measured over two steps of a walk: within these, roots sway, and are faster for a frame."""
 _SLACK = 1.01
 """For the rounding in trajectories, and for sticks, whose range is not quite a circle."""
 

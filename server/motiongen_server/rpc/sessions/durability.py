@@ -107,7 +107,7 @@ class Durability:
 
         async def ask() -> tuple[str, SessionRecord]:
             held = None
-            while held is None:  # None again if it was taken since it was read, perhaps for this client's lost attempt
+            while held is None:  # None if it was taken since the read, perhaps for this client, whose answer was lost
                 found = await asyncio.wrap_future(self._taker.read(name))
                 if found is None:
                     raise NotKept("the store has no such session")

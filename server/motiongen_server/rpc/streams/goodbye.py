@@ -6,7 +6,7 @@ from motiongen.v1 import service_pb2
 from motiongen_server.rpc.streams.stream import Stream
 
 EXPIRY_NOTICE_S = 10.0
-"""How long before a client's credentials expire it is told."""
+"""How long before its credentials expire a client is told."""
 
 
 def say_draining(stream: Stream, model_id: str, grace_s: float, reconnect_after_s: float = 0.0) -> None:

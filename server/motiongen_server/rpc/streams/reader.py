@@ -36,7 +36,8 @@ EVENTS_A_TURN = 64
 EVENTS_A_WALK = 1024
 """Events of a long message that are counted before other streams have a turn."""
 PARSED = 25
-"""A small message is parsed as a whole, and then takes up to this many times its bytes: if all its fields are empty."""
+"""A small message is parsed as a whole, and then takes up to this many times its bytes, namely if all that it holds is
+empty."""
 
 
 class StreamReader:

@@ -38,7 +38,7 @@ _FRAMES_AND_PLANS = (Chunk, PlanNotice)  # a union would be built again for ever
 
 
 class StreamSessions(StreamOutput):
-    """The part of a `Stream` that takes engines' output. empty_since: monotonic seconds, valid without sessions.
+    """The part of a `Stream` that takes engines' output. empty_since: monotonic seconds; valid while it has no session.
 
     other_servers: returns servers with room for a session of a model, as far as is known.
     """

@@ -26,7 +26,7 @@ def _parser() -> argparse.ArgumentParser:
     )
     parser.add_argument("address", metavar="HOST:PORT", help="address of the server")
     parser.add_argument("--ca", type=Path, metavar="FILE", help="certificates to trust, PEM; turns TLS on")
-    parser.add_argument("--certificate", type=Path, metavar="FILE", help="PEM file of a certificate to show, with --ca")
+    parser.add_argument("--certificate", type=Path, metavar="FILE", help="the client's certificate, PEM, with --ca")
     parser.add_argument("--key", type=Path, metavar="FILE", help="PEM file of its key")
     parser.add_argument("--token-file", type=Path, metavar="FILE", help="file with the caller's token")
     parser.add_argument("-k", metavar="WORDS", help="only tests whose names have these words: 'resume and not lost'")

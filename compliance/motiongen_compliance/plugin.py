@@ -22,7 +22,7 @@ def pytest_addoption(parser: pytest.Parser) -> None:
     group = parser.getgroup("motiongen")
     group.addoption("--server-address", help="host:port")
     group.addoption("--server-ca", type=Path, help="certificates to trust, PEM; without it, plain text is used")
-    group.addoption("--server-certificate", type=Path, help="certificate to show, PEM")
+    group.addoption("--server-certificate", type=Path, help="the client's certificate, PEM")
     group.addoption("--server-key", type=Path, help="its key, PEM")
     group.addoption("--server-token-file", type=Path, help="file with the caller's token")
 

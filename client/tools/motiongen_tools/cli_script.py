@@ -29,7 +29,7 @@ class Script:
             frame = min(rig.frames_in(at_s), num_frames - 1)
             if frame in prompts:
                 frame_s = 1 / rig.frame_rate_hz
-                allowed = f"a time at another frame than the prompt before it: a frame is {frame_s:g} s long"
+                allowed = f"a time of another frame than the prompt before it: a frame is {frame_s:g} s long"
                 raise InvalidInput("--at", f"{at_s:g} s", allowed)
             prompts[frame] = text
         return prompts

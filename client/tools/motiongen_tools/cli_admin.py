@@ -52,7 +52,7 @@ async def admin(options: argparse.Namespace) -> int:
             console.print(f"{options.model} is unloaded; {_sessions(closed)} closed.", soft_wrap=True)
         elif options.deed == "reload":
             status, closed = await client.reload_model(options.model, options.grace)
-            console.print(f"{status.model_id} is loaded anew; {_sessions(closed)} closed.", soft_wrap=True)
+            console.print(f"{status.model_id} is reloaded; {_sessions(closed)} closed.", soft_wrap=True)
         else:
             table = make_table("models", "name", "state", "sessions", "load", "loaded from")
             for status in await client.list_models():

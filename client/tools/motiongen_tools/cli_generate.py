@@ -67,7 +67,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     parser.add_argument("--constraint-guidance", type=float, metavar="W", help="weight of constraints (the server's)")
     parser.add_argument("--keep-prompts", action="store_true", help="keep prompts even against constraints")
     parser.add_argument("--rate-hz", type=_positive, metavar="N", help="rows a second of .controller.csv")
-    parser.add_argument("--timeout", type=_positive, metavar="SECONDS", help="give up after so long")
+    parser.add_argument("--timeout", type=_positive, metavar="SECONDS", help="give up after this time")
     parser.add_argument("--model", default="", metavar="NAME", help="model of the catalogue (default: its first)")
     add_start_timeout(parser)
 

@@ -30,7 +30,7 @@ export class Inspect {
     }
     const facts = [`${info.name}: ${info.model}, ${info.steps} steps, seed ${info.seed}`];
     if (info.failure) facts.push(info.failure);
-    if (info.reopenings) facts.push(`opened anew ${info.reopenings} times`);
+    if (info.reopenings) facts.push(`reopened ${info.reopenings} times`);
     if (info.resumes) facts.push(`resumed ${info.resumes} times`);
     this._facts.textContent = facts.join(" · ");
     // called at every plan: an unchanged line stays, with the button that somebody may be about to press

@@ -7,7 +7,7 @@ const KINDS = {
   place: ["x", "z", "heading"], heading: ["heading"], joint: ["joint", "x", "y", "z"], height: ["y"], foot: ["limb", "x", "z", "heading"], path: ["corners", "speed", "smoothing"],
 };
 const FEET = ["LeftFoot", "RightFoot"];
-const WHENS = { soon: "as soon as can be", at: "at", within: "from … to", after: "so long after it takes effect" };
+const WHENS = { soon: "as soon as possible", at: "at", within: "from … to", after: "this long after it takes effect" };
 
 export class TargetForm {
   constructor(cast) {

@@ -26,7 +26,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
         "catalogue; several are shown side by side",
     )  # fmt: skip
     parser.add_argument(
-        "--steps", type=_steps, default=[None], metavar="N,N", help="denoising steps; several stand side by side "
+        "--steps", type=_steps, default=[None], metavar="N,N", help="denoising steps; several are shown side by side "
         "(default: each model's own)",
     )  # fmt: skip
     parser.add_argument("--seed", type=int, default=DEFAULT_SEED, help="of all takes (default: %(default)s)")

@@ -54,7 +54,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     parser.add_argument("--constraints", type=Path, metavar="FILE", help="JSON constraint list, as ARDY's tools write")
     parser.add_argument(
         "--waypoint", action="append", default=[], type=parse_waypoint, metavar="X,Z@SECONDS",
-        help="be at world x, z (metres) at a time; again for more. X,Z,HEADING@SECONDS gives the facing too (radians)",
+        help="be at world x, z (metres) at a time; again for more. X,Z,HEADING@SECONDS gives the heading too (radians)",
     )  # fmt: skip
     parser.add_argument(
         "--history", type=Path, metavar="FILE", help="motion that the clip continues: NPZ, BVH, or CSV of a G1"

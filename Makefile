@@ -1,4 +1,4 @@
-# `make help` lists the targets. Every target that runs Python makes the environment first, once.
+# `make help` lists the targets. Every target that runs Python creates the environment first, if there is none.
 SHELL := bash
 .SHELLFLAGS := -euo pipefail -c
 .DEFAULT_GOAL := help
@@ -8,7 +8,7 @@ PYTHON := $(VENV)/bin/python
 BUF := $(VENV)/bin/buf
 CLANG_FORMAT := $(VENV)/bin/clang-format
 CLANG_TIDY ?= clang-tidy
-# in a copy without git all that are there: given none, clang-format would read what is typed
+# without git, all files found: without a file argument, clang-format would wait for standard input
 CPP_FILES = $(or $(shell git ls-files 'client/cpp/*.cpp' 'client/cpp/*.hpp' 'client/cpp/*.h' 'client/cpp/*.c' 2>/dev/null), \
 	$(shell find client/cpp -name '*.[ch]' -o -name '*.[ch]pp'))
 READY := $(VENV)/.ready
@@ -18,15 +18,16 @@ OUT ?= out
 PAGE := client/tools/motiongen_tools/view/page
 DATA ?= $(OUT)/data
 RUN ?= $(OUT)/mini
-# the encoder of prompts that a model is trained with; the server is to be given the same
+# the text encoder of the prompts that a model is trained with; the server must use the same one
 TEXT_ENCODER ?= static
-# labels that a trained model was seen not to show, whose prompts are outside of what it knows: bow, of the built-in one
+# labels of motion that the trained model does not show, so that their prompts count as unknown to it: bow, for the
+# built-in model
 UNLEARNED ?=
 RECIPE ?= ardy/motiongen_ardy/train/configs/mini.yaml
 MODEL ?= motiongen-mini
 ARGS ?=
 CPP ?= yes
-# processes that share the tests; 0: all in one, as a debugger wants it
+# number of processes that share the tests; 0: all run in the process of pytest, as a debugger needs
 JOBS ?= 2
 DATA_USE := name the motion capture: make data CLIPS=folder-of-bvh LABELS=table.csv
 
@@ -37,7 +38,7 @@ help: ## list the targets
 	@awk 'BEGIN {FS = ":.*## "} /^[a-z0-9-]+:.*## / {printf "  make %-14s %s\n", $$1, $$2}' $(MAKEFILE_LIST)
 
 .PHONY: setup
-setup: $(READY) ## make .venv with all parts and the development tools
+setup: $(READY) ## create .venv with all parts and the development tools
 	@echo "ready: $(VENV)"
 
 $(READY): constraints.txt requirements-dev.txt $(PARTS:%=%/pyproject.toml)
@@ -46,14 +47,14 @@ $(READY): constraints.txt requirements-dev.txt $(PARTS:%=%/pyproject.toml)
 	$(PYTHON) -m pip install --progress-bar on --no-build-isolation --constraint constraints.txt \
 		--requirement requirements-dev.txt --editable ./proto --editable './ardy[gltf,hub,text,train]' --editable './server[tracing]' \
 		--editable ./client/python --editable './client/tools[bench,pictures,view]' --editable ./compliance
-	# it asks for the protobuf of its time, but needs none to run protoc
+	# it requires an older protobuf, but needs none to run protoc
 	$(PYTHON) -m pip install --quiet --no-deps --constraint constraints.txt grpcio-tools
 	@touch $@
 
 # ---- use
 
 .PHONY: demo
-demo: $(READY) ## serve the built-in model, play a story and seven characters beside it; BVH files and contact sheets in out/demo
+demo: $(READY) ## serve the built-in model, play a story with seven more characters; writes BVH files and contact sheets to out/demo
 	$(PYTHON) -m motiongen_tools demo --out $(OUT)/demo $(ARGS)
 
 .PHONY: serve
@@ -61,37 +62,37 @@ serve: $(READY) ## serve the built-in model; options in ARGS, listed by make ser
 	$(PYTHON) -m motiongen_server $(ARGS)
 
 .PHONY: viewer
-viewer: $(PAGE)/node_modules/.package-lock.json ## fetch three.js, which the viewer's page draws with (needs npm)
+viewer: $(PAGE)/node_modules/.package-lock.json ## fetch three.js for the viewer's page (needs npm)
 
 $(PAGE)/node_modules/.package-lock.json: $(PAGE)/package-lock.json
-	@command -v npm >/dev/null || { echo "three.js comes by npm: install Node.js (Debian, Ubuntu: apt-get install npm)" >&2; exit 1; }
+	@command -v npm >/dev/null || { echo "npm is needed to fetch three.js: install Node.js (Debian, Ubuntu: apt-get install npm)" >&2; exit 1; }
 	npm ci --prefix $(PAGE) --ignore-scripts --no-audit --no-fund
 	@touch $@
 
 .PHONY: view
-view: $(READY) viewer ## see and steer characters in a browser, with a server of its own; SERVER=host:port looks at another
+view: $(READY) viewer ## see and steer characters in a browser; starts a server, or uses that of SERVER=host:port
 	$(PYTHON) -m motiongen_tools view $(if $(SERVER),--server $(SERVER),--start-server) $(ARGS)
 
 # ---- check
 
 .PHONY: check
-check: lint types proto-check test tidy ## style, types, protos, all tests that need no system but a C++ toolchain (which it installs, by apt; CPP=no: none), and clang-tidy
+check: lint types proto-check test tidy ## style, types, protos, tests and clang-tidy; installs a C++ toolchain with apt-get if there is none (CPP=no: leave C++ out)
 
 .PHONY: test
-test: $(READY) cpp-packages ## run all tests that need no GPU, in JOBS=2 processes; CPP=no leaves out those of the C++ client
+test: $(READY) cpp-packages ## run all tests but those of test-gpu and test-system, in JOBS=2 processes; CPP=no leaves out the C++ client's
 	OMP_NUM_THREADS=1 $(PYTHON) -m pytest -n $(JOBS) -m 'not gpu and not system' $(if $(filter no,$(CPP)),--ignore tests/cpp) $(ARGS)
 
 .PHONY: test-system
-test-system: $(READY) system-packages cpp-packages browser-packages test-lowest viewer ## run the tests that build, install or take long, those with the oldest versions too
+test-system: $(READY) system-packages cpp-packages browser-packages test-lowest viewer ## run the tests that build or install something or take long, and test-lowest
 	$(PYTHON) -m pytest -m system $(ARGS)
 
 .PHONY: system-packages
-system-packages: $(READY) ## see that the programs of make test-system are there; installs them where apt-get may
+system-packages: $(READY) ## install the programs that test-system needs, where apt-get is allowed to
 	@bash .ci/system_packages.sh
 	$(PYTHON) -m pip install --quiet --constraint constraints.txt --requirement requirements-system.txt
 
 .PHONY: test-lowest
-test-lowest: ## run the client's tests with the oldest grpcio, protobuf and numpy that it allows, in an environment of its own
+test-lowest: ## run the client's tests with the oldest supported grpcio, protobuf and numpy, in a separate environment
 	@bash .ci/make_venv.sh "$(LOWEST)"
 	$(LOWEST)/bin/python -m pip install --quiet --constraint constraints-lowest.txt ./proto ./client/python
 	$(LOWEST)/bin/python -m pip install --quiet --constraint constraints.txt hypothesis pytest pytest-asyncio pytest-timeout
@@ -106,7 +107,7 @@ parity: $(READY) ## test that batched, streamed and saved motion equals the plai
 	$(PYTHON) -m pytest tests/parity $(ARGS)
 
 .PHONY: contract
-contract: $(READY) ## test that our server keeps the protocol; any other: .venv/bin/motiongen-compliance HOST:PORT
+contract: $(READY) ## test that our server keeps the protocol; for any other server: .venv/bin/motiongen-compliance HOST:PORT
 	$(PYTHON) -m pytest compliance tests/contract $(ARGS)
 
 .PHONY: e2e
@@ -114,7 +115,7 @@ e2e: $(READY) ## test a real server process with the real client
 	$(PYTHON) -m pytest tests/e2e $(ARGS)
 
 .PHONY: attack
-attack: $(READY) ## attack a real server in every known way, and print what its neighbours noticed; a short form is in make test
+attack: $(READY) ## attack a real server in every known way, and print what other clients noticed; make test runs a short form
 	$(PYTHON) -m tests.attack --out $(OUT)/attack $(ARGS)
 
 .PHONY: scale-demo
@@ -122,7 +123,7 @@ scale-demo: $(READY) ## kill one of two servers behind a proxy while 40 characte
 	$(PYTHON) -m tests.scale $(ARGS)
 
 .PHONY: chaos
-chaos: $(READY) ## ten minutes of troubles drawn from a seed, while characters play (redis-server and haproxy by apt)
+chaos: $(READY) ## ten minutes of random faults, drawn from a seed, while characters play (redis-server and haproxy by apt)
 	$(PYTHON) -m tests.scale.chaos $(ARGS)
 
 .PHONY: lint
@@ -132,7 +133,7 @@ lint: $(READY) ## check style and format, of Python and C++
 	$(CLANG_FORMAT) --dry-run --Werror $(CPP_FILES)
 
 .PHONY: fmt
-fmt: $(READY) ## format, and mend what can be mended
+fmt: $(READY) ## format, and fix what ruff can fix
 	$(PYTHON) -m ruff check --fix .
 	$(PYTHON) -m ruff format .
 	$(CLANG_FORMAT) -i $(CPP_FILES)
@@ -146,18 +147,18 @@ proto: $(READY) ## generate proto/python from the protos
 	$(PYTHON) proto/generate.py
 
 .PHONY: proto-check
-proto-check: $(READY) ## check the protos: rules, format, what the last release promised, and that proto/python is current
+proto-check: $(READY) ## check the protos: rules, format, compatibility with the last release, and that proto/python is current
 	$(BUF) lint proto
 	$(BUF) format --diff --exit-code proto
 	$(BUF) breaking proto --against proto/released.binpb
 	$(PYTHON) -m pytest -q tests/house/test_generated.py
 
 .PHONY: proto-release
-proto-release: $(READY) ## at a release only: keep the protos as what later ones must not break
+proto-release: $(READY) ## at a release only: save the protos as the baseline that later ones must be compatible with
 	$(BUF) build proto --exclude-source-info --output proto/released.binpb
 
 .PHONY: browser-packages
-browser-packages: ## see that the browser that tests the viewer is there; installs it where apt-get may
+browser-packages: ## install the browser that the viewer's tests need, where apt-get is allowed to
 	@bash .ci/browser_packages.sh
 
 # ---- the C++ client
@@ -172,18 +173,18 @@ cpp-test: $(READY) cpp-packages ## build and test the C++ client
 	$(PYTHON) -m pytest -m 'not gpu and not system' tests/cpp $(ARGS)
 
 .PHONY: cpp-system
-cpp-system: $(READY) cpp-packages system-packages ## the part of test-system that is the C++ client's: packages, C#, Windows, sanitizers, 10,000 connects
+cpp-system: $(READY) cpp-packages system-packages ## run the C++ client's part of test-system: packages, C#, Windows, sanitizers, 10,000 connects
 	$(PYTHON) -m pytest -m system tests/system/test_cpp_packages.py $(ARGS)
 
 .PHONY: tidy
-tidy: $(READY) cpp-packages ## look for mistakes in the C++ client with clang-tidy, in files that have changed since they were looked at
+tidy: $(READY) cpp-packages ## check the C++ client with clang-tidy, only files that have changed since they last passed
 	$(if $(filter no,$(CPP)),@echo "without the C++ client",@cmake -S client/cpp -B $(OUT)/cpp/tidy -G Ninja --log-level=WARNING \
 		-DCMAKE_EXPORT_COMPILE_COMMANDS=ON -DCMAKE_DISABLE_PRECOMPILE_HEADERS=ON -DMOTIONGEN_EXAMPLES=ON \
 		&& cmake --build $(OUT)/cpp/tidy --target motiongen_generated load_generated >/dev/null \
 		&& $(PYTHON) .ci/clang_tidy.py $(OUT)/cpp/tidy $(CLANG_TIDY))
 
 .PHONY: cpp-packages
-cpp-packages: ## see that what the C++ client is built with is there; installs it where apt-get may
+cpp-packages: ## install what the C++ client is built with, where apt-get is allowed to
 	$(if $(filter no,$(CPP)),@echo "without the C++ client",@bash .ci/cpp_packages.sh)
 
 # ---- measure and make
@@ -193,7 +194,7 @@ bench: $(READY) ## measure latency, throughput and memory of the built-in model;
 	$(PYTHON) -m tests.bench --out $(OUT)/bench $(ARGS)
 
 .PHONY: bench-scenarios
-bench-scenarios: $(READY) ## play every scenario of `motiongen bench` in both precisions; writes a table to out/scenarios
+bench-scenarios: $(READY) ## run every scenario of `motiongen bench` in both precisions; writes a table to out/scenarios
 	$(PYTHON) -m tests.bench.scenario_table --out $(OUT)/scenarios $(ARGS)
 
 .PHONY: bench-service
@@ -201,11 +202,11 @@ bench-service: $(READY) ## measure what the service costs without a model; write
 	$(PYTHON) -m tests.bench.service_cost --out $(OUT)/bench $(ARGS)
 
 .PHONY: bench-engine
-bench-engine: $(READY) ## measure the engine against simpler ones: characters in real time, latencies, the ceiling; writes out/bench
+bench-engine: $(READY) ## compare the engine with simpler ones: characters in real time, latencies, upper bound; writes out/bench
 	OMP_WAIT_POLICY=PASSIVE $(PYTHON) -m tests.bench.engine --out $(OUT)/bench $(ARGS)
 
 .PHONY: fuzz
-fuzz: $(READY) ## give the readers of files 10,000 broken ones each, and the edge what libFuzzer thinks up for 3 minutes
+fuzz: $(READY) ## fuzz each reader of files with 10,000 broken ones, and the edge with libFuzzer for 3 minutes
 	$(PYTHON) -m tests.bench.fuzz_checkpoints
 	$(PYTHON) -m tests.bench.fuzz_formats
 	$(PYTHON) -m pip install --quiet --constraint constraints.txt atheris
@@ -216,12 +217,12 @@ data: $(READY) ## turn motion capture into a training set: make data CLIPS=folde
 	$(PYTHON) -m motiongen_ardy.data build "$(or $(CLIPS),$(error $(DATA_USE)))" "$(or $(LABELS),$(error $(DATA_USE)))" "$(DATA)" $(ARGS)
 
 .PHONY: train-mini
-train-mini: $(READY) ## train what RECIPE says on DATA (the built-in model): tokenizer, then denoiser; goes on where it was stopped
+train-mini: $(READY) ## train the model of RECIPE (the built-in one) on DATA: tokenizer, then denoiser; continues where it was stopped
 	$(PYTHON) -m motiongen_ardy.train.tokenizer "$(DATA)" "$(RUN)/tokenizer" --config "$(RECIPE)" $(ARGS)
 	$(PYTHON) -m motiongen_ardy.train.denoiser "$(DATA)" "$(RUN)/denoiser" --tokenizer "$(RUN)/tokenizer" --config "$(RECIPE)" \
 		--text-encoder "$(TEXT_ENCODER)" $(ARGS)
 	@if [ ! -e "$(RUN)/denoiser/capabilities.yaml" ]; then \
-		echo "no prompt_paces and no prompt_domain: the files of $(RECIPE) have no capabilities.yaml, which says what they are of"; \
+		echo "prompt_paces and prompt_domain are skipped: they need a capabilities.yaml, and $(RECIPE) lists none under files"; \
 	else \
 		set -x; \
 		$(PYTHON) -m motiongen_ardy.train.prompt_paces "$(DATA)" "$(RUN)/denoiser" --text-encoder "$(TEXT_ENCODER)"; \
@@ -234,9 +235,9 @@ gate: $(READY) ## judge the motion of MODEL on the test split of DATA; exit code
 	$(PYTHON) -m motiongen_ardy.evaluate "$(MODEL)" "$(DATA)" $(ARGS)
 
 .PHONY: clean
-clean: ## remove what make made, the environment too
+clean: ## remove everything that make created, including the environment
 	rm -rf $(VENV) $(OUT) build dist .mypy_cache .pytest_cache .ruff_cache .hypothesis $(PAGE)/node_modules
-	# what pip leaves of a part that it builds, and puts into the next wheel of it, also what is no more among the sources
+	# pip leaves these when it builds a part, and puts them into the part's next wheel, even files deleted from the sources
 	rm -rf $(PARTS:%=%/build)
 	find . -name __pycache__ -prune -exec rm -rf {} +
 	find . -name '*.egg-info' -prune -exec rm -rf {} +

@@ -1,6 +1,6 @@
 #!/usr/bin/env bash
-# Install Debian packages where we may: apt_install.sh WHAT PACKAGE...
-# WHAT: says what is missing and for what, to people who may not install and on other systems; exit code 1 then.
+# Install Debian packages if we are allowed to: apt_install.sh WHAT PACKAGE...
+# If not, or on other systems, print WHAT (what is missing, and for what) and exit with code 1.
 set -euo pipefail
 what=$1
 shift

@@ -1,5 +1,5 @@
 #!/usr/bin/env bash
-# See that the browser that the viewer is tested in is there; where we may, install it (Debian, Ubuntu).
+# Check that the browser for the viewer's tests is installed; if not, install it where we are allowed to (Debian, Ubuntu).
 set -euo pipefail
 packages=(chromium chromium-driver)
 

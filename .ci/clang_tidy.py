@@ -1,9 +1,9 @@
-"""clang-tidy over what client/cpp ships, each file again only when it, or what it includes, has changed.
+"""Run clang-tidy over what client/cpp ships; files that passed are skipped until they or their includes change.
 
     python .ci/clang_tidy.py BUILD_FOLDER CLANG_TIDY
 
-BUILD_FOLDER: where CMake has written compile_commands.json. What has passed is kept there, by the hash of what it was
-made of.
+BUILD_FOLDER: where CMake has written compile_commands.json. Files that passed are recorded there, by a hash of the
+file, its includes and the command.
 """
 
 from __future__ import annotations
@@ -25,7 +25,7 @@ INCLUDE = re.compile(rb'^#include "([^"]+)"', re.MULTILINE)
 
 
 class Checker:
-    """Knows what was looked at before. tidy: the program."""
+    """Checks files, and records those that passed. tidy: the clang-tidy program."""
 
     def __init__(self, folder: Path, tidy: str) -> None:
         self._tidy = tidy
@@ -36,7 +36,7 @@ class Checker:
         self._rules = version + (SOURCE / ".clang-tidy").read_bytes()
 
     def check(self, entry: dict[str, str]) -> str:
-        """What is wrong with a file of compile_commands.json; nothing for one that is well."""
+        """Check a file of compile_commands.json. Returns clang-tidy's findings, or nothing if there are none."""
         path = Path(entry["file"])
         mark = self._passed / self._key(path, entry["command"])
         if mark.exists():
@@ -46,11 +46,11 @@ class Checker:
         if done.returncode == 0:
             mark.touch()
             return ""
-        told = re.sub(r"^\d+ warnings? generated\.\n", "", done.stdout, flags=re.MULTILINE)  # in others' headers
+        told = re.sub(r"^\d+ warnings? generated\.\n", "", done.stdout, flags=re.MULTILINE)  # third-party headers
         return f"{path.relative_to(SOURCE)}:\n{told}"
 
     def _key(self, path: Path, command: str) -> str:
-        """The hash of a file, of all of ours that it includes, and of how it is looked at."""
+        """The hash of a file, of everything of ours that it includes, of the rules and of the command."""
         words = shlex.split(command)
         folders = [Path(word[2:]) for word in words if word.startswith("-I")]
         folders += [Path(word) for flag, word in itertools.pairwise(words) if flag == "-isystem"]
@@ -76,7 +76,7 @@ def main(folder: str, tidy: str) -> int:
     ours = [entry for entry in ours if Path(entry["file"]).relative_to(SOURCE).parts[0] in LOOKED_AT]
     with ThreadPoolExecutor(len(os.sched_getaffinity(0))) as workers:
         wrong = [told for told in workers.map(checker.check, ours) if told]
-    print(*wrong, f"{len(ours)} files looked at, {len(wrong)} with something wrong", sep="\n")
+    print(*wrong, f"{len(ours)} files checked, {len(wrong)} with findings", sep="\n")
     return 1 if wrong else 0
 
 

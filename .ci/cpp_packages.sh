@@ -1,6 +1,6 @@
 #!/usr/bin/env bash
-# See that what the C++ client is built with is there; where we may, install what is missing (Debian, Ubuntu).
-# Other systems, and people who may not install, are told what is missing.
+# Check that everything the C++ client is built with is installed; if not, install it where we are allowed to (Debian,
+# Ubuntu), and elsewhere say what is missing.
 set -euo pipefail
 packages=(cmake g++ ninja-build pkg-config libgrpc++-dev libprotobuf-dev protobuf-compiler protobuf-compiler-grpc libgtest-dev
   clang-tidy)

@@ -1,7 +1,7 @@
 #!/usr/bin/env bash
-# Make a virtual environment with the first Python of at least 3.11 on the PATH: make_venv.sh FOLDER
-# One that is there already is left as it is, but for pip where it has none. A folder with anything else in it is refused.
-# Debian and Ubuntu ship Python without venv; there, install the missing package if we may, else say which it is.
+# Create a virtual environment with the first Python of at least 3.11 on the PATH: make_venv.sh FOLDER
+# An existing environment is left as it is, except that pip is added if missing. A folder that contains anything else is
+# refused. Debian and Ubuntu ship Python without venv: install the missing package if we are allowed to, else name it.
 set -euo pipefail
 folder=$1
 
@@ -15,8 +15,8 @@ if [ -x "$folder/bin/python" ]; then
   fi
 fi
 
-# What is half made, or was made by a Python that has gone, is made anew, for which the folder is emptied: only where
-# nothing of others can be in it.
+# An environment that is incomplete, or whose Python no longer exists, is recreated, which empties the folder. Do this
+# only if the folder cannot contain anything of the user's.
 if [ -e "$folder" ] && [ ! -e "$folder/.ready" ]; then
   if [ -e "$folder/pyvenv.cfg" ]; then
     theirs=$(find "$folder/" -name '*.dist-info' ! -name 'pip-*' ! -name 'setuptools-*' -print -quit)
@@ -24,7 +24,7 @@ if [ -e "$folder" ] && [ ! -e "$folder/.ready" ]; then
     theirs=$(find "$folder/" ! -type d ! -name lib64 -print -quit)
   fi
   if [ -n "$theirs" ]; then
-    echo "no virtual environment is made in $folder, which would be emptied and has $theirs: name another folder" >&2
+    echo "$folder contains $theirs, which creating a virtual environment there would delete: choose another folder" >&2
     exit 1
   fi
 fi
@@ -57,4 +57,4 @@ if ! "$python" -c 'import ensurepip, venv' 2>/dev/null; then
 fi
 
 "$python" -m venv --clear "$folder"
-echo "made $folder with $("$python" --version)"
+echo "created $folder with $("$python" --version)"

@@ -1,31 +1,32 @@
 #!/bin/sh
-# What deploy/compose.yaml needs and nobody may commit, in deploy/secrets: an authority with certificates for proxy,
-# servers and encoder, tokens with the file of their hashes, and passwords. Needs OpenSSL 3, and the server to make tokens:
+# Create the secrets that deploy/compose.yaml needs, in deploy/secrets (never commit them): a certificate authority with
+# certificates for proxy, servers and encoder, tokens with the file of their hashes, and passwords. Needs OpenSSL 3, and
+# motiongen-server to create the tokens:
 #   deploy/make_secrets.sh                     # where motiongen-server is installed
 #   IDENTITY=".venv/bin/python -m motiongen_server.identity" deploy/make_secrets.sh    # after make setup
 #   IDENTITY="docker run --rm --entrypoint python motiongen-server:cpu -m motiongen_server.identity" deploy/make_secrets.sh
-# NAMES: those that clients know the proxy by (default: DNS:localhost,IP:127.0.0.1).
+# NAMES: the names under which clients reach the proxy (default: DNS:localhost,IP:127.0.0.1).
 set -eu
 identity=${IDENTITY:-python -m motiongen_server.identity}
 names=${NAMES:-DNS:localhost,IP:127.0.0.1}
 folder=${1:-$(dirname "$0")/secrets}
 if [ -e "$folder" ]; then
-    echo "$folder is there already; take it away to make new secrets" >&2
+    echo "$folder exists already; remove it to create new secrets" >&2
     exit 1
 fi
-# Before anything is made: what is half made would be there already the next time.
+# Check this before creating anything: a half-made folder would be in the way the next time.
 if ! $identity --help > /dev/null 2>&1; then
-    echo "no tokens can be made by: $identity" >&2
-    echo "install motiongen-server, or say what makes them, IDENTITY as at the top of $0" >&2
+    echo "cannot create tokens with: $identity" >&2
+    echo "install motiongen-server, or set IDENTITY to a command that creates them, as at the top of $0" >&2
     exit 1
 fi
-# Closed to others here; single files are open, since the containers' users read them where they are mounted.
+# The folder is closed to other users; the files in it are readable, because the containers' users read them when mounted.
 mkdir -m 700 "$folder"
 here=$(pwd)
 cd "$folder"
 folder=$(pwd)
 trap 'status=$?; if [ $status -ne 0 ]; then cat openssl.log entry >&2 2> /dev/null; rm -rf "$folder"; fi' EXIT
-# Of themselves signals end some shells without the line above.
+# Without these, a signal ends some shells without running the EXIT trap above.
 trap 'exit 129' HUP
 trap 'exit 130' INT
 trap 'exit 143' TERM
@@ -48,9 +49,9 @@ leaf proxy "$names"
 cat proxy.pem proxy.key > proxy-with-key.pem
 
 token() { # tenant, role
-    # Where this was started, as it is named from there.
+    # In the folder where this script was started, because IDENTITY may be relative to it.
     (cd "$here" && exec $identity "$1") > "$1.token" 2> entry
-    sed -n '/^\[tenants/,$p' entry >> tenants.toml # less what a container engine says before it
+    sed -n '/^\[tenants/,$p' entry >> tenants.toml # without what a container engine prints before it
     printf 'roles = ["%s"]\n\n' "$2" >> tenants.toml
     rm entry
 }
@@ -64,4 +65,4 @@ openssl rand -hex 24 > grafana-password
 echo "MOTIONGEN_SNAPSHOT_STORE=redis://:$(cat redis-password)@redis:6379/0" > store.env
 chmod 600 authority.key
 rm openssl.log
-echo "made $folder; a client shows player.token and trusts authority.pem"
+echo "created $folder; clients need player.token and authority.pem from it"

@@ -1,8 +1,9 @@
-"""Is as much let in as could be served? `python -m tests.bench.admission [--scenario crowd] [--cores 0.7 1 1.5 2]`.
+"""Does admission let in as much as can be served? `python -m tests.bench.admission [--scenario crowd] [--cores 0.7 1]`.
 
-In virtual time, as `tests.bench.rehearsal`: first the most characters served with under 1 % of frames missed when
-nobody is refused or degraded, then how many of twice as many (`--times`) are let in, and what they get. A part of a
-core is one, or two, whose calls take longer, as a quota makes them on average; with --quota, as it makes them in truth.
+In virtual time, like `tests.bench.rehearsal`: first the largest number of characters that can be served with under 1 %
+of frames missed when none is refused or degraded; then how many of twice as many (`--times`) are let in, and what they
+get. A fractional number of cores is modelled as whole cores whose calls take longer, which is a quota's effect on
+average; with --quota, as a quota that is used up and renewed every 100 ms.
 """
 
 from __future__ import annotations
@@ -27,7 +28,7 @@ _PRECISION = 0.03  # of the search
 
 @dataclass(frozen=True)
 class Machine:
-    """cores: that there are; 1.5 is two of three quarters each. quota: they are that by one, see `VirtualQuota`."""
+    """cores: how many there are; 1.5 is two of 0.75 each. quota: the cores are given as a `VirtualQuota`."""
 
     cores: float
     seed: int = 1
@@ -59,12 +60,12 @@ class Machine:
 
 
 def missed(found: Rehearsal) -> float:
-    """The share of frames that were not there, of the characters that were let in."""
+    """The share of frames missed by the characters that were let in."""
     return sum(seen.missed_s for seen in found.outcomes.values()) / max(sum(found.frames_s.values()), 1e-9)
 
 
 def most_servable(machine: Machine, scenario: Scenario, seconds: int) -> int:
-    """The most characters with under 1 % of frames missed, where everybody is let in and gets everything."""
+    """The most characters with under 1 % of frames missed, when all are let in and none is degraded."""
     low, high = 0, 8
     while missed(machine.play(scenario, high, seconds, _FREE)) < FULL_MISS:
         low, high = high, 2 * high
@@ -78,7 +79,7 @@ def most_servable(machine: Machine, scenario: Scenario, seconds: int) -> int:
 def let_in(
     machine: Machine, scenario: Scenario, asked: int, seconds: int, load: float | None = None
 ) -> tuple[int, int, Rehearsal]:
-    """How many of those who ask, how often one was told of less, and what they got. load: the setting admit_load."""
+    """How many are let in, how often one was degraded, and all results. load: the setting admit_load."""
     config = _SERVED if load is None else replace(_SERVED, admit_load=admit_loads(load))
     found = machine.play(scenario, asked, seconds, config)
     refused = sum(seen.refused for seen in found.outcomes.values())
@@ -91,12 +92,12 @@ def main() -> int:
     )
     parser.add_argument("--scenario", nargs="+", default=["crowd"], choices=BUILT_IN)
     parser.add_argument("--cores", type=float, nargs="+", default=[0.7, 1.0, 1.5, 2.0])
-    parser.add_argument("--times", type=float, nargs="+", default=[2.0], help="as many as could be served ask")
+    parser.add_argument("--times", type=float, nargs="+", default=[2.0], help="multiples of what can be served")
     parser.add_argument("--seconds", type=int, default=20)
     parser.add_argument("--seed", type=int, default=1)
-    parser.add_argument("--quota", action="store_true", help="stand still once a part of 100 ms is used up")
-    parser.add_argument("--engines", type=int, help="on the cores (default: one for each)")
-    parser.add_argument("--admit-load", type=float, help="as of the server (default: the engine's own)")
+    parser.add_argument("--quota", action="store_true", help="model the cores as a CPU quota, renewed every 100 ms")
+    parser.add_argument("--engines", type=int, help="number of engines (default: one for each core)")
+    parser.add_argument("--admit-load", type=float, help="the server's setting (default: the engine's own)")
     options = parser.parse_args()
     logging.disable(logging.CRITICAL)
     print("| scenario | cores | could be served | asked | let in | of it | degraded | missed by them |")

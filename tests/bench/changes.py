@@ -1,9 +1,9 @@
-"""What is torn where motion changes: `python -m tests.bench.changes [--seeds 6] [--only "goto near"]`.
+"""How abrupt motion is where it changes: `python -m tests.bench.changes [--seeds 6] [--only "goto near"]`.
 
-Characters of the built-in model are played through gRPC, as fast as they come, and told something else after a while:
-gestures, gaits, stops, turns of the stick, short ways. Of each, the hardest acceleration of any joint beside the root
-and the fastest turn of the hips, from one frame to the next, with the seed and the frame: percentiles do not see these.
-When an edit takes effect depends on how soon it comes, so figures of two runs differ a little.
+Characters of the built-in model are played through gRPC, faster than real time, and get another order after a while:
+gestures, gaits, stops, turns of the stick, short distances. Reported for each: the hardest acceleration of any joint
+relative to the root and the fastest turn of the hips from one frame to the next, with seed and frame. Percentiles would
+hide these. When an edit takes effect depends on when it arrives, so figures of two runs differ a little.
 """
 
 from __future__ import annotations
@@ -33,7 +33,7 @@ GAITS = ((1.2, WALK), (2.0, JOG), (3.0, RUN))
 
 @dataclass(frozen=True)
 class Order:
-    """What a character is told: a prompt, a velocity in m/s, a place in metres from where it is, a heading."""
+    """What a character is told: a prompt, a velocity in m/s, a place in metres relative to the root, a heading."""
 
     prompt: str | None = None
     velocity: tuple[float, float] | None = None
@@ -43,7 +43,7 @@ class Order:
 
 @dataclass(frozen=True)
 class Figures:
-    """Of one character: the hardest acceleration, m/s2, and the fastest turn of the hips, rad/s, and their frames."""
+    """One character's hardest acceleration, m/s2, and fastest turn of the hips, rad/s, each with its frame."""
 
     seed: int
     hardest: float
@@ -53,7 +53,7 @@ class Figures:
 
 
 def changes() -> dict[str, tuple[Order, Order]]:
-    """What is told first and then, by a name that a row has."""
+    """The first and the second order of each change, by the name of its row."""
     told: dict[str, tuple[Order, Order]] = {}
     for before, after in ((RUN, STAND), (SPRINT, STAND), (WALK, STAND), (STAND, SPRINT), (WALK, BACK), (RUN, BACK)):
         told[f"{before} > {after}"] = Order(before), Order(after)
@@ -93,7 +93,7 @@ async def tell(session: Session, order: Order, root: tuple[float, float]) -> Non
 
 
 async def played(client: MotionClient, orders: tuple[Order, Order], seed: int) -> np.ndarray:
-    """(T, J, 3) metres of a character that is told the second order after a while, a little longer with each seed."""
+    """(T, J, 3) metres of a character that gets the second order after a while, a little later with each seed."""
     options = SessionOptions(seed=seed, start=StartPose(0.0, 0.0, AHEAD_RAD), lookahead_frames=40)
     made: list[np.ndarray] = []
     async with await client.open("a person stands", options=options) as session:
@@ -106,27 +106,27 @@ async def played(client: MotionClient, orders: tuple[Order, Order], seed: int) -
 
 
 def hardest_m_s2(joints_m: np.ndarray) -> np.ndarray:
-    """The most that any joint of each frame but first and last is accelerated, as seen from over or under its root."""
+    """The highest acceleration of any joint relative to the root's ground position, without first and last frame."""
     beside = joints_m - joints_m[:, :1] * np.array([1.0, 0.0, 1.0])
     hardest: np.ndarray = np.linalg.norm(np.diff(beside, 2, axis=0), axis=-1).max(axis=1) * FPS**2
     return hardest
 
 
 def hips_rad_s(joints_m: np.ndarray, hips: tuple[int, int]) -> np.ndarray:
-    """How fast the line of the hips turns over the ground, frame by frame."""
+    """How fast the line between the hips turns about the up axis, frame by frame."""
     line = joints_m[:, hips[0]] - joints_m[:, hips[1]]
     return np.abs(np.diff(np.unwrap(np.arctan2(line[:, 0], line[:, 2])))) * FPS
 
 
 def measured(joints_m: np.ndarray, hips: tuple[int, int], seed: int) -> Figures:
-    """The figures of positions (T, J, 3) from the second second on."""
+    """The figures of positions (T, J, 3), without the first second."""
     hardest, turns = hardest_m_s2(joints_m)[FPS:], hips_rad_s(joints_m, hips)[FPS:]
     at, turned_at = int(hardest.argmax()), int(turns.argmax())
     return Figures(seed, float(hardest[at]), at + FPS + 1, float(turns[turned_at]), turned_at + FPS + 1)
 
 
 async def run(told: Mapping[str, tuple[Order, Order]], seeds: int) -> dict[str, list[Figures]]:
-    """The figures of all seeds of each change, from one server."""
+    """The figures of all seeds of each change, measured on one server."""
     free = asyncio.Semaphore(AT_ONCE)
     with ServerProcess(SETTINGS) as server:
         async with MotionClient(server.address) as client:
@@ -142,7 +142,7 @@ async def run(told: Mapping[str, tuple[Order, Order]], seeds: int) -> dict[str, 
 
 
 def table(rows: Mapping[str, Sequence[Figures]]) -> str:
-    """A Markdown table, the hardest change first, and a line about all."""
+    """A Markdown table, the hardest change first, and a line about all changes."""
     lines = ["| change | hardest, m/s2: median | worst | seed, frame | hips, rad/s: worst | seed, frame |"]
     lines.append("|---|---:|---:|---:|---:|---:|")
     for name, figures in sorted(rows.items(), key=lambda row: -max(one.hardest for one in row[1])):
@@ -162,8 +162,8 @@ def main() -> None:
     """Command line."""
     told = changes()
     parser = argparse.ArgumentParser(prog="python -m tests.bench.changes", description=__doc__)
-    parser.add_argument("--seeds", type=int, default=6, help="of each change (default %(default)s)")
-    parser.add_argument("--only", choices=sorted(told), metavar="CHANGE", help="one of them")
+    parser.add_argument("--seeds", type=int, default=6, help="seeds of each change (default %(default)s)")
+    parser.add_argument("--only", choices=sorted(told), metavar="CHANGE", help="measure this change alone")
     arguments = parser.parse_args()
     chosen = told if arguments.only is None else {arguments.only: told[arguments.only]}
     print(table(asyncio.run(run(chosen, arguments.seeds))))

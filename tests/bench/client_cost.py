@@ -1,9 +1,9 @@
-"""What the client libraries cost, side by side: `python -m tests.bench.client_cost`.
+"""What the C++ and the Python client cost, compared: `python -m tests.bench.client_cost`.
 
-The same crowd on one stream of the null server, once in C++ and once in Python, in turns and in one run: everything
-that a game does (frames received and kept, playheads reported, prompts), without poses and with poses at some rate.
-Processor time is that of the client's process, so it holds where others use the machine too. The C++ is built as the
-tests build it (-O1).
+The same crowd plays on one stream of the null server, alternately in C++ and in Python, in one run: everything that a
+game does (receiving and keeping frames, reporting playheads, prompts), without poses and with poses at several rates.
+Only the client process's CPU time counts, so the figures hold on a machine that is also used by others. The C++ is
+built as the tests build it (-O1).
 """
 
 from __future__ import annotations
@@ -26,13 +26,13 @@ from tests.cpp.building import build
 
 EDIT_PERIOD_S = 5.0
 TICKS_HZ = 20
-"""Where nothing is drawn."""
+"""The tick rate if no poses are computed."""
 UNBOUNDED = ("--admit-load", "1000", "--degrade", "false")
 
 
 @dataclass(frozen=True)
 class Cost:
-    """Of one trial. cpu_s: of the client's process; held: frame times with nothing new to show."""
+    """The cost of one trial. cpu_s: of the client process; held: frame times with no new frame to show."""
 
     cpu_s: float
     wall_s: float
@@ -42,7 +42,7 @@ class Cost:
 
 
 async def play_in_python(address: str, characters: int, seconds: int, poses_hz: int) -> Cost:
-    """As client/cpp/tests/client/client_cost.cpp does, in this process."""
+    """Do the same as client/cpp/tests/client/client_cost.cpp, in this process."""
     chunks = count_chunks()
     async with MotionClient(address) as client, client.stream() as stream:
         crowd: list[Session] = []
@@ -58,7 +58,7 @@ async def play_in_python(address: str, characters: int, seconds: int, poses_hz: 
         ticks_hz = poses_hz or TICKS_HZ
         edits = 0
         for tick in range(seconds * ticks_hz):
-            if poses_hz or tick % TICKS_HZ == 0:  # the server stops where nobody plays: a look a second keeps it going
+            if poses_hz or tick % TICKS_HZ == 0:  # without poses, poll once a second to keep the server going
                 for each in crowd:
                     each.poll()
             while edits < (tick + 1) * characters / EDIT_PERIOD_S / ticks_hz:
@@ -70,7 +70,7 @@ async def play_in_python(address: str, characters: int, seconds: int, poses_hz: 
 
 
 def count_chunks() -> list[int]:
-    """A count that rises with every chunk that a playback takes."""
+    """A counter of the chunks that playbacks take in."""
     count, add_chunk = [0], Playback.add_chunk
 
     def counting(self: Playback, plan: int, first_frame: int, rows: Rows, committed_to: int) -> None:
@@ -82,7 +82,7 @@ def count_chunks() -> list[int]:
 
 
 def trial(command: list[str]) -> Cost:
-    """A client in a process of its own."""
+    """Run a client in its own process."""
     told = subprocess.run(command, cwd=ROOT, stdout=subprocess.PIPE, text=True, check=True)
     return Cost(**{key: value for key, value in json.loads(told.stdout).items() if key != "messages"})
 
@@ -100,9 +100,9 @@ def row(client: str, poses_hz: int, characters: int, costs: list[Cost]) -> str:
 
 def main() -> int:
     parser = argparse.ArgumentParser(prog="python -m tests.bench.client_cost", description=__doc__)
-    parser.add_argument("--characters", type=int, default=500, help="on one stream (default: %(default)s)")
-    parser.add_argument("--seconds", type=int, default=10, help="of each trial (default: %(default)s)")
-    parser.add_argument("--trials", type=int, default=3, help="of each client and rate (default: %(default)s)")
+    parser.add_argument("--characters", type=int, default=500, help="characters on one stream (default: %(default)s)")
+    parser.add_argument("--seconds", type=int, default=10, help="duration of each trial (default: %(default)s)")
+    parser.add_argument("--trials", type=int, default=3, help="trials of each client and rate (default: %(default)s)")
     parser.add_argument(
         "--poses-hz", type=int, nargs="*", default=[0, 20], help="poses a second (default: %(default)s)"
     )

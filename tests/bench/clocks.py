@@ -1,4 +1,4 @@
-"""Two clocks for one thread: the one on the wall, and one that only runs while this process has a core."""
+"""Two clocks for one thread: wall-clock time, and one that only runs while this process has a core."""
 
 from __future__ import annotations
 
@@ -7,7 +7,7 @@ from typing import Protocol
 
 
 class BenchClock(Protocol):
-    """Satisfies `motiongen_server.engine.ports.Clock`, and can be slept by."""
+    """Satisfies `motiongen_server.engine.ports.Clock`, and can sleep."""
 
     def now(self) -> float: ...
 
@@ -23,10 +23,10 @@ class WallClock:
 
 
 class ProcessorClock:
-    """Counts the processor time of this process, and what it slept, which takes no time at all.
+    """Counts this process's CPU time plus its sleeps, which return at once.
 
-    What is measured by it is what one core of one's own would give, whoever else uses the machine. It is wrong where
-    a process computes on several threads at once.
+    Figures measured with it are those of one dedicated core, even if others use the machine. It is wrong for a process
+    that computes on several threads at once.
     """
 
     def __init__(self) -> None:

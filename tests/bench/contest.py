@@ -1,4 +1,4 @@
-"""The engines that are measured against each other, from the simplest to the one that serves; and their trials."""
+"""The engines that are compared, from the simplest to the one that serves, and their trials."""
 
 from __future__ import annotations
 
@@ -26,18 +26,18 @@ from tests.bench.policies import OneAtATime, StepsInOrder, WholeWindows
 from tests.bench.trial import Contestant, Effort, Trial, most_characters, run_trial
 
 NAMES = ("B0", "B1", "B2", "B3", "B4", "B5", "null")
-PLAIN_ROWS = 32  # of a step of the engines without speed-ups: more make their steps long and them no faster
+PLAIN_ROWS = 32  # per step, for the engines without speed-ups: more rows only make their steps longer
 LATENCY_LOAD = 0.7
-WINDOWS_A_SECOND = 0.5  # of a character that is left alone: 40 frames every two seconds
+WINDOWS_A_SECOND = 0.5  # of a character without edits: 40 frames every two seconds
 MOST_NULL_CHARACTERS = 4000
-MOST_REPEATS = 2  # of a trial that others disturbed
+MOST_REPEATS = 2  # of a trial that other processes disturbed
 
 
 @dataclass(frozen=True)
 class Standing:
-    """What one contestant reached. characters: the most at under 1 % misses. trials: of the search, as they were run.
+    """What one contestant reached. characters: the most with under 1 % misses. trials: of the search, in order.
 
-    offline_windows_per_s: of its runner with the fullest batches it makes. at_load: the trial at 70 % of the
+    offline_windows_per_s: its runner's, with the fullest batches it makes. at_load: the trial with 70 % of the
     characters, for the latencies.
     """
 
@@ -49,7 +49,7 @@ class Standing:
     at_load: Trial | None
 
     def latency_ms(self, percentile: float) -> float | None:
-        """Of edits, to the first changed frame, at 70 % load."""
+        """From an edit to the first changed frame, at 70 % load."""
         if self.at_load is None or not self.at_load.latencies_s:
             return None
         return 1000 * float(np.percentile(self.at_load.latencies_s, percentile))
@@ -62,7 +62,7 @@ class Standing:
 
 @dataclass(frozen=True)
 class Contest:
-    """What all contestants have in common. runner, bf16_runner: those that serve, with all their speed-ups.
+    """What all contestants share. runner, bf16_runner: the runners that serve, with all their speed-ups.
 
     bf16: whether the baselines and `runner` multiply in bfloat16 too.
     """
@@ -78,7 +78,7 @@ class Contest:
     bf16: bool = False
 
     def contestant(self, name: str) -> Contestant:
-        """One of NAMES, with what its calls cost already measured, as a server does before it is ready."""
+        """One of NAMES. The cost of its calls has been measured, as a server does before it is ready."""
         rows, model = self.config.max_rows, self.model
         plain_rows = min(rows, PLAIN_ROWS)
 
@@ -163,12 +163,12 @@ def null_embeddings(runner: Runner) -> list[Float32Array]:
 
 
 def contest_config(max_rows: int) -> EngineConfig:
-    """The engine as served, but nobody is turned away or given less: how many it can do is what is sought."""
+    """The engine as served, but without refusals and degradation, since the most it can do is sought."""
     return replace(
         EngineConfig(),
         max_rows=max_rows,
         max_sessions=2 * MOST_NULL_CHARACTERS,
         admit_load=(1e6, 1e6, 1e6, 1e6),
         degrade=False,
-        guard_drift=False,  # random weights make no sound motion
+        guard_drift=False,  # random weights do not make plausible motion
     )

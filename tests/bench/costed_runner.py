@@ -1,4 +1,4 @@
-"""Runners that let as much time pass on a virtual clock as a model's calls would take; one of them computes nothing."""
+"""Runners that advance a virtual clock by what a model's calls would take; one of them computes nothing."""
 
 from __future__ import annotations
 
@@ -14,10 +14,10 @@ from tests.bench.null_runner import NullRunner
 
 @dataclass(frozen=True)
 class Costs:
-    """Seconds of calls by rows: (of any call, of each row). goals_s: besides, of each row that has constraints.
+    """Seconds that calls take: (per call, per row). goals_s: additional seconds per row that has constraints.
 
-    slower: so many times longer; slows: from so many seconds on, so many times longer still.
-    These are of the built-in model in float32 on one thread of an AMD Zen 5, measured once (`docs/log.md`).
+    slower: a factor on all of them; slows: (from this second on, a further factor).
+    The numbers are for the built-in model in float32 on one thread of an AMD Zen 5, measured once (`docs/log.md`).
     """
 
     prepare: tuple[float, float] = (0.0033, 0.0005)
@@ -32,7 +32,7 @@ class Costs:
 
 
 class VirtualClock:
-    """Time that passes when a call of the model takes some."""
+    """Time that passes only when the model is called."""
 
     def __init__(self) -> None:
         self.time_s = 1000.0
@@ -42,7 +42,7 @@ class VirtualClock:
 
 
 class VirtualQuota:
-    """Part of a core, as the kernel gives it: within each period of 100 ms full speed until that part is used up."""
+    """A quota of CPU time, as the kernel grants it: in each period of 100 ms, full speed until it is used up."""
 
     def __init__(self, cores: float, period_s: float = 0.1) -> None:
         self._cores, self._period_s = cores, period_s
@@ -51,11 +51,11 @@ class VirtualQuota:
 
     @property
     def account(self) -> QuotaAccount:
-        """As an engine is told of it that has it to itself."""
+        """The quota account of an engine that has this quota to itself."""
         return QuotaAccount(self._cores, 1, lambda: self._spent_s / self._cores, lambda: self._spent_s)
 
     def ends_at(self, now: float, processor_s: float) -> float:
-        """When a call that begins now ends, which takes so much of a processor."""
+        """When a call that begins now and takes so much CPU time ends."""
         while True:
             period = int(now / self._period_s)
             if period != self._period:
@@ -71,7 +71,7 @@ class VirtualQuota:
 
 
 class CostedRunner(NullRunner):
-    """Computes nothing, and takes the time that it costs. quota: what it may use of a core; None: all."""
+    """Computes nothing, but takes the time that its calls cost. quota: what it may use of a core; None: all."""
 
     def __init__(self, clock: VirtualClock, costs: Costs, quota: VirtualQuota | None = None) -> None:
         super().__init__()
@@ -106,7 +106,7 @@ class CostedRunner(NullRunner):
 
 
 class TimedRunner:
-    """A runner that computes, and for which so much time passes on a virtual clock as its calls cost elsewhere."""
+    """A runner that computes, while a virtual clock advances by what its calls cost on another machine."""
 
     def __init__(self, runner: Runner, clock: VirtualClock, costs: Costs) -> None:
         self._runner, self._clock, self._costs = runner, clock, costs

@@ -1,4 +1,4 @@
-"""Runs that count: one whose load was late itself is void, and is played again before anything is told of it."""
+"""Repeating void runs: a run counts only if its load generator was not late itself."""
 
 from __future__ import annotations
 
@@ -8,11 +8,11 @@ from motiongen_tools.bench.bracket import Bracket
 from motiongen_tools.bench.result import Result
 
 TRIES_WHEN_VOID = 3
-"""As `motiongen bench --find` does: something else on the machine may have made the load late."""
+"""Like `motiongen bench --find`: other work on the machine may have made the load late."""
 
 
 async def counted(play: Callable[[], Awaitable[Result]]) -> Result:
-    """The first result that counts. After so many tries it is one that is void, as its `void_reasons` say."""
+    """The first result that counts. After TRIES_WHEN_VOID tries, the last one, although it is void (`void_reasons`)."""
     for _ in range(TRIES_WHEN_VOID):
         result = await play()
         if not result.void_reasons():
@@ -23,7 +23,7 @@ async def counted(play: Callable[[], Awaitable[Result]]) -> Result:
 async def most_passing(
     bracket: Bracket, play: Callable[[int], Awaitable[Result]], passes: Callable[[Result], bool]
 ) -> tuple[int, bool]:
-    """The most characters that pass, and whether it may be more: a larger number was void whenever it was tried."""
+    """The most characters that pass, and whether more might: every run with a larger number was void."""
     void = {}
     while (characters := bracket.next()) is not None:
         result = await counted(lambda so_many=characters: play(so_many))  # type: ignore[misc]

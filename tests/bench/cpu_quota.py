@@ -1,7 +1,7 @@
-"""CpuQuota: part of a processor for some processes, by a control group of Linux, of its first version or its second.
+"""CpuQuota: limits processes to some number of cores, with a Linux control group of version 1 or 2.
 
-The kernel's own bandwidth control, the same that containers get: in every period of 100 ms all threads together may
-compute for so long, and then stand still until the next. Making a group takes the rights to.
+It uses the kernel's bandwidth control, as containers do: in every period of 100 ms, all threads together may compute
+for the quota, and then stand still until the next period. Creating a group needs root.
 """
 
 from __future__ import annotations
@@ -18,13 +18,13 @@ _GONE_WITHIN_S = 5.0
 
 
 class NoQuota(RuntimeError):
-    """No group with a quota can be made here, and why."""
+    """No group with a quota can be created here; the message says why."""
 
 
 class CpuQuota:
     """A group that may use so many cores. Use it as `with CpuQuota(0.7) as quota`; it must be empty at the end.
 
-    shares: its weight against what else wants the processor; 1024 is what a single process has.
+    shares: its weight against other groups that compete for the CPU; 1024 is the weight of a single process.
     """
 
     def __init__(self, cores: float, shares: int = 1024, root: Path = _ROOT) -> None:
@@ -35,7 +35,7 @@ class CpuQuota:
         self._is_second = "cpu" in _words(root / "cgroup.controllers")
         self._parent = root if self._is_second else root / "cpu"
         self._group = self._parent / f"motiongen-quota-{os.getpid()}-{time.monotonic_ns()}"
-        # What the processes have used is accounted elsewhere in the first version, where containers get both.
+        # In version 1, CPU usage is accounted in a separate hierarchy; containers get both.
         apart = root / "cpuacct"
         is_apart = not self._is_second and apart.is_dir() and not apart.samefile(self._parent)
         self._accounts = [apart / self._group.name] if is_apart else []
@@ -60,11 +60,11 @@ class CpuQuota:
             for group in (self._group, *self._accounts):
                 with contextlib.suppress(OSError):
                     group.rmdir()
-            raise NoQuota(f"no control group can be made in {self._parent}: {error}; run as root on Linux") from error
+            raise NoQuota(f"cannot create a control group in {self._parent}: {error}; run as root on Linux") from error
         return self
 
     def __exit__(self, *_: object) -> None:
-        """Raises OSError where processes are left in it after a while."""
+        """Raises OSError if processes remain in the group."""
         give_up_at = time.monotonic() + _GONE_WITHIN_S
         while _words(self._group / "cgroup.procs") and time.monotonic() < give_up_at:
             time.sleep(0.05)
@@ -73,7 +73,7 @@ class CpuQuota:
 
     @contextlib.contextmanager
     def joined(self) -> Iterator[None]:
-        """What this process starts meanwhile stays in the group; this process itself leaves it again."""
+        """Processes that this process starts in this context stay in the group; this process itself leaves it again."""
         groups = (self._group, *self._accounts)
         homes = [self._home(group.parent) for group in groups]
         try:
@@ -85,7 +85,7 @@ class CpuQuota:
                 (home / "cgroup.procs").write_text(f"{os.getpid()}")
 
     def _home(self, mount: Path) -> Path:
-        """The group that this process is in, of the hierarchy that is mounted there."""
+        """The group of this process in the hierarchy mounted at `mount`."""
         for line in Path("/proc/self/cgroup").read_text(encoding="utf-8").splitlines():
             _, controllers, path = line.split(":", 2)
             if (controllers == "") if self._is_second else (mount.name in controllers.split(",")):

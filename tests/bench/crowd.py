@@ -1,7 +1,7 @@
-"""A crowd's script, in real time: who opens, reports and edits when. It is the engine's inbox.
+"""A crowd's script, in real time: which character opens, reports and edits when. It is the engine's inbox.
 
-Events come when they were meant to, whatever the engine is doing: what it takes late bears the time it was meant at.
-The same seed gives the same script, save for the playheads, which tell what each character shows.
+Events have the times of the script whatever the engine is doing: an event that the engine takes late still carries its
+scheduled time. The same seed gives the same script, except for the playheads, which say what each character shows.
 """
 
 from __future__ import annotations
@@ -41,7 +41,7 @@ OPEN_WITHIN_S = 0.5
 
 @dataclass(frozen=True)
 class Habits:
-    """What each character does. walkers: one in so many goes to waypoints; edits_hz: how often each edits."""
+    """What each character does. walkers: one in so many gets waypoints; edits_hz: how often each is edited."""
 
     num_steps: int = 4
     guidance: float = 2.0
@@ -84,7 +84,7 @@ class Crowd:
         heapq.heappush(self._due, (at, next(self._order), make))
 
     def _opens(self, number: int) -> Callable[[float], Event]:
-        """Open; with what is drawn for it now, so that the script does not hang on the order of arrivals."""
+        """Open a session. Random values are drawn now, so that the script does not depend on arrival order."""
         habits, walks = self._habits, number % self._habits.walkers == 0
         prompt = self._prompt(None)
         gap_s = 1.0 / habits.edits_hz if habits.edits_hz else None
@@ -152,7 +152,7 @@ class Crowd:
         return True
 
     def take_all(self) -> list[Event]:
-        """What was meant for now or earlier."""
+        """The events scheduled for now or earlier."""
         now = self._clock.now()
         events, self._given = self._given, []
         while self._due and self._due[0][0] <= now:
@@ -165,10 +165,10 @@ class Crowd:
         self._clock.sleep(max(0.0, min(timeout_s, until_next_s)))
 
     def ring(self) -> None:
-        """Nobody waits while somebody could ring: script and engine share a thread."""
+        """Does nothing: script and engine share a thread, so nothing can be waiting."""
 
     def leave(self) -> None:
-        """The script ends: everybody closes at once."""
+        """End the script: all sessions close at once."""
         now = self._clock.now()
         self._due = []
         self._given += [Close(SessionKey(1, number), 0, now) for number in range(len(self.playbacks))]

@@ -1,7 +1,7 @@
-"""How near the served model comes to every target of the contract: `python -m tests.bench.control_surface --server …`.
+"""How precisely the served model meets each target of the contract: `python -m tests.bench.control_surface --server …`.
 
-A row for each: clips of some seeds for each of three prompts, or for paths and far places one, are asked for it alone.
-The server measures (its residuals), so that the table shows what a client is told.
+There is a row for each target: clips of some seeds for each of three prompts, or fewer for paths and far places, are
+requested with this target alone. The table shows the server's residuals, which are what a client gets.
 """
 
 from __future__ import annotations
@@ -35,12 +35,12 @@ STAND, WALK, WAVE = "a person stands still", "a person walks forward", "a person
 PROMPTS = (STAND, WALK, WAVE)
 FRAMES = 200
 Make = Callable[[Motion, Motion], Constraint]
-"""Of the motion that the character would make without it, and of another clip of the prompt."""
+"""Makes a constraint from the motion that the character would make without it, and from another clip of the prompt."""
 
 
 @dataclass(frozen=True)
 class Row:
-    """One target. frames: of the clips that are asked for it."""
+    """One target. frames: the length of its clips."""
 
     name: str
     make: Make
@@ -49,7 +49,7 @@ class Row:
 
 
 def rows(frame: int) -> list[Row]:
-    """Every target of the contract; those of one frame at a frame."""
+    """Every target of the contract; targets of a single frame are at `frame`."""
     return [
         Row("waypoint at a frame, 0.5 m aside", lambda own, _: Waypoint(frame, *near(own, frame, 0.5))),
         Row(
@@ -119,7 +119,7 @@ def joint(own: Motion, name: str) -> int:
 
 
 def pose(own: Motion, other: Motion, frame: int) -> np.ndarray:
-    """The other motion's pose (J, 3), where the character would be."""
+    """The other motion's pose (J, 3), moved to where the character would be."""
     shift = (own.root_translation_m[frame] - other.root_translation_m[frame]) * np.array([1, 0, 1], np.float32)
     return np.asarray(other.frame(frame).joint_positions_m() + shift, np.float32)
 
@@ -146,7 +146,7 @@ def joints(frame: int, names: Sequence[str]) -> Make:
 
 
 def foot(frame: int, heading: float | None = None) -> Make:
-    """The ankle over where the other clip has it, seen from the root."""
+    """The foot where the other clip has it, relative to the root."""
 
     def make(own: Motion, other: Motion) -> Constraint:
         x, _, z = pose(own, other, frame)[joint(own, "LeftFoot")]
@@ -193,14 +193,14 @@ async def measure(address: str, steps: int | None, frame: int, samples: int, onl
 
 
 def residual_row(name: str, residuals: Sequence[Residual]) -> str:
-    """Mean and worst of metres and of radians, and how many targets were met."""
+    """Mean and worst deviation in metres and in radians, and how many targets were met."""
     positions = [each.position_m.worst for each in residuals if each.position_m is not None]
     angles = [angle.worst for each in residuals for angle in (each.heading_rad, each.rotation_rad) if angle is not None]
     return target_row(name, positions, angles, [each.met for each in residuals])
 
 
 def target_row(name: str, positions_m: Sequence[float], angles_rad: Sequence[float], met: Sequence[bool]) -> str:
-    """The same of figures that are at hand."""
+    """The same row, from given deviations."""
     return f"| {name} | {_cell(positions_m)} | {_cell(angles_rad)} | {sum(met)} of {len(met)} |"
 
 
@@ -211,10 +211,10 @@ def _cell(numbers: Sequence[float]) -> str:
 def main() -> None:
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
     parser.add_argument("--server", required=True, help="HOST:PORT of a server")
-    parser.add_argument("--denoise-steps", type=int, help="of each window; the model's own number without it")
-    parser.add_argument("--frame", type=int, default=36, help="of targets of one frame, below 60; 40 begins a window")
+    parser.add_argument("--denoise-steps", type=int, help="of each window (default: the model's own number)")
+    parser.add_argument("--frame", type=int, default=36, help="of single-frame targets, below 60; 40 begins a window")
     parser.add_argument("--samples", type=int, default=2, help="clips of each prompt")
-    parser.add_argument("--only", default="", help="rows whose name has this")
+    parser.add_argument("--only", default="", help="only rows whose name contains this")
     options = parser.parse_args()
     table = measure(options.server, options.denoise_steps, options.frame, options.samples, options.only)
     print("\n".join(asyncio.run(table)))

@@ -1,8 +1,8 @@
 """What the crowd example costs: `python -m tests.bench.crowd_example`.
 
-`client/cpp/examples/crowd.cpp` as it stands: 500 characters on one stream of the null server, each drawn sixty times a
-second, the crowd told sixty prompts a second. It measures itself, while it draws. The C++ is built as the tests build
-it (-O1).
+Runs `client/cpp/examples/crowd.cpp` unchanged: 500 characters on one stream of the null server, each drawn sixty times
+a second, and sixty prompts a second for the whole crowd. The example measures itself while it draws. The C++ is built
+as the tests build it (-O1).
 """
 
 from __future__ import annotations
@@ -19,9 +19,9 @@ from tests.cpp.building import build
 
 def main() -> int:
     parser = argparse.ArgumentParser(prog="python -m tests.bench.crowd_example", description=__doc__)
-    parser.add_argument("--characters", type=int, default=500, help="on one stream (default: %(default)s)")
-    parser.add_argument("--seconds", type=int, default=10, help="of each trial (default: %(default)s)")
-    parser.add_argument("--trials", type=int, default=3, help="one after the other (default: %(default)s)")
+    parser.add_argument("--characters", type=int, default=500, help="characters on one stream (default: %(default)s)")
+    parser.add_argument("--seconds", type=int, default=10, help="duration of each trial (default: %(default)s)")
+    parser.add_argument("--trials", type=int, default=3, help="how many, one after another (default: %(default)s)")
     options = parser.parse_args()
     folder = build("test", "-DMOTIONGEN_TESTS=ON", "-DMOTIONGEN_EXAMPLES=ON", targets=("crowd",))
     (program,) = (path for path in folder.rglob("crowd") if path.is_file())

@@ -1,9 +1,9 @@
-"""The engine against simpler ones, in one run: `python -m tests.bench.engine --out out/bench`.
+"""Compare the engine with simpler ones, in one run: `python -m tests.bench.engine --out out/bench`.
 
-Characters play in real time, in this process, from the engine's own deliveries: no network and no service. Sought is
-the most of them with under 1 % of frames missing; measured at 70 % of that is how soon an edit shows. Beside them
-stand the ceiling, which is full batches without a clock, and what the machine's own matrix product makes of that.
-On a machine that others use, --processor-time measures what one core of one's own would do.
+Characters play in real time, in this process, from what the engine delivers, without network or service. For each
+engine, this finds the most characters with under 1 % of frames missing and, at 70 % of that, measures how soon an edit
+shows. For comparison it measures the ceiling, which is full batches without real time, and the machine's own matrix
+product. On a machine that is also used by others, --processor-time measures what one dedicated core would do.
 Prints a table, and with --out writes engine.json, engine.md and engine.png.
 """
 
@@ -24,15 +24,15 @@ from tests.bench.trial import QUICK, Effort
 def parser(prog: str, description: str) -> argparse.ArgumentParser:
     made = argparse.ArgumentParser(prog=prog, description=description)
     made.add_argument("--out", type=Path, help="folder to write to (default: print only)")
-    made.add_argument("--quick", action="store_true", help="short trials: about how it stands")
+    made.add_argument("--quick", action="store_true", help="short trials, for a rough result")
     made.add_argument("--only", nargs="+", choices=NAMES, default=list(NAMES), help="rows to measure (default: all)")
-    made.add_argument("--seconds", type=float, help="how long to measure in each trial")
+    made.add_argument("--seconds", type=float, help="measuring time of each trial")
     made.add_argument("--steps", type=int, default=4, help="denoising steps (default: %(default)s)")
-    made.add_argument("--rows", type=int, default=64, help="most rows of a step (default: %(default)s)")
+    made.add_argument("--rows", type=int, default=64, help="most rows per step (default: %(default)s)")
     made.add_argument("--precision", choices=("float32", "bfloat16"), default="float32", help="of matrix products")
-    made.add_argument("--threads", type=int, default=usable_cores(), help="of torch (default: one for each core)")
+    made.add_argument("--threads", type=int, default=usable_cores(), help="torch's (default: one for each core)")
     made.add_argument(
-        "--processor-time", action="store_true", help="as on one core of one's own, however busy the machine is"
+        "--processor-time", action="store_true", help="measure as on one dedicated core, however busy the machine"
     )
     return made
 
@@ -59,7 +59,7 @@ def main() -> int:
     made = parser("python -m tests.bench.engine", (__doc__ or "").splitlines()[0])
     made.add_argument("--model", default=BUILT_IN, help='checkpoint folder, "full" or "tiny" (default: %(default)s)')
     made.add_argument("--device", default="cpu", help="(default: %(default)s)")
-    made.add_argument("--full-size", action="store_true", help="batches of the released size as well, random weights")
+    made.add_argument("--full-size", action="store_true", help="also batches of the released size, random weights")
     options = made.parse_args()
     report = run(settings(options, options.model, options.device), options.full_size)
     print(markdown(report))

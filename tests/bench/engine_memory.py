@@ -1,9 +1,9 @@
-"""Memory and start of a server by its number of engines: `python -m tests.bench.engine_memory [--before COMMIT]`.
+"""A server's memory and start by number of engines: `python -m tests.bench.engine_memory [--before COMMIT]`.
 
-Every process below the gateway counts, the one that others are forked from too. A row a number of engines: how many
-processes there are, what they have resident each on average, their parts of what several of them map (Pss: these may
-be added up), what is of one process alone, and the processor time until the server is ready. Then an engine is killed:
-the processor time until another one serves. `/proc` says all of it, so other work on the machine does not matter.
+All processes below the gateway count, including the one that others are forked from. There is a row for each number of
+engines: the number of processes, their mean resident memory, their share of memory that several of them map (Pss, which
+can be added up), the memory of one process alone, and the CPU time until the server is ready. Then an engine is killed,
+for the CPU time until another one serves. All figures come from `/proc`, so other work on the machine does not matter.
 """
 
 from __future__ import annotations
@@ -38,7 +38,7 @@ class Server:
     log: IO[str]
 
     def serves_again(self) -> None:
-        """Wait until an engine that was lost is replaced. Raises RuntimeError where the server ends instead."""
+        """Wait until a lost engine is replaced. Raises RuntimeError if the server ends instead."""
         if not any(line.find(" again, process ") > 0 for line in self.log):
             raise RuntimeError("the server has ended")
 
@@ -78,7 +78,7 @@ def row(revision: Revision, model: str, precision: str, engines: int) -> str:
 def main() -> None:
     parser = argparse.ArgumentParser(description=__doc__)
     parser.add_argument("--engines", type=int, nargs="+", default=[1, 2, 4])
-    parser.add_argument("--before", metavar="COMMIT", help="measure this commit too")
+    parser.add_argument("--before", metavar="COMMIT", help="also measure this commit")
     parser.add_argument("--model", default="motiongen-mini")
     parser.add_argument("--precision", default="float32")
     options = parser.parse_args()

@@ -1,6 +1,6 @@
-"""The engine's table as a picture: characters of each contestant below the ceiling, and how soon edits show.
+"""Draws the engine's table: characters of each contestant compared with the ceiling, and how soon edits show.
 
-`python -m tests.bench.engine_picture out/gpu/engine.json out/gpu/engine.png` draws what another machine measured.
+`python -m tests.bench.engine_picture out/gpu/engine.json out/gpu/engine.png` draws measurements of another machine.
 """
 
 from __future__ import annotations
@@ -16,9 +16,9 @@ TARGET_MS = 250
 
 
 def draw(report: Mapping[str, Any], path: Path) -> None:
-    """Write a PNG of what engine.json holds. The null contestant has another scale, and is left out.
+    """Write a PNG of the contents of engine.json. The null contestant is left out, because its scale differs.
 
-    Nothing is drawn without a contestant.
+    Without contestants nothing is drawn.
     """
     from matplotlib.figure import Figure
 

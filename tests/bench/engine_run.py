@@ -1,4 +1,4 @@
-"""One run of the engine's table: every figure of it on one machine, one after another."""
+"""Measures all figures of the engine's table in one run, one after another."""
 
 from __future__ import annotations
 
@@ -30,9 +30,9 @@ FULL_SIZE_BATCHES = (1, 8, 32)
 
 @dataclass(frozen=True)
 class Settings:
-    """What to measure: names of contestants, and one model on one device in one precision.
+    """What to measure: contestants by name, with one model on one device in one precision.
 
-    graphs: whether the layers are replayed as CUDA graphs, on a GPU.
+    graphs: whether layers are replayed as CUDA graphs, on a GPU.
     """
 
     model: str
@@ -48,15 +48,15 @@ class Settings:
 
     @property
     def clock(self) -> BenchClock:
-        """A new clock of the kind that is asked for."""
+        """A new clock of the kind these settings ask for."""
         return ProcessorClock() if self.processor_time else WallClock()
 
 
 @dataclass(frozen=True)
 class Ceiling:
-    """Full batches of the runner that serves. product_flops_per_s: the machine's best matrix product, in this run.
+    """Full batches of the runner that serves. product_flops_per_s: the machine's best matrix product in this run.
 
-    window_flops, step_flops: useful ones of a window, and of one window's denoising step.
+    window_flops, step_flops: useful FLOPs of a window, and of one denoising step of a window.
     """
 
     model: str
@@ -68,18 +68,18 @@ class Ceiling:
 
     @property
     def efficiency(self) -> float:
-        """Of whole windows."""
+        """Useful FLOPs of whole windows, relative to the matrix product."""
         return self.window_flops * self.rate.windows_per_s / self.product_flops_per_s
 
     @property
     def step_efficiency(self) -> float:
-        """Of denoising steps alone."""
+        """Useful FLOPs of denoising steps alone, relative to the matrix product."""
         return self.step_flops * self.rate.batch / self.rate.step_s / self.product_flops_per_s
 
 
 @dataclass(frozen=True)
 class Report:
-    """Everything that was measured, and on what."""
+    """All measurements, and the machine and settings they were made with."""
 
     facts: dict[str, str]
     settings: Settings
@@ -89,7 +89,7 @@ class Report:
 
 
 def run(settings: Settings, full_size: bool = False) -> Report:
-    """Measure all of it. Says on stderr what it is doing."""
+    """Measure everything, with progress messages on stderr."""
     torch.set_num_threads(settings.threads)
     keep_freed_memory()  # as the server does
     facts = {
@@ -129,7 +129,7 @@ def run(settings: Settings, full_size: bool = False) -> Report:
         for precision, one in served.items()
         for batch in batches
     ]
-    with settled_objects():  # as the server does, or collections of garbage stop everything for up to 0.1 s
+    with settled_objects():  # as the server does; otherwise garbage collections stop everything for up to 0.1 s
         standings = [contest.measure(name, say) for name in settings.names]
     if full_size:
         ceilings += full_size_ceilings(settings)
@@ -137,7 +137,7 @@ def run(settings: Settings, full_size: bool = False) -> Report:
 
 
 def serving_runner(model: Model, name: str, precision: str, graphs: bool = True) -> TorchRunner:
-    """graphs: whether the layers are replayed as CUDA graphs, on a GPU."""
+    """graphs: whether layers are replayed as CUDA graphs, on a GPU."""
     device = str(model.representation.stats.mean.device)
     replayed = graphs_for(device) if graphs else None
     return TorchRunner(model, name, precision=PRECISIONS[precision], graphs=replayed)
@@ -151,7 +151,7 @@ def ceiling(
     seconds: float,
     steps_run: int | None = None,
 ) -> Ceiling:
-    """Full batches of one size."""
+    """Measure full batches of one size."""
     rate = offline_rate(
         runner,
         batch,
@@ -172,7 +172,7 @@ def ceiling(
 
 
 def full_size_ceilings(settings: Settings) -> list[Ceiling]:
-    """The released size with random weights: a few steps of each batch, in both precisions."""
+    """Measure the released size with random weights: a few steps of each batch size, in both precisions."""
     chosen = bench_model("full", settings.device)
     found = []
     for precision in PRECISIONS:

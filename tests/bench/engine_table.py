@@ -12,7 +12,7 @@ from tests.bench.engine_run import Ceiling, Report
 
 
 def markdown(report: Report) -> str:
-    """Contestants, ceilings, and what it was measured on."""
+    """Tables of contestants and ceilings, and the machine they were measured on."""
     lines = []
     if report.standings:
         lines += [*standings(report.standings), ""]
@@ -73,7 +73,7 @@ def ceilings(found: tuple[Ceiling, ...]) -> list[str]:
 
 
 def as_json(report: Report) -> dict[str, Any]:
-    """Everything that was measured, and what follows from it."""
+    """All measurements, and the figures derived from them."""
     found = asdict(report)
     for entry, ceiling in zip(found["ceilings"], report.ceilings, strict=True):
         entry |= {"windows_per_s": ceiling.rate.windows_per_s, "efficiency": ceiling.efficiency}
@@ -83,7 +83,7 @@ def as_json(report: Report) -> dict[str, Any]:
 
 
 def write(report: Report, folder: Path) -> None:
-    """engine.json and engine.md."""
+    """Write engine.json and engine.md."""
     folder.mkdir(parents=True, exist_ok=True)
     (folder / "engine.md").write_text(markdown(report), encoding="utf-8")
     (folder / "engine.json").write_text(json.dumps(as_json(report), indent=1) + "\n", encoding="utf-8")

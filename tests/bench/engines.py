@@ -1,8 +1,8 @@
 """What several engine processes gain: `python -m tests.bench.engines --devices cpu:1 cpu:2`.
 
-A server for each, one after the other and in one run, measured as a client sees it with the built-in model: characters
-served in full, windows a second of 8 characters, edits among 8 that play, and memory. Prints a table; with --out writes
-engines.json and engines.md.
+Starts a server for each of the given devices, one after another, and measures it with the built-in model as clients see
+it: characters served in full, windows per second of 8 characters, edits among 8 that play, and memory. Prints a table;
+with --out also writes engines.json and engines.md.
 """
 
 from __future__ import annotations
@@ -35,21 +35,20 @@ class Server:
     address: str
 
     def memory_mib(self) -> list[float]:
-        """Each process's part of the memory of all."""
+        """The memory of each process, shared memory counted in parts (Pss)."""
         return memory_mib(psutil.Process(self.pid))
 
     def cpu_s(self) -> float:
-        """Processor seconds so far, of all its processes."""
+        """CPU seconds used so far by all its processes."""
         gateway = psutil.Process(self.pid)
         return processor_s([gateway, *below(gateway)])
 
 
 @dataclass(frozen=True)
 class Figures:
-    """Of one server. characters: None where they were not looked for. memory_mib: of each process its part of that of
-    all (Pss), the gateway first.
+    """The figures of one server. characters: None if not searched for. memory_mib: Pss of each process, gateway first.
 
-    cpu_ms_per_window: processor milliseconds of the server for a window, 8 characters as fast as they come.
+    cpu_ms_per_window: the server's CPU milliseconds per window, with 8 characters as fast as possible.
     """
 
     engines: str
@@ -67,7 +66,7 @@ async def measured(name: str, server: Server, effort: Effort, search: bool) -> F
         rate = await windows_per_s(client, STEPS, CHARACTERS, effort.window_s)
     cpu_s = server.cpu_s() - cpu_before
     characters = await most_served(server.address, STEPS, effort, lambda what: None) if search else None
-    # The first second of it is not counted as windows, but costs as much as any other.
+    # The windows of its first second do not count, although they cost CPU time like any other.
     windows = rate * (effort.window_s + 1.0)
     return Figures(name, characters, rate, 1000 * cpu_s / windows, edits, server.memory_mib())
 

@@ -1,9 +1,9 @@
-"""Useful arithmetic of a window, by formula: what any correct implementation has to compute, and nothing else.
+"""The useful FLOPs of a window, by formula: what any correct implementation has to compute, and nothing else.
 
-Counted are the vectors that attention can see, once each: no padding, no hidden token, no guidance pass that is not
-needed, of the last layer only what is read of it. Not counted is what stays the same over a window's steps (text,
-heading and history vectors, what constraints add) nor the encoding of a history whose tokens could have been kept. A
-multiplication and its addition are two FLOPs; norms, softmax and activations are not counted, as in every such figure.
+Each vector that attention can see counts once: no padding, no hidden tokens, no guidance passes that are not needed,
+and of the last layer only what is read. Not counted are values that stay the same over a window's steps (text, heading
+and history vectors, the contribution of constraints) and the encoding of a history whose tokens could have been kept. A
+multiply-add is two FLOPs; norms, softmax and activations do not count, as is usual.
 """
 
 from __future__ import annotations
@@ -27,9 +27,9 @@ def linear_flops(vectors: int, inputs: int, outputs: int) -> int:
 
 
 def stack_flops(config: TransformerConfig, sequence: int, read: int | None = None) -> int:
-    """All layers for one sequence of so many vectors, each seeing all.
+    """All layers for one sequence of so many vectors, each of which attends to all.
 
-    read: how many of them are read after the last layer, all if absent; the others are there only keys and values.
+    read: how many are read after the last layer (default: all); for the others, that layer needs only keys and values.
     """
     whole = _layer_flops(config, sequence, sequence)
     last = whole if read is None else _layer_flops(config, sequence, read)
@@ -37,7 +37,7 @@ def stack_flops(config: TransformerConfig, sequence: int, read: int | None = Non
 
 
 def _layer_flops(config: TransformerConfig, sequence: int, asking: int) -> int:
-    """One layer for some vectors of a sequence, which take from all of it."""
+    """One layer for some vectors of a sequence, which attend to all of it."""
     width = config.width
     keys_and_values = linear_flops(sequence, width, 2 * width)
     queries_and_out = linear_flops(asking, width, 2 * width)
@@ -46,7 +46,7 @@ def _layer_flops(config: TransformerConfig, sequence: int, asking: int) -> int:
 
 
 def step_flops(config: ModelConfig, one: Pass) -> int:
-    """One denoising step of one pass: all stages' transformers, and the horizon's projections in and out."""
+    """One denoising step of one pass: the transformers of all stages, and the horizon's projections in and out."""
     denoiser = config.denoiser
     width, latent, root = denoiser.transformer.width, denoiser.latent_dim, denoiser.root_token_width
     horizon = config.horizon_tokens
@@ -56,7 +56,7 @@ def step_flops(config: ModelConfig, one: Pass) -> int:
         hybrid = root + latent
         return stack + linear_flops(horizon, hybrid, width) + linear_flops(horizon, width, hybrid)
     first = linear_flops(horizon, root + latent, width) + linear_flops(horizon, width, root)
-    # The last history token's local root has a velocity that looks into the prediction, so it changes with each step.
+    # The last history token's local root contains a velocity into the prediction, so it changes with each step.
     changing = horizon + int(one.history_tokens > 0)
     local = config.patch * LOCAL_ROOT_WIDTH + latent
     second = linear_flops(changing, local, width) + linear_flops(horizon, width, latent)
@@ -64,7 +64,7 @@ def step_flops(config: ModelConfig, one: Pass) -> int:
 
 
 def decode_flops(config: ModelConfig, body_dim: int, history_tokens: int) -> int:
-    """The decoder for the horizon alone, which attends to the history: what is left with the history's keys kept."""
+    """The decoder for the horizon alone, which attends to the history, whose keys are kept."""
     tokenizer = config.tokenizer
     if tokenizer is None:
         return 0

@@ -1,7 +1,7 @@
-"""`python -m tests.bench.full_size`: models of the released sizes with random weights, through the whole house.
+"""`python -m tests.bench.full_size`: models of the released sizes with random weights, from checkpoint to client.
 
 For each model and precision: write a checkpoint folder in the released layout, load it, generate windows with history
-and a constraint, and with `--serve` let a server process serve it and a client play it. Every number must be finite.
+and a constraint, and with `--serve` start a server with it and play it with a client. All numbers must be finite.
 """
 
 from __future__ import annotations
@@ -40,7 +40,7 @@ RESULT = TypeVar("RESULT")
 
 @dataclass
 class Row:
-    """One model in one precision. Times in seconds, size and memory in MiB; served_fps: frames a second of a client."""
+    """One model in one precision. Times in seconds, sizes in MiB; served_fps: frames per second of a client."""
 
     model: str
     precision: str
@@ -68,7 +68,7 @@ def timed(work: Callable[[], RESULT]) -> tuple[RESULT, float]:
 
 
 def seconds_a_window(model: Model) -> float:
-    """Generate two windows, the second with history, towards a waypoint beyond them. Raises unless all is finite."""
+    """Generate two windows, the second with history, towards a waypoint beyond them. Raises unless all are finite."""
     config = model.config
     targets = Targets(model.skeleton)
     targets.add_waypoints([2 * config.horizon + 7], torch.tensor([[0.5, 1.0]]))
@@ -81,7 +81,7 @@ def seconds_a_window(model: Model) -> float:
 
 
 def serve(folder: Path, precision: str) -> tuple[float, float]:
-    """Seconds until a server is ready, and frames a second that one client gets of it as fast as it can."""
+    """Seconds until a server is ready, and frames per second that one client gets from it, as fast as it can."""
     from motiongen_client.blocking import MotionClient
     from motiongen_tools.server_process import ServerProcess
 
@@ -99,7 +99,7 @@ def serve(folder: Path, precision: str) -> tuple[float, float]:
 
 
 def write_random(name: str, folder: Path) -> tuple[int, int, float]:
-    """Write a model's folder with random weights; returns the parameters of denoiser and tokenizer, and the seconds."""
+    """Write a model's folder with random weights. Returns parameters of denoiser and tokenizer, and the seconds."""
     model = random_model(RELEASED[NICKNAMES[name]])
     assert model.tokenizer is not None
     denoiser, tokenizer = (
@@ -110,7 +110,7 @@ def write_random(name: str, folder: Path) -> tuple[int, int, float]:
 
 
 def load_and_generate(folder: Path, precision: str) -> tuple[float, float, float]:
-    """Seconds to load, MiB of weights, seconds a window."""
+    """Seconds to load, MiB of weights, seconds per window."""
     model, load_s = timed(lambda: load_checkpoint(folder, dtype=PRECISIONS[precision]))
     held = sum(part.numel() * part.element_size() for part in model.parameters())
     return load_s, held / 2**20, seconds_a_window(model)
@@ -129,7 +129,7 @@ def main() -> None:
     parser = argparse.ArgumentParser(description=__doc__)
     parser.add_argument("--models", nargs="+", default=["core", "g1"], choices=list(NICKNAMES))
     parser.add_argument("--precisions", nargs="+", default=list(PRECISIONS), choices=list(PRECISIONS))
-    parser.add_argument("--serve", action="store_true", help="also start a server with each and play it")
+    parser.add_argument("--serve", action="store_true", help="also start a server with each model and play it")
     parser.add_argument("--json", type=Path, help="write the rows to this file")
     arguments = parser.parse_args()
     facts = machine_facts() | {"threads": str(torch.get_num_threads())}

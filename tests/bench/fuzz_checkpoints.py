@@ -1,7 +1,7 @@
-"""`python -m tests.bench.fuzz_checkpoints`: the readers of checkpoint folders meet thousands of broken ones.
+"""`python -m tests.bench.fuzz_checkpoints`: give the readers of checkpoint folders thousands of broken files.
 
-A case passes when the file is read or refused with the reader's own error; any other exception is a failure, which
-hypothesis then shrinks and prints. `--cases` are shared among the readers; `--seed` makes a run repeatable.
+A case passes if the file is read or refused with the reader's own error; any other exception is a failure, which
+hypothesis then shrinks and prints. `--cases` are divided among the readers; `--seed` makes a run repeatable.
 """
 
 from __future__ import annotations
@@ -33,7 +33,7 @@ from tests.ardy.broken_checkpoints import (
 
 @dataclass(frozen=True)
 class Reader:
-    """What reads: given broken content and a path to write it to. share: of the cases, as it is slow or quick."""
+    """A reader, called with broken content and a path to write it to. share: of the cases, less for slow readers."""
 
     name: str
     broken: st.SearchStrategy[Any]
@@ -43,7 +43,7 @@ class Reader:
 
 
 def from_file(read: Callable[[Path], object]) -> Callable[[bytes, Path], object]:
-    """A reader of a path, for content that is written there first."""
+    """Turn a reader of a path into one of content, which is written there first."""
 
     def write_and_read(content: bytes, path: Path) -> object:
         path.write_bytes(content)
@@ -64,7 +64,7 @@ def checkpoint_readers() -> list[Reader]:
 
 
 def fuzz(reader: Reader, num_cases: int, start: int) -> tuple[int, int]:
-    """Run the cases; returns how many were read and how many refused. Any other outcome raises."""
+    """Run the cases; returns how many were read and how many were refused. Any other outcome raises."""
     counts = {"read": 0, "refused": 0}
 
     @seed(start)
@@ -83,8 +83,8 @@ def fuzz(reader: Reader, num_cases: int, start: int) -> tuple[int, int]:
 def main() -> None:
     parser = argparse.ArgumentParser(description=__doc__)
     parser.add_argument("--cases", type=int, default=10_000, help="broken files in all (default %(default)s)")
-    parser.add_argument("--seed", type=int, default=1, help="of the first reader (default %(default)s)")
-    parser.add_argument("--only", help="readers whose name holds this")
+    parser.add_argument("--seed", type=int, default=1, help="seed of the first reader (default %(default)s)")
+    parser.add_argument("--only", help="only readers whose name contains this")
     arguments = parser.parse_args()
     readers = [one for one in checkpoint_readers() if (arguments.only or "") in one.name]
     shares = sum(one.share for one in readers)

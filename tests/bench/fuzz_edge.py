@@ -1,9 +1,8 @@
-"""`python -m tests.bench.fuzz_edge`: bytes that libFuzzer thinks up, as messages of streams, requests for clips, and
-saved sessions. Needs atheris, which `make fuzz` installs.
+"""`python -m tests.bench.fuzz_edge`: fuzz stream messages, requests for clips and saved sessions with libFuzzer.
 
-Each target of `tests.bench.fuzz_targets` runs in a process of its own for so many seconds, led on by what it has
-reached of the code. What is not a refusal of the kind that the reader promises ends it, is printed, and makes the exit
-code 1.
+Needs atheris, which `make fuzz` installs. Each target of `tests.bench.fuzz_targets` runs in its own process for so many
+seconds, guided by code coverage. Anything but a refusal of the kind that the reader promises is printed, ends the
+target, and makes the exit code 1.
 """
 
 from __future__ import annotations
@@ -18,8 +17,8 @@ TARGETS = ("stream", "clip", "record")
 
 def main() -> int:
     parser = argparse.ArgumentParser(prog="python -m tests.bench.fuzz_edge", description=__doc__)
-    parser.add_argument("--seconds", type=float, default=60.0, help="of each target (default: %(default)s)")
-    parser.add_argument("--only", choices=TARGETS, help="this target alone")
+    parser.add_argument("--seconds", type=float, default=60.0, help="duration of each target (default: %(default)s)")
+    parser.add_argument("--only", choices=TARGETS, help="run this target alone")
     asked = parser.parse_args()
     failed = False
     for name in TARGETS if asked.only is None else [asked.only]:

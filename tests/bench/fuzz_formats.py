@@ -1,4 +1,4 @@
-"""`python -m tests.bench.fuzz_formats`: 10,000 damaged files for the readers of motion, constraints and paths."""
+"""`python -m tests.bench.fuzz_formats`: give the readers of motion, constraints and paths 10,000 damaged files."""
 
 from __future__ import annotations
 
@@ -16,7 +16,7 @@ from tests.ardy.formats.refusal import read_or_refuse
 
 
 def fuzz(reader: Reader, path: Path, num_cases: int, first: int) -> Counter[bool]:
-    """How many files were read (True) and refused (False). Whatever else happens is raised, with the smallest file."""
+    """How many files were read (True) and refused (False). Any other outcome raises, with the smallest such file."""
     counts: Counter[bool] = Counter()
 
     @seed(first)
@@ -37,9 +37,9 @@ def fuzz(reader: Reader, path: Path, num_cases: int, first: int) -> Counter[bool
 
 def main(argv: list[str] | None = None) -> int:
     arguments = argparse.ArgumentParser(prog="python -m tests.bench.fuzz_formats", description=__doc__)
-    arguments.add_argument("--cases", type=int, default=10_000, help="files in all (%(default)s)")
-    arguments.add_argument("--seed", type=int, default=0, help="of the cases (%(default)s)")
-    arguments.add_argument("--reader", help="only this one, by its name")
+    arguments.add_argument("--cases", type=int, default=10_000, help="total number of files (default: %(default)s)")
+    arguments.add_argument("--seed", type=int, default=0, help="seed of the cases (default: %(default)s)")
+    arguments.add_argument("--reader", help="run only the reader with this name")
     asked = arguments.parse_args(argv)
     with tempfile.TemporaryDirectory() as name:
         folder = Path(name)

@@ -1,7 +1,7 @@
-"""What `tests.bench.fuzz_edge` gives its bytes to: `python -m tests.bench.fuzz_targets NAME SECONDS FOLDER`.
+"""The targets of `tests.bench.fuzz_edge`: `python -m tests.bench.fuzz_targets NAME SECONDS FOLDER`.
 
-libFuzzer ends the process: with 0 after so many seconds, else where a target raises what its reader does not promise.
-FOLDER: of the inputs that have reached something new.
+libFuzzer ends the process: with code 0 after so many seconds, with another if a target raises what its reader does not
+promise. FOLDER: where inputs that have reached new code are kept.
 """
 
 from __future__ import annotations
@@ -34,11 +34,11 @@ Event = session_pb2.SessionEvent
 CATALOG = make_catalog(stream_events_per_second=1e9, events_per_second=1e9, hard_backlog_bytes=1 << 30)
 HELLO = service_pb2.StreamMotionRequest(hello=service_pb2.ClientHello()).SerializeToString()
 MOST_BYTES = 12_000
-"""Of an input; beyond 4,096 a message is counted and taken apart."""
+"""The longest input. Messages of more than 4,096 bytes are counted and split up."""
 
 
 class Sender:
-    """The client's side of a call: says hello, then each message, and ends."""
+    """The client's side of a call: sends a hello, then each message, and ends."""
 
     def __init__(self, messages: list[bytes]) -> None:
         self._messages = iter([HELLO, *messages])
@@ -48,7 +48,7 @@ class Sender:
 
 
 class StreamTarget:
-    """One stream of a server whose engine takes everything; a message is as long as the two bytes before it say."""
+    """A stream to a server whose engine accepts everything. Two bytes before each message give its length."""
 
     def __init__(self) -> None:
         self._loop = asyncio.new_event_loop()
@@ -105,7 +105,7 @@ class StreamTarget:
 
 
 class ClipTarget:
-    """A request for a clip."""
+    """The input as a request for a clip."""
 
     def __call__(self, data: bytes) -> None:
         with contextlib.suppress(StreamRefused, EventRefused):
@@ -121,7 +121,7 @@ class ClipTarget:
 
 
 class RecordTarget:
-    """The content of a saved session, which a store might have changed together with its sum."""
+    """The input as a saved session, as if a store had changed it together with its checksum."""
 
     def __init__(self) -> None:
         self._codec: Codec[SessionRecord] = Codec(SessionRecord)
@@ -140,7 +140,7 @@ TARGETS: dict[str, Callable[[], Target]] = {"stream": StreamTarget, "clip": Clip
 
 
 def run(name: str, seconds: float, corpus: Path) -> None:
-    """One target, until libFuzzer ends the process."""
+    """Run one target until libFuzzer ends the process."""
     target = TARGETS[name]()
     for number, seed in enumerate(target.seeds()):
         (corpus / f"seed-{number}").write_bytes(seed)

@@ -1,9 +1,9 @@
 """The engine's table on a GPU at the released size: `python -m tests.bench.gpu_engine --out out/gpu --part served`.
 
-Before it measures it steers the built-in model by constraints of every kind and by a velocity. What is measured has
-random weights, so nothing has to be downloaded; needs torch, numpy, psutil and this repository alone. Each part ends
-within ten minutes; what parts have found is read from --out and held against the goals. `--device cpu --tiny --quick`
-tries the script where there is no GPU. The picture is drawn later, where matplotlib is: see tests.bench.engine_picture.
+First it steers the built-in model by constraints of every kind and by a velocity. The model that is measured has random
+weights, so nothing has to be downloaded; only torch, numpy, psutil and this repository are needed. Each part ends
+within ten minutes; the results of all parts in --out are compared with the goals. `--device cpu --tiny --quick` tries
+the script without a GPU. The picture is drawn later, where matplotlib is installed: see tests.bench.engine_picture.
 """
 
 from __future__ import annotations
@@ -31,27 +31,27 @@ PARTS: dict[str, tuple[str, ...]] = {
     "served": ("B5",),
     "others": ("B1", "B2", "null"),
 }
-"""Contestants. Every part also measures full batches, in both precisions."""
+"""The contestants of each part. Every part also measures full batches, in both precisions."""
 
 
 def parse(arguments: Sequence[str] | None = None) -> argparse.Namespace:
-    """The options. Exits with 2 where there is no such device."""
+    """The options. Exits with code 2 if there is no such device."""
     made = parser("python -m tests.bench.gpu_engine", (__doc__ or "").splitlines()[0])
-    made.set_defaults(rows=128, precision="bfloat16", only=None, threads=1)  # as an engine process of a GPU has
+    made.set_defaults(rows=128, precision="bfloat16", only=None, threads=1)  # as in an engine process on a GPU
     made.add_argument("--device", default="cuda", help="(default: %(default)s)")
-    made.add_argument("--tiny", action="store_true", help="a model of a few thousand weights: does the script run")
+    made.add_argument("--tiny", action="store_true", help="a model of a few thousand weights, to try the script")
     made.add_argument("--part", nargs="+", choices=PARTS, default=list(PARTS), help="(default: all)")
-    made.add_argument("--no-graphs", action="store_true", help="call the layers one by one, not as CUDA graphs")
+    made.add_argument("--no-graphs", action="store_true", help="call the layers one by one, without CUDA graphs")
     options = made.parse_args(arguments)
     if options.device.startswith("cuda") and not torch.cuda.is_available():
-        made.error(f"--device {options.device}: torch finds no CUDA device; with --device cpu --tiny the script runs")
+        made.error(f"--device {options.device}: torch finds no CUDA device; use --device cpu --tiny to try the script")
     return options
 
 
 def steered(device: str) -> int:
-    """Play windows that constraints of every kind and a velocity steer. Returns how many.
+    """Play windows steered by constraints of every kind and by a velocity. Returns how many.
 
-    Raises AssertionError where a number is not finite.
+    Raises AssertionError if a number is not finite.
     """
     model = load_checkpoint(MINI, device)
     runner = TorchRunner(model, "mini", graphs=graphs_for(device))

@@ -1,4 +1,4 @@
-"""What is wanted of a GPU at the released size, and how far reports of `tests.bench.gpu_engine` are from it."""
+"""The goals for a GPU at the released size, and how far reports of `tests.bench.gpu_engine` are from them."""
 
 from __future__ import annotations
 
@@ -12,12 +12,12 @@ Report = dict[str, Any]
 
 
 def reports_in(folder: Path) -> list[Report]:
-    """Of all parts that were measured, by name."""
+    """The reports of all parts that were measured, by name."""
     return [json.loads(path.read_text(encoding="utf-8")) for path in sorted(folder.glob("*/engine.json"))]
 
 
 def goals(reports: Sequence[Report]) -> list[str]:
-    """A table of goals; "not measured" where the part is missing that says it."""
+    """A table of goals; "not measured" if the part that measures it is missing."""
     single, served = _characters(reports, "B0"), _characters(reports, "B5")
     times = served / single if single and served else None
     efficiency = max((one["efficiency"] for one in _ceilings(reports)), default=None)

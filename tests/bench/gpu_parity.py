@@ -1,8 +1,8 @@
-"""What a device computes against the processor, and in company against alone: `python -m tests.bench.gpu_parity`.
+"""Compare a device with the CPU, and rows in batches with the same rows alone: `python -m tests.bench.gpu_parity`.
 
 For the built-in model, in both precisions, with the layers called and replayed as graphs: windows of every kind of
-constraint, and rows alone and in batches of 2 to 128. Prints a table; ends with 1 where a bound is broken. Needs torch,
-numpy, psutil and this repository alone. `--device cpu` tries the script where there is no GPU.
+constraint, and rows alone and in batches of 2 to 128. Prints a table; exits with code 1 if a bound is broken. Needs
+only torch, numpy, psutil and this repository. `--device cpu` tries the script without a GPU.
 """
 
 from __future__ import annotations
@@ -26,19 +26,18 @@ from tests.steered_jobs import MINI, all_kinds, played
 
 COMPANIES = (2, 3, 5, 8, 24, 128)
 FRAME_BOUND_M = {"float32": 0.02, "bfloat16": 0.1}
-"""How far hips may be from where the processor has them in float32, in half of the windows: at ties of its rounding
-codes of the tokenizer fall otherwise."""
+"""How far hips may be from those that the CPU computes in float32, as a median over windows: single windows may differ
+more, because the tokenizer's rounding to codes falls differently at ties."""
 COMPANY_BOUND = {"float32": 1e-4, "bfloat16": 0.05}
-"""By how much a token may differ after a step: products of other sizes add in another order."""
+"""How much a token may differ after a step: matrix products of other sizes add in another order."""
 
 
 @dataclass(frozen=True)
 class Row:
     """One precision and one way of calling the layers.
 
-    worst_m: the most that hips are from where the processor has them in float32, over all windows; median_m: half of
-    them.
-    company: the most that a token differs after a step, by the number of rows.
+    worst_m, median_m: how far hips are from those that the CPU computes in float32, over all windows.
+    company: the largest difference of a token after a step, by the number of rows.
     """
 
     precision: str
@@ -54,7 +53,7 @@ class Row:
 
 
 def windows(runner: TorchRunner, model: Model, before: Sequence[WindowResult]) -> list[WindowResult]:
-    """First windows of every kind of constraint, and windows that go on from those that are given."""
+    """First windows with every kind of constraint, and windows that continue the given ones."""
     return [*played(runner, all_kinds(model)), *played(runner, all_kinds(model, before))]
 
 
@@ -68,7 +67,7 @@ def tokens_after_a_step(runner: TorchRunner, jobs: Sequence[WindowJob]) -> list[
 
 
 def in_company(runner: TorchRunner, jobs: Sequence[WindowJob]) -> dict[int, float]:
-    """By the number of rows: how far the first rows' tokens are from what they are alone."""
+    """By the number of rows: how far the tokens of the first rows are from those of the same rows alone."""
     alone = [tokens_after_a_step(runner, [job])[0] for job in jobs[: COMPANIES[0]]]
     found = {}
     for count in COMPANIES:
@@ -78,14 +77,14 @@ def in_company(runner: TorchRunner, jobs: Sequence[WindowJob]) -> dict[int, floa
 
 
 def measure(runner: TorchRunner, model: Model, expected: Sequence[WindowResult]) -> tuple[float, float]:
-    """How far the hips of windows are from where they should be, in metres: the worst window, and the median."""
+    """How far the windows' hips are from the expected ones, in metres: worst window, and median."""
     found = windows(runner, model, expected[: len(expected) // 2])
     apart = [float(np.abs(one.frames - other.frames)[:, :3].max()) for one, other in zip(found, expected, strict=True)]
     return max(apart), float(np.median(apart))
 
 
 def measured_on(device: str) -> list[Row]:
-    """Both precisions, called and replayed, against float32 on the processor."""
+    """Both precisions, called and replayed, compared with float32 on the CPU."""
     reference = load_checkpoint(MINI, "cpu")
     begun = played(TorchRunner(reference, "mini"), all_kinds(reference))
     expected = [*begun, *played(TorchRunner(reference, "mini"), all_kinds(reference, begun))]

@@ -1,9 +1,9 @@
-"""A crowd on a GPU where there is none: `python -m tests.bench.gpu_rehearsal --characters 1400 --slower 2`.
+"""Simulate a crowd on a GPU without one: `python -m tests.bench.gpu_rehearsal --characters 1400 --slower 2`.
 
-The engine is the real one. Its calls take what they took on an H200 at the released size (`docs/performance/gpu.md`),
-by the clock alone, and its own processor time counts as often as `--slower` says, since the processors beside a GPU may
-be slower than this one. So what a change of scheduling does to edits there shows within seconds, though not to the
-millisecond: what the engine takes differs from run to run. Runs before and after a change belong beside each other.
+The engine is the real one. On a virtual clock, its calls take what they took on an H200 at the released size
+(`docs/performance/gpu.md`), and its own CPU time is multiplied by `--slower`, since the CPU of a machine with a GPU may
+be slower than this one. So the effect of a change of scheduling on edits shows within seconds, though not to the
+millisecond: the engine's own time differs from run to run. Compare runs with and without a change made side by side.
 """
 
 from __future__ import annotations
@@ -27,13 +27,13 @@ from tests.bench.crowd import Habits
 from tests.bench.offline import HISTORY_FRAMES
 from tests.bench.trial import Contestant, Trial, run_trial
 
-# Of a quiet minute; a step is of rows with two evaluations each.
+# Measured in a quiet minute; rows of a step have two evaluations each.
 ON_AN_H200 = Costs(prepare=(0.0007, 0.00005), step=(0.00105, 0.000021), decode=(0.0011, 0.00005), goals_s=0.00025)
 WARM_UP_S, MEASURED_S = 2.5, 5.0
 
 
 class CountingClock(VirtualClock):
-    """Time that passes with calls of the model, and with what this process takes of a processor."""
+    """Time that passes with calls of the model and with this process's CPU time."""
 
     def __init__(self, slower: float) -> None:
         super().__init__()
@@ -49,11 +49,11 @@ class CountingClock(VirtualClock):
 def rehearse(
     characters: int, slower: float, max_rows: int, config: EngineConfig | None = None, measured_s: float = MEASURED_S
 ) -> Trial:
-    """A trial of the engine's table. config: of the engine; None: it lets everybody in, and gives nobody less."""
+    """A trial as in the engine's table. config: the engine's; None: without refusals and degradation."""
     clock = CountingClock(slower)
     runner, config = CostedRunner(clock, ON_AN_H200), config or contest_config(max_rows)
     costs = profile(runner, clock, max_rows, HISTORY_FRAMES).costs
-    costs.begin_own(slower * own_time_s(runner.facts, config))  # as an engine process has it
+    costs.begin_own(slower * own_time_s(runner.facts, config))  # as in an engine process
     one = Contestant("GPU", "in virtual time", runner, lambda: Scheduler(costs, max_rows, max_step_s=config.max_step_s))
     embeddings = null_embeddings(runner)
     with settled_objects():
@@ -74,12 +74,12 @@ def main() -> int:
     parser = argparse.ArgumentParser(description=(__doc__ or "").splitlines()[0])
     parser.add_argument("--characters", type=int, nargs="+", default=[1400])
     parser.add_argument(
-        "--slower", type=float, nargs="+", default=[1.5, 2.0, 3.0], help="the engine's own time counts so often"
+        "--slower", type=float, nargs="+", default=[1.5, 2.0, 3.0], help="factor on the engine's own CPU time"
     )
-    parser.add_argument("--rows", type=int, default=128, help="most rows of a step (default: %(default)s)")
-    parser.add_argument("--seconds", type=float, default=MEASURED_S, help="measured (default: %(default)s)")
+    parser.add_argument("--rows", type=int, default=128, help="most rows per step (default: %(default)s)")
+    parser.add_argument("--seconds", type=float, default=MEASURED_S, help="how long to measure (default: %(default)s)")
     parser.add_argument(
-        "--admission", action="store_true", help="let in as many as a server would, and give less where it would"
+        "--admission", action="store_true", help="refuse sessions, and degrade them, where a server would do so"
     )
     options = parser.parse_args()
     config = replace(EngineConfig(max_sessions=1 << 16), max_rows=options.rows) if options.admission else None

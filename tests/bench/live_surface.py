@@ -1,9 +1,9 @@
-"""How near a character that plays comes to what it is told on the way: `python -m tests.bench.live_surface --server …`.
+"""How precisely playing characters meet the targets they get: `python -m tests.bench.live_surface --server …`.
 
-Where `control_surface` asks for clips, here sessions play in real time: each is told its target when it has walked, or
-stood, for a second, and the server says what became of it (ConstraintReached). So this has what clips have not: windows
-that are made anew while the character moves, places seen from where it is by then, frames that were promised already.
-All sessions of a row play at once, on one stream.
+While `control_surface` asks for clips, here sessions play in real time: each gets its target after it has walked, or
+stood, for a second, and the server reports the result (ConstraintReached). This covers what clips do not: windows that
+are replanned while the character moves, places relative to where it is then, frames that are committed already. All
+sessions of a row play at once, on one stream.
 """
 
 from __future__ import annotations
@@ -36,7 +36,7 @@ STAND, WALK, RUN = "a person stands still", "a person walks forward", "a person 
 
 @dataclass(frozen=True)
 class Row:
-    """One target: what a session that has played for a second is told."""
+    """One target, given to a session after a second of playback."""
 
     name: str
     make: Callable[[Session], Constraint]
@@ -44,13 +44,13 @@ class Row:
 
 
 def corners(session: Session, *points: tuple[float, float]) -> list[list[float]]:
-    """World corners of points that are given from where the character is, world axes."""
+    """World coordinates of corners that are given relative to the character, along the world's axes."""
     x, _, z = session.motion().root_translation_m[-1]
     return [[float(x) + right, float(z) + ahead] for right, ahead in points]
 
 
 def straight(session: Session) -> Constraint:
-    """A trajectory of two seconds that begins in a second: on as the last half second went."""
+    """A trajectory of two seconds that begins in a second and continues the velocity of the last half second."""
     ground = session.motion().root_translation_m[:, [0, 2]]
     pace = (ground[-1] - ground[-11]) / 10
     first = session.frame_in(1.0)
@@ -98,7 +98,7 @@ ROWS = (
 
 
 async def played(client: MotionClient, row: Row, prompt: str, seed: int, steps: int | None) -> ConstraintReached:
-    """What became of the row's target in one session."""
+    """The result of the row's target in one session."""
     options = SessionOptions(seed=seed, denoise_steps=steps)
     told: asyncio.Task[ConstraintReached] | None = None
     async with await client.open(prompt, options=options) as session:
@@ -130,7 +130,7 @@ async def measure(address: str, samples: int, steps: int | None, only: str) -> l
 
 
 def reached_row(name: str, told: Sequence[ConstraintReached]) -> str:
-    """Mean and worst of metres and of radians, and how many targets were met."""
+    """Mean and worst deviation in metres and in radians, and how many targets were met."""
     positions = [each.position_error_m for each in told if each.position_error_m is not None]
     angles = [each.rotation_error_rad for each in told if each.rotation_error_rad is not None]
     return target_row(name, positions, angles, [each.met for each in told])
@@ -140,8 +140,8 @@ def main() -> None:
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
     parser.add_argument("--server", required=True, help="HOST:PORT of a server")
     parser.add_argument("--samples", type=int, default=2, help="sessions of each prompt")
-    parser.add_argument("--denoise-steps", type=int, help="of each window; the model's own number without it")
-    parser.add_argument("--only", default="", help="rows whose name has this")
+    parser.add_argument("--denoise-steps", type=int, help="of each window (default: the model's own number)")
+    parser.add_argument("--only", default="", help="only rows whose name contains this")
     options = parser.parse_args()
     print("\n".join(asyncio.run(measure(options.server, options.samples, options.denoise_steps, options.only))))
 

@@ -1,8 +1,7 @@
-"""LLM2Vec against a second way of computing it, on a tiny random Llama: `python -m tests.bench.llm2vec`.
+"""Compare LLM2Vec with a second implementation, on a tiny random Llama: `python -m tests.bench.llm2vec`.
 
 Needs the extra motiongen-ardy[llm2vec]. The weights are random, so this shows that tokens are masked and pooled,
-adapters merged, prompts cut and precisions kept as they should be; not that the released weights mean what they
-meant.
+adapters merged, prompts cut and precisions kept correctly; not that the released weights keep their meaning.
 """
 
 from __future__ import annotations
@@ -25,7 +24,7 @@ PROMPT = "a person walks forward"
 
 
 def make_folders(home: Path) -> Llm2VecFolders:
-    """A Llama of two layers with a tokenizer of bytes and a few special tokens, and two adapters for it."""
+    """A Llama of two layers, with a tokenizer of bytes and a few special tokens, and two adapters."""
     from peft import LoraConfig, get_peft_model
     from transformers import LlamaConfig, LlamaModel, PreTrainedTokenizerFast
 
@@ -63,7 +62,7 @@ def make_folders(home: Path) -> Llm2VecFolders:
 
 
 def by_hand(folders: Llm2VecFolders, prompt: str) -> np.ndarray:
-    """The same vector, with adapters added as products of their factors and attention written out."""
+    """The same vector, computed with adapters as products of their factors and with attention written out."""
     from safetensors.torch import load_file
     from transformers import AutoTokenizer, LlamaModel
 
@@ -107,7 +106,7 @@ def by_hand(folders: Llm2VecFolders, prompt: str) -> np.ndarray:
 
 
 def refusals(folders: Llm2VecFolders) -> int:
-    """How many of four broken encoders are loaded all the same."""
+    """How many of four broken encoders are loaded although they should be refused."""
     from safetensors.torch import load_file, save_file
 
     second = folders.adapters[1] / "adapter_model.safetensors"
@@ -150,16 +149,16 @@ def main() -> int:
         cut = encoder.encode([" ".join(["walks"] * next(n for n in range(300, 0, -1) if 6 * n - 1 <= 400))])[0]
         results = [
             check("off the vector computed by hand", float(np.abs(alone - by_hand(folders, PROMPT)).max()), 1e-5),
-            check("changed by its neighbours", float(np.abs(together[1] - alone).max()), 0),
+            check("changed by other prompts of its batch", float(np.abs(together[1] - alone).max()), 0),
             check("a blank prompt's vector", float(np.abs(together[2]).max()), 0),
             check("trailing space", float(np.abs(encoder.encode([PROMPT + "  "])[0] - alone).max()), 0),
             check(
                 "bfloat16 off float32, relative", float(np.abs(half.encode([PROMPT])[0] - alone).mean()) / scale, 0.05
             ),
-            check("a last letter left out that must matter", 1e-3 / float(np.abs(other_end - alone).max()), 1),
+            check("the last letter must matter", 1e-3 / float(np.abs(other_end - alone).max()), 1),
             check("a prompt too long, cut by words", float(np.abs(longest - cut).max()) if cut.any() else 1, 1e-5),
         ]
-        results.append(check("broken encoders that are taken", refusals(folders), 0))
+        results.append(check("broken encoders that are accepted", refusals(folders), 0))
         print(f"identities {encoder.identity} and {half.identity}")
         results.append(encoder.identity != half.identity)
     return 0 if all(results) else 1

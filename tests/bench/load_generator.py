@@ -1,8 +1,8 @@
 """How many characters one core of motiongen-load plays: `python -m tests.bench.load_generator --characters 2000`.
 
-The crowd on the null server, whose engine computes nothing, played by one process of the program in C++ and, with
---python, by processes in Python too. A row each: what of a core the load took, whether it was late itself (then its
-figures do not count), and what the server missed. The C++ is built as the tests build it (-O1).
+The crowd plays on the null server, whose engine computes nothing, by one process of the C++ program and, with --python,
+also by Python processes. A row each: the cores that the load took, whether it was late itself (then its figures do not
+count), and what the server missed. The C++ is built as the tests build it (-O1).
 """
 
 from __future__ import annotations
@@ -24,7 +24,7 @@ VOID = 3
 
 
 def play(characters: int, seconds: int, out: Path, *program: str) -> dict[str, Any]:
-    """The report of one run. Raises SystemExit where there is none."""
+    """The report of one run. Raises SystemExit if there is none."""
     with server_process(NULL_SERVER, *SETTINGS, *UNBOUNDED) as server:
         load = ["--server", server.address, "--scenario", "crowd", "--characters", str(characters)]
         code = run(["bench", *load, "--seconds", str(seconds), "--seed", "1", "--out", str(out), *program])
@@ -47,8 +47,8 @@ def row(told: dict[str, Any]) -> str:
 def main() -> int:
     parser = argparse.ArgumentParser(prog="python -m tests.bench.load_generator", description=__doc__)
     parser.add_argument("--characters", type=int, nargs="+", default=[2000], help="at once (default: %(default)s)")
-    parser.add_argument("--seconds", type=int, default=10, help="to measure (default: %(default)s)")
-    parser.add_argument("--python", action="store_true", help="play it with processes in Python too")
+    parser.add_argument("--seconds", type=int, default=10, help="how long to measure (default: %(default)s)")
+    parser.add_argument("--python", action="store_true", help="also play with Python processes")
     options = parser.parse_args()
     settings = ("-DMOTIONGEN_TESTS=ON", "-DMOTIONGEN_EXAMPLES=ON")
     program = build("test", *settings, targets=("motiongen-load",)) / "load" / "motiongen-load"

@@ -1,4 +1,4 @@
-"""What a figure was measured on: machine, versions, commit."""
+"""Facts about a measurement: machine, versions, commit."""
 
 from __future__ import annotations
 
@@ -16,7 +16,7 @@ ROOT = Path(__file__).resolve().parents[2]
 
 
 def machine_facts() -> dict[str, str]:
-    """Name -> value, for people to read beside the figures."""
+    """Name -> value, to be printed with the figures."""
     return {
         "date": datetime.now(UTC).strftime("%Y-%m-%d %H:%M UTC"),
         "commit": commit(),
@@ -30,7 +30,7 @@ def machine_facts() -> dict[str, str]:
 
 
 def commit() -> str:
-    """The commit of the checkout, with a mark when files differ from it."""
+    """The commit of the checkout, marked if files differ from it."""
 
     def git(*arguments: str) -> str:
         return subprocess.run(["git", *arguments], cwd=ROOT, capture_output=True, text=True, check=True).stdout.strip()
@@ -42,9 +42,9 @@ def commit() -> str:
 
 
 def busy_share() -> Callable[[], float]:
-    """Ask now, call later: the share of all cores that others used meanwhile; 0 where the system keeps it.
+    """Returns a function that gives the share of all cores that others have used since; 0 if the system does not say.
 
-    Others are all but this process and those that it started and has waited for.
+    Others are all processes but this one and those that it started and has waited for.
     """
     started_s, ours_s, all_s = time.monotonic(), _ours_s(), _busy_s()
 
@@ -58,12 +58,12 @@ def busy_share() -> Callable[[], float]:
 
 
 def _ours_s() -> float:
-    """Processor seconds of this process, and of those that it started, once they have ended."""
+    """CPU seconds of this process, and of the processes that it started, once they have ended."""
     return time.process_time() + sum(os.times()[2:4])
 
 
 def _busy_s() -> float | None:
-    """Seconds for which cores have been busy, over all cores, since the system started."""
+    """Busy seconds of all cores since the system started."""
     try:
         user, nice, system, _, _, irq, soft, steal, *_ = Path("/proc/stat").read_text().split("\n", 1)[0].split()[1:]
     except OSError:

@@ -1,4 +1,4 @@
-"""The models to measure: the built-in one or a checkpoint, and random weights in the released shape or a tiny one."""
+"""The models to measure: the built-in one, a checkpoint, or random weights of the released size or a tiny one."""
 
 from __future__ import annotations
 
@@ -32,7 +32,7 @@ def _config(denoiser: TransformerConfig, tokenizer: TransformerConfig, latent: i
 
 
 RANDOM_WEIGHTS = {
-    # The shape of the released Core-Horizon40: 156 million parameters in the denoiser, 35 million in the tokenizer.
+    # The sizes of the released Core-Horizon40: 156 million parameters in the denoiser, 35 million in the tokenizer.
     "full": _config(TransformerConfig(1024, 2048, 8, 8), TransformerConfig(512, 1024, 8, 4), latent=128, text=4096),
     "tiny": _config(TransformerConfig(64, 128, 2, 4), TransformerConfig(48, 80, 2, 4), latent=16, text=32),
 }
@@ -40,7 +40,7 @@ RANDOM_WEIGHTS = {
 
 @dataclass(frozen=True)
 class BenchModel:
-    """A model, what it is called in a table, and prompts that it can be given."""
+    """A model, its name in tables, and embeddings of prompts for it."""
 
     name: str
     model: Model
@@ -48,9 +48,9 @@ class BenchModel:
 
 
 def bench_model(name: str, device: str = "cpu") -> BenchModel:
-    """A checkpoint folder's model, the built-in one by its name, or random weights: "full" or "tiny".
+    """The model of a checkpoint folder, the built-in one by its name, or random weights: "full" or "tiny".
 
-    Random weights need no file and no library but torch and numpy. Raises as `load_checkpoint` does.
+    Random weights need no files, and no libraries but torch and numpy. Raises what `load_checkpoint` raises.
     """
     if name in RANDOM_WEIGHTS:
         config = RANDOM_WEIGHTS[name]
@@ -61,7 +61,7 @@ def bench_model(name: str, device: str = "cpu") -> BenchModel:
         random = np.random.default_rng(SEED)
         embeddings = random.standard_normal((len(PROMPTS), config.denoiser.text_dim)).astype(np.float32)
         return BenchModel(f"random weights, {name}", ready(model, device), list(embeddings))
-    # Only here, so that random weights can be measured where these files' libraries are not installed.
+    # Imported here, so that random weights can be measured without the libraries that checkpoints need.
     from motiongen_ardy.checkpoint.checkpoint import load_checkpoint
     from motiongen_ardy.checkpoint.model_card import model_folder
     from motiongen_ardy.text import load_text_encoder

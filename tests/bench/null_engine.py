@@ -1,4 +1,4 @@
-"""An engine process that computes nothing: `python -m tests.bench.null_engine FOLDER`, which the null server starts."""
+"""An engine process that computes nothing: `python -m tests.bench.null_engine FOLDER`, started by the null server."""
 
 from __future__ import annotations
 

@@ -1,9 +1,9 @@
 """Load for the server with the null runner: bare gRPC streams, as light as Python can make them.
 
-Three kinds. `Line.advance_for`: every session of a stream advances at once, again and again, so that a
-message carries as many chunks as the stream has sessions; only the null engine can be driven so. `Paced`: sessions play
-in real time and edit every five seconds; latency counts from when an edit was meant to be sent, not from when the
-generator got round to it. `exchange`: messages of a given size with gRPC alone.
+There are three kinds. `Line.advance_for`: all sessions of a stream advance together, again and again, so that a message
+carries as many chunks as the stream has sessions; only the null engine can be driven like this. `Paced`: sessions play
+in real time and edit every five seconds; latency counts from when an edit should have been sent, even if the generator
+was late. `exchange`: messages of a given size, with gRPC alone.
 """
 
 from __future__ import annotations
@@ -23,7 +23,7 @@ LOOKAHEAD = 40
 REPORTS_HZ = 2.0
 TICK_S = 0.025
 EDIT_EVERY_S = 5.0
-LONGEST_EDIT_GAP_S = 0.31  # so that a few sessions, too, give enough edits to judge by
+LONGEST_EDIT_GAP_S = 0.31  # so that even a few sessions give enough edits
 STREAMS_A_CHANNEL = 100
 OPENS_A_MESSAGE = 64
 CHANNEL_OPTIONS = (("grpc.use_local_subchannel_pool", 1), ("grpc.max_receive_message_length", 8 << 20))
@@ -32,7 +32,7 @@ SERVICE_NAME = service_pb2.DESCRIPTOR.services_by_name["MotionService"].full_nam
 
 @dataclass(slots=True)
 class Counts:
-    """What came in: messages with updates, chunks in them, their frames, all bytes; what was sent: requests, bytes."""
+    """Received: messages with updates, chunks in them, their frames, all bytes. Sent: requests, bytes."""
 
     messages: int = 0
     chunks: int = 0
@@ -49,7 +49,7 @@ COUNTED = tuple(Counts.__dataclass_fields__)
 
 
 class Channels:
-    """Connections to one server, each for so many streams as it allows at once."""
+    """Connections to one server, each with as many streams as it allows."""
 
     def __init__(self, address: str) -> None:
         self._address = address
@@ -57,11 +57,11 @@ class Channels:
         self._streams = 0
 
     def stream(self) -> Any:
-        """One more call of StreamMotion."""
+        """Start another call of StreamMotion."""
         return service_pb2_grpc.MotionServiceStub(self._channel()).StreamMotion()
 
     def bare_stream(self) -> Any:
-        """One more call of StreamMotion that takes and gives bytes as they are."""
+        """Start another call of StreamMotion that takes and gives raw bytes."""
         return self._channel().stream_stream(f"/{SERVICE_NAME}/StreamMotion")()
 
     def _channel(self) -> grpc.aio.Channel:
@@ -75,7 +75,7 @@ class Channels:
 
 
 class Line:
-    """One stream with `handles` 0.. of its own: opened sessions, what each was sent, and the edits it waits for."""
+    """One stream with handles from 0: its sessions, what each has received, and the edits that are under way."""
 
     def __init__(self, channels: Channels, num_sessions: int) -> None:
         self.num_sessions = num_sessions
@@ -90,7 +90,7 @@ class Line:
         self._writing = asyncio.Lock()
 
     async def open(self) -> None:
-        """Open all sessions, some at a time, and wait for the first frames of each."""
+        """Open all sessions, a few at a time, and wait for the first frames of each."""
         await self.write(service_pb2.StreamMotionRequest(hello=service_pb2.ClientHello(client_agent="null-load")))
         for first in range(0, self.num_sessions, OPENS_A_MESSAGE):
             handles = range(first, min(first + OPENS_A_MESSAGE, self.num_sessions))
@@ -113,7 +113,7 @@ class Line:
             await self._call.write(request)
 
     async def read(self) -> None:
-        """Take one response."""
+        """Read one response."""
         response = await self._call.read()
         now = time.perf_counter()
         if not isinstance(response, service_pb2.StreamMotionResponse):
@@ -142,12 +142,12 @@ class Line:
             raise RuntimeError(f"session {handle}: {update}")
 
     async def read_to(self, frame: int) -> None:
-        """Until every session has been sent the frames below `frame`."""
+        """Read until every session has received the frames below `frame`."""
         while min(self.sent_to) < frame:
             await self.read()
 
     def reports(self, frame: int, handles: Sequence[int]) -> service_pb2.StreamMotionRequest:
-        """The playhead of some sessions, in one message."""
+        """A message with the playheads of some sessions."""
         return service_pb2.StreamMotionRequest(
             events=[
                 session_pb2.SessionEvent(
@@ -158,7 +158,7 @@ class Line:
         )
 
     def edit(self, handle: int, text: str, intended_s: float) -> service_pb2.StreamMotionRequest:
-        """A new prompt for one session."""
+        """A message with a new prompt for one session."""
         self.seqs[handle] += 1
         self.intended[handle, self.seqs[handle]] = intended_s
         span = session_pb2.EditPrompts(upsert=[motion_pb2.PromptSpan(prompt_id=1, text=text)])
@@ -166,7 +166,7 @@ class Line:
         return service_pb2.StreamMotionRequest(events=[event])
 
     async def advance_for(self, seconds: float, chunk_frames: int) -> None:
-        """All sessions, a chunk each a round, as fast as the answers come."""
+        """Advance all sessions by a chunk each per round, as fast as the answers come."""
         frame = min(self.sent_to) - LOOKAHEAD
         ends_s = time.perf_counter() + seconds
         while time.perf_counter() < ends_s:
@@ -183,7 +183,7 @@ def total(lines: Sequence[Line]) -> Counts:
 
 
 async def exchange(channels: Channels, request_bytes: int, every_s: float, seconds: float) -> int:
-    """On one stream: send a message, wait for the answer, and again after every_s. Returns how many."""
+    """On one stream, send a message every every_s and wait for each answer. Returns how many were exchanged."""
     call = channels.bare_stream()
     request, count, begun_s = bytes(request_bytes), 0, time.perf_counter()
     while (now := time.perf_counter()) < begun_s + seconds:
@@ -198,7 +198,7 @@ async def exchange(channels: Channels, request_bytes: int, every_s: float, secon
 
 @dataclass
 class PacedResult:
-    """Seconds. edits: from the intended moment to the first changed frames; lags: how late the generator sent."""
+    """In seconds. edits: from the intended time to the first changed frames; lags: how late the generator sent."""
 
     edits_s: list[float] = field(default_factory=list)
     pings_s: list[float] = field(default_factory=list)
@@ -207,7 +207,7 @@ class PacedResult:
 
 
 class Paced:
-    """All sessions of all lines play in real time; edits and pings are sent one by one at even intervals."""
+    """Plays all sessions of all streams in real time; edits and pings are sent one by one at even intervals."""
 
     def __init__(self, lines: Sequence[Line]) -> None:
         self._lines = lines
@@ -240,7 +240,7 @@ class Paced:
 
     @staticmethod
     async def _until(timer: asyncio.Task[None], tasks: Sequence[asyncio.Task[None]]) -> None:
-        """Wait for the timer; a task that ends before it has failed."""
+        """Wait for the timer; a task that ends earlier has failed."""
         done, _ = await asyncio.wait([timer, *tasks], return_when=asyncio.FIRST_COMPLETED)
         for task in done - {timer}:
             task.result()
@@ -253,10 +253,10 @@ class Paced:
             self._result.lags_s.append(time.perf_counter() - moment_s)
 
     async def _reports(self, line: Line, started_s: float, number: int) -> None:
-        """Each session at 2 Hz; those of a stream whose turn comes in the same tick share a message."""
+        """Report each session's playhead at 2 Hz; sessions of a stream that report in the same tick share a message."""
         groups = round(1 / REPORTS_HZ / TICK_S)
         every_s = TICK_S if line.num_sessions >= groups else 1 / REPORTS_HZ
-        spread_s = (number * 0.618033988749895) % 1.0 * every_s  # streams do not tick together
+        spread_s = (number * 0.618033988749895) % 1.0 * every_s  # so that streams do not tick together
         tick = 0
         while True:
             tick += 1

@@ -1,4 +1,4 @@
-"""A server without a model, in a process of its own, and what of the processor its threads have used."""
+"""A server without a model, in its own process, and the CPU time that its threads have used."""
 
 from __future__ import annotations
 
@@ -26,19 +26,19 @@ SETTINGS = (
     "--devices", "cpu:1", "--events-per-second", "1000000", "--stream-events-per-second", "10000000",
 )  # fmt: skip
 NO_LOOP_SHARE = ("--loop-share", "1000000000")
-"""Where a revision has that setting: it is measured how much the service can do, by whomever."""
+"""For revisions that have this setting: measurements are of how much the service can do, without that limit."""
 
 
 @dataclass(frozen=True)
 class NullServer:
-    """A server's process. threads: name -> the operating system's number."""
+    """A server's process. threads: name -> the operating system's thread number."""
 
     pid: int
     address: str
     threads: dict[str, int]
 
     def cpu_s(self) -> dict[str, float]:
-        """Processor seconds so far of the engines (processes, or a thread), of the event loop, and of all others."""
+        """CPU seconds used so far by the engines (processes, or a thread), the event loop, and all other threads."""
         names = {number: name for name, number in self.threads.items()}
         seconds = {"engine": 0.0, "event loop": 0.0, "others": 0.0}
         for task in Path(f"/proc/{self.pid}/task").iterdir():
@@ -51,9 +51,9 @@ class NullServer:
 
 @contextmanager
 def server_process(module: str, *arguments: str, revision: Revision | None = None) -> Iterator[NullServer]:
-    """revision: whose server it is; of the tree at hand, as this process knows it, where it is left out.
+    """Start a server. revision: the revision to run (default: this checkout, with this process's paths).
 
-    Its state folder is its own: what the user's holds, or what runs before have left there, would be measured too.
+    It gets its own state folder: the contents of the user's folder, or of earlier runs, would be measured too.
     """
     tree, environment = (ROOT, dict(os.environ)) if revision is None else (revision.tree, revision.environment)
     is_known = "--port" in arguments and any((tree / "server/motiongen_server/rpc").rglob("loop_time.py"))

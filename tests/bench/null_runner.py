@@ -1,6 +1,6 @@
-"""A runner that computes nothing: what is left of the time is the cost of the engine and of the service.
+"""A runner that computes nothing, so that the remaining time is the cost of the engine and of the service.
 
-It gives frames of the built-in rig's size, so that the bytes on the wire are the real ones.
+It returns frames of the built-in rig's size, so that as many bytes are sent as with a model.
 """
 
 from __future__ import annotations
@@ -20,7 +20,7 @@ NUM_JOINTS = 27
 FEATURE_DIM = 12 * NUM_JOINTS + 6
 TOKEN_WIDTH = 52
 STEP_S = 0.002
-"""What a step takes on the clock where it is to: as with a model, what comes during one is taken up together."""
+"""The duration of a step, if it shall have one: as with a model, events that arrive during it are taken together."""
 
 FACTS = replace(
     fakes.FACTS,
@@ -45,7 +45,7 @@ FACTS = replace(
 
 
 class NullRunner(StandingRunner):
-    """Of the built-in rig. step_s: what a step waits."""
+    """A runner for the built-in rig. step_s: how long a step waits."""
 
     facts = FACTS
 
@@ -60,7 +60,7 @@ class NullRunner(StandingRunner):
 
 
 class NullEncoder:
-    """A text encoder that knows a prompt by its length; were all equal, edits would change nothing."""
+    """A text encoder whose vectors depend on the prompt's length; if all were equal, edits would change nothing."""
 
     identity = "null-1"
 

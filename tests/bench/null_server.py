@@ -1,8 +1,8 @@
 """The real server with engine processes that compute nothing: `python -m tests.bench.null_server --port 0 ...`.
 
-Takes the server's own settings; of an encoder at `--text-encoder grpc:HOST:PORT` the first numbers of each vector, else
-a prompt's length. Once ready it prints a JSON line with both ports and, by name, the operating system's
-numbers of its threads, so that their processor time can be told apart. SIGTERM ends it.
+Takes the server's own settings. With an encoder at `--text-encoder grpc:HOST:PORT` it uses the first numbers of each
+vector, otherwise a prompt's length. Once ready it prints a JSON line with both ports and, by name, the operating
+system's numbers of its threads, so that their CPU times can be told apart. SIGTERM ends it.
 """
 
 from __future__ import annotations
@@ -31,7 +31,7 @@ from tests.bench.null_runner import NullEncoder
 
 
 class FirstNumbers:
-    """An encoder service, for a model that takes shorter vectors."""
+    """An encoder service whose vectors are cut, for a model that takes shorter ones."""
 
     def __init__(self, address: str, width: int) -> None:
         self._remote = RemoteEncoder(address, 20.0)
@@ -48,7 +48,7 @@ class FirstNumbers:
 def start_null_engines(
     config: ServerConfig, deliver: Deliver, metrics: Metrics, own_encoder: Callable[[], TextEncoder] = NullEncoder
 ) -> EnginePool:
-    """own_encoder: makes the one of this process."""
+    """own_encoder: makes the text encoder of this process."""
     pool = start_engine_processes(config, deliver, metrics, (sys.executable, "-m", "tests.bench.null_engine"))
 
     def load_text(facts: ModelFacts) -> TextEncoder:
@@ -60,7 +60,7 @@ def start_null_engines(
 
 
 async def serve(config: ServerConfig, start: MakeEngines = start_null_engines) -> int:
-    """Until SIGTERM. Returns the exit code."""
+    """Serve until SIGTERM. Returns the exit code."""
     application = Application(config, start)
     stop_on_signals(application)
     await application.start()
@@ -75,7 +75,7 @@ async def serve(config: ServerConfig, start: MakeEngines = start_null_engines) -
 
 
 def main(start: MakeEngines = start_null_engines) -> None:
-    """Serve by the settings of the command line, and end the process."""
+    """Serve with the settings of the command line, then end the process."""
     keep_freed_memory()
     config = parse_config(sys.argv[1:])
     configure_logs(config.log_level, config.log_format)

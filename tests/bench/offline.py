@@ -1,6 +1,6 @@
-"""What a runner does when all is known beforehand: full batches of one shape, one after another, no clock.
+"""What a runner does if everything is known in advance: full batches of one shape, one after another, no real time.
 
-The ceiling of what an engine can get out of it; by parts, what its calls cost.
+This is the ceiling of what an engine can get out of it, and, by parts, what its calls cost.
 """
 
 from __future__ import annotations
@@ -26,7 +26,7 @@ from motiongen_server.engine.types import (
 from tests.bench.clocks import BenchClock
 
 HISTORY_FRAMES = 16
-_job_ids = itertools.count(1 << 40)  # far from those of an engine that shares the runner
+_job_ids = itertools.count(1 << 40)  # far from the ids of an engine that shares the runner
 
 
 @dataclass(frozen=True)
@@ -42,7 +42,7 @@ class OfflineRate:
 
     @property
     def window_s(self) -> float:
-        """Seconds of the whole batch."""
+        """Seconds that the whole batch takes."""
         return self.prepare_s + self.num_steps * self.step_s + self.decode_s
 
     @property
@@ -62,10 +62,10 @@ def offline_rate(
     synchronize: Callable[[], None] = lambda: None,
     keep_tokens: bool = True,
 ) -> OfflineRate:
-    """Windows that go on from earlier ones, each with a prompt and no constraint, for about so many seconds.
+    """Run windows that continue earlier ones, with a prompt and no constraints, for about so many seconds.
 
-    steps_run: how many steps are run of each window; fewer give the same figures sooner. synchronize: waits for the
-    device, where calls only start what they ask for. keep_tokens: histories are the tokens of the windows before.
+    steps_run: how many steps of each window are run; fewer give the same figures sooner. synchronize: waits for the
+    device, if calls only start work. keep_tokens: use the tokens of the previous windows as histories.
     """
     nothing = np.empty((0, runner.facts.feature_dim), np.float32)
     jobs = [replace(first_job(number, num_steps, embeddings), history=nothing) for number in range(batch)]
@@ -79,7 +79,7 @@ def offline_rate(
             later = [replace(job, history_tokens=None) for job in later]
         times.append(_run(runner, later, steps_run or num_steps, clock, synchronize)[1:])
     if len(times) > 2:
-        times = times[1:]  # the first batch of a size is also the first to take memory for it
+        times = times[1:]  # the first batch of a size also allocates its memory
     return OfflineRate(
         batch,
         num_steps,
@@ -93,7 +93,7 @@ def offline_rate(
 def _run(
     runner: Runner, jobs: Sequence[WindowJob], num_steps: int, clock: BenchClock, synchronize: Callable[[], None]
 ) -> tuple[list[WindowResult], float, list[float], float]:
-    """A batch through the runner: results, and the seconds of prepare, each step, and decode."""
+    """Run a batch. Returns the results, and the seconds of prepare, each step, and decode."""
     ids = [job.job_id for job in jobs]
     synchronize()
     stamps = [clock.now()]
@@ -111,7 +111,7 @@ def _run(
 
 
 def first_job(number: int, num_steps: int, embeddings: Sequence[Float32Array]) -> WindowJob:
-    """A session's first window, with a prompt and no constraint; its history of no frames has no width either."""
+    """A session's first window, with a prompt and no constraints; its history is empty, with a width of 0."""
     return WindowJob(
         job_id=next(_job_ids),
         session=SessionKey(0, number),
@@ -134,7 +134,7 @@ def first_job(number: int, num_steps: int, embeddings: Sequence[Float32Array]) -
 def later_job(
     number: int, num_steps: int, embeddings: Sequence[Float32Array], earlier: WindowResult, plan: int = 2
 ) -> WindowJob:
-    """The window after another, with its tokens for history where the runner keeps them."""
+    """The window after another, with that one's tokens as history if the runner keeps them."""
     tokens = None if earlier.tokens is None else earlier.tokens[-HISTORY_FRAMES // 4 :]
     return replace(
         first_job(number, num_steps, embeddings),

@@ -1,8 +1,8 @@
-"""How soon a stream hears back: `python -m tests.bench.pings --program PATH [--streams 1000] [--before COMMIT]`.
+"""How soon streams get answers: `python -m tests.bench.pings --program PATH [--streams 1000] [--before COMMIT]`.
 
-The real gateway and engine with a model that computes nothing, and as many streams of one character each, which play
-in real time and edit as the crowd does. Each stream pings every two seconds, and pongs are measured; what a model takes
-of the machine does not count. The load is motiongen-load, as `tests.cpp.building` builds it. Revisions take turns.
+The real gateway and engine with a model that computes nothing, and many streams of one character each, which play in
+real time and edit as the crowd does. Each stream pings every two seconds, and the time to the pong is measured; there
+is no model that takes CPU time. The load is motiongen-load, as `tests.cpp.building` builds it. Revisions alternate.
 """
 
 from __future__ import annotations
@@ -34,7 +34,7 @@ HEADER = (
 
 
 def play(revision: Revision, options: argparse.Namespace) -> Result:
-    """One run against a server of its own."""
+    """One run with its own server."""
     arguments = over(SETTINGS, ("--flush-ms", str(FLUSH_MS), "--peer-streams", "4000", *options.server))
     with server_process(NULL_SERVER, *arguments, revision=revision) as server:
         scenario = replace(load_scenario("crowd"), characters_per_stream=1)
@@ -59,9 +59,9 @@ def parse() -> argparse.Namespace:
     parser = argparse.ArgumentParser(prog="python -m tests.bench.pings", description=(__doc__ or "").splitlines()[0])
     parser.add_argument("server", nargs="*", metavar="-- SETTING", help="for the servers")
     parser.add_argument("--program", type=Path, required=True, metavar="PATH", help="of motiongen-load")
-    parser.add_argument("--before", nargs="*", default=[], metavar="COMMIT", help="measure these too, in turns")
-    parser.add_argument("--streams", type=int, default=1000, help="of one character each (default: %(default)s)")
-    parser.add_argument("--seconds", type=int, default=10, help="to measure in each run (default: %(default)s)")
+    parser.add_argument("--before", nargs="*", default=[], metavar="COMMIT", help="also measure these, alternating")
+    parser.add_argument("--streams", type=int, default=1000, help="with one character each (default: %(default)s)")
+    parser.add_argument("--seconds", type=int, default=10, help="duration of each run (default: %(default)s)")
     parser.add_argument("--rounds", type=int, default=2, help="runs of each revision (default: %(default)s)")
     parser.add_argument("--seed", type=int, default=1)
     return parser.parse_args()

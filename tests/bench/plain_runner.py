@@ -1,8 +1,8 @@
 """Runners without speed-ups, as baselines: the formulas of `motiongen_ardy.model.rollout`, rows padded to one length.
 
 `RolloutRunner` computes one window at a time with the functions of `motiongen_ardy.model.rollout`. `PlainRunner` does
-the same for many rows at once, which may differ in everything. Both make every guidance pass, encode each history
-again, and decode history and horizon; what they share with the served runner is the reading of a job and the form of
+the same for many rows at once, which need not have anything in common. Both evaluate every guidance pass, encode each
+history again, and decode history and horizon; they share with the served runner only how a job is read and the form of
 its frames.
 """
 
@@ -57,7 +57,7 @@ class Row:
 
 
 class RolloutRunner:
-    """One row a call by `motiongen_ardy.model.rollout`; a `Runner` of the engine for a scheduler of one at a time.
+    """Computes one row per call with `motiongen_ardy.model.rollout`: a `Runner` for schedulers of one window at a time.
 
     bf16: whether matrix products run in bfloat16.
     """
@@ -79,7 +79,7 @@ class RolloutRunner:
         return full_passes(self._model.config.guidance, weights)
 
     def num_passes(self, job: WindowJob) -> int:
-        """As many as the formula has, whatever the job."""
+        """As many as the formula has, for every job."""
         del job
         return self._facts.guidance_passes
 
@@ -90,7 +90,7 @@ class RolloutRunner:
         )
 
     def outputs(self, names: Sequence[str], rows: np.ndarray) -> np.ndarray:
-        """None are offered."""
+        """Raises: this runner offers no outputs."""
         raise NotImplementedError(f"no outputs {names} of {len(rows)} rows")
 
     def _precision(self) -> AbstractContextManager[None]:
@@ -103,7 +103,7 @@ class RolloutRunner:
                 self._rows[job.job_id] = Row(job, start_window(self._model, self._request([job])))
 
     def _request(self, jobs: Sequence[WindowJob]) -> WindowRequest:
-        """Jobs that share history length, window length, and whether they have constraints."""
+        """The request for jobs that share history length, window length, and whether they have constraints."""
         model, first = self._model, jobs[0]
         history_len = len(first.history)
         num_tokens = model.config.horizon_tokens
@@ -172,7 +172,7 @@ class RolloutRunner:
 
 
 class PlainRunner(RolloutRunner):
-    """Many rows a call: jobs of one shape are prepared together, rows are padded to the longest of the call."""
+    """Computes many rows per call: jobs of one shape are prepared together, rows are padded to the call's longest."""
 
     @torch.inference_mode()
     def prepare(self, jobs: Sequence[WindowJob]) -> None:
@@ -231,7 +231,7 @@ def window_frames(model: Model, job: WindowJob, targets: Targets | None) -> int:
 
 
 def by_shape(model: Model, jobs: Sequence[WindowJob]) -> list[list[WindowJob]]:
-    """Jobs that can be prepared together, and are guided alike."""
+    """Groups of jobs that can be prepared together and have the same guidance."""
     groups: dict[object, list[WindowJob]] = {}
     for job in jobs:
         groups.setdefault((job_shape(model, job), job.guidance), []).append(job)
@@ -239,7 +239,7 @@ def by_shape(model: Model, jobs: Sequence[WindowJob]) -> list[list[WindowJob]]:
 
 
 def job_shape(model: Model, job: WindowJob) -> tuple[int, int, bool]:
-    """History frames, window frames, and whether there are constraints: what jobs of one plain batch share."""
+    """What jobs of one plain batch share: history frames, window frames, and whether there are constraints."""
     targets = job_targets(model.skeleton, job)
     return len(job.history), window_frames(model, job, targets), targets is not None
 
@@ -270,7 +270,7 @@ def padded(values: Tensor, length: int) -> Tensor:
 
 
 def padded_window(windows: Sequence[Window], num_tokens: int) -> Window:
-    """Windows of one row each as one of many; rows without constraints get empty ones where any row has some."""
+    """Windows of one row each as a window of many; if any row has constraints, the others get empty ones."""
     num_frames = num_tokens * RELEASED_PATCH
     known = next((window.observed for window in windows if window.observed is not None), None)
 

@@ -1,4 +1,4 @@
-"""A character's screen without a screen: when its frames came, when they were due, how long it stood still for want."""
+"""Playback of a character that is not drawn: when its frames came, when they were due, how long it stood still."""
 
 from __future__ import annotations
 
@@ -9,11 +9,11 @@ from motiongen_server.engine.types import Chunk, Code, Outcome, Output, PlanNoti
 
 @dataclass(slots=True)
 class Playback:
-    """Plays at fps from the first frame's arrival on; stands still while the next frame is not there.
+    """Plays at fps from the arrival of the first frame; stands still while the next frame is missing.
 
-    Times are those at which the engine delivered. latencies_s: of edits, from when they were meant to when the first
-    frame that they changed came; shown_after_s: to when it was due to be shown. broken: plans that replaced frames
-    which had been shown or were promised not to change.
+    Times are those of the engine's deliveries. latencies_s: of edits, from their scheduled time to the arrival of the
+    first frame that they changed; shown_after_s: to the time at which it was due to be shown. broken: plans that
+    replaced frames which had been shown or were committed.
     """
 
     fps: int
@@ -31,7 +31,7 @@ class Playback:
     _effective: dict[int, int] = field(default_factory=dict)
 
     def due_at(self, frame: int) -> float:
-        """When a frame is to be shown, if it is there by then."""
+        """When a frame is due to be shown."""
         assert self.started_at is not None
         return self.started_at + self.held_s + frame / self.fps
 
@@ -45,11 +45,11 @@ class Playback:
         return len(self.stalls)
 
     def meant(self, event_seq: int, at: float) -> None:
-        """Note when an edit was meant to be sent."""
+        """Note the scheduled time of an edit."""
         self._meant_at[event_seq] = at
 
     def hear(self, output: Output, now: float) -> None:
-        """Take whatever the engine says of the session."""
+        """Take any output of the engine for the session."""
         match output:
             case Chunk():
                 self.receive(output, now)
@@ -59,7 +59,7 @@ class Playback:
                 self.answer(output)
 
     def notice(self, notice: PlanNotice, now: float) -> None:
-        """Let go of what a new plan replaces."""
+        """Drop the frames that a new plan replaces."""
         shown_to = self.frame_at(now) + 1 if self.buffered_to else 0
         self.broken += notice.valid_from < max(self.committed_to, min(shown_to, self.buffered_to))
         self.buffered_to = min(self.buffered_to, notice.valid_from)
@@ -88,7 +88,7 @@ class Playback:
             self.shown_after_s.append(max(now, shown_at) - meant_at)
 
     def held_between(self, begin: float, end: float) -> float:
-        """Seconds without a frame to show, from `begin` to `end`; all of them if the first never came."""
+        """Seconds without a frame to show between `begin` and `end`; all of them if no frame ever came."""
         if self.started_at is None:
             return end - begin
         stalls = [(begin, self.started_at), *self.stalls, (self.due_at(self.buffered_to), end)]

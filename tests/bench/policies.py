@@ -1,8 +1,8 @@
-"""Scheduling policies to measure against: one window at a time, batches of whole windows, steps first-in first-out.
+"""Baseline scheduling policies: one window at a time, batches of whole windows, steps first-in first-out.
 
 Each satisfies `motiongen_server.engine.ports.SchedulingPolicy`, so that it runs in the same engine as `Scheduler`.
-None knows of deadlines, classes or costs; costs are kept only to predict when a window will land, which the engine
-has to know.
+None considers deadlines, classes or costs; costs are recorded only to predict when a window will be finished, which the
+engine needs.
 """
 
 from __future__ import annotations
@@ -14,11 +14,11 @@ from motiongen_server.engine.scheduling.costs import CostTable
 from motiongen_server.engine.scheduling.scheduled_job import ScheduledJob
 from motiongen_server.engine.types import Priority, RowStatus, WindowJob
 
-_MOST_PASSES = 3  # evaluations of a window's step
+_MOST_PASSES = 3  # evaluations per step of a window
 
 
 class Queue:
-    """Jobs in the order they came. What the policies share; `schedule` and `rounds_ahead` are theirs."""
+    """Jobs in the order of arrival. The base of the policies, which add `schedule` and `rounds_ahead`."""
 
     def __init__(self, costs: CostTable) -> None:
         self.costs = costs
@@ -39,7 +39,7 @@ class Queue:
 
     @property
     def largest_step(self) -> int:
-        """Evaluations: of one window, unless more are done at once."""
+        """The most evaluations of a step: those of one window, unless a policy runs more at once."""
         return _MOST_PASSES
 
     def wake_at(self) -> float:
@@ -57,12 +57,12 @@ class Queue:
         return self._window_s(held.job.num_steps - held.steps_done, jobs, held.job.num_steps, held.passes)
 
     def _window_s(self, rounds: int, rows: int, num_steps: int, passes: int) -> float:
-        """So many rounds of `rows` windows like one with these steps and passes."""
+        """The duration of so many rounds of `rows` windows with these steps and passes."""
         return self.costs.window_s(num_steps, rounds, max(1, rows) * passes, max(1, rows))
 
 
 class OneAtATime(Queue):
-    """The oldest job alone, all its steps, then the next."""
+    """All steps of the oldest job alone, then the next job."""
 
     def schedule(self, now: float) -> list[ScheduledJob]:
         del now
@@ -74,7 +74,7 @@ class OneAtATime(Queue):
 
 
 class StepsInOrder(Queue):
-    """Step batching, first in first out: the oldest jobs, whatever their shapes; a row that ends makes room at once."""
+    """Step batching, first in first out: the oldest jobs of any shape; a finished row makes room at once."""
 
     def __init__(self, costs: CostTable, max_rows: int) -> None:
         super().__init__(costs)
@@ -96,9 +96,9 @@ class StepsInOrder(Queue):
 
 
 class WholeWindows(Queue):
-    """Batches of whole windows of one shape: gathered for a short wait, then run to their end; none joins meanwhile.
+    """Batches of whole windows of one shape: collected for a short time, then run to their end; none joins meanwhile.
 
-    shape_of: what the jobs of a batch share. wait_s: how long the oldest waits for others of its shape, at most.
+    shape_of: what the jobs of a batch share. wait_s: how long the oldest job waits, at most, for others of its shape.
     """
 
     def __init__(
@@ -133,7 +133,7 @@ class WholeWindows(Queue):
         return [self._jobs[job_id] for job_id in self._batch]
 
     def _next_batch(self) -> list[int]:
-        """The oldest job and those of its shape, as many as fit."""
+        """The oldest job and as many others of its shape as fit."""
         shape = self._shapes[next(iter(self._jobs))]
         return [job_id for job_id in self._jobs if self._shapes[job_id] == shape][: self._max_rows]
 
@@ -146,7 +146,7 @@ class WholeWindows(Queue):
         del priority, deadline
         running = max((held.job.num_steps - held.steps_done for held in self._running()), default=0)
         waiting = len(self._jobs) - len(self._batch) + 1
-        # Jobs of other shapes go in batches of their own: at least one for each shape that waits.
+        # Jobs of other shapes need separate batches: at least one for each waiting shape.
         batches = max(ceil(waiting / self._max_rows), len(set(self._shapes.values())))
         rounds = running + batches * num_steps
         return self._wait_s + self._window_s(rounds, ceil(waiting / batches), num_steps, passes)

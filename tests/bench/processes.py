@@ -1,7 +1,7 @@
-"""A server's processes: which there are, what memory they take and how much of the processor they have used.
+"""A server's processes: which there are, how much memory they take, and how much CPU time they have used.
 
-Those below the gateway are not only its children: with several engines on processors, its child is what they are forked
-from.
+Not all are children of the gateway: with several engines on CPUs, the gateway's child is the process that they are
+forked from.
 """
 
 from __future__ import annotations
@@ -18,8 +18,8 @@ MIB = 1 << 20
 
 @dataclass(frozen=True)
 class Memory:
-    """Of one process, bytes. proportional: its part of what several map (Pss), so these may be added up; own: what no
-    other maps.
+    """The memory of one process, bytes. proportional: with its share of what several processes map (Pss), so that these
+    can be added up; own: what no other process maps.
     """
 
     resident: int
@@ -28,17 +28,17 @@ class Memory:
 
 
 def below(gateway: psutil.Process) -> list[psutil.Process]:
-    """Its engine processes, and what they are forked from; none that has ended."""
+    """The gateway's engine processes, and the process that they are forked from; none that has ended."""
     return [process for process in gateway.children(recursive=True) if process.status() != psutil.STATUS_ZOMBIE]
 
 
 def engines_of(gateway: psutil.Process) -> list[psutil.Process]:
-    """Of those below, the ones that nothing is forked from."""
+    """The processes below the gateway that nothing is forked from."""
     return [process for process in below(gateway) if not process.children()]
 
 
 def memory_of(pid: int) -> Memory:
-    """From `/proc/PID/smaps_rollup`. Raises FileNotFoundError where there is no such process."""
+    """From `/proc/PID/smaps_rollup`. Raises FileNotFoundError if there is no such process."""
     lines = Path(f"/proc/{pid}/smaps_rollup").read_text(encoding="ascii").splitlines()[1:]
     kib = {line.split(":")[0]: int(line.split()[1]) for line in lines}
     own = kib["Private_Clean"] + kib["Private_Dirty"]
@@ -46,12 +46,12 @@ def memory_of(pid: int) -> Memory:
 
 
 def memory_mib(gateway: psutil.Process) -> list[float]:
-    """Each process's part of the memory of all, MiB, the gateway first."""
+    """The Pss of each process, MiB, the gateway first."""
     return [memory_of(process.pid).proportional / MIB for process in (gateway, *below(gateway))]
 
 
 def processor_s(processes: Iterable[psutil.Process]) -> float:
-    """Used so far by all of them. One that has ended meanwhile does not count."""
+    """CPU seconds used so far by all of them. A process that has ended does not count."""
     seconds = 0.0
     for process in processes:
         with suppress(psutil.NoSuchProcess):

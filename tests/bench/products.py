@@ -1,4 +1,4 @@
-"""How fast the machine multiplies matrices: what compute efficiency is measured against."""
+"""How fast the machine multiplies matrices: the reference for compute efficiency."""
 
 from __future__ import annotations
 
@@ -8,17 +8,17 @@ import torch
 
 from tests.bench.clocks import BenchClock
 
-# Up to where the machine is at its best, and no larger than a moment's work.
+# Large enough for the machine's best rate, small enough to take a moment only.
 SIZES = {"cpu": (512, 1024, 1536), "cuda": (2048, 4096, 8192)}
 
 
 def product_flops_per_s(device: str, dtype: torch.dtype, seconds: float, clock: BenchClock) -> float:
-    """The best rate over several sizes of square products, in FLOPs a second; each is tried for so many seconds."""
+    """The best rate over several sizes of square products, in FLOPs per second; each is tried for so many seconds."""
     return max(_rate(device, dtype, size, seconds, clock) for size in SIZES["cpu" if device == "cpu" else "cuda"])
 
 
 def waits_for(device: str) -> Callable[[], None]:
-    """What waits until the device has done all that it was asked to."""
+    """A function that waits until the device has finished all its work."""
     return (lambda: None) if device == "cpu" else torch.cuda.synchronize
 
 

@@ -1,4 +1,4 @@
-"""What characters are told while they are measured."""
+"""The prompts of characters that are measured."""
 
 PROMPTS = (
     "a person walks forward",

@@ -1,8 +1,8 @@
-"""How soon everybody has everything back after too much: `python -m tests.bench.recovery [--times 2 5] [--seconds 20]`.
+"""How soon full service returns after overload: `python -m tests.bench.recovery [--times 2 5] [--seconds 20]`.
 
-In virtual time, with an engine that lets everybody in: so many times the sessions of the class CROWD that it could
-serve in full, and one HERO. Once all but half of what fits have gone, it is counted how long the rest is served at a
-lower tier, and how the tier moved.
+In virtual time, with an engine that refuses nobody: so many times the CROWD sessions that it could serve in full, and
+one HERO. When only half of what fits is left, this measures how long those are still served at a lower tier, and how
+the tier moved.
 """
 
 from __future__ import annotations
@@ -21,7 +21,7 @@ from tests.server.engine.viewer import Viewer
 STEP_S = 0.05
 ROWS = 4
 FITS = 40
-"""Sessions that such a machine can just serve: half a window a second each, of four steps, in batches of ROWS."""
+"""Sessions that such a machine can just serve: half a window per second each, of four steps, in batches of ROWS."""
 LIMIT_S = 600.0
 AGAIN_S = 0.25
 SPAN_S = 5.0
@@ -29,10 +29,10 @@ SPAN_S = 5.0
 
 @dataclass(frozen=True)
 class Recovery:
-    """times: of what fits. lowest: tier. recovered_s: from when the load has gone until all are at FULL; None: never.
+    """times: the load, as a multiple of what fits. lowest: the lowest tier.
 
-    turns: how often the tier of the crowd went the other way than before. fastest: most moves of it within SPAN_S.
-    hero_underruns: of the HERO, from first to last.
+    recovered_s: from the end of the overload until all are at FULL; None: never. turns: how often the crowd's tier
+    changed direction. fastest: the most changes of the tier within SPAN_S. hero_underruns: over the whole run.
     """
 
     times: float
@@ -44,13 +44,13 @@ class Recovery:
 
 
 def _turns(tiers: list[ServiceTier]) -> int:
-    """How often a course of tiers changes its direction."""
+    """How often a sequence of tiers changes direction."""
     ways = [later > earlier for earlier, later in itertools.pairwise(tiers) if later != earlier]
     return sum(later != earlier for earlier, later in itertools.pairwise(ways))
 
 
 def recover(times: float, seconds: float) -> Recovery:
-    """Too much for so long, then half of what fits."""
+    """Run an overload for so long, then half of what fits."""
     stage = Stage(EngineConfig(max_rows=ROWS, max_sessions=4096, admit_load=(99.0, 99.0, 99.0, 99.0)))
     stage.runner.step_s = lambda rows: STEP_S
     stage.runner.holds = True
@@ -59,7 +59,7 @@ def recover(times: float, seconds: float) -> Recovery:
     course: list[tuple[float, ServiceTier]] = [(0.0, ServiceTier.FULL)]
 
     def go_on() -> bool:
-        """Whether all are served in full now."""
+        """Continue for a while. Returns whether all are served in full now."""
         stage.run(AGAIN_S)
         tier = stage.tiers().get(Priority.CROWD, ServiceTier.FULL)
         if tier is not course[-1][1]:
@@ -85,7 +85,7 @@ def recover(times: float, seconds: float) -> Recovery:
 def main() -> int:
     parser = argparse.ArgumentParser(prog="python -m tests.bench.recovery", description=(__doc__ or "").splitlines()[0])
     parser.add_argument("--times", type=float, nargs="+", default=[2.0, 5.0], help="of what can be served in full")
-    parser.add_argument("--seconds", type=float, nargs="+", default=[20.0, 60.0], help="for which it is too much")
+    parser.add_argument("--seconds", type=float, nargs="+", default=[20.0, 60.0], help="durations of the overload")
     options = parser.parse_args()
     logging.disable(logging.CRITICAL)
     print(

@@ -1,8 +1,8 @@
 """A scenario of `motiongen bench` in virtual time: `python -m tests.bench.rehearsal --scenario mixed --characters 80`.
 
-The engines are the real ones, one after another, each with its share of the characters; a model that computes nothing
-lets as much time pass on the engine's clock as `Costs` says that calls take. So a change of scheduling shows in a few
-seconds, whoever else uses the machine, and the same way every time. What is missing: the gateway, gRPC and the client.
+The engines are the real ones, run one after another, each with its share of the characters. The model computes nothing:
+it only advances the engine's clock by what `Costs` says that calls take. So the effect of a change of scheduling shows
+in a few seconds, reproducibly, whatever else the machine does. Gateway, gRPC and client are not included.
 """
 
 from __future__ import annotations
@@ -26,14 +26,14 @@ from motiongen_tools.bench.schedule import make_schedule
 from tests.bench.costed_runner import CostedRunner, Costs, VirtualClock, VirtualQuota
 from tests.bench.scenario_script import Outcomes, Script
 
-_OPENED_S = 1.0  # after its open, who has no frame misses them
+_OPENED_S = 1.0  # from so long after its open on, a character without frames counts as missing them
 
 
 @dataclass
 class Rehearsal:
-    """What came of all engines together, for the characters that were let in.
+    """The results of all engines together, for the characters that were let in.
 
-    waste: the share of denoising steps that were thrown away.
+    waste: the share of denoising steps whose results were discarded.
     """
 
     outcomes: dict[Priority, Outcomes]
@@ -56,7 +56,7 @@ def rehearse(
     config: EngineConfig,
     quota: float | None = None,
 ) -> Rehearsal:
-    """Play a scenario on so many engines; frames are counted from its measured part on. quota: of cores, for all."""
+    """Play a scenario on so many engines; frames count in its measured part. quota: of cores, for all engines."""
     schedule = make_schedule(scenario, characters, seconds, seed)
     parts, runners = [], []
     steps = rows = restarted = windows = 0
@@ -90,7 +90,7 @@ def rehearse(
             mine, priority = outcomes[part.priority(number)], part.priority(number)
             mine.latencies_s += playback.latencies_s
             plan = schedule.characters[number]
-            if number in part.refused:  # nobody looks at it
+            if number in part.refused:  # it is not shown
                 continue
             shown = max(begin, plan.open_s + _OPENED_S), min(end, plan.close_s)
             if shown[0] < shown[1]:
@@ -111,10 +111,10 @@ def main() -> int:
     parser.add_argument("--seconds", type=int, default=20)
     parser.add_argument("--seed", type=int, default=1)
     parser.add_argument("--engines", type=int, default=2)
-    parser.add_argument("--slower", type=float, default=1.25, help="calls take so many times longer than alone")
+    parser.add_argument("--slower", type=float, default=1.25, help="factor on the time of calls, 1: idle machine")
     parser.add_argument(
         "--slows", type=float, nargs=2, default=(math.inf, 1.0), metavar=("SECONDS", "TIMES"),
-        help="from so many seconds on calls take so many times longer still, whoever was let in before",
+        help="from this second on, calls take longer by a further factor, after sessions have been let in",
     )  # fmt: skip
     options = parser.parse_args()
     logging.disable(logging.CRITICAL)

@@ -1,4 +1,4 @@
-"""A revision of this repository to measure: the tree at hand, or a commit in a worktree of its own."""
+"""A revision of this repository to measure: the current checkout, or a commit in a temporary worktree."""
 
 from __future__ import annotations
 
@@ -13,21 +13,21 @@ from pathlib import Path
 
 from tests.bench.machine import ROOT
 
-# Where distributions have lived.
+# The source folders of the distributions, in any revision.
 _PARTS = (".", "ardy", "server", "client/python", "client/tools")
 _COMMANDS = ("client/tools/motiongen_tools", "client/python/motiongen_client")
 
 
 @dataclass(frozen=True)
 class Revision:
-    """name: for tables. tree: its files."""
+    """name: for tables. tree: the folder of its files."""
 
     name: str
     tree: Path
 
     @property
     def environment(self) -> dict[str, str]:
-        """That runs its code, whatever is installed beside."""
+        """Environment variables that run this revision's code, whatever is installed."""
         parts = [self.tree / part for part in _PARTS if (self.tree / part / "pyproject.toml").exists()]
         paths = [*map(str, parts), str(self.tree / "proto/python")]
         return {**os.environ, "PYTHONPATH": os.pathsep.join(paths)}
@@ -41,7 +41,7 @@ class Revision:
 
 @contextmanager
 def commit_tree(commit: str) -> Iterator[Revision]:
-    """A commit, in a worktree that is removed afterwards. Raises CalledProcessError where there is no such commit."""
+    """A commit, in a worktree that is removed afterwards. Raises CalledProcessError if there is no such commit."""
 
     def git(*arguments: str) -> None:
         subprocess.run(["git", "-C", str(ROOT), *arguments], check=True, capture_output=True)

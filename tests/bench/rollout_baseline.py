@@ -1,8 +1,8 @@
-"""Windows a second of `motiongen_ardy.model.rollout`, one character after another.
+"""Windows per second of `motiongen_ardy.model.rollout`, one character after another.
 
 `python -m tests.bench.rollout_baseline --steps 4`.
 
-A process of its own, so that the benchmark, which is also the client, carries no torch. Prints one JSON line.
+It runs in its own process, so that the benchmark, which is also the client, does not load torch. Prints a JSON line.
 """
 
 from __future__ import annotations

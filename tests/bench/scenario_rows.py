@@ -1,4 +1,4 @@
-"""Reports of `motiongen bench` as lines of one table."""
+"""Reports of `motiongen bench` as rows of one table."""
 
 from __future__ import annotations
 
@@ -24,10 +24,10 @@ _LEVEL, _FULL = "service level: ", "service level: FULL"
 
 
 def rows_of(scenario: str, characters: int, precision: str, reports: Sequence[Report]) -> list[str]:
-    """A line for all characters, and one for each group where there are several.
+    """A row for all characters, and one for each group if there are several.
 
-    Of several seeds: the median of medians and of cores, the worst of tails and of what was thrown away, all that was
-    missed and refused.
+    For several seeds: medians of medians and of cores, the worst tail latencies and shares thrown away, and totals of
+    what was missed and refused.
     """
     groups = [name for name in reports[0]["figures"] if name != "all"]
     lines = [_line([scenario, f"{characters}", precision, *_cells(reports, "all"), *_run_cells(reports)])]
@@ -37,7 +37,7 @@ def rows_of(scenario: str, characters: int, precision: str, reports: Sequence[Re
 
 
 def found_row(scenario: str, precision: str, report: Report) -> str:
-    """What a search has found."""
+    """The result of a search as a row."""
     found = report["search"]
     ended = found["limited_by_generator"] or found.get("out_of_time")
     most = f"at least {found['characters']}" if ended else f"{found['characters']}"
@@ -48,7 +48,7 @@ def found_row(scenario: str, precision: str, report: Report) -> str:
 def _cells(reports: Sequence[Report], group: str) -> list[str]:
     figures = [report["figures"][group] for report in reports]
     due, missed = (sum(each[name] for each in figures) for name in ("due", "missed"))
-    is_all = group == "all"  # who is refused, or told of less, is not counted by group
+    is_all = group == "all"  # refused and degraded sessions are not counted by group
     below, refused = (f"{sum(map(of, reports))}" if is_all else "" for of in (_below_full, _refused))
     share = f"{missed / due:.2%}" if missed and due else "0" if due else "-"
     return [share, below, refused, _latencies(reports, _EVENT, group), _latencies(reports, _OPEN, group)]
@@ -57,7 +57,7 @@ def _cells(reports: Sequence[Report], group: str) -> list[str]:
 def _run_cells(reports: Sequence[Report]) -> list[str]:
     uses = [report["server_use"] for report in reports if report["server_use"]]
     cores = [use["cores"] for use in uses]
-    thrown_away = [share for use in uses if (share := use.get("thrown_away")) is not None]  # earlier commits do not say
+    thrown_away = [share for use in uses if (share := use.get("thrown_away")) is not None]  # not in earlier commits
     void = sum(bool(report["void"]) for report in reports)
     return [
         f"{max(thrown_away):.1%}" if thrown_away else "-",
@@ -68,12 +68,12 @@ def _run_cells(reports: Sequence[Report]) -> list[str]:
 
 
 def _refused(report: Report) -> int:
-    """Opens that were refused from the first second on: most come before anything is measured."""
+    """Refused opens, counted from the first second on: most happen before the measured part."""
     return sum(count for name, count in report["counts"].items() if name.startswith(_REFUSED))
 
 
 def _below_full(report: Report) -> int:
-    """How often a session was told that it gets less."""
+    """How often a session was told of a level below FULL."""
     return sum(
         count for name, count in report["counts"].items() if name.startswith(_LEVEL) and not name.startswith(_FULL)
     )

@@ -1,4 +1,4 @@
-"""A scenario of `motiongen bench` as an engine's inbox in virtual time, and what its characters see."""
+"""A scenario of `motiongen bench` as an engine's inbox in virtual time, and what its characters show."""
 
 from __future__ import annotations
 
@@ -36,12 +36,12 @@ from tests.bench.costed_runner import VirtualClock
 from tests.bench.null_runner import FACTS
 from tests.bench.playback import Playback
 
-_WAY_S = 0.012  # from a client to the engine, and back: flush and write
+_WAY_S = 0.012  # from a client to the engine, or back: flush and write
 
 
 @dataclass
 class Outcomes:
-    """What the characters of a class saw. missed_s: of stillness, by character."""
+    """What the characters of a class got. missed_s: seconds without frames, by character."""
 
     latencies_s: list[float] = field(default_factory=list)
     opens_s: list[float] = field(default_factory=list)
@@ -51,7 +51,7 @@ class Outcomes:
 
 
 class Script:
-    """The engine's inbox: what is intended for its characters, and their reports. `deliver` takes what it sends."""
+    """The engine's inbox: its characters' scheduled events and reports. `deliver` takes what the engine sends."""
 
     def __init__(self, scenario: Scenario, schedule: Schedule, numbers: Sequence[int], clock: VirtualClock) -> None:
         self.clock, self.began_at = clock, clock.now()
@@ -136,7 +136,7 @@ class Script:
         return True
 
     def take_all(self) -> list[Event]:
-        """What has arrived by now."""
+        """The events that have arrived by now."""
         arrived, self._given = self._given, []
         while self._due and self._due[0][0] + _WAY_S <= self.clock.now():
             at, _, make = heapq.heappop(self._due)
@@ -148,7 +148,7 @@ class Script:
         self.clock.time_s += max(1e-6, min(timeout_s, next_at - self.clock.now()))
 
     def ring(self) -> None:
-        """Nobody waits on another thread."""
+        """Does nothing: nothing waits on another thread."""
 
     def deliver(self, outputs: Sequence[Output]) -> None:
         now = self.clock.now() + _WAY_S

@@ -1,10 +1,9 @@
 """All scenarios of `motiongen bench` in one table: `python -m tests.bench.scenario_table --seeds 1 2 3 --seconds 60`.
 
-A server is started for every run; load and server share the machine. Runs of one scenario follow each other: every
-precision, and with --before COMMIT every revision, each with the load and the server of its own tree but the scenario
-files of this one. Prints the table as it grows, with what it was measured on, and writes it and each run's report.
-With --resume, runs of the same command and commit that are in the folder already are taken from there: a long table can
-be made in parts.
+A server is started for every run; load and server share the machine. The runs of one scenario follow each other: each
+precision, and with --before COMMIT each revision, with its own load generator and server but the scenario files of this
+checkout. Prints the table as it grows, with facts about the machine, and writes it and each run's report. With
+--resume, runs of the same command and commit are taken from the folder, so that a long table can be made in parts.
 """
 
 from __future__ import annotations
@@ -27,7 +26,7 @@ from tests.bench.scenario_rows import FOUND_HEADER, HEADER, found_row, rows_of
 
 PRECISIONS = ("float32", "bfloat16")
 SIZES = {("crowd", "bfloat16"): 200}
-"""Characters where they are not the scenario's own."""
+"""The number of characters, if not the scenario's own."""
 _VOID = 3
 _MARK = "run.json"
 
@@ -43,7 +42,7 @@ class Case:
 
 
 def cases(options: argparse.Namespace, revisions: Sequence[Revision]) -> Iterator[Case]:
-    """In the order of the table."""
+    """All cases, in the order of the table."""
     for index, name in enumerate(options.scenario):
         for precision in options.precision:
             own = SIZES.get((name, precision), load_scenario(name).characters)
@@ -53,7 +52,7 @@ def cases(options: argparse.Namespace, revisions: Sequence[Revision]) -> Iterato
 
 
 def measure(case: Case, seed: int, options: argparse.Namespace) -> dict[str, Any]:
-    """The report of one run. Raises CalledProcessError where it could not be made."""
+    """Run one case and return its report. Raises CalledProcessError if it fails."""
     name = f"{case.scenario}-{case.characters}-{case.precision}-{case.revision.name}-{seed}".replace(" ", "-")
     out = options.out / name
     scenario = Path(scenario_file).parent / "scenarios" / f"{case.scenario}.yaml"
@@ -65,7 +64,7 @@ def measure(case: Case, seed: int, options: argparse.Namespace) -> dict[str, Any
         "--", "--precision", case.precision, *options.server,
     ]  # fmt: skip
     mark = {"command": command, "commit": commit()}
-    # Where files differ from the commit nobody can tell whether they are the same as then.
+    # With uncommitted changes (a blank in the mark), an earlier run may have measured other files.
     if options.resume and " " not in mark["commit"] and (known := kept(out, mark)) is not None:
         return known
     (out / _MARK).unlink(missing_ok=True)
@@ -83,7 +82,7 @@ def measure(case: Case, seed: int, options: argparse.Namespace) -> dict[str, Any
 
 
 def kept(out: Path, mark: dict[str, Any]) -> dict[str, Any] | None:
-    """The report of a run that is in its folder; None where that is another command's or commit's, or was cut short."""
+    """The report in a run's folder; None if it is of another command or commit, or was cut short."""
     try:
         made = json.loads((out / _MARK).read_text(encoding="utf-8"))
         report = json.loads((out / "result.json").read_text(encoding="utf-8"))
@@ -95,7 +94,7 @@ def kept(out: Path, mark: dict[str, Any]) -> dict[str, Any] | None:
 
 
 def baseline() -> str:
-    """What the machine does with one character after another, and without any of the engine, in words."""
+    """A sentence about what the machine does with one character after another, without the engine."""
     command = [sys.executable, "-m", "tests.bench.rollout_baseline", "--steps", "4", "--seconds", "5"]
     done = subprocess.run(command, cwd=ROOT, stdout=subprocess.PIPE, text=True, check=True)
     found = json.loads(done.stdout)
@@ -103,7 +102,7 @@ def baseline() -> str:
 
 
 def run(options: argparse.Namespace, revisions: Sequence[Revision], say: Callable[[str], None]) -> None:
-    """Measure all cases, and say each line of the table when it is known."""
+    """Measure all cases, and pass each line of the table to `say` as soon as it is known."""
     for line in FOUND_HEADER if options.find else HEADER:
         say(line)
     for case in cases(options, revisions):
@@ -138,22 +137,22 @@ def main() -> int:
 
 
 def parse(arguments: Sequence[str] | None = None) -> argparse.Namespace:
-    """The options. Exits with 2 where they make no sense."""
+    """The options. Exits with code 2 if they make no sense."""
     parser = argparse.ArgumentParser(
         prog="python -m tests.bench.scenario_table", description=(__doc__ or "").splitlines()[0]
     )
-    parser.add_argument("server", nargs="*", metavar="-- SETTING", help="for the servers, beside their precision")
+    parser.add_argument("server", nargs="*", metavar="-- SETTING", help="for the servers, in addition to the precision")
     parser.add_argument("--scenario", nargs="+", default=list(BUILT_IN), choices=BUILT_IN)
     parser.add_argument("--characters", type=int, nargs="+", help="for each scenario (default: its own)")
     parser.add_argument("--precision", nargs="+", default=list(PRECISIONS), choices=PRECISIONS)
     parser.add_argument("--seeds", type=int, nargs="+", default=[1], help="a run for each (default: 1)")
-    parser.add_argument("--seconds", type=int, default=20, help="to measure in each run (default: %(default)s)")
+    parser.add_argument("--seconds", type=int, default=20, help="duration of each run (default: %(default)s)")
     parser.add_argument("--load", type=float, default=1.0, help="share of the characters (default: all)")
     parser.add_argument("--find", action="store_true", help="find the most characters served in full instead")
     parser.add_argument("--find-within", type=float, default=420.0, help="seconds a search (default: %(default)g)")
-    parser.add_argument("--resume", action="store_true", help="take what is in the folder already")
-    parser.add_argument("--max-lag-ms", type=float, default=5.0, help="later loads are void (default: %(default)g)")
-    parser.add_argument("--before", nargs="*", default=[], metavar="COMMIT", help="measure these too, in the same run")
+    parser.add_argument("--resume", action="store_true", help="reuse runs that are in the folder")
+    parser.add_argument("--max-lag-ms", type=float, default=5.0, help="a later load is void (default: %(default)g)")
+    parser.add_argument("--before", nargs="*", default=[], metavar="COMMIT", help="also measure these, in the same run")
     parser.add_argument("--out", type=Path, default=Path("out/scenarios"), help="(default: %(default)s)")
     options = parser.parse_args(arguments)
     if options.characters and len(options.characters) != len(options.scenario):

@@ -1,4 +1,4 @@
-"""What a running server does for characters that play: loads of `motiongen bench`, and windows as fast as they come."""
+"""Measures a running server: loads of `motiongen bench`, and windows as fast as they can be made."""
 
 from __future__ import annotations
 
@@ -23,7 +23,7 @@ REST_S = 3.0
 
 @dataclass(frozen=True)
 class Effort:
-    """Seconds: of opens, of edits, of counting windows, of a trial of the search, and of the run that confirms it."""
+    """Seconds of each part: opens, edits, counting windows, a trial of the search, the run that confirms it."""
 
     opens_s: int = 30
     edits_s: int = 15
@@ -37,7 +37,7 @@ QUICK = Effort(opens_s=8, edits_s=4, window_s=3.0, trial_s=4, confirm_s=6)
 
 @dataclass(frozen=True)
 class Latencies:
-    """Milliseconds. is_void: the load was late itself, however often it was played; they do not count."""
+    """Milliseconds. is_void: the load was late itself in every attempt, so that they do not count."""
 
     p50: float
     p95: float
@@ -47,7 +47,7 @@ class Latencies:
 
 @dataclass(frozen=True)
 class Most:
-    """Characters served in full. or_more: the load of a larger number was late itself."""
+    """The number of characters served in full. or_more: with more, the load was late itself."""
 
     characters: int
     or_more: bool
@@ -57,13 +57,13 @@ class Most:
 
 
 async def open_latencies_ms(address: str, steps: int, seconds: int) -> Latencies:
-    """From the intended open to the first frame, of characters that come and go one by one."""
+    """From the scheduled open to the first frame, for characters that come and go one by one."""
     group = Group("guests", 1.0, Priority.NEAR, PROMPTS, life=Life(median_s=1.0, sigma=0.1))
     return _latencies_ms(await _play(address, steps, group, 1, seconds), OPEN)
 
 
 async def edit_latencies_ms(address: str, steps: int, characters: int, seconds: int) -> Latencies:
-    """From a new prompt to its first changed frame, edits spread over characters that all play."""
+    """From a new prompt to its first changed frame, with edits spread over characters that all play."""
     group = Group("players", 1.0, Priority.NEAR, PROMPTS, (EditRule("prompt", characters * EDIT_EVERY_S),))
     return _latencies_ms(await _play(address, steps, group, characters, seconds), EVENT)
 
@@ -81,7 +81,7 @@ async def most_served(address: str, steps: int, effort: Effort, say: Callable[[s
 
 
 async def windows_per_s(client: MotionClient, steps: int, characters: int, seconds: float) -> float:
-    """Windows of 40 frames a second when frames are taken as fast as they come."""
+    """Windows of 40 frames per second, with clients that take frames as fast as they come."""
 
     async def take_all(session: Session) -> None:
         async for _ in session.frames(realtime=False):
@@ -118,7 +118,7 @@ async def _play(address: str, steps: int, group: Group, characters: int, seconds
 
 
 def _latencies_ms(result: Result, what: str) -> Latencies:
-    """Raises RuntimeError when nothing was measured."""
+    """Raises RuntimeError if nothing was measured."""
     found = result.latency_ms(what)
     if not found["count"]:
         raise RuntimeError(f"{what} was asked for, but none was measured")
@@ -126,4 +126,4 @@ def _latencies_ms(result: Result, what: str) -> Latencies:
 
 
 def _ignore(progress: Progress) -> None:
-    """Nobody watches."""
+    """Discard progress reports."""

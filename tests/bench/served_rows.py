@@ -1,8 +1,8 @@
-"""Rows of the evaluation through gRPC: `python -m tests.bench.served_rows [--seeds N] [--address HOST:PORT]`.
+"""Rows of the evaluation, measured through gRPC: `python -m tests.bench.served_rows [--seeds N] [--address HOST:PORT]`.
 
-Plays characters of the built-in model against a real server with the Python client, measures them as the evaluation
-does, and lays beside each figure what the library's own windows give. Clips of the service are the same windows from
-the same noise, so their figures agree; a session that is steered is replanned where its edit falls.
+Plays characters of the built-in model on a real server with the Python client, measures them as the evaluation does,
+and compares each figure with that of the library's own windows. Clips of the service are the same windows from the same
+noise, so their figures agree; a session that is steered is replanned at the frame where its edit takes effect.
 """
 
 from __future__ import annotations
@@ -38,7 +38,7 @@ LEAD = 3 * FPS
 
 @dataclass(frozen=True)
 class Row:
-    """One figure: through the server, and by the library."""
+    """One figure, measured through the server and with the library."""
 
     name: str
     served: float
@@ -47,7 +47,7 @@ class Row:
 
 @dataclass(frozen=True)
 class Script:
-    """A clip's script and what is measured of its positions (T, J, 3). goal: frame, x and z in metres."""
+    """A clip's script, and what is measured in its positions (T, J, 3). goal: frame, x and z in metres."""
 
     name: str
     num_frames: int
@@ -66,7 +66,7 @@ def _feet(skeleton: Skeleton, positions: Tensor, first: int = 0) -> float:
 
 
 def scripts() -> list[Script]:
-    """Way points, feet, and a start, each from standing at the origin."""
+    """Waypoints, feet, and a start, each from standing at the origin."""
     goal = (3 * FPS, 0.4, 2.4)
     near = (2 * FPS, 0.0, 1.2)
     return [
@@ -89,7 +89,7 @@ def library_sampler() -> Sampler:
 
 
 async def served_rows(address: str, seeds: Sequence[int], sampler: Sampler) -> list[Row]:
-    """All rows, each the mean over seeds."""
+    """All rows, as means over the seeds."""
     skeleton = sampler.model.skeleton
     rows = []
     async with MotionClient(address) as client:
@@ -126,7 +126,7 @@ async def _clip(client: MotionClient, script: Script, seed: int) -> Tensor:
 
 
 async def _steered(client: MotionClient, seed: int, sampler: Sampler) -> tuple[float, float]:
-    """The share of its speed that a session reaches, and that of the library's take with the same effective frame."""
+    """The share of its speed that a session reaches, and that of the library's take, edited from the same frame on."""
     session = await client.open(STAND, options=SessionOptions(seed=seed, denoise_steps=STEPS))
     _ = [frame async for frame in session.frames(seconds=1, realtime=False)]
     edit = session.set_velocity(0.0, SPEED_M_S, seconds=2 * STEERED_S)

@@ -1,9 +1,9 @@
 """What the service costs without a model: `python -m tests.bench.service_cost`.
 
-Each server in one process, the load in another. First the service on the null engine: its processor time for a chunk
-at several numbers of chunks a message, beside that of gRPC alone with messages of the same sizes. Then the real engine
-with the null runner: processor time and latency of a thousand sessions that play in real time. Processor time is that
-of the server's process, by thread, so it holds where others use the machine too; latency does not.
+Servers and load run in separate processes. First the service on the null engine: its CPU time per chunk at several
+numbers of chunks per message, compared with gRPC alone with messages of the same sizes. Then the real engine with the
+null runner: CPU time and latency of a thousand sessions that play in real time. CPU time is that of the server's
+process, by thread, so it is valid on a machine that is also used by others; latency is not.
 Prints tables; with --out writes service_cost.json and service_cost.md.
 """
 
@@ -27,20 +27,20 @@ from tests.bench.null_process import NULL_SERVER, SETTINGS, NullServer, server_p
 SIZES = (1, 10, 50, 200)
 SESSIONS_IN_LOCKSTEP = 800
 MOST_STREAMS = 200
-"""In lockstep; enough of both to keep the server's caches warm and most of a core busy."""
+"""Of the sessions in lockstep; enough of both to keep the server's caches warm and most of a core busy."""
 CHUNK_FRAMES = 20
 FLUSH_MS = 20.0
 PLAYED = ((1000, 1), (1000, 4), (1000, 1000))
-"""Sessions, and the streams they are on."""
+"""Numbers of sessions, and of streams that carry them."""
 STAND_INS = "tests.bench.stand_ins"
 
 
 @dataclass(frozen=True)
 class ChunkCost:
-    """Of the service on the null engine. Sizes are means.
+    """The cost of a chunk in the service on the null engine. Sizes are means.
 
-    cpu_us: processor microseconds a chunk by thread, the median over trials; grpc_us: what gRPC alone takes for
-    messages of these sizes. others: the share of the machine that others used meanwhile.
+    cpu_us: CPU microseconds per chunk by thread, the median over trials; grpc_us: what gRPC alone takes for messages of
+    these sizes. others: the share of the machine that other processes used meanwhile.
     """
 
     sessions_a_stream: int
@@ -60,7 +60,7 @@ class ChunkCost:
 
 @dataclass(frozen=True)
 class Trials:
-    """Of one server: what came in over all of them, and by thread the processor microseconds a chunk in each."""
+    """The trials of one server: totals of what was received, and CPU microseconds per chunk by thread in each trial."""
 
     counts: Counts
     seconds: float
@@ -95,12 +95,12 @@ async def lockstep(server: NullServer, sessions_a_stream: int, frames: int, seco
 
 
 def used_us(before: dict[str, float], after: dict[str, float], count: int) -> dict[str, float]:
-    """Processor microseconds by thread, of each of `count`."""
+    """CPU microseconds by thread, divided by `count`."""
     return {name: 1e6 * (after[name] - before[name]) / count for name in after}
 
 
 async def bare_us(server: NullServer, streams: int, request_bytes: int, seconds: float, repeats: int) -> float:
-    """Processor microseconds of an exchange of messages with a server that is gRPC alone; the median."""
+    """Median CPU microseconds of an exchange of messages with a server that is gRPC alone."""
     channels = Channels(server.address)
 
     async def exchanged(seconds: float) -> int:
@@ -119,7 +119,7 @@ async def bare_us(server: NullServer, streams: int, request_bytes: int, seconds:
 
 
 def chunk_cost(sessions_a_stream: int, frames: int, seconds: float, repeats: int) -> ChunkCost:
-    """Of the service, then of gRPC with messages as large as the service's were."""
+    """The cost in the service, then in gRPC with messages as large as the service's were."""
     share = busy_share()
     with server_process(STAND_INS, "service", *SETTINGS, "--flush-ms", str(FLUSH_MS)) as server:
         trials = asyncio.run(lockstep(server, sessions_a_stream, frames, seconds, repeats))
@@ -144,7 +144,7 @@ def chunk_cost(sessions_a_stream: int, frames: int, seconds: float, repeats: int
 
 @dataclass(frozen=True)
 class Latency:
-    """At so many sessions in real time. (p50, p99, max) in ms; cpu_share: of one core, by thread; cpu_us: a chunk."""
+    """With so many sessions in real time. (p50, p99, max) in ms; cpu_share: of a core, cpu_us: per chunk, by thread."""
 
     sessions: int
     streams: int
@@ -161,9 +161,7 @@ class Latency:
 
     @property
     def void(self) -> bool:
-        """Whether the figures do not count: the generator was too late itself, or edits are left out of them that had
-        no answer.
-        """
+        """Whether the figures do not count, because the generator was late itself or edits were never answered."""
         return self.generator_lag_ms[1] > 5.0 or self.unanswered > 0
 
 
@@ -195,7 +193,7 @@ async def latency(server: NullServer, sessions: int, streams: int, flush_ms: flo
 
 
 def milliseconds(seconds: list[float]) -> tuple[float, float, float]:
-    """p50, p99 and the greatest. Raises RuntimeError when nothing was measured."""
+    """p50, p99 and maximum. Raises RuntimeError if nothing was measured."""
     if not seconds:
         raise RuntimeError("nothing was measured: no answer came")
     p50, p99 = np.percentile(seconds, [50, 99]) * 1000
@@ -242,16 +240,16 @@ def main() -> int:
     parser.add_argument("--out", type=Path, help="folder to write to (default: print only)")
     parser.add_argument("--quick", action="store_true", help="short trials")
     parser.add_argument(
-        "--sizes", type=int, nargs="*", default=list(SIZES), help="chunks a message (default: %(default)s)"
+        "--sizes", type=int, nargs="*", default=list(SIZES), help="chunks per message (default: %(default)s)"
     )
     parser.add_argument(
-        "--chunk-frames", type=int, nargs="*", default=[CHUNK_FRAMES], help="frames a chunk (default: %(default)s)"
+        "--chunk-frames", type=int, nargs="*", default=[CHUNK_FRAMES], help="frames per chunk (default: %(default)s)"
     )
     parser.add_argument(
         "--played", type=int, nargs=2, action="append", metavar=("SESSIONS", "STREAMS"),
-        help=f"sessions that play, and on how many streams; may be repeated (default: {PLAYED})",
+        help=f"numbers of sessions that play, and of their streams; may be repeated (default: {PLAYED})",
     )  # fmt: skip
-    parser.add_argument("--flush-ms", type=float, nargs="*", default=[FLUSH_MS, 5.0], help="for those that play")
+    parser.add_argument("--flush-ms", type=float, nargs="*", default=[FLUSH_MS, 5.0], help="for the sessions that play")
     options = parser.parse_args()
     seconds, repeats, play_s = (1.0, 3, 5.0) if options.quick else (3.0, 3, 15.0)
     facts, costs, latencies = machine_facts(), [], []

@@ -1,8 +1,8 @@
-"""The figures of the service with the built-in model, from one command: `python -m tests.bench --out out/bench`.
+"""The figures of the service with the built-in model: `python -m tests.bench --out out/bench`.
 
-Starts the real server for each number of denoising steps, measures it as a client sees it, then
-`motiongen_ardy.model.rollout` one character at a time on the same machine. Client and server share the cores, as they
-do on a developer's machine. Prints a table and writes service_figures.json and service_figures.md.
+For each number of denoising steps, starts the real server and measures it as a client sees it, then measures
+`motiongen_ardy.model.rollout` with one character at a time on the same machine. Client and server share the cores, as
+on a developer's machine. Prints a table and writes service_figures.json and service_figures.md.
 """
 
 from __future__ import annotations
@@ -39,11 +39,11 @@ CROWDS = (1, 8, 32)
 
 @dataclass(frozen=True)
 class Figures:
-    """All of one number of denoising steps. Memory is in MiB: of the client
-    what is resident, of the server the parts of all its processes (Pss).
+    """All figures for one number of denoising steps. Memory in MiB: the client's resident memory, the Pss of all of the
+    server's processes.
 
-    windows_per_s: by characters that take frames as fast as they come. served_characters: what `motiongen bench --find`
-    finds. rollout_windows_per_s: `model.rollout`.
+    windows_per_s: by number of characters, which take frames as fast as they come. served_characters: what
+    `motiongen bench --find` finds. rollout_windows_per_s: of `model.rollout`.
     """
 
     steps: int
@@ -59,12 +59,12 @@ class Figures:
 
     @property
     def speed_up(self) -> float:
-        """Windows a second of the largest crowd over those of the plain rollout."""
+        """Windows per second of the largest crowd, divided by those of the plain rollout."""
         return self.windows_per_s[max(self.windows_per_s)] / self.rollout_windows_per_s
 
 
 async def measure(steps: int, effort: Effort, status: Status) -> Figures:
-    """All figures at one number of denoising steps."""
+    """Measure all figures for one number of denoising steps."""
 
     def say(what: str) -> None:
         status.update(f"{steps} steps: {what}")
@@ -102,7 +102,7 @@ async def measure(steps: int, effort: Effort, status: Status) -> Figures:
 
 
 def rollout_rate(steps: int, seconds: float) -> float:
-    """Windows a second of the plain rollout, in a process of its own."""
+    """Windows per second of the plain rollout, measured in a separate process."""
     command = [sys.executable, "-m", "tests.bench.rollout_baseline", "--steps", str(steps), "--seconds", str(seconds)]
     done = subprocess.run(command, cwd=ROOT, stdout=subprocess.PIPE, text=True, check=True)
     rate: float = json.loads(done.stdout)["windows_per_s"]
@@ -110,7 +110,7 @@ def rollout_rate(steps: int, seconds: float) -> float:
 
 
 def markdown(facts: dict[str, str], figures: list[Figures]) -> str:
-    """The figures as a table with a column for each number of steps, and what they were measured on."""
+    """The figures as a table with a column for each number of steps, and facts about the machine."""
 
     def pair(each: Latencies) -> str:
         return f"{each.p50:.0f} / {each.p95:.0f} ms{' (void)' * each.is_void}"
@@ -143,7 +143,7 @@ def markdown(facts: dict[str, str], figures: list[Figures]) -> str:
 def main() -> int:
     parser = argparse.ArgumentParser(prog="python -m tests.bench", description=(__doc__ or "").splitlines()[0])
     parser.add_argument("--out", type=Path, default=Path("out/bench"), help="folder to write to (default: %(default)s)")
-    parser.add_argument("--quick", action="store_true", help="short trials: does it run, and about how fast is it")
+    parser.add_argument("--quick", action="store_true", help="short trials, for a rough result")
     parser.add_argument("--steps", type=int, nargs="+", default=[4, 10], help="denoising steps (default: 4 10)")
     options = parser.parse_args()
     console, facts, figures = Console(), machine_facts(), []

@@ -1,9 +1,9 @@
-"""What the service's own code costs a chunk, without gRPC: `python -m tests.bench.service_path [--sizes 1 50]`.
+"""What the service's own code costs per chunk, without gRPC: `python -m tests.bench.service_path [--sizes 1 50]`.
 
-All in one thread: requests as bytes are read, the null engine answers, its outputs are put into the streams' queues,
-and messages are made of them. Of each part the least processor time of many rounds is taken: what it costs where
-nothing disturbs it, so that figures of a busy machine can be compared too. `tests.bench.service_cost` adds gRPC, the
-threads, and what they do to each other.
+In a single thread, requests are read from bytes, the null engine answers, its outputs go into the streams' queues, and
+messages are made of them. The figure for each part is its least CPU time in many rounds, which is its cost without
+disturbance, so that figures from a busy machine can be compared. `tests.bench.service_cost` adds gRPC, threads, and
+their effects on each other.
 """
 
 from __future__ import annotations
@@ -33,7 +33,7 @@ SESSIONS = 200
 
 
 class Said:
-    """A stream's context that has one message to read."""
+    """A stream context with one message to read."""
 
     def __init__(self, data: bytes) -> None:
         self._data: bytes | object = data
@@ -55,7 +55,7 @@ def opens(count: int) -> bytes:
 
 
 def reports(count: int, frame: int) -> bytes:
-    """All sessions of a stream show a frame."""
+    """A message in which all sessions of a stream report this frame as their playhead."""
     report = session_pb2.Playhead(frame=frame, buffered_to=frame + LOOKAHEAD - CHUNK_FRAMES)
     events = [session_pb2.SessionEvent(session=handle, playhead=report) for handle in range(count)]
     return service_pb2.StreamMotionRequest(events=events).SerializeToString()
@@ -76,7 +76,7 @@ def make_messages(streams: list[Stream]) -> None:
 
 
 async def least_us(sessions_a_stream: int, rounds: int, sessions: int = SESSIONS) -> list[float]:
-    """Processor microseconds of each part, a chunk, in the best of the rounds."""
+    """CPU microseconds per chunk of each part, in the best of the rounds."""
     engine, num_streams = NullEngine(), max(1, sessions // sessions_a_stream)
     config = parse_config(list(SETTINGS))
     models, peer = null_models(config, engine), Peer(make_limits(config).peer, time.monotonic())
@@ -109,10 +109,10 @@ async def least_us(sessions_a_stream: int, rounds: int, sessions: int = SESSIONS
 
 def main() -> int:
     parser = argparse.ArgumentParser(prog="python -m tests.bench.service_path", description=__doc__)
-    parser.add_argument("--sizes", type=int, nargs="+", default=[1, 10, 50], help="chunks a message")
+    parser.add_argument("--sizes", type=int, nargs="+", default=[1, 10, 50], help="chunks per message")
     parser.add_argument("--rounds", type=int, default=300)
     parser.add_argument(
-        "--sessions", type=int, default=SESSIONS, help="of all streams; what many have is in no cache (%(default)s)"
+        "--sessions", type=int, default=SESSIONS, help="of all streams; with many, the CPU's caches miss (%(default)s)"
     )
     options = parser.parse_args()
     print(f"| chunks a message | us a chunk | {' | '.join(PARTS)} |")

@@ -1,9 +1,9 @@
 """What a chunk costs the service before and after a change: `python -m tests.bench.service_turns --before COMMIT`.
 
-The service on the null engine as in `tests.bench.service_cost`, of each revision in a process of its own, and gRPC
-alone with messages of the same sizes. All of them live at once and are measured in turns, some seconds each, in an
-order that is reversed every round: what others do to the machine meanwhile, they do to all. Of each the best round is
-told, which is the one that was disturbed least, and the median.
+Compares the service on the null engine, as in `tests.bench.service_cost`, of several revisions, and gRPC alone with
+messages of the same sizes, each in its own process. All run at the same time and are measured alternately, for some
+seconds each, in an order that is reversed every round, so that other work on the machine affects all alike. Reported
+for each are the best round, which was disturbed least, and the median.
 """
 
 from __future__ import annotations
@@ -29,16 +29,16 @@ TREE = Revision("the tree", ROOT)
 
 
 class Measured(Protocol):
-    """Something that is put under load, again and again."""
+    """Something that is put under load repeatedly."""
 
     async def load(self, seconds: float) -> int:
-        """Load it for so long; returns how many chunks that gave."""
+        """Put it under load for so long. Returns the number of chunks."""
         ...
 
 
 @dataclass
 class Service:
-    """Sessions of a service, all of which advance together."""
+    """The sessions of a service, which all advance together."""
 
     lines: list[Line]
     chunk_frames: int
@@ -51,7 +51,7 @@ class Service:
 
 @dataclass
 class Alone:
-    """Messages of gRPC alone, each as large as the service's with so many chunks."""
+    """Messages with gRPC alone, each as large as the service's with so many chunks."""
 
     channels: Channels
     streams: int
@@ -65,7 +65,7 @@ class Alone:
 
 @dataclass
 class Contender:
-    """rounds: processor microseconds a chunk by thread, one after another."""
+    """rounds: CPU microseconds per chunk by thread, of each round."""
 
     name: str
     server: NullServer
@@ -73,7 +73,7 @@ class Contender:
     rounds: list[dict[str, float]] = field(default_factory=list)
 
     async def go_round(self, seconds: float) -> None:
-        """Load it once more, after a moment in which its caches are warmed."""
+        """Measure another round, after a moment of load that warms its caches."""
         await self.measured.load(seconds / 4)
         before = self.server.cpu_s()
         chunks = await self.measured.load(seconds)
@@ -86,7 +86,7 @@ class Contender:
 
     @property
     def median_us(self) -> float:
-        """Of all threads together."""
+        """The median of all threads together."""
         return statistics.median(sum(used.values()) for used in self.rounds)
 
 
@@ -104,7 +104,7 @@ async def service(server: NullServer, sessions_a_stream: int, chunk_frames: int)
 async def turns(
     servers: list[tuple[str, NullServer]], stack: ExitStack, size: int, chunk_frames: int, seconds: float, rounds: int
 ) -> list[Contender]:
-    """The services of `servers`, then gRPC alone, as they were measured in turns."""
+    """The results of `servers`, then of gRPC alone, measured alternately."""
     async with AsyncExitStack() as opened:
         contenders = [
             Contender(name, server, await opened.enter_async_context(service(server, size, chunk_frames)))
@@ -130,10 +130,10 @@ async def turns(
 
 def main() -> int:
     parser = argparse.ArgumentParser(prog="python -m tests.bench.service_turns", description=__doc__)
-    parser.add_argument("--before", nargs="*", default=[], metavar="COMMIT", help="measure these beside the tree")
-    parser.add_argument("--size", type=int, default=50, help="chunks a message (default: %(default)s)")
+    parser.add_argument("--before", nargs="*", default=[], metavar="COMMIT", help="also measure these")
+    parser.add_argument("--size", type=int, default=50, help="chunks per message (default: %(default)s)")
     parser.add_argument("--chunk-frames", type=int, default=CHUNK_FRAMES, help="default: %(default)s")
-    parser.add_argument("--seconds", type=float, default=2.0, help="of a turn (default: %(default)s)")
+    parser.add_argument("--seconds", type=float, default=2.0, help="duration of a turn (default: %(default)s)")
     parser.add_argument("--rounds", type=int, default=7)
     options = parser.parse_args()
     share, begun_s = busy_share(), time.monotonic()

@@ -1,8 +1,9 @@
 """A million engine steps in virtual time: `python -m tests.bench.simulate [--ticks N] [--seed S] [--seconds S]`.
 
-Days with crowds, costs, failures and losses drawn from a seed. Every step of the scheduler and everything that a client
-sees is checked: no job lost or done twice, order within a class, no class starved, no frame beyond the credit, nothing
-of an old session or plan, every edit answered once. Ends with status 1 and the seed of the day that broke a rule.
+Simulates days whose crowds, costs, failures and losses are drawn from a seed. Every step of the scheduler and all that
+a client sees is checked: no job lost or done twice, order within a class, no class starved, no frame beyond the credit,
+nothing from an old session or plan, every edit answered once. If a day breaks a rule, prints its seed and exits with
+code 1.
 """
 
 from __future__ import annotations
@@ -24,9 +25,10 @@ HAPPENINGS = (
 
 
 def simulate(ticks: int, first_seed: int, limit_s: float) -> tuple[int, Counter[str], dict[Priority, int]]:
-    """Live through days until there are so many ticks, or limit_s has passed.
+    """Simulate days until there are so many ticks, or limit_s has passed.
 
-    Returns the ticks, what happened how often, and the longest wait of each class in rows. Raises what a day raises.
+    Returns the ticks, how often each thing happened, and the longest wait of each class in rows. Raises what a day
+    raises.
     """
     happened: Counter[str] = Counter()
     longest = dict.fromkeys(Priority, 0)
@@ -53,8 +55,8 @@ def simulate(ticks: int, first_seed: int, limit_s: float) -> tuple[int, Counter[
 def main() -> int:
     parser = argparse.ArgumentParser(description=__doc__)
     parser.add_argument("--ticks", type=int, default=1_000_000)
-    parser.add_argument("--seed", type=int, default=1, help="of the first day; the next day has the next")
-    parser.add_argument("--seconds", type=float, default=float("inf"), help="begin no day after so many")
+    parser.add_argument("--seed", type=int, default=1, help="of the first day; each further day has the next one")
+    parser.add_argument("--seconds", type=float, default=float("inf"), help="begin no more days after so many")
     settings = parser.parse_args()
     logging.disable(logging.CRITICAL)
     done, happened, longest = simulate(settings.ticks, settings.seed, settings.seconds)

@@ -1,9 +1,9 @@
 """What a snapshot of a session costs each process: `python -m tests.bench.snapshot_cost [--records N] [--store URL]`.
 
-A record of the size that the built-in model's sessions have goes the whole way: the engine process encodes it, the
-gateway decodes it, writes it down, checks it and gives it to the store, as one transaction of as many as wait in a
-second. Processor time alone counts, that of the kernel included, so the figures hold on a machine that others use too.
-The share of a core is for characters of which each is saved so many times a second.
+A record of the size that the built-in model's sessions have goes all the way: the engine process encodes it; the
+gateway decodes it, serializes it, checks it and gives it to the store, in one transaction with all that wait in a
+second. Only CPU time counts, including the kernel's, so the figures are valid on a machine that is also used by others.
+The share of a core is for characters that are each saved so many times a second.
 """
 
 from __future__ import annotations
@@ -27,14 +27,14 @@ from motiongen_server.snapshots.stores import open_snapshot_store
 from tests.server.snapshots.records import a_record
 
 ROW_WIDTH = 118
-"""Of the built-in model: 27 joints with a quaternion each, the root, contacts."""
+"""Of the built-in model: 27 joints with one quaternion each, the root, contacts."""
 FRAMES = 76
-"""That a session holds: a history, a horizon, and what its client may not have shown."""
+"""Frames that a session holds: a history, a horizon, and what its client may not have shown yet."""
 BATCH = 64
 
 
 def full_size() -> SessionRecord:
-    """With a prompt of the encoder's width, as the built-in model's sessions have."""
+    """A record of the built-in model's size, including a prompt of the encoder's width."""
     record = a_record()
     random = np.random.default_rng(1)
     rows = random.normal(size=(FRAMES, ROW_WIDTH)).astype(np.float32)
@@ -45,7 +45,7 @@ def full_size() -> SessionRecord:
 
 
 def cost_us(work: Callable[[], object], times: int) -> float:
-    """Processor time of one, microseconds, after one to get warm."""
+    """CPU time of one call, microseconds, after a call that warms caches."""
     work()
     begun = time.process_time_ns()
     for _ in range(times):
@@ -56,9 +56,9 @@ def cost_us(work: Callable[[], object], times: int) -> float:
 def main() -> int:
     parser = argparse.ArgumentParser(prog="python -m tests.bench.snapshot_cost", description=__doc__)
     parser.add_argument("--records", type=int, default=2000, help="default: %(default)s")
-    parser.add_argument("--store", default="", help="as --snapshot-store (default: an SQLite file of its own)")
+    parser.add_argument("--store", default="", help="like --snapshot-store (default: a new SQLite file)")
     parser.add_argument("--characters", type=int, default=100, help="default: %(default)s")
-    parser.add_argument("--a-second", type=float, default=1.5, help="of each (default: %(default)s)")
+    parser.add_argument("--a-second", type=float, default=1.5, help="snapshots of each (default: %(default)s)")
     options = parser.parse_args()
     record = full_size()
     message = Outputs(0, (SnapshotTaken(record.snapshot.spec.session, record.snapshot),))

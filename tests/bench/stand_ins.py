@@ -1,7 +1,7 @@
 """Servers to compare with: `python -m tests.bench.stand_ins service --port 0 ...` and `... grpc RESPONSE_BYTES`.
 
 service: the real service, on an engine that answers every report with frames and decides nothing. grpc: gRPC alone,
-which answers every message with as many bytes as it is told. Both print the JSON line that the null server prints.
+which answers every message with RESPONSE_BYTES bytes. Both print the same JSON line as the null server.
 """
 
 from __future__ import annotations
@@ -48,7 +48,7 @@ LOOKAHEAD = 40
 
 
 class NullEngine:
-    """Answers an open or a report with one chunk up to the look-ahead, and a plan for every horizon."""
+    """Answers each open or report with one chunk up to the look-ahead, and a plan for every horizon."""
 
     num_sessions = 0
     failure: BaseException | None = None
@@ -56,7 +56,7 @@ class NullEngine:
     def __init__(self) -> None:
         self._mailbox = Mailbox(max_pending_events=64)
         self._sent_to: dict[SessionKey, int] = {}
-        self._rows: dict[SessionKey, Float32Array] = {}  # each session its own: else all would lie in the cache
+        self._rows: dict[SessionKey, Float32Array] = {}  # one each, or the CPU's cache would hold them all
         self.deliver: Deliver = lambda outputs: None
 
     def submit(self, event: Event) -> Outcome | None:
@@ -72,12 +72,12 @@ class NullEngine:
     def _run(self) -> None:
         while True:
             self._mailbox.wait(1.0)
-            time.sleep(STEP_S)  # what comes during a step of a model is answered together
+            time.sleep(STEP_S)  # as with a model, what arrives during a step is answered together
             if outputs := self.answers():
                 self.deliver(outputs)
 
     def answers(self) -> list[Output]:
-        """To all that has come."""
+        """The answers to everything that has arrived."""
         outputs: list[Output] = []
         for event in self._mailbox.take_all():
             self._answer(event, outputs)
@@ -102,7 +102,7 @@ class NullEngine:
 
 
 def null_models(config: ServerConfig, engine: NullEngine) -> ModelRegistry:
-    """The null engine as the one model that is served."""
+    """A registry with the null engine as its only model."""
     prompts = PromptEncoder(NullEncoder(), config.prompt_cache)
     catalog = make_catalog(config, FACTS, "none", prompts.identity)
     return ModelRegistry(LoadedModel("null", engine, prompts, catalog))  # type: ignore[arg-type]
@@ -132,7 +132,7 @@ async def serve_grpc(response_bytes: int) -> None:
 
 
 async def serve(server: grpc.aio.Server) -> None:
-    """Until the process is ended."""
+    """Serve until the process is ended."""
     port = server.add_insecure_port("127.0.0.1:0")
     await server.start()
     threads = {thread.name: thread.native_id for thread in threading.enumerate()}

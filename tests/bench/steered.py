@@ -1,9 +1,10 @@
-"""How characters move under a stick that keeps speaking: `python -m tests.bench.steered [--characters 3]`.
+"""How characters move under a stick that is sent continuously: `python -m tests.bench.steered [--characters 3]`.
 
 Characters of the built-in model are steered ten times a second, by the real engine in virtual time: the model computes,
-and the engine's clock goes on by what its calls cost elsewhere. The sticks are those of players: straight on, in a
-circle, weaving, about-face, and stop and go, where bodies face as they go; sideways, backwards, and in a circle, facing
-one way; and backwards faster than bodies step, then ahead. What was shown is measured as the evaluation measures it.
+while the engine's clock advances by what its calls cost on another machine. The sticks are typical of players: straight
+on, in a circle, weaving, about-face, and stop and go, with the body facing the way it goes; sideways, backwards, and in
+a circle, with a fixed heading; and backwards faster than the body can step, then ahead. The shown motion is measured as
+in the evaluation.
 """
 
 from __future__ import annotations
@@ -57,14 +58,14 @@ _STICK_HZ, _REPORT_HZ, _WAY_S = 10.0, 4.0, 0.012
 _SPEED_M_S, _HOLD_FRAMES = 1.4, 10
 _STAND = "a person stands still"
 _STEERED_FROM_S = 2.0
-"""Until then they do that."""
+"""Until this time they stand."""
 _TOO_FAST_S = 3.0
 
 
 class Tilt(NamedTuple):
-    """Of a stick: the angle from z to x that it points at, its share of the stick's speed, and the angle to face.
+    """How a stick is tilted: its angle from z to x, its share of full speed, and the angle to face.
 
-    facing: None for the way the character goes.
+    facing: None for the direction of movement.
     """
 
     angle: float
@@ -73,7 +74,7 @@ class Tilt(NamedTuple):
 
 
 Stick = Callable[[float], Tilt]
-"""How a stick is held at a time in seconds."""
+"""A stick's tilt at a time in seconds."""
 
 STICKS: dict[str, Stick] = {
     "straight on": lambda _: Tilt(0.0),
@@ -89,7 +90,7 @@ STICKS: dict[str, Stick] = {
 
 
 class Screen:
-    """What a character's player sees. rows: those shown, by frame; seams: first frames of plans that the stick made."""
+    """What a character's player sees. rows: shown rows, by frame; seams: first frames of plans caused by the stick."""
 
     def __init__(self, fps: int) -> None:
         self.playback = Playback(fps)
@@ -108,18 +109,18 @@ class Screen:
                 self._rows += list(output.rows)
 
     def shown(self, now: float) -> tuple[Float32Array, list[int]]:
-        """The rows that were shown, and where plans met in them."""
+        """The rows that were shown, and the frames at which plans meet in them."""
         end = self.playback.frame_at(now)
         return np.stack(self._rows[:end]), [seam for seam in self._seams if seam < end]
 
 
 class Players:
-    """The engine's inbox: characters that open one after another and are steered; `deliver` is what they see."""
+    """The engine's inbox: characters that open one after another and are steered. `deliver` takes what they see."""
 
     def __init__(
         self, specs: Sequence[SessionSpec], sticks: Sequence[Stick], speed_m_s: float, fps: int, clock: VirtualClock
     ) -> None:
-        """speed_m_s: of a stick that is all the way out."""
+        """speed_m_s: at full tilt."""
         self._speed_m_s = speed_m_s
         self.screens = {spec.session: Screen(fps) for spec in specs}
         self._clock, self._began_at = clock, clock.now()
@@ -178,7 +179,7 @@ class Players:
         self._clock.time_s += max(1e-6, min(timeout_s, next_at - self._clock.now()))
 
     def ring(self) -> None:
-        """Nobody waits on another thread."""
+        """Does nothing: nothing waits on another thread."""
 
     def deliver(self, outputs: Sequence[Output]) -> None:
         for output in outputs:
@@ -187,7 +188,7 @@ class Players:
 
 @dataclass(frozen=True)
 class Crew:
-    """A model that computes, and what its characters are told. gaits: prompts of velocities; prompt: before any."""
+    """A model that computes, and its characters' prompts. gaits: for velocities; prompt: before any velocity."""
 
     runner: TorchRunner
     skeleton: Skeleton
@@ -218,7 +219,7 @@ class Crew:
 def play(
     crew: Crew, sticks: Sequence[Stick], num_steps: int, seconds: float, costs: Costs, speed_m_s: float = _SPEED_M_S
 ) -> Players:
-    """A character for each stick. speed_m_s: of one that is all the way out."""
+    """Play a character for each stick. speed_m_s: at full tilt."""
     clock = VirtualClock()
     specs = [crew.spec(number, num_steps) for number in range(len(sticks))]
     players = Players(specs, sticks, speed_m_s, crew.runner.facts.fps, clock)
@@ -234,10 +235,10 @@ def play(
 def measure(
     crew: Crew, screen: Screen, now: float, from_s: float = _STEERED_FROM_S
 ) -> tuple[float, float, float, float]:
-    """What was shown from a time on, while it was steered.
+    """Measure what was shown from a time on, while the character was steered.
 
-    The slowest foot's speed over the root's; share of frames in which all feet glide; 99th percentile of accelerations,
-    m/s2; 95th percentile of the jumps of acceleration where plans meet.
+    Returns the slowest foot's speed divided by the root's; the share of frames in which all feet glide; the 99th
+    percentile of accelerations, m/s2; the 95th percentile of the jumps in acceleration where plans meet.
     """
     fps = crew.runner.facts.fps
     rows, seams = screen.shown(now)
@@ -261,11 +262,11 @@ def _percentiles_ms(seconds: Sequence[float]) -> str:
 def main() -> int:
     parser = argparse.ArgumentParser(prog="python -m tests.bench.steered", description=(__doc__ or "").splitlines()[0])
     parser.add_argument("--sticks", nargs="+", choices=STICKS, default=list(STICKS))
-    parser.add_argument("--characters", type=int, default=2, help="of each stick (default: %(default)s)")
-    parser.add_argument("--speed", type=float, default=_SPEED_M_S, help="of a stick all the way out, m/s (%(default)s)")
+    parser.add_argument("--characters", type=int, default=2, help="for each stick (default: %(default)s)")
+    parser.add_argument("--speed", type=float, default=_SPEED_M_S, help="at full tilt of the stick, m/s (%(default)s)")
     parser.add_argument("--steps", type=int, default=4, help="denoising steps of a window")
     parser.add_argument("--seconds", type=float, default=14.0)
-    parser.add_argument("--slower", type=float, default=0.5, help="calls take so many times longer than alone")
+    parser.add_argument("--slower", type=float, default=0.5, help="factor on the time of calls, 1: idle machine")
     options = parser.parse_args()
     logging.disable(logging.CRITICAL)
     torch.set_num_threads(1)

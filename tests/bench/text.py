@@ -1,4 +1,4 @@
-"""What a prompt costs on its way to a vector: `python -m tests.bench.text`. Starts an encoder service of its own."""
+"""What it costs to turn a prompt into a vector: `python -m tests.bench.text`. Starts its own encoder service."""
 
 from __future__ import annotations
 
@@ -21,11 +21,11 @@ from tests.server.text.encoder.encoder_process import EncoderProcess
 WIDTH = 4096
 ROUNDS = 400
 AN_EDIT = 16
-"""Prompts of one edit: as many as a session has at most."""
+"""Prompts in one edit: the most that a session can have."""
 
 
 def measure(what: str, act: Callable[[int], object]) -> None:
-    """Print the median and the 99th percentile of one call, in microseconds. act: given its number."""
+    """Print the median and the 99th percentile of one call, in microseconds. act: is called with a number."""
     times = []
     for number in range(ROUNDS):
         started = time.perf_counter()
@@ -59,7 +59,7 @@ def main() -> int:
 
 
 async def measure_edits(encoder: TextEncoder) -> None:
-    """Print what new prompts of one edit cost this process, each asked for alone and all together, in microseconds."""
+    """Print what new prompts of one edit cost this process, requested one by one and together, in microseconds."""
     prompts = PromptEncoder(encoder, AN_EDIT)
     for what, together in (("each alone", 1), ("together", AN_EDIT)):
         started = time.process_time()

@@ -1,11 +1,11 @@
-"""Is as much let in as could be served, on part of a processor? `python -m tests.bench.throttled --cores 0.7 1 1.5`.
+"""Does admission let in as much as a CPU quota can serve? `python -m tests.bench.throttled --cores 0.7 1 1.5`.
 
-A server with its engines runs under a quota of processor time (`tests.bench.cpu_quota`), the load beside it without.
-First the most characters that it serves in full when it refuses nobody; then, on a server with the settings that there
-are by default, how many of so many times as many are let in, and what they get. Both come within the same time: a rush
-leaves windows behind that those who are served late miss frames by long after. In full is under 1 % of frames missed
-and nobody told of less; with `--undegraded` nobody can be told of less in the search, and missed frames alone count.
-`tests.bench.admission` is the same in virtual time.
+A server with its engines runs under a quota of CPU time (`tests.bench.cpu_quota`); the load is not limited. First, the
+most characters that the server serves in full if it refuses nobody; then, with default settings, how many of a multiple
+of them are let in, and what they get. Both arrive over the same time, because a rush leaves a backlog of windows due to
+which sessions miss frames long after. In full means under 1 % of frames missed and no session degraded; with
+`--undegraded` the search runs without degradation, and only missed frames count. `tests.bench.admission` does the same
+in virtual time.
 """
 
 from __future__ import annotations
@@ -33,7 +33,7 @@ from tests.server_process import over
 
 _FREE, _UNDEGRADED = ("--admit-load", "1000"), ("--degrade", "false")
 _BOTH = ("--log-level", "ERROR", "--max-sessions", "4096", "--events-per-second", "1000")
-_CHARACTERS_A_CORE = 60  # where the search begins
+_CHARACTERS_A_CORE = 60  # with which the search begins
 _REST_S = 3.0
 _REFUSED, _LEVEL, _FULL = "refused open", "service level: ", "service level: FULL"
 HEADER = (
@@ -45,7 +45,7 @@ HEADER = (
 
 @dataclass(frozen=True)
 class Machine:
-    """Part of a processor, and how many engines share it. settings: further ones of the server."""
+    """A CPU quota, and how many engines share it. settings: further settings of the server."""
 
     cores: float
     engines: int
@@ -54,7 +54,7 @@ class Machine:
 
     @contextmanager
     def server(self, *settings: str) -> Iterator[ServerProcess]:
-        """One that is ready, under the quota from its start on."""
+        """A server that is ready, and under the quota since its start."""
         ordinary = ("--devices", f"cpu:{self.engines}", *_BOTH)
         process = ServerProcess(over(ordinary, (*self.settings, *settings)))
         with CpuQuota(self.cores, self.shares) as quota:
@@ -68,10 +68,10 @@ class Machine:
 
 @dataclass(frozen=True)
 class Effort:
-    """scenario: its name. seconds: measured in each run. times: as many ask as could be served, all within ramp_s.
+    """scenario: its name. seconds: of each run. times: the multiple of the servable number that asks within ramp_s.
 
     program: a motiongen-load that plays instead of Python, which takes half a core for a hundred characters.
-    undegraded: the search is for what a server that gives nobody less misses few frames with.
+    undegraded: degradation is off in the search, so that only missed frames count.
     """
 
     scenario: str
@@ -96,13 +96,13 @@ async def play(server: ServerProcess, characters: int, effort: Effort) -> Result
 
 
 def times_told_of_less(result: Result) -> int:
-    """How often sessions were told of a level below FULL."""
+    """How often sessions were told of a service level below FULL."""
     told = dict(result.counts()).items()
     return sum(count for name, count in told if name.startswith(_LEVEL) and not name.startswith(_FULL))
 
 
 async def most_servable(machine: Machine, effort: Effort, guess: int) -> Most:
-    """The most characters that are served in full where everybody is let in."""
+    """The most characters that are served in full when all are let in."""
 
     def passes(result: Result) -> bool:
         return result.figures().miss_ratio < Standard.max_miss_ratio and not times_told_of_less(result)
@@ -118,7 +118,7 @@ async def most_servable(machine: Machine, effort: Effort, guess: int) -> Most:
 
 
 def row(machine: Machine, effort: Effort, could: Most, result: Result, others: float) -> str:
-    """The line of one machine. could: be served."""
+    """The row of one machine. could: the number that could be served."""
     counts, asked = dict(result.counts()), result.load.characters
     refused = sum(count for name, count in counts.items() if name.startswith(_REFUSED))
     edits, use = result.latency_ms(EVENT), result.server_use
@@ -151,16 +151,16 @@ def parse(arguments: Sequence[str] | None = None) -> argparse.Namespace:
     parser.add_argument("--cores", type=float, nargs="+", default=[0.7, 1.0, 1.5], help="quotas (default: 0.7 1 1.5)")
     parser.add_argument("--engines", type=int, nargs="+", default=[1, 2], help="for each quota (default: 1 2)")
     parser.add_argument("--scenario", nargs="+", default=["crowd"], choices=BUILT_IN)
-    parser.add_argument("--seconds", type=int, default=10, help="to measure in each run (default: %(default)s)")
+    parser.add_argument("--seconds", type=int, default=10, help="duration of each run (default: %(default)s)")
     parser.add_argument("--seed", type=int, default=1)
     parser.add_argument(
-        "--times", type=float, default=2.0, help="as many ask as could be served (default: %(default)g)"
+        "--times", type=float, default=2.0, help="multiple of the servable number that asks (default: %(default)g)"
     )
-    parser.add_argument("--ramp-s", type=float, default=20.0, help="within which all come (default: %(default)g)")
-    parser.add_argument("--could", type=int, help="be served, where it is known already: only the crowd is played")
-    parser.add_argument("--undegraded", action="store_true", help="search where nobody can be told of less")
-    parser.add_argument("--max-lag-ms", type=float, default=5.0, help="later loads are void (default: %(default)g)")
-    parser.add_argument("--program", type=Path, metavar="PATH", help="of motiongen-load, to play in place of Python")
+    parser.add_argument("--ramp-s", type=float, default=20.0, help="time in which all arrive (default: %(default)g)")
+    parser.add_argument("--could", type=int, help="the number that could be served, if known: skips the search")
+    parser.add_argument("--undegraded", action="store_true", help="search without degradation")
+    parser.add_argument("--max-lag-ms", type=float, default=5.0, help="a later load is void (default: %(default)g)")
+    parser.add_argument("--program", type=Path, metavar="PATH", help="of motiongen-load, to play instead of Python")
     parser.add_argument("--shares", type=int, default=1024, help="weight of the quota's group against others")
     return parser.parse_args(arguments)
 

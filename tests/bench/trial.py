@@ -1,4 +1,4 @@
-"""One trial: so many characters, in real time, with one runner and one policy; and the search for the most."""
+"""A trial: so many characters, in real time, with one runner and one policy; and the search for the most characters."""
 
 from __future__ import annotations
 
@@ -23,7 +23,7 @@ MOST_BY_OTHERS = 0.1
 
 @dataclass(frozen=True)
 class Contestant:
-    """An engine to measure. make_policy: a fresh one for each trial; it knows what the last one learned."""
+    """An engine to measure. make_policy: makes a new policy for each trial, which keeps what the last one learned."""
 
     name: str
     meaning: str
@@ -33,10 +33,10 @@ class Contestant:
 
 @dataclass(frozen=True)
 class Trial:
-    """What came of it. missed: the share of frame times without a frame, of those who were let in.
+    """A trial's results. missed: the share of frame times without a frame, of the characters that were let in.
 
-    rows: mean rows of a step. latencies_s: of the edits that were meant while it was measured, or before. refused: of
-    those who asked. less: how often anybody was told of less. others_share: of the machine, by others than us.
+    rows: mean rows per step. latencies_s: of edits scheduled before the end of the measured part. refused: characters
+    refused. less: how often a session was degraded. others_share: of the machine, used by other processes.
     """
 
     characters: int
@@ -57,13 +57,13 @@ class Trial:
 
     @property
     def disturbed(self) -> bool:
-        """Whether it failed while others used the machine: then it says little."""
+        """Whether it failed while other processes used the machine, so that it says little."""
         return not self.passed and self.others_share > MOST_BY_OTHERS
 
 
 @dataclass(frozen=True)
 class Effort:
-    """Seconds of a trial before and while it is measured; trials of the search at most, after the first two."""
+    """Seconds of a trial before and during measurement; the most trials of a search, after the first two."""
 
     warm_up_s: float = 5.0
     measure_s: float = 5.0
@@ -74,7 +74,7 @@ class Effort:
     product_s: float = 0.4
 
     def lasting(self, seconds: float) -> Effort:
-        """The same with trials of so many seconds."""
+        """A copy with trials of so many seconds."""
         return replace(self, warm_up_s=seconds, measure_s=seconds, latency_s=max(seconds, self.latency_s))
 
 
@@ -93,9 +93,9 @@ def run_trial(
     clock: BenchClock,
     lease: DeviceLease | None = None,
 ) -> Trial:
-    """Open all characters within half a second, let them settle, and count what each is short of from then on.
+    """Open all characters within half a second, let them settle, and from then on count what each misses.
 
-    lease: of the device that the engine is at, where it is no ordinary one.
+    lease: the engine's lease of its device, if not an ordinary one.
     """
     facts = contestant.runner.facts
     gc.collect()
@@ -139,9 +139,9 @@ def run_trial(
 
 
 def most_characters(passes: Callable[[int], bool], guess: int, num_trials: int) -> int:
-    """The greatest number that was seen to pass, from a guess on; 0 where even one character does not pass.
+    """The largest number found to pass, starting from a guess; 0 if not even one character passes.
 
-    num_trials: at most, counted from the first that passes.
+    num_trials: the most trials, counted from the first that passes.
     """
     bracket = Bracket(max(1, guess), tolerance=1 / 16)
     while num_trials > 0 and (number := bracket.next()) is not None:

@@ -1,8 +1,8 @@
-"""What the viewer costs: `python -m tests.bench.viewer`; with `--minutes 10`, whether its memory stays as it is.
+"""What the viewer costs: `python -m tests.bench.viewer`; with `--minutes 10`, whether its memory stays constant.
 
-A server with the built-in model, `motiongen view`, and Chromium without a GPU: pictures a second are those of drawing
-by software, and say nothing of a machine with one. What the page computes itself, draw calls, bytes and the bridge's
-share of a core do not depend on that.
+Runs a server with the built-in model, `motiongen view`, and Chromium without a GPU. Pictures per second are those of
+software rendering and say nothing about a machine with a GPU. The page's own computation, draw calls, bytes and the
+bridge's share of a core do not depend on that.
 """
 
 from __future__ import annotations
@@ -43,7 +43,7 @@ Object.assign(watched, { ms: [], bytes: 0, frames: 0, messages: 0, from });
 
 @dataclass(frozen=True)
 class Row:
-    """What was measured with so many characters."""
+    """Measurements with one number of characters."""
 
     count: int
     hz: float
@@ -63,10 +63,10 @@ def main() -> None:
     parser.add_argument("--counts", default="1,20,100,200", help="characters (default %(default)s)")
     parser.add_argument("--seconds", type=float, default=10.0, help="of each measurement (default %(default)s)")
     parser.add_argument(
-        "--minutes", type=int, default=0, help="watch memory for so long instead, with one minute a row"
+        "--minutes", type=int, default=0, help="watch memory for so long instead, printing one row per minute"
     )
     parser.add_argument("--precision", default="auto", help="of the server (default %(default)s)")
-    parser.add_argument("--server", metavar="HOST:PORT", help="one that runs, in place of one of its own")
+    parser.add_argument("--server", metavar="HOST:PORT", help="of a running server (default: start one)")
     options = parser.parse_args()
     settings = ["--admit-load", "1000", "--precision", options.precision, "--drain-wait-s", "0"]
     with contextlib.ExitStack() as stack:
@@ -93,7 +93,7 @@ def main() -> None:
 
 
 def measure(address: str, bridge: psutil.Process, count: int, seconds: float) -> Row:
-    """With so many characters in a room of their own, which are removed again."""
+    """Measure with so many characters in their own room, which are removed again."""
     room = f"{address}?room=of-{count}"
     full = _watched(room, count, seconds)
     cheap = _watched(plain(room), count, seconds, bridge=bridge)
@@ -113,7 +113,7 @@ def _watched(
     draws: bool = True,
     removes: bool = False,
 ) -> dict[str, Any]:
-    """A browser of its own on a page, watched for so long. draws: False leaves drawing out, and all else is done."""
+    """Watch a page in a new browser for so long. draws: False: do everything but draw."""
     driver = start_chromium(size=(1280, 860))
     try:
         page = Page(driver, address)
@@ -125,7 +125,7 @@ def _watched(
         )
         page.until("motiongen.cast.members.size === arguments[0]", count)
         page.until("[...motiongen.cast.members.values()].every(({ track }) => track.end > 0)")
-        page.run("motiongen.stage.adapt = () => {}")  # it would draw with less while this measures
+        page.run("motiongen.stage.adapt = () => {}")  # otherwise it would reduce its quality while this measures
         if not draws:
             page.run("motiongen.stage.render = () => {}")
         page.run(WATCH)
@@ -154,7 +154,7 @@ def _watched(
 
 
 def watch_memory(address: str, bridge: psutil.Process, watched: Sequence[psutil.Process], minutes: int) -> None:
-    """Eight characters that are told something every five seconds, a row a minute, after the garbage was collected."""
+    """Edit eight characters every five seconds, and print a row per minute, after garbage collection."""
     console = make_console()
     driver = start_chromium(size=(500, 400))
     try:

@@ -1,1 +1,1 @@
-"""The attack suite: a real server process under hostile clients, beside neighbours that must not notice."""
+"""The attack suite: a real server process under hostile clients, with good clients that must not notice."""

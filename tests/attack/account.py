@@ -1,8 +1,8 @@
-"""What a client was let do, and what that costs by the rules: a flood whose every message carries a ping.
+"""How much a flooding client is allowed, in tokens of the rate limit: every message of the flood carries a ping.
 
-A message is charged before its ping is answered, and nothing more is read of a stream that owes. So pings that are
-answered are messages that were taken, and their cost over the time that it took is what the server truly gave: a busy
-machine can only give less of it.
+A message is charged before its ping is answered, and a stream in debt is not read. So an answered ping stands for an
+accepted message, and the cost of these messages divided by the time is the rate that the server really granted: a busy
+machine can only lower it.
 """
 
 from __future__ import annotations
@@ -25,10 +25,10 @@ CORNERS = [0.0, 1.0]
 
 @dataclass(frozen=True)
 class Flood:
-    """Messages that are alike. events: of the message of a number. cost: of one message, at least, in tokens.
+    """Messages of one kind. events: of a message, by its number. cost: the least cost of a message, in tokens.
 
-    Costs are written down here once more, as `rpc/budgets/stream_budget.py` explains them, so that one that is lost
-    there is noticed.
+    Costs are repeated here, as explained in `rpc/budgets/stream_budget.py`, so that it is noticed if the server stops
+    charging one.
     """
 
     name: str
@@ -38,12 +38,12 @@ class Flood:
 
 
 def playheads(count: int) -> list[session_pb2.SessionEvent]:
-    """Of a session that is not there, which are dropped unanswered."""
+    """Playheads of a session that does not exist, which are dropped without an answer."""
     return [Event(session=NO_SESSION, playhead=session_pb2.Playhead(frame=1, buffered_to=2))] * count
 
 
 def paths(count: int, number: int) -> list[session_pb2.SessionEvent]:
-    """An edit of the session that is there, to walk along so many paths."""
+    """An edit of the existing session, with so many paths."""
     path = motion_pb2.RootPath(positions=CORNERS)
     upsert = [motion_pb2.Constraint(constraint_id=n, root_path=path) for n in range(1, 1 + count)]
     return [Event(session=1, event_seq=2 + number, edit_constraints=session_pb2.EditConstraints(upsert=upsert))]
@@ -60,7 +60,7 @@ FLOODS = (
 
 @dataclass
 class Given:
-    """What a stream got. tokens: of whole messages, but for the newest, which may be owed for. seconds: it took."""
+    """What a stream was granted. tokens: of all messages but the newest, which may be unpaid. seconds: the time."""
 
     tokens: float = 0.0
     seconds: float = 0.0
@@ -68,7 +68,7 @@ class Given:
 
 
 async def flood(address: str, of: Flood, enough: Callable[[Given], bool]) -> Given:
-    """Send without end, over a connection of its own, until enough was given or the stream has ended."""
+    """Send without end, over a new connection, until enough was granted or the stream has ended."""
     given, begun_s = Given(), time.monotonic()
     async with channel_to(address) as channel:
         call = service_pb2_grpc.MotionServiceStub(channel).StreamMotion()

@@ -1,4 +1,4 @@
-"""One attack: its server, its hostile clients, what neighbours noticed of it, and what it may cost them."""
+"""One attack: its server, its hostile clients, what good clients noticed, and the bounds on that."""
 
 from __future__ import annotations
 
@@ -32,16 +32,17 @@ MIB = 1 << 20
 
 @dataclass(frozen=True)
 class Attack:
-    """What hostile clients do, and what neighbours must not notice more of than this.
+    """What hostile clients do, and bounds on what their neighbours, the good clients, may notice.
 
-    kind: of `tests.attack.hostile`, "" for none. missed: share of frames; edit_ms: the 95th percentile; newcomer_s: how
-    soon a session that is opened meanwhile has frames; health_s: how soon health is told; grown_mib: memory, of all
-    processes of the server. log_mib: of its log. at_ops: on the port of operations. after: a kind of welcome clients
-    who come and go first, so that memory is not counted that an engine takes whoever fills its batches. to_the_end: the
-    clients go on while the server is asked to end. takes_places: they have sessions, as many as they get, so that
-    newcomers may find no room. slow_encoder: of texts; each edit of the neighbours has a new one. token_s: the server
-    asks for tokens, and that of the hostile clients is good for so long once they have begun. elsewhere: they are
-    another tenant, as clients of another address are another owner; what sessions take of a model is shared by owner.
+    kind: of `tests.attack.hostile`, "" for none. missed: share of frames; edit_ms: 95th percentile; newcomer_s: how
+    soon a session opened during the attack has frames; health_s: how soon a health check is answered; grown_mib: memory
+    of all server processes; log_mib: growth of the log. at_ops: attacks the port of operations. after: a kind of
+    well-behaved clients that come and go first, so that memory that an engine needs for full batches is not counted.
+    to_the_end: the attack goes on while the server is asked to end. takes_places: the hostile clients open as many
+    sessions as they get, so that there may be no room for newcomers. slow_encoder: the text encoder is slow, and each
+    edit of the neighbours has a new prompt. token_s: the server requires tokens, and that of the hostile clients is
+    valid for so long after they have begun. elsewhere: they are another tenant and so, like clients of another address,
+    another owner; sessions get their shares of a model by owner.
     """
 
     name: str
@@ -66,21 +67,21 @@ class Attack:
 
     @property
     def module(self) -> tuple[str, ...]:
-        """What its server is started as."""
+        """The module that its server is started from."""
         return BUILT_IN if self.built_in else SLOW_ENCODER if self.slow_encoder else NULL
 
     @property
     def server_settings(self) -> tuple[str, ...]:
-        """In place of what is ordinary."""
+        """Settings that differ from the usual ones."""
         return (*(EVERY_CORE if self.built_in else ()), *self.settings)
 
 
 @dataclass(frozen=True)
 class Suffered:
-    """What came of an attack while its server lived. gateway_cpu: of a core. quiet_noticed: before it, where asked for.
+    """Effects of an attack. gateway_cpu: as a share of a core. quiet_noticed: noticed before the attack, if requested.
 
-    grown_mib: while it went on; left_mib: after it. health_ms: of a health check meanwhile. newcomers: sessions opened
-    meanwhile, those that were served, refused by reason, and left to wait.
+    grown_mib: growth during the attack; left_mib: after it. health_ms: of a health check during the attack. newcomers:
+    of sessions opened during the attack, how many were served, refused (by reason), and still waiting.
     """
 
     noticed: Noticed
@@ -94,7 +95,7 @@ class Suffered:
 
 @dataclass(frozen=True)
 class Result:
-    """Of one attack. errors: in its log, of its own."""
+    """The result of one attack. errors: internal errors of the server in its log."""
 
     attack: Attack
     suffered: Suffered
@@ -108,7 +109,7 @@ class Result:
 
     @property
     def faults(self) -> list[str]:
-        """What neighbours noticed that they must not."""
+        """The bounds that were broken, in words."""
         attack, noticed, suffered = self.attack, self.noticed, self.suffered
         welcomed, refused, waiting = suffered.newcomers
         found = {
@@ -129,9 +130,9 @@ class Result:
 
 @contextmanager
 def hostile(attack: Attack, server: Attacked, token: str = "") -> Iterator[Clients]:
-    """The clients, until the end of the block. token: that they show.
+    """Run the hostile clients until the end of the block. token: sent with their calls.
 
-    Raises HostileClientEnded where one has not lived so long.
+    Raises HostileClientEnded if one ends earlier.
     """
     at = f"127.0.0.1:{server.ops_port}" if attack.at_ops else server.address
     with Clients(attack.kind, at, attack.clients, {**os.environ, TOKEN_VARIABLE: token}) as clients:
@@ -139,9 +140,9 @@ def hostile(attack: Attack, server: Attacked, token: str = "") -> Iterator[Clien
 
 
 async def health_ms(server: Attacked, by_http: bool, within_s: float = HEALTH_S) -> float:
-    """How long a health check takes, over a connection of its own; beyond within_s where it is not answered.
+    """How long a health check takes over a new connection; more than within_s if it is not answered.
 
-    by_http: as orchestrators ask, on the port of operations, where no more connections fit on the other.
+    by_http: ask on the port of operations, as orchestrators do; for attacks that use up the connections of the other.
     """
     begun_s, address = time.perf_counter(), server.address
     if by_http:
@@ -160,7 +161,7 @@ async def health_ms(server: Attacked, by_http: bool, within_s: float = HEALTH_S)
 async def suffer(
     attack: Attack, server: Attacked, seconds: float, tokens: Tokens | None = None, quiet_s: float = 0.0
 ) -> Suffered:
-    """Let the attack go on for so long. quiet_s: for which neighbours are alone before."""
+    """Run the attack for so long. quiet_s: how long the neighbours are alone before it."""
     good_token = bearer(tokens.good) if tokens else ()
     playing = neighbours(server.address, new_prompts=attack.slow_encoder, metadata=good_token)
     async with playing as good, newcomers(server.address, good_token) as coming:
@@ -180,7 +181,7 @@ async def suffer(
             tokens.let_in_for(LONG_S if attack.token_s is None else 2 * WARM_S + attack.token_s)
         with hostile(attack, server, tokens.hostile if tokens else "") as clients:
             await clients.begun()
-            await asyncio.sleep(WARM_S)  # until all of it goes on
+            await asyncio.sleep(WARM_S)  # until the attack is fully under way
             good.forget()
             coming.forget()
             cpu_s, begun_s, most_mib = server.cpu_s(), time.perf_counter(), 0.0
@@ -198,7 +199,7 @@ async def suffer(
 
 
 async def run(attack: Attack, seconds: float, log: Path, quiet_s: float = 0.0) -> Result:
-    """A fresh server, attacked. quiet_s: as in `suffer`."""
+    """Attack a new server. quiet_s: as in `suffer`."""
     tokens = Tokens(log.parent) if attack.elsewhere or attack.token_s is not None else None
     settings = (*attack.server_settings, *(tokens.settings if tokens else ()))
     with ExitStack() as still_there, attacked(log, settings, attack.most_files, attack.module) as server:
@@ -212,7 +213,7 @@ async def run(attack: Attack, seconds: float, log: Path, quiet_s: float = 0.0) -
 
 
 def row(result: Result) -> str:
-    """Of the table."""
+    """The attack's row of the table."""
     noticed, attack, suffered = result.noticed, result.attack, result.suffered
     tier = "FULL" if noticed.lowest_tier == TIER_FULL else str(noticed.lowest_tier)
     verdict = "; ".join(result.faults) or "held"
@@ -228,7 +229,7 @@ def row(result: Result) -> str:
 
 
 def table(rows: Iterable[str]) -> str:
-    """A row an attack, in Markdown."""
+    """A Markdown table with a row for each attack."""
     head = (
         "| attack | clients | frames missed | edits p95 | pings p95 | tier | newcomers | memory grown / left | health "
     )
@@ -239,5 +240,5 @@ def table(rows: Iterable[str]) -> str:
 
 
 def machine() -> str:
-    """What it was measured on."""
+    """The machine that was used."""
     return f"{psutil.cpu_count()} cores, load {psutil.getloadavg()[0]:.1f}"

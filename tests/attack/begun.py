@@ -1,4 +1,4 @@
-"""What a hostile client says once it has reached the server: whoever has started it waits for that."""
+"""How a hostile client reports that it has reached the server; the process that started it waits for that."""
 
 from __future__ import annotations
 
@@ -8,12 +8,12 @@ _said: list[str] = []
 
 
 def begun() -> None:
-    """Say it, the first time."""
+    """Report it, the first time that this is called."""
     if not _said:
         _said.append("begun")
         print(*_said, file=sys.stdout, flush=True)
 
 
 def has_begun() -> bool:
-    """Whether it has been said."""
+    """Whether it has been reported."""
     return bool(_said)

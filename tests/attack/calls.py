@@ -1,4 +1,4 @@
-"""What hostile clients have in common: calls whose messages are bytes, again and again, over many connections."""
+"""Common parts of hostile clients: repeated calls with raw bytes as messages, over many connections."""
 
 from __future__ import annotations
 
@@ -24,12 +24,12 @@ STREAMS = 8
 
 
 def _showing(details: Any, token: str) -> Any:
-    """What is known of a call, with a token to show."""
+    """A call's details, with a token added to its metadata."""
     return details._replace(metadata=(*(details.metadata or ()), *bearer(token)))
 
 
 class _ShowingOnStreams(grpc.aio.StreamStreamClientInterceptor):  # type: ignore[misc]  # grpcio has no types for it
-    """Shows a token with every stream of a connection."""
+    """Sends a token with every stream of a connection."""
 
     def __init__(self, token: str) -> None:
         self._token = token
@@ -39,7 +39,7 @@ class _ShowingOnStreams(grpc.aio.StreamStreamClientInterceptor):  # type: ignore
 
 
 class _ShowingOnClips(grpc.aio.UnaryStreamClientInterceptor):  # type: ignore[misc]  # grpcio has no types for it
-    """The same for calls that are answered by a stream."""
+    """The same for calls with a response stream."""
 
     def __init__(self, token: str) -> None:
         self._token = token
@@ -50,9 +50,9 @@ class _ShowingOnClips(grpc.aio.UnaryStreamClientInterceptor):  # type: ignore[mi
 
 @asynccontextmanager
 async def channel_to(address: str, *more: tuple[str, int]) -> AsyncIterator[grpc.aio.Channel]:
-    """A connection of its own, which shows the hostile clients' token with streams and clips, where they have one.
+    """A new connection that sends the hostile clients' token, if they have one, with streams and clips.
 
-    The first that is there has begun the attack. more: options.
+    The first established connection reports that the attack has begun. more: options.
     """
     token = os.environ.get(TOKEN_VARIABLE, "")
     showing = [_ShowingOnStreams(token), _ShowingOnClips(token)] if token else []
@@ -67,18 +67,18 @@ async def channel_to(address: str, *more: tuple[str, int]) -> AsyncIterator[grpc
 
 
 async def _tell(channel: grpc.aio.Channel) -> None:
-    """Once it has reached a server that speaks HTTP/2; some attacks have no answer to wait for."""
+    """Report it once the connection has reached an HTTP/2 server; some attacks have no answer to wait for."""
     await channel.channel_ready()
     begun()
 
 
 def bare_stream(channel: grpc.aio.Channel) -> Any:
-    """A stream of messages as they are."""
+    """A stream with raw bytes as messages."""
     return channel.stream_stream(f"/{SERVICE_NAME}/StreamMotion")()
 
 
 async def for_ever(act: Callable[[], Awaitable[None]]) -> None:
-    """Again and again, whatever the server says to it."""
+    """Act again and again, whatever the server answers."""
     while True:
         try:
             await act()
@@ -91,13 +91,13 @@ async def many(count: int, act: Callable[[], Awaitable[None]]) -> None:
 
 
 async def drain(call: Any) -> None:
-    """Read and forget."""
+    """Read and discard everything."""
     while await call.read() is not grpc.aio.EOF:
         pass
 
 
 async def flood(address: str, messages: list[bytes], reads: bool = True, streams: int = STREAMS) -> None:
-    """The same messages on each of some streams, over a connection each."""
+    """Send the same messages on each of some streams, with a connection each."""
 
     async def once() -> None:
         async with channel_to(address) as channel:

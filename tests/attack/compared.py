@@ -1,10 +1,10 @@
-"""What hostile clients cost their neighbours in time, moment against moment: `python -m tests.attack.compared`.
+"""What hostile clients cost other clients in latency: `python -m tests.attack.compared`.
 
     python -m tests.attack.compared [--only KIND ...] [--turns N] [--seconds S]
 
-On one server, quiet moments and attacked ones take turns, so that what else the machine does falls on both alike. The
-99th percentile of edits and pings is told for each. Kinds are those of `tests.attack.hostile`; by default such as do
-not read. Where they take all places, it is also told how soon newcomers are refused.
+Quiet periods and attacks alternate on one server, so that other work on the machine affects both alike. The table has
+the 99th percentiles of edits and pings for both. Kinds are those of `tests.attack.hostile`; the default is those that
+do not read. For kinds that take all places, it also has how soon newcomers are refused.
 """
 
 from __future__ import annotations
@@ -26,12 +26,12 @@ from tests.attack.server import attacked
 
 SLOW_READERS = ("byte_a_second", "unread_streams", "unread_clips")
 STREAMS = 9
-"""Of neighbours, four sessions each: so many edits that one in a hundred can be told of."""
+"""Streams of good clients, four sessions each: they make enough edits for a 99th percentile."""
 
 
 @dataclass
 class Moments:
-    """Of one sort, all together. refused_ms: of newcomers, how soon they were told."""
+    """The figures of all quiet periods, or of all attacks. refused_ms: how soon newcomers were refused."""
 
     edits_ms: list[float] = field(default_factory=list)
     pings_ms: list[float] = field(default_factory=list)
@@ -40,7 +40,7 @@ class Moments:
     frames: int = 0
 
     def add(self, noticed: Noticed, refused_ms: list[float]) -> None:
-        """One more."""
+        """Add a period."""
         self.edits_ms += noticed.edits_ms
         self.pings_ms += noticed.pings_ms
         self.refused_ms += refused_ms
@@ -49,7 +49,7 @@ class Moments:
 
     @property
     def row(self) -> str:
-        """Cells of a table."""
+        """Cells of the table."""
         refused = f"{p99(self.refused_ms):.0f} ms of {len(self.refused_ms)}" if self.refused_ms else ""
         return (
             f"{len(self.edits_ms)} | {p99(self.edits_ms):.0f} ms | {len(self.pings_ms)} | {p99(self.pings_ms):.0f} ms "
@@ -58,12 +58,12 @@ class Moments:
 
 
 def p99(values: list[float]) -> float:
-    """The 99th percentile; infinite where there are none."""
+    """The 99th percentile; infinite if there are no values."""
     return float(np.percentile(values, 99)) if values else float("inf")
 
 
 async def compare(attack: Attack, turns: int, seconds: float, log: Path) -> tuple[Moments, Moments]:
-    """Quiet moments and attacked ones, in turn, on one server."""
+    """Measure quiet periods and attacks, alternately, on one server."""
     quiet, troubled = Moments(), Moments()
     with attacked(log, attack.server_settings, attack.most_files, attack.module) as server:
         async with neighbours(server.address, STREAMS) as good, newcomers(server.address) as coming:
@@ -87,9 +87,9 @@ async def main() -> int:
     parser = argparse.ArgumentParser(
         prog="python -m tests.attack.compared", description=(__doc__ or "").splitlines()[0]
     )
-    parser.add_argument("--only", nargs="*", default=list(SLOW_READERS), help="kinds (default: who does not read)")
-    parser.add_argument("--turns", type=int, default=5, help="of both, for each kind (default: %(default)s)")
-    parser.add_argument("--seconds", type=float, default=6.0, help="of each moment (default: %(default)s)")
+    parser.add_argument("--only", nargs="*", default=list(SLOW_READERS), help="kinds (default: those that do not read)")
+    parser.add_argument("--turns", type=int, default=5, help="periods of both, for each kind (default: %(default)s)")
+    parser.add_argument("--seconds", type=float, default=6.0, help="length of a period (default: %(default)s)")
     options = parser.parse_args()
     print("| attack | moments | edits | edits p99 | pings | pings p99 | frames missed | newcomers refused, p99 |")
     print("|---|---|---:|---:|---:|---:|---:|---:|")

@@ -1,8 +1,8 @@
-"""What memory a session leaves behind: `python -m tests.attack.cycles [--cycles N] [--model none|tiny|built-in]`.
+"""How much memory a session leaves behind: `python -m tests.attack.cycles [--cycles N] [--model none|tiny|built-in]`.
 
-Sessions are opened, edited and closed, some at a time; resident memory is noted along the way, of each process of the
-server, and its slope is told in bytes a cycle. Where that is more than is allowed, the exit code is 1. Of less than
-some ten thousand cycles resident memory tells nothing; what is in use (`--in-use`) does of some hundreds.
+Sessions are opened, edited and closed, a few at a time, while the resident memory of each server process is read.
+Prints its slope in bytes per cycle; exits with code 1 if that is more than allowed. Resident memory says something only
+after some ten thousand cycles, memory in use (`--in-use`) after some hundreds.
 """
 
 from __future__ import annotations
@@ -31,7 +31,7 @@ from tests.conftest import TINY_MODEL
 AT_ONCE = 16
 PARTS = 20
 MOST_BYTES = 50
-"""A cycle, of each process."""
+"""Allowed growth per cycle, of each process."""
 SETTINGS = ("--stream-events-per-second", "1000000", "--peer-events-per-second", "1000000", "--admit-load", "1000",
             "--degrade", "false", "--profile-s", "1", "--loop-share", "1000000000")  # fmt: skip
 MODELS: dict[str, tuple[tuple[str, ...], tuple[str, ...]]] = {
@@ -39,7 +39,7 @@ MODELS: dict[str, tuple[tuple[str, ...], tuple[str, ...]]] = {
     "tiny": (BUILT_IN, ("--model", str(TINY_MODEL), "--text-encoder", "hashed")),
     "built-in": (BUILT_IN, ()),
 }
-"""What starts the server, and its settings: nothing is computed, or by a model."""
+"""The server's module and settings, by model; with "none", nothing is computed."""
 Event = session_pb2.SessionEvent
 
 
@@ -53,7 +53,7 @@ class Cycles:
         self._call = service_pb2_grpc.MotionServiceStub(self._channel).StreamMotion()
 
     async def run(self, cycles: int) -> None:
-        """So many more of them."""
+        """Run so many more cycles."""
         if not self.count:
             await self._call.write(service_pb2.StreamMotionRequest(hello=service_pb2.ClientHello()))
         end = self.count + cycles
@@ -86,17 +86,17 @@ class Cycles:
 
 @dataclass(frozen=True)
 class Readings:
-    """Of each process of a server, the gateway first, after so many cycles: (readings,) and (readings, processes)."""
+    """Memory of a server's processes, gateway first, after so many cycles: (readings,) and (readings, processes)."""
 
     cycles: list[int]
     values: list[list[int]]
 
     def slopes(self, step_bytes: float = math.inf) -> list[float]:
-        """Bytes a cycle that each process grows by, after the first half: the median of what any two readings tell.
+        """Each process's growth in bytes per cycle, after the first half: the median slope over all pairs of readings.
 
-        So a reading that some cache, or the end of a rest, has made higher or lower than its neighbours counts little.
-        step_bytes: by which a reading may differ from the one before more than readings mostly do; what differs more is
-        a cache that has filled at once, and counts as they mostly do. A leak is there in every part.
+        So a reading that is off because of a cache, or the end of a rest, counts little. step_bytes: by how much the
+        change between two readings may exceed the usual change; a larger jump is a cache that was filled at once, and
+        counts as a usual change. A leak grows in every part.
         """
         half = len(self.cycles) // 2
         grown = np.diff(np.array(self.values[half:], float), axis=0)
@@ -110,14 +110,14 @@ class Readings:
 
 
 def resident_bytes(pid: int) -> int:
-    """Memory of a process."""
+    """Resident memory of a process."""
     return int(psutil.Process(pid).memory_info().rss)
 
 
 async def measure(
     server: Attacked, cycles: int, bytes_of: Callable[[int], int] = resident_bytes, parts: int = PARTS
 ) -> Readings:
-    """Run so many cycles, in parts, and read memory whenever all sessions are closed. bytes_of: a process."""
+    """Run so many cycles, in parts, and read memory after each, when all sessions are closed. bytes_of: reads it."""
     client = Cycles(server.address)
     readings = Readings([], [])
     begun_s = time.perf_counter()
@@ -133,18 +133,18 @@ async def measure(
 
 
 def judged(readings: Readings) -> tuple[str, bool]:
-    """The slopes in words, and whether they are within what is allowed."""
+    """The slopes in words, and whether they are within the bound."""
     slopes = readings.slopes()
     grown = ", ".join(f"{slope:.0f}" for slope in slopes)
-    return f"bytes a cycle, gateway and engines: {grown}; allowed are {MOST_BYTES}", max(slopes) <= MOST_BYTES
+    return f"bytes per cycle, gateway and engines: {grown}; at most {MOST_BYTES} are allowed", max(slopes) <= MOST_BYTES
 
 
 async def main() -> int:
-    """Returns the exit code: 1 where a process grows by more than is allowed."""
+    """Returns the exit code: 1 if a process grows by more than is allowed."""
     parser = argparse.ArgumentParser(prog="python -m tests.attack.cycles", description=__doc__)
     parser.add_argument("--cycles", type=int, default=100_000, help="default: %(default)s")
-    parser.add_argument("--model", choices=MODELS, default="none", help="what computes (default: %(default)s)")
-    parser.add_argument("--in-use", action="store_true", help="what is in use, to the byte, not what is resident")
+    parser.add_argument("--model", choices=MODELS, default="none", help="what is served (default: %(default)s)")
+    parser.add_argument("--in-use", action="store_true", help="read memory in use, instead of resident memory")
     options = parser.parse_args()
     module, settings = MODELS[options.model]
     with contextlib.ExitStack() as context:

@@ -1,10 +1,10 @@
-"""Whether SIGTERM ends a server with 0, whatever goes on: `python -m tests.attack.endings [--times N]`.
+"""Whether SIGTERM ends a server with exit code 0 in any situation: `python -m tests.attack.endings [--times N]`.
 
-`python -m tests.attack` makes the same table after its own.
+`python -m tests.attack` prints the same table after its own.
 
-A table of moments, of a server each: while it loads the built-in model, at moments spread over the start; twice; and
-with clients that do not read. Exit code 1 where a server ended with anything else, or not within its grace and what it
-may take beyond.
+The table has a row for each situation, with a new server: while it loads the built-in model, at times spread over the
+start; with a second SIGTERM; and with clients that do not read. Exits with code 1 if a server ended with another exit
+code, or later than its grace and a margin.
 """
 
 from __future__ import annotations
@@ -28,13 +28,13 @@ from tests.conftest import ROOT
 TIMES = 9
 LIMIT_S = 60.0
 BEYOND_GRACE_S = 5.0
-"""What an orchestrator adds to the grace; see docs/operations.md."""
+"""The margin that an orchestrator adds to the grace; see docs/operations.md."""
 LONG_GRACE = ("--drain-grace-s", "3600")
 HOSTILE_S = 2.5
 
 
 def catches_sigterm(pid: int) -> bool:
-    """Whether a process has a handler for SIGTERM; before that it is not Python yet that runs."""
+    """Whether a process has a handler for SIGTERM; it has none before Python runs."""
     status = Path(f"/proc/{pid}/status").read_text(encoding="ascii")
     caught = next(line for line in status.splitlines() if line.startswith("SigCgt"))
     return bool(int(caught.split()[1], 16) & 1 << (signal.SIGTERM - 1))
@@ -42,7 +42,7 @@ def catches_sigterm(pid: int) -> bool:
 
 @dataclass(frozen=True)
 class Ending:
-    """exit_code: None where it did not come in time. took_s: from the last SIGTERM."""
+    """exit_code: None if the server did not end in time. took_s: from the last SIGTERM."""
 
     moment: str
     exit_code: int | None
@@ -55,7 +55,7 @@ class Ending:
 
 @contextmanager
 def loading(log: Path) -> Iterator[subprocess.Popen[str]]:
-    """A server with the built-in model, which can be asked to end from now on."""
+    """A server that starts with the built-in model, and handles SIGTERM from now on."""
     with log.open("w", encoding="utf-8") as errors:
         process = subprocess.Popen(
             [sys.executable, "-m", *BUILT_IN, *ORDINARY], cwd=ROOT, stdout=subprocess.PIPE, stderr=errors, text=True
@@ -71,7 +71,7 @@ def loading(log: Path) -> Iterator[subprocess.Popen[str]]:
 
 
 def seconds_to_load(log: Path) -> float:
-    """From the first moment at which SIGTERM is caught until it is ready."""
+    """From when SIGTERM is handled until the server is ready."""
     with loading(log) as process:
         begun_s = time.perf_counter()
         assert process.stdout is not None
@@ -80,7 +80,7 @@ def seconds_to_load(log: Path) -> float:
 
 
 def end(process: subprocess.Popen[str], moment: str, signals: int = 1) -> Ending:
-    """Ask it to end, so many times."""
+    """Send so many SIGTERMs."""
     for _ in range(signals):
         process.send_signal(signal.SIGTERM)
     begun_s = time.perf_counter()
@@ -91,7 +91,7 @@ def end(process: subprocess.Popen[str], moment: str, signals: int = 1) -> Ending
 
 
 def while_it_loads(log: Path, times: int) -> list[Ending]:
-    """At moments spread evenly over the start, once and twice."""
+    """Send SIGTERM at times spread evenly over the start, once and twice."""
     whole_s = seconds_to_load(log)
     endings = []
     for number in range(times):
@@ -104,7 +104,7 @@ def while_it_loads(log: Path, times: int) -> list[Ending]:
 
 
 def while_it_serves(log: Path, moment: str, kind: str, settings: tuple[str, ...], signals: int, at_ops: bool) -> Ending:
-    """With hostile clients of a kind."""
+    """Send SIGTERM while hostile clients of a kind are connected."""
     with ExitStack() as still_there, attacked(log, settings, module=NULL) as server:
         still_there.enter_context(hostile(Attack(moment, kind, at_ops=at_ops), server))
         time.sleep(HOSTILE_S)
@@ -117,7 +117,7 @@ def while_it_serves(log: Path, moment: str, kind: str, settings: tuple[str, ...]
 
 SERVING = (
     ("streams that are not read", "unread_streams", (), 1, False),
-    ("readers of a byte a second", "byte_a_second", (), 1, False),
+    ("clients that read a byte per second", "byte_a_second", (), 1, False),
     ("clips that are not read", "unread_clips", (), 1, False),
     ("metrics that are not read", "unread_metrics", (), 1, True),
     ("twice, a grace of an hour, streams that are not read", "unread_streams", LONG_GRACE, 2, False),
@@ -126,7 +126,7 @@ SERVING = (
 
 
 def all_endings(folder: Path, times: int = TIMES) -> list[Ending]:
-    """Of every moment there is. times: while it loads."""
+    """The endings in all situations. times: how many while the server loads."""
     log = folder / "endings.log"
     endings = while_it_loads(log, times)
     for moment, kind, settings, signals, at_ops in SERVING:
@@ -135,7 +135,7 @@ def all_endings(folder: Path, times: int = TIMES) -> list[Ending]:
 
 
 def endings_table(endings: list[Ending]) -> str:
-    """A row an ending, in Markdown."""
+    """A Markdown table with a row for each ending."""
     rows = [
         f"| {each.moment} | {each.exit_code} | {each.took_s:.1f} s | {'held' if each.holds else 'FAILED'} |"
         for each in endings
@@ -145,7 +145,7 @@ def endings_table(endings: list[Ending]) -> str:
 
 def main() -> int:
     parser = argparse.ArgumentParser(prog="python -m tests.attack.endings", description=__doc__)
-    parser.add_argument("--times", type=int, default=TIMES, help="while it loads (default: %(default)s)")
+    parser.add_argument("--times", type=int, default=TIMES, help="endings while it loads (default: %(default)s)")
     asked = parser.parse_args()
     with tempfile.TemporaryDirectory() as folder:
         endings = all_endings(Path(folder), asked.times)

@@ -1,9 +1,9 @@
-"""What neighbours notice of a process that is stopped or killed, and of a disk that is full.
+"""What clients notice when a process is stopped or killed, or when the disk is full.
 
     python -m tests.attack.faults [--only WORDS ...] [--times N]
 
-A table of every fault on a server of its own, and exit code 1 where sessions were lost that need not be, where those
-that live did not play on in full, or where the server did not end with 0. Some fifteen seconds a fault.
+Prints a table of faults, each on a new server. Exits with code 1 if more sessions were lost than necessary, if the
+others did not play on in full, or if the server did not end with exit code 0. Takes some fifteen seconds per fault.
 """
 
 from __future__ import annotations
@@ -36,11 +36,11 @@ FULL_DISK_BYTES = 4096
 NEW_PROMPTS = 40
 ANSWERED = 30
 NOT_KEPT = "cannot be used"
-"""What the log says of a prompt store once a write to it has failed."""
+"""What the log says about a prompt store after a write to it has failed."""
 
 
 async def stop(process: psutil.Process) -> None:
-    """SIGSTOP for a while, as a machine that swaps or a debugger does."""
+    """Stop a process for a while with SIGSTOP, like a machine that swaps or a debugger."""
     process.suspend()
     try:
         await asyncio.sleep(STOPPED_S)
@@ -57,16 +57,16 @@ async def stop_gateway(server: Attacked) -> None:
 
 
 async def kill_engine(server: Attacked) -> None:
-    """SIGKILL, as the kernel does where memory is short."""
+    """Send SIGKILL, as the kernel does when memory is short."""
     engine = server.engines()[0]
     engine.kill()
     await asyncio.to_thread(psutil.wait_procs, [engine], 10.0)
 
 
 async def fill_disk(server: Attacked) -> None:
-    """No file of the server can grow any more, the prompt store and its log neither; then come prompts that are new.
+    """Let no file of the server grow any more, including the prompt store and its log; then send new prompts.
 
-    Raises RuntimeError where these are not answered, TimeoutError where the store has found nothing wrong.
+    Raises RuntimeError if these are not answered, TimeoutError if the store does not report a failure.
     """
     for process in (server.process, *below(server.process)):
         resource.prlimit(process.pid, resource.RLIMIT_FSIZE, (FULL_DISK_BYTES, FULL_DISK_BYTES))
@@ -90,9 +90,9 @@ async def fill_disk(server: Attacked) -> None:
 
 @dataclass(frozen=True)
 class Fault:
-    """act: does it, and undoes it where that is possible. lost: of the sessions, so many end with it.
+    """act: causes the fault, and undoes it if possible. lost: how many sessions end with it.
 
-    engines: how many processes of them the server has.
+    engines: the server's number of engine processes.
     """
 
     name: str
@@ -104,7 +104,7 @@ class Fault:
 
 @dataclass(frozen=True)
 class Outcome:
-    """again_s: from the fault's end until all that live played. open_s: until new ones did. noticed: after that."""
+    """again_s: from the fault's end until all remaining sessions play. open_s: until new ones do. noticed: later."""
 
     fault: Fault
     again_s: float
@@ -114,7 +114,7 @@ class Outcome:
 
     @property
     def wrong(self) -> list[str]:
-        """What must not be."""
+        """What should not have happened, in words."""
         lost = len(self.noticed.closed)
         found = {
             f"{lost} sessions were lost, not {self.fault.lost}": lost != self.fault.lost,
@@ -125,7 +125,7 @@ class Outcome:
 
 
 async def run(fault: Fault, folder: Path, after_s: float = AFTER_S) -> Outcome:
-    """One fault, on a server of its own."""
+    """Cause one fault, on a new server."""
     settings = tuple(setting.replace("FOLDER", str(folder)) for setting in fault.settings)
     with attacked(folder / "log", settings) as server:
         engines = [each.pid for each in server.engines()]
@@ -155,7 +155,7 @@ FAULTS = (
 
 
 def table(outcomes: list[Outcome]) -> str:
-    """A row for each, in Markdown."""
+    """A Markdown table with a row for each fault."""
     lines = [
         "| fault | sessions lost of 12 | others play again after | new ones after | frames missed then | exit code "
         "| verdict |",
@@ -171,7 +171,7 @@ def table(outcomes: list[Outcome]) -> str:
 
 async def main() -> int:
     parser = argparse.ArgumentParser(prog="python -m tests.attack.faults", description=__doc__)
-    parser.add_argument("--only", nargs="*", default=[], metavar="WORD", help="faults with one of these in their name")
+    parser.add_argument("--only", nargs="*", default=[], metavar="WORD", help="faults whose name contains one of these")
     parser.add_argument("--times", type=int, default=1, help="of each fault (default: %(default)s)")
     options = parser.parse_args()
     outcomes = []

@@ -9,7 +9,7 @@ from tests.attack.tokens import Metadata
 
 
 class GoodStream:
-    """To be derived from. What is begun belongs into `_tasks`. metadata: that the call shows."""
+    """A base class. Tasks that subclasses start belong in `_tasks`. metadata: of the call."""
 
     def __init__(self, stub: service_pb2_grpc.MotionServiceStub, metadata: Metadata = ()) -> None:
         self._call = stub.StreamMotion(metadata=metadata)

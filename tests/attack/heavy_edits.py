@@ -1,4 +1,4 @@
-"""Hostile edits that take much longer than others of as many bytes; see `tests.attack.hostile`."""
+"""Hostile edits that take much longer than others of the same size; see `tests.attack.hostile`."""
 
 from __future__ import annotations
 
@@ -9,7 +9,7 @@ from tests.attack.calls import Event, Request, flood
 
 SESSIONS = 32
 MOST = 256
-"""Constraints of an edit."""
+"""Constraints in an edit."""
 
 
 def _opens() -> bytes:
@@ -25,13 +25,13 @@ async def _edit(address: str, constraints: Sequence[motion_pb2.Constraint]) -> N
 
 
 async def long_paths(address: str) -> None:
-    """Edits of 256 paths each, every one a walk of nine minutes in a few bytes."""
+    """Edits of 256 paths each, where every path is a walk of nine minutes in a few bytes."""
     path = motion_pb2.RootPath(positions=[0.0, 600.0], speed_mps=1.2)
     await _edit(address, [motion_pb2.Constraint(constraint_id=number, root_path=path) for number in range(1, MOST + 1)])
 
 
 def _rotations(numbers: Sequence[int]) -> list[motion_pb2.Constraint]:
-    """To be reached whenever that is possible, so that an engine places each."""
+    """Rotations that leave their frames open, so that the engine has to place each."""
     turn = motion_pb2.JointRotations(joints=[3], rotations=[1.0, 0.0, 0.0, 0.0])
     return [motion_pb2.Constraint(constraint_id=number, at_any_frame=True, joint_rotations=turn) for number in numbers]
 
@@ -42,7 +42,7 @@ async def many_rotations(address: str) -> None:
 
 
 async def refused_rotations(address: str) -> None:
-    """Opens of as many, of which the last is wrong: it is found when all others are converted, and no session pays."""
+    """Opens with as many, of which the last is invalid: all others are converted first, and no session pays for it."""
     opening = session_pb2.OpenSession(constraints=_rotations([*range(1, MOST), 0]))
     opens = [Event(session=n, event_seq=1, open=opening) for n in range(SESSIONS)]
     await flood(address, [Request(events=[event]).SerializeToString() for event in opens])

@@ -1,4 +1,4 @@
-"""Hostile clients whose calls hold places: begun and not asked, answered and not read; see `tests.attack.hostile`."""
+"""Hostile clients whose calls hold places: without a request, or with unread answers; see `tests.attack.hostile`."""
 
 from __future__ import annotations
 
@@ -14,13 +14,13 @@ from tests.raw_calls import beginning, call_of
 
 CONNECTIONS = 17
 CALLS_OF_A_CONNECTION = 250
-"""4,250 in all: more than there are places for all kinds of calls together."""
+"""4,250 in total: more than there are places for all kinds of calls together."""
 RETRY_S = 0.5
 CHECK = "/grpc.health.v1.Health/Check"
 HALF_OPEN = (f"/{SERVICE_NAME}/GetCatalog", CHECK, f"/{SERVICE_NAME}/GenerateClip", "/grpc.health.v1.Health/Watch")
 UNREAD = (*HALF_OPEN, f"/{SERVICE_NAME}/StreamMotion")
 NARROW = (("grpc.http2.lookahead_bytes", 5), ("grpc.http2.bdp_probe", 0))
-"""Of what it has not read yet, a client lets the server send so few bytes: less than any response has."""
+"""The client's flow-control window: so small that no response fits."""
 
 
 NAMES = (b"/\xff", b"/" + SERVICE_NAME.encode() + b"/\xc3\x28", f"/{SERVICE_NAME}/GetCatalog".encode())
@@ -29,7 +29,7 @@ CALLS_AT_ONCE, PAUSE_S = 100, 0.05
 
 
 async def unreadable_names(address: str) -> None:
-    """Calls of methods whose names are no text, and of one that there is, all with a token that is none."""
+    """Calls of methods whose names are not text, and of an existing method, all with an invalid token."""
     host, _, port = address.rpartition(":")
 
     async def connection() -> None:
@@ -50,14 +50,14 @@ async def unreadable_names(address: str) -> None:
 
 
 async def _forget(reader: asyncio.StreamReader) -> None:
-    """All that comes, until the server ends the connection."""
+    """Read and discard everything until the server ends the connection."""
     with suppress(ConnectionError):
         while await reader.read(1 << 16):
             pass
 
 
 async def half_open_calls(address: str) -> None:
-    """Calls of methods that take one request, of which only the headers are sent."""
+    """Calls of methods that take one request, without the request: only headers are sent."""
 
     async def connection() -> None:
         async with channel_to(address) as channel:
@@ -70,7 +70,7 @@ async def half_open_calls(address: str) -> None:
 
 
 async def unread_calls(address: str) -> None:
-    """Calls of all methods, whose answers cannot be written: as many as get a place, again and again."""
+    """Calls of all methods whose answers cannot be written: as many as get a place, again and again."""
 
     async def connection() -> None:
         async with channel_to(address, *NARROW) as channel:

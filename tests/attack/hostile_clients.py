@@ -1,4 +1,4 @@
-"""Clients: hostile ones as processes, which must have reached the server and live until they are killed."""
+"""Clients: hostile clients as processes, which have to reach the server and run until they are killed."""
 
 from __future__ import annotations
 
@@ -16,14 +16,14 @@ from tests.waiting import LIMIT_S, until_true
 
 
 class HostileClientEnded(Exception):
-    """One did not go on until it was killed: no attack was measured."""
+    """A hostile client ended before it was killed, so that no attack was measured."""
 
 
 class Clients:
-    """Use as `with Clients(kind, address, 2) as clients`. kind: of `tests.attack.hostile`; "": there are none.
+    """Use as `with Clients(kind, address, 2) as clients`. kind: of `tests.attack.hostile`; "": no clients.
 
-    The server may end their calls and connections, which they begin again; a client itself that ends is broken, and the
-    end of the block raises HostileClientEnded.
+    The server may end their calls and connections, which they start again. If a client itself ends, it is broken, and
+    the end of the block raises HostileClientEnded.
     """
 
     def __init__(self, kind: str, address: str, count: int, environment: Mapping[str, str] = os.environ) -> None:
@@ -51,7 +51,7 @@ class Clients:
             await until_true(self._have_begun)
 
     def __enter__(self) -> Clients:
-        with self._said.open("ab") as said, self._errors.open("ab") as errors:  # to which all append
+        with self._said.open("ab") as said, self._errors.open("ab") as errors:  # all clients append to these
             self._processes += [
                 subprocess.Popen(
                     [*self._command, str(seed)], cwd=ROOT, env=self._environment, stdout=said, stderr=errors

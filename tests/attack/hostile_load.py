@@ -1,4 +1,4 @@
-"""Hostile clients that keep to the protocol: too many, too slow, back again and again; see `tests.attack.hostile`."""
+"""Hostile clients that keep the protocol: too many, too slow, or back again and again; see `tests.attack.hostile`."""
 
 from __future__ import annotations
 
@@ -20,14 +20,14 @@ from tests.attack.calls import HELLO, STREAMS, Event, Request, bare_stream, chan
 
 FPS = 20
 FREE_BYTES = 16_384
-"""That a slow line lets through at first: enough for a stream to begin."""
+"""What a slow connection lets through at first: enough for a stream to begin."""
 RETRY_S = 0.5
 AT_ONCE = 5
 Kind = Callable[[str], Coroutine[Any, Any, None]]
 
 
 async def byte_a_second(address: str) -> None:
-    """Streams that play, and take a byte a second of what they are sent, over a line that is as slow."""
+    """Streams that play, over connections that let through a byte per second from the server."""
     host, _, port = address.rpartition(":")
 
     async def serve(reader: asyncio.StreamReader, writer: asyncio.StreamWriter) -> None:
@@ -71,7 +71,7 @@ async def byte_a_second(address: str) -> None:
 
 
 async def burst_streams(address: str) -> None:
-    """Streams that send a second's worth of events at once, end, and are begun anew."""
+    """Streams that send a second's worth of events at once, end, and start again."""
     burst = Request(events=[Event()] * 500).SerializeToString()
 
     async def once() -> None:
@@ -87,7 +87,7 @@ async def burst_streams(address: str) -> None:
 
 
 async def edits_behind_prompts(address: str) -> None:
-    """Sessions whose long edits wait behind a prompt each that nobody has used before."""
+    """Sessions whose long edits each wait behind a prompt that is new to the server."""
     far = motion_pb2.RootTrajectory(positions=[1.0] * 800)
     paths = [motion_pb2.Constraint(constraint_id=n, frame=40, root_trajectory=far) for n in range(1, 20)]  # 61 kB
     name = random.getrandbits(64)
@@ -116,7 +116,7 @@ async def edits_behind_prompts(address: str) -> None:
 
 
 async def watches(address: str) -> None:
-    """Watches of the health, more than there are places for all calls."""
+    """Health watches, more than there are places for all calls."""
 
     async def connection() -> None:
         async with channel_to(address) as channel:
@@ -129,7 +129,7 @@ async def watches(address: str) -> None:
 
 
 async def health_checks(address: str) -> None:
-    """The health, asked for without end, 32 times at once on some connections each."""
+    """Health checks without end, 32 at a time on each of some connections."""
 
     async def connection() -> None:
         async with channel_to(address) as channel:
@@ -140,7 +140,7 @@ async def health_checks(address: str) -> None:
 
 
 async def reflections(address: str) -> None:
-    """What is served, asked for without end."""
+    """Reflection requests without end."""
     question = reflection_pb2.ServerReflectionRequest(file_containing_symbol=SERVICE_NAME).SerializeToString()
 
     async def once() -> None:
@@ -153,7 +153,7 @@ async def reflections(address: str) -> None:
 
 
 class Crowd:
-    """A stream of sessions that play in real time. Who is refused asks again."""
+    """A stream of sessions that play in real time. A session that is refused is requested again."""
 
     def __init__(self, call: Any, num_sessions: int) -> None:
         self._call = call
@@ -162,7 +162,7 @@ class Crowd:
         self._refused = set(range(num_sessions))
 
     async def play(self) -> None:
-        """Until the stream ends."""
+        """Play until the stream ends."""
         await self._call.write(Request(hello=service_pb2.ClientHello()))
         reading = asyncio.create_task(self._read())
         opening = session_pb2.OpenSession(priority=session_pb2.PRIORITY_CLASS_CROWD)
@@ -198,7 +198,7 @@ class Crowd:
 
 
 async def crowds(address: str, of_each_stream: int = 64) -> None:
-    """512 sessions of the class CROWD, each of which plays once it is let in, and asks again until then."""
+    """512 sessions of the class CROWD, each of which asks again until it is let in, and then plays."""
 
     async def once() -> None:
         async with channel_to(address) as channel:
@@ -208,12 +208,12 @@ async def crowds(address: str, of_each_stream: int = 64) -> None:
 
 
 async def welcome_crowds(address: str) -> None:
-    """200 of them, about as many as there is room for."""
+    """200 such sessions, about as many as there is room for."""
     await crowds(address, 25)
 
 
 async def drawn(kinds: Sequence[Kind], address: str, seed: int) -> None:
-    """Some of these at a time, each for a moment, as the seed says."""
+    """Some of these kinds at a time, each for a moment, drawn from the seed."""
 
     async def one_after_the_other(number: int) -> None:
         chance = random.Random(f"{seed}-{number}")

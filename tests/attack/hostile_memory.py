@@ -1,4 +1,4 @@
-"""Hostile clients that have the server keep what they sent, or were answered; see `tests.attack.hostile`."""
+"""Hostile clients that make the server keep their messages, or its answers; see `tests.attack.hostile`."""
 
 from __future__ import annotations
 
@@ -10,8 +10,8 @@ from tests.attack.calls import HELLO, STREAMS, Event, Request, bare_stream, chan
 
 
 async def unconfirmed_edits(address: str) -> None:
-    """Sessions whose constraints all leave their frames to the server, which tells where it has put them. Nobody ever
-    says that he has heard it.
+    """Sessions whose constraints all leave their frames to the server, which reports where it has placed them. The
+    clients never confirm these answers.
     """
     anywhere = [
         motion_pb2.Constraint(constraint_id=n, at_any_frame=True, waypoint=motion_pb2.Waypoint(x=float(n), z=1.0))
@@ -39,7 +39,7 @@ async def unconfirmed_edits(address: str) -> None:
 
 
 async def first_messages(address: str) -> None:
-    """A thousand streams that are waited for, each of which then sends one message as long as may be, at one moment."""
+    """A thousand streams, each of which sends one message of the greatest length, all at the same moment."""
     message = Request(events=[Event()] * 450_000).SerializeToString()
 
     async def connection() -> None:

@@ -1,4 +1,4 @@
-"""Hostile clients whose playheads are never a lie outright, but go faster than time; see `tests.attack.hostile`."""
+"""Hostile clients whose playheads are possible, but run faster than real time; see `tests.attack.hostile`."""
 
 from __future__ import annotations
 
@@ -7,13 +7,13 @@ from tests.attack.calls import STREAMS, channel_to, many
 from tests.attack.hostile_load import FPS, Crowd
 
 SESSIONS = 4
-"""Of each of the streams: with them the machine is busy, and not full."""
+"""Sessions on each stream: they keep the machine busy, but not full."""
 FASTER = 3.0
 LEAP_EVERY_S = 1.0
 
 
 class FastPlayers(Crowd):
-    """Play at three times real time, as far as there are frames."""
+    """Play at three times real time, as long as there are frames."""
 
     def _playhead(self, handle: int, now: float) -> session_pb2.Playhead:
         end = self._sent_to[handle]
@@ -22,14 +22,14 @@ class FastPlayers(Crowd):
 
 
 class Teleporters(Crowd):
-    """Play in real time, and leap to the last frame that they hold once a second."""
+    """Play in real time, and once a second jump to the last frame that they hold."""
 
     _leapt_s: float = 0.0
 
     def _playhead(self, handle: int, now: float) -> session_pb2.Playhead:
         if now - self._leapt_s > LEAP_EVERY_S:
             self._leapt_s = now
-            for each in self._begun_s:  # from where they play on
+            for each in self._begun_s:  # they play on from there
                 self._begun_s[each] = now - max(0, self._sent_to[each] - 1) / FPS
         return super()._playhead(handle, now)
 
@@ -48,5 +48,5 @@ async def fast_players(address: str) -> None:
 
 
 async def teleporters(address: str) -> None:
-    """32 sessions that leap to the last frame they hold once a second, and play on from there."""
+    """32 sessions that once a second jump to the last frame they hold, and play on from there."""
     await _play(Teleporters, address)

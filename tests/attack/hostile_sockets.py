@@ -1,4 +1,4 @@
-"""Hostile clients that speak no gRPC: connections held, garbage, the port of operations. See `tests.attack.hostile`."""
+"""Hostile clients without gRPC: idle connections, garbage, the port of operations. See `tests.attack.hostile`."""
 
 from __future__ import annotations
 
@@ -9,7 +9,7 @@ from tests.attack.begun import begun
 
 
 async def connections(address: str) -> None:
-    """Connections on which nothing is said, more than the server may have descriptors."""
+    """Silent connections, more than the server may have descriptors."""
     host, _, port = address.rpartition(":")
     held = []
     while True:
@@ -36,7 +36,7 @@ async def garbage(address: str) -> None:
 
 
 async def idle_connections(address: str) -> None:
-    """Connections on which a request is begun and not finished."""
+    """Connections with a request that is never completed."""
     host, _, port = address.rpartition(":")
     held = []
     while True:
@@ -52,7 +52,7 @@ async def idle_connections(address: str) -> None:
 
 
 async def unread_metrics(address: str) -> None:
-    """Metrics, asked for again and again on connections from which nothing is taken."""
+    """Metrics, requested again and again on connections that are never read."""
     host, _, port = address.rpartition(":")
     held = []
     while True:

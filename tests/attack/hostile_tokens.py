@@ -1,4 +1,4 @@
-"""Hostile clients whose token expires while they are at work, and who go on with it; see `tests.attack.hostile`."""
+"""Hostile clients whose token expires while they use it, and that keep using it; see `tests.attack.hostile`."""
 
 from __future__ import annotations
 
@@ -16,7 +16,7 @@ TEXTS = ("a person walks forward", "a person waves")
 
 
 async def expired_tokens(address: str) -> None:
-    """Streams with sessions that are edited all the time, and clips, begun anew at once whenever they are ended."""
+    """Streams with sessions that are edited all the time, and clips, restarted at once whenever they are ended."""
 
     async def stream() -> None:
         async with channel_to(address) as channel:

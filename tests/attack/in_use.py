@@ -1,8 +1,8 @@
-"""What every process of a server has in use, to the byte: resident memory tells a leak after thousands of cycles only.
+"""Memory in use in every process of a server, to the byte: resident memory shows a leak only after thousands of cycles.
 
-This file is copied as `sitecustomize` to where the server's processes find it, and has each of them tell it on a
-socket. All of Python's objects come from malloc there, which knows what is in use, and keeps nothing for the next of a
-size.
+This file is copied as `sitecustomize` to where the server's processes find it, and lets each of them report the figure
+on a socket. In these processes all Python objects come from malloc, which knows what is in use and keeps no freed
+blocks for reuse.
 """
 
 from __future__ import annotations
@@ -31,7 +31,7 @@ class _Mallinfo(ctypes.Structure):
 
 
 def bytes_in_use() -> int:
-    """Of this process, once garbage and kernels have gone. For a moment in which nothing is computed."""
+    """Bytes in use by this process, after dropping garbage and kernels. Call it when nothing is being computed."""
     if (kernels := sys.modules.get("motiongen_server.runner.kernels")) is not None:
         kernels.free_kernels()
     gc.collect()
@@ -42,7 +42,7 @@ def bytes_in_use() -> int:
 
 
 def _tell(folder: str) -> None:
-    """To whoever connects to this process's socket."""
+    """Send the figure to every connection to this process's socket."""
     with socket.socket(socket.AF_UNIX) as listener:
         listener.bind(f"{folder}/{os.getpid()}")
         listener.listen()
@@ -65,7 +65,7 @@ class InUse:
         }
 
     def bytes_of(self, pid: int) -> int:
-        """That a process has in use now."""
+        """Bytes that a process has in use now."""
         with socket.socket(socket.AF_UNIX) as asking:
             asking.connect(f"{self._folder}/{pid}")
             return int(asking.makefile().read())
@@ -73,7 +73,7 @@ class InUse:
 
 @contextmanager
 def told() -> Iterator[InUse]:
-    """For a server that is started within. In a folder of a short name, as sockets must have."""
+    """For a server that is started in this context. The folder's name is short, as paths of sockets must be."""
     folder = tempfile.mkdtemp(prefix="in-use-")
     try:
         shutil.copy(__file__, Path(folder) / "sitecustomize.py")

@@ -1,4 +1,4 @@
-"""Whether a client with a keepalive every second keeps a quiet stream: `python -m tests.attack.keepalives`."""
+"""Whether a quiet stream survives a client's keepalive every second: `python -m tests.attack.keepalives`."""
 
 from __future__ import annotations
 
@@ -19,7 +19,7 @@ OPTIONS = (
 
 
 async def outcome(address: str, seconds: float) -> str:
-    """How a quiet stream fares for so long."""
+    """What happens to a quiet stream in so long."""
     async with grpc.aio.insecure_channel(address, options=OPTIONS) as channel:
         call = service_pb2_grpc.MotionServiceStub(channel).StreamMotion()
         await call.write(service_pb2.StreamMotionRequest(hello=service_pb2.ClientHello()))

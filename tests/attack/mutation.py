@@ -1,4 +1,4 @@
-"""A hostile client whose messages were good before some of their bytes were changed."""
+"""A hostile client that sends valid messages with some bytes changed."""
 
 from __future__ import annotations
 
@@ -16,7 +16,7 @@ OTHERS = (
     f"/{SERVICE_NAME}/GetCatalog", "/grpc.health.v1.Health/Check", "/grpc.health.v1.Health/Watch",
     "/grpc.reflection.v1.ServerReflection/ServerReflectionInfo",
 )  # fmt: skip
-"""Their requests are messages of one text."""
+"""Methods whose requests are messages with one text."""
 
 
 def mutated(data: bytes, chance: random.Random) -> bytes:
@@ -37,7 +37,7 @@ def mutated(data: bytes, chance: random.Random) -> bytes:
 
 
 async def mutations(address: str) -> None:
-    """Messages that were good before some of their bytes were changed, on streams and as requests of all methods."""
+    """Valid messages with some bytes changed, on streams and as requests of all methods."""
     chance = random.Random(random.getrandbits(64))
     span = motion_pb2.PromptSpan(prompt_id=1, text="a person walks forward")
     waypoint = motion_pb2.Constraint(constraint_id=1, frame=40, waypoint=motion_pb2.Waypoint(x=1.0, z=2.0))

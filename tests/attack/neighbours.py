@@ -1,4 +1,4 @@
-"""Good neighbours: sessions that play in real time and edit now and then, and what they notice of an attack."""
+"""Neighbours: good clients' sessions that play in real time with some edits, and what they notice of an attack."""
 
 from __future__ import annotations
 
@@ -27,8 +27,8 @@ TIER_FULL = session_pb2.SERVICE_TIER_FULL
 
 @dataclass
 class Playing:
-    """One session, whose playhead moves in real time from its first frame on. had: frames in hand when it was told to
-    forget."""
+    """One session, whose playhead moves in real time from its first frame on. had: frames in hand when counting began
+    again."""
 
     handle: int
     sent_to: int = 0
@@ -43,11 +43,11 @@ class Playing:
 
     @property
     def in_hand(self) -> int:
-        """Frames that have come and are not due yet; less than 0 where some that are due have not."""
+        """Frames that have arrived and are not due yet; negative if due frames have not arrived."""
         return self.sent_to - self.due
 
     def play(self, now: float) -> None:
-        """Show the frames that are due by now; those that are not there are missed."""
+        """Show the frames that are due by now; those that have not arrived are missed."""
         if self.begun_s is None:
             return
         due = int((now - self.begun_s) * FPS)
@@ -58,11 +58,11 @@ class Playing:
 
 @dataclass(frozen=True)
 class Noticed:
-    """What all neighbours noticed. frames: that were due; missed: the share of them; edits_ms: from an edit to its
+    """What all neighbours noticed. frames: how many were due; missed: the share of them; edits_ms: from an edit to its
     answer.
 
-    behind: of the frames that they showed, the share that nothing has come in place of: so many less are in hand, and
-    frames will be missed where that goes on.
+    behind: the share of shown frames that no new frames have made up for. So many fewer are in hand, and frames will
+    be missed if it goes on.
     """
 
     frames: int
@@ -92,7 +92,7 @@ class Neighbour(GoodStream):
         new_prompt: Callable[[], str] | None = None,
         metadata: Metadata = (),
     ) -> None:
-        """new_prompt: of each edit; without it there are two. metadata: that its call shows."""
+        """new_prompt: the prompt of each edit; without it, two prompts alternate. metadata: of its call."""
         super().__init__(stub, metadata)
         self._new_prompt = new_prompt
         self.sessions = [Playing(handle) for handle in range(num_sessions)]
@@ -124,7 +124,7 @@ class Neighbour(GoodStream):
                 await asyncio.sleep(0.02)
 
     async def begin(self) -> None:
-        """Wait until all sessions play. Raises RuntimeError where one is refused, TimeoutError."""
+        """Wait until all sessions play. Raises RuntimeError if one is refused, TimeoutError."""
         await self._until(lambda: all(each.begun_s for each in self.sessions))
         self._tasks += [asyncio.create_task(self._report()), asyncio.create_task(self._edit())]
 
@@ -191,7 +191,7 @@ class Neighbour(GoodStream):
             await self._write(service_pb2.StreamMotionRequest(events=[event]))
 
     def forget(self) -> None:
-        """What was noticed so far does not count."""
+        """Discard what was noticed so far."""
         now = time.perf_counter()
         self.edits_ms.clear()
         self.pings_ms.clear()
@@ -207,14 +207,14 @@ class Neighbour(GoodStream):
 
 
 class Neighbours:
-    """All of them."""
+    """All neighbours."""
 
     def __init__(self, streams: Sequence[Neighbour]) -> None:
         self._streams = streams
         self._frames_before = 0
 
     def forget(self) -> None:
-        """The attack begins: what was before does not count."""
+        """Discard what was noticed before the attack."""
         for each in self._streams:
             each.forget()
         self._frames_before = self._frames()
@@ -224,13 +224,13 @@ class Neighbours:
         return [session for each in self._streams for session in each.sessions if not session.closed]
 
     async def again_s(self) -> float:
-        """Seconds until every session that lives has got another frame. Players, who waited meanwhile, go on there with
-        half a second in hand. Raises TimeoutError.
+        """Seconds until every remaining session has received another frame. The players, who have waited, continue from
+        there with half a second in hand. Raises TimeoutError.
         """
         begun_s = time.perf_counter()
         before = {id(session): session.sent_to for session in self._live}
         async with asyncio.timeout(LIMIT_S):
-            # No event tells of it.
+            # There is no event for it.
             while any(session.sent_to <= before[id(session)] for session in self._live):  # noqa: ASYNC110
                 await asyncio.sleep(0.01)
         now = time.perf_counter()
@@ -272,10 +272,10 @@ async def neighbours(
     metadata: Metadata = (),
     engines: Sequence[int] = (),
 ) -> AsyncIterator[Neighbours]:
-    """Streams that play, over a connection each. new_prompts: each edit has one that nobody has asked for before.
+    """Streams that play, with a connection each. new_prompts: each edit has a prompt that is new to the server.
 
-    metadata: that their calls show. engines: processes that stand still while sessions are given to them. They tell no
-    load meanwhile, of which a busy machine makes more for one of them, so each gets as many.
+    metadata: of their calls. engines: processes that are stopped while sessions are assigned to them: they then report
+    no load, which on a busy machine would differ between them, so that each gets the same number.
     """
     numbers = itertools.count()
     new_prompt = (lambda: f"a person waves {next(numbers)} times") if new_prompts else None

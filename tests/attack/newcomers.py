@@ -1,4 +1,4 @@
-"""Newcomers: sessions that good clients open during an attack, one after another, and what becomes of them."""
+"""Newcomers: sessions that good clients open during an attack, one after another, and what happens to them."""
 
 from __future__ import annotations
 
@@ -20,8 +20,8 @@ OPEN_EVERY_S = 0.5
 class Newcomers(GoodStream):
     """A stream on which sessions are opened and, once they have frames, closed.
 
-    num_served: those that got frames. refused: how many, by reason. refused_ms: how soon each was told so. num_waiting:
-    left to wait at the end.
+    num_served: how many got frames. refused: how many were refused, by reason; refused_ms: how soon. num_waiting: how
+    many were still waiting at the end.
     """
 
     def __init__(self, stub: service_pb2_grpc.MotionServiceStub, metadata: Metadata = ()) -> None:
@@ -41,14 +41,14 @@ class Newcomers(GoodStream):
         self._tasks = [asyncio.create_task(self._read()), self._opening]
 
     def forget(self) -> None:
-        """The attack begins."""
+        """Discard what was counted before the attack."""
         self._asked.clear()
         self.num_served = 0
         self.refused.clear()
         self.refused_ms.clear()
 
     def stop(self, patience_s: float) -> None:
-        """Open no more. patience_s: after which those that have no frame are left to wait."""
+        """Open no more. patience_s: how long to wait for those that have no frames yet."""
         self._opening.cancel()
         now = time.perf_counter()
         self.num_waiting = sum(now - asked_s > patience_s for asked_s in self._asked.values())
@@ -79,7 +79,7 @@ class Newcomers(GoodStream):
 
 @asynccontextmanager
 async def newcomers(address: str, metadata: Metadata = ()) -> AsyncIterator[Newcomers]:
-    """Over a connection of their own. metadata: that their call shows."""
+    """Newcomers on a new connection. metadata: of their call."""
     async with grpc.aio.insecure_channel(address, options=(("grpc.use_local_subchannel_pool", 1),)) as channel:
         coming = Newcomers(service_pb2_grpc.MotionServiceStub(channel), metadata)
         try:

@@ -1,6 +1,6 @@
-"""Hostile clients of one address with a new prompt on each of many streams, and in clips; see `tests.attack.hostile`.
+"""Hostile clients at one address with new prompts on many streams, and in clips; see `tests.attack.hostile`.
 
-Neighbours have another address here: a connection goes by a relay that calls from one of its own.
+The good clients have another address here: they connect through a relay that calls from its own address.
 """
 
 from __future__ import annotations
@@ -18,15 +18,15 @@ from tests.attack.calls import Event, Request, channel_to, for_ever
 
 CONNECTIONS = 4
 STREAMS = 80
-"""Of a connection: 320 in all, more than there are places for prompts that wait."""
+"""Per connection: 320 in total, more than there are places for prompts that wait."""
 CLIPS = 8
-"""Of a connection: as many as may have 32 samples under way."""
+"""Per connection: as many as are allowed to have 32 samples under way."""
 RETRY_S = 0.2
 
 
 @asynccontextmanager
 async def from_address(source: str, address: str) -> AsyncIterator[str]:
-    """A port whose connections go on to an address, from another address of this machine."""
+    """A port that relays its connections to an address, from another address of this machine."""
     host, _, port = address.rpartition(":")
 
     async def copy(reader: asyncio.StreamReader, writer: asyncio.StreamWriter) -> None:
@@ -49,7 +49,7 @@ async def from_address(source: str, address: str) -> AsyncIterator[str]:
 
 
 async def edit_on(channel: grpc.aio.Channel, new_prompt: Callable[[], motion_pb2.PromptSpan]) -> None:
-    """One session on a stream of its own, whose prompt changes as soon as the last change was answered."""
+    """One session on its own stream, whose prompt changes again as soon as a change was answered."""
     call = service_pb2_grpc.MotionServiceStub(channel).StreamMotion()
     opening = session_pb2.OpenSession(priority=session_pb2.PRIORITY_CLASS_BATCH)
     try:
@@ -71,7 +71,7 @@ async def edit_on(channel: grpc.aio.Channel, new_prompt: Callable[[], motion_pb2
 
 
 async def clip_on(channel: grpc.aio.Channel, new_prompt: Callable[[], motion_pb2.PromptSpan]) -> None:
-    """A short clip, of a prompt that is new."""
+    """A short clip with a new prompt."""
     opening = session_pb2.OpenSession(prompts=[new_prompt()])
     request = service_pb2.GenerateClipRequest(open=opening, frame_count=8)
     async for _ in service_pb2_grpc.MotionServiceStub(channel).GenerateClip(request):
@@ -79,7 +79,7 @@ async def clip_on(channel: grpc.aio.Channel, new_prompt: Callable[[], motion_pb2
 
 
 async def prompts_over_streams(address: str) -> None:
-    """Sessions on a stream each, and clips, which ask for one prompt after another that nobody has asked for before."""
+    """Sessions on a stream each, and clips, with one prompt after another that is new to the server."""
     numbers, name = itertools.count(), random.getrandbits(64)
 
     def new_prompt() -> motion_pb2.PromptSpan:

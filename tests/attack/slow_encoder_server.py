@@ -1,4 +1,4 @@
-"""The null server, its text encoder slow: `python -m tests.attack.slow_encoder_server --port 0 ...`."""
+"""The null server with a slow text encoder: `python -m tests.attack.slow_encoder_server --port 0 ...`."""
 
 from __future__ import annotations
 
@@ -13,11 +13,11 @@ from tests.bench.null_runner import NullEncoder
 from tests.bench.null_server import main, start_null_engines
 
 ENCODE_S = 0.1
-"""Of a text. Four at once are 40 a second: a fifth of what one address may ask for."""
+"""Per text. Four at once make 40 per second: a fifth of what one address may ask for."""
 
 
 class SlowEncoder(NullEncoder):
-    """The same vectors, later."""
+    """Gives the same vectors, later."""
 
     def encode(self, texts: Sequence[str]) -> NDArray[np.float32]:
         time.sleep(ENCODE_S)

@@ -1,12 +1,12 @@
-"""A server that is used for hours, over TLS and with tokens: `python -m tests.attack.soak [--minutes M]`.
+"""Use a server for hours, over TLS and with tokens: `python -m tests.attack.soak [--minutes M]`.
 
 Characters of every kind play in real time and come and go (`soak.yaml`), on the built-in model with snapshots in an
-SQLite file, or on engines that compute nothing (`--null`). The load is that of `motiongen bench`, in parts of some
-minutes, each over new connections; in the rest after each part nothing is open. Resident memory, descriptors, threads
-and tasks are read all the time and written to `readings.jsonl` in the folder of `--out` at once; `--report` tells what
-an unfinished run came to so far. Exit code 1 where memory at the ends of the rests grows by more than 1 MiB an hour
-(upper 95 % bound, after a warm-up of 20 minutes or a fifth of the time), what is counted at rest grew, 1 % of the
-frames were missed, or a part of the load failed.
+SQLite file, or on engines that compute nothing (`--null`). `motiongen bench` makes the load, in parts of some minutes,
+each over new connections; during the rest after each part nothing is open. Resident memory, descriptors, threads and
+tasks are read all the time and written at once to `readings.jsonl` in the folder of `--out`; `--report` prints the
+result of an unfinished run so far. Exits with code 1 if memory at the ends of the rests grows by more than 1 MiB an
+hour (upper 95 % bound, after a warm-up of 20 minutes or a fifth of the time), if descriptors, threads or tasks at rest
+have grown, if 1 % of the frames were missed, or if a part of the load failed.
 """
 
 from __future__ import annotations
@@ -34,15 +34,15 @@ from tests.server.identity.files import AUTHORITY, TenantsFile, copy_pair
 
 SAMPLE_S = 5.0
 REST_S = 20.0
-"""In which everything that a part of the load has opened must have gone."""
+"""In this time, everything that a part of the load has opened must be closed."""
 SETTLED_S = 6.0
-"""Then, until gateway and engine have given back what they keep for the next: they look every two seconds."""
+"""After that, time for gateway and engine to give memory back, which they do every two seconds."""
 MIB = 1 << 20
 SCENARIO = Path(__file__).with_name("soak.yaml")
 
 
 class Server:
-    """The server's processes, and what they tell of themselves."""
+    """The server's processes and metrics."""
 
     def __init__(self, server: Attacked) -> None:
         self._server = server
@@ -50,7 +50,7 @@ class Server:
         self._ready_s = time.monotonic()
 
     def read(self) -> Reading:
-        """How it is now."""
+        """The server's state now."""
         gateway, engine = self._server.process, self._engine
         told = self._metrics()
         return Reading(
@@ -66,7 +66,7 @@ class Server:
         )
 
     def _metrics(self) -> dict[str, float]:
-        """By name, the sum over its labels."""
+        """Metrics by name, summed over their labels."""
         sums = dict.fromkeys(("motiongen_streams", "motiongen_sessions", "motiongen_event_loop_tasks"), 0.0)
         with urllib.request.urlopen(f"http://127.0.0.1:{self._server.ops_port}/metrics", timeout=30) as answer:
             for name, value in re.findall(r"^(\w+)(?:\{.*\})? (\S+)$", answer.read().decode(), re.MULTILINE):
@@ -76,7 +76,7 @@ class Server:
 
 
 async def play_part(arguments: list[str], out: Path, sampled: Callable[[], None]) -> Part:
-    """The load for a part. sampled: is called every few seconds meanwhile."""
+    """Run the load of one part. sampled: is called every few seconds meanwhile."""
     load = await asyncio.create_subprocess_exec(
         sys.executable, "-m", "motiongen_tools", "bench", *arguments, "--out", str(out),
         cwd=ROOT, stdout=asyncio.subprocess.DEVNULL, stderr=asyncio.subprocess.PIPE,
@@ -98,7 +98,7 @@ async def play_part(arguments: list[str], out: Path, sampled: Callable[[], None]
 
 
 async def soak(options: argparse.Namespace, journal: Journal, folder: Path) -> int | None:
-    """Returns what the server exited with."""
+    """Run the soak. Returns the server's exit code."""
     tenants, token = TenantsFile(folder), folder / "token"
     token.write_text(tenants.one("quota = { calls_per_second = 1000 }"))
     certificate, key = copy_pair("server-1", folder)
@@ -127,11 +127,11 @@ async def soak(options: argparse.Namespace, journal: Journal, folder: Path) -> i
 
 
 async def at_rest(server: Server) -> Reading:
-    """Once nothing is open and all that is kept for the next has been given back; or after a while without that."""
+    """A reading taken once nothing is open and memory has been given back, or after some time in any case."""
     reading = server.read()
     with contextlib.suppress(TimeoutError):
         async with asyncio.timeout(REST_S):
-            while not reading.rest:  # no event tells it from another process
+            while not reading.rest:  # there is no event for it across processes
                 await asyncio.sleep(1)
                 reading = server.read()
     await asyncio.sleep(SETTLED_S)
@@ -139,7 +139,7 @@ async def at_rest(server: Server) -> Reading:
 
 
 def report(journal: Journal) -> int:
-    """Print what a journal comes to. Returns the exit code."""
+    """Print the result of a journal. Returns the exit code."""
     facts, readings, parts = journal.read()
     minutes = readings[-1].at_s / 60 if readings else 0.0
     warm_s = min(WARM_S, 60 * minutes / 5)
@@ -147,19 +147,19 @@ def report(journal: Journal) -> int:
     print(", ".join(f"{name}: {value}" for name, value in facts.items()))
     print(f"{minutes:.0f} minutes so far, {len(parts)} parts; slopes without the first {warm_s / 60:.0f} minutes")
     print("\n".join(told))
-    print("\n".join(f"DOES NOT HOLD: {fault}" for fault in faults) or "all of it holds")
+    print("\n".join(f"DOES NOT HOLD: {fault}" for fault in faults) or "all bounds hold")
     return 1 if faults else 0
 
 
 def main() -> int:
     parser = argparse.ArgumentParser(prog="python -m tests.attack.soak", description=__doc__)
     parser.add_argument("--minutes", type=float, default=120.0, help="default: %(default)s")
-    parser.add_argument("--part-minutes", type=float, default=5.0, help="of the load (default: %(default)s)")
-    parser.add_argument("--characters", type=int, default=12, help="at once (default: %(default)s)")
+    parser.add_argument("--part-minutes", type=float, default=5.0, help="of a part of the load (default: %(default)s)")
+    parser.add_argument("--characters", type=int, default=12, help="how many at once (default: %(default)s)")
     parser.add_argument("--seed", type=int, default=1, help="of the load (default: %(default)s)")
     parser.add_argument("--null", action="store_true", help="engines that compute nothing")
     parser.add_argument("--out", type=Path, default=Path("out/soak"), help="default: %(default)s")
-    parser.add_argument("--report", action="store_true", help="only tell what the run in --out came to so far")
+    parser.add_argument("--report", action="store_true", help="only print the result so far of the run in --out")
     options = parser.parse_args()
     journal = Journal(options.out / "readings.jsonl")
     if options.report:

@@ -1,4 +1,4 @@
-"""What a soak has read so far, kept line by line, and whether it holds: memory, descriptors, tasks, misses."""
+"""The readings of a soak, saved line by line, and their judgement: memory, descriptors, tasks, misses."""
 
 from __future__ import annotations
 
@@ -13,19 +13,19 @@ from typing import Any
 import numpy as np
 
 WARM_S = 1200.0
-"""What fills and settles in the first minutes looks like growth."""
+"""In the first minutes, caches that fill look like growth."""
 MOST_MIB_AN_HOUR = 1.0
 MOST_MISSED = 0.01
 CONFIDENCE = 0.95
 PROCESSES = ("gateway", "engine")
 POOLED_THREADS = 2
-"""By which the threads of a process may grow: gRPC's pool and asyncio's are bounded, and get a thread where all of
-theirs are busy at one moment, which may come late. A leak comes with the sessions, of which there are thousands."""
+"""By how many a process's threads may grow: the pools of gRPC and asyncio are bounded, and add a thread when all others
+are busy, which may happen late. A leak would grow with the sessions, of which there are thousands."""
 
 
 @dataclass(frozen=True)
 class Reading:
-    """The server at a moment. at_s: since it was ready. rest: no session and no stream is open.
+    """The server's state at one time. at_s: since it was ready. rest: no session and no stream is open.
 
     tasks: of the gateway's event loop.
     """
@@ -43,7 +43,7 @@ class Reading:
 
 @dataclass(frozen=True)
 class Part:
-    """What the load of some minutes came to. failed: "" or why. lag_ms: by which the load itself was late (p99)."""
+    """The result of one part of the load. failed: "" or why. lag_ms: by how much the load itself was late (p99)."""
 
     opens: int
     edits: int
@@ -55,14 +55,14 @@ class Part:
 
 
 class Journal:
-    """A file that everything is written to at once, so that a soak that is cut short has a result too."""
+    """A file to which everything is written at once, so that a soak that is cut short has a result, too."""
 
     def __init__(self, path: Path) -> None:
         self.path = path
         path.parent.mkdir(parents=True, exist_ok=True)
 
     def begin(self, facts: dict[str, Any]) -> None:
-        """Forget what was there. facts: of this run."""
+        """Start a new file. facts: about this run."""
         self.path.write_text("", encoding="utf-8")
         self._add("run", facts)
 
@@ -70,13 +70,13 @@ class Journal:
         self._add("reading" if isinstance(noted, Reading) else "part", asdict(noted))
 
     def read(self) -> tuple[dict[str, Any], list[Reading], list[Part]]:
-        """Facts, readings and parts. Raises ValueError for a file that is none of these."""
+        """Facts, readings and parts. Raises ValueError if the file is not a journal."""
         facts: dict[str, Any] = {}
         readings, parts = [], []
         for line in self.path.read_text(encoding="utf-8").splitlines():
             (kind, values), *more = json.loads(line).items()
             if more or kind not in ("run", "reading", "part"):
-                raise ValueError(f"{self.path} has a line of {kind!r}; it is no journal of a soak")
+                raise ValueError(f"{self.path} has a line of kind {kind!r}; it is not the journal of a soak")
             if kind == "run":
                 facts = values
             elif kind == "reading":
@@ -91,11 +91,11 @@ class Journal:
 
 
 def slope_with_bound(hours: Sequence[float], values: Sequence[float]) -> tuple[float, float]:
-    """The slope of a line through the values and its one-sided upper 95 % bound, an hour.
+    """The slope of a line through the values, per hour, and its one-sided upper 95 % bound.
 
-    Neighbours in time are alike, which makes a bound for independent ones too low: the error is widened as for a
-    process of first order with the residuals' own correlation, by sqrt((1 + r) / (1 - r)). Quantile of Student's t by
-    the expansion of Abramowitz and Stegun, 26.7.5. NaN and infinity of fewer than four values.
+    Successive values are correlated, which makes a bound for independent ones too low: the error is widened as for a
+    first-order process with the residuals' own correlation r, by sqrt((1 + r) / (1 - r)). The quantile of Student's t
+    is from the expansion of Abramowitz and Stegun, 26.7.5. NaN and infinity for fewer than four values.
     """
     if len(hours) < 4:
         return math.nan, math.inf
@@ -115,7 +115,7 @@ def slope_with_bound(hours: Sequence[float], values: Sequence[float]) -> tuple[f
 
 
 def by_minute(readings: Sequence[Reading], name: str) -> tuple[list[float], list[float]]:
-    """Hours and means of a figure, one each whole minute with load."""
+    """Hours and means of a figure, one for each whole minute with load."""
     minutes: dict[int, list[float]] = {}
     for each in readings:
         if not each.rest:
@@ -124,14 +124,14 @@ def by_minute(readings: Sequence[Reading], name: str) -> tuple[list[float], list
 
 
 def at_rests(readings: Sequence[Reading], name: str) -> tuple[list[float], list[float]]:
-    """Hours and a figure at the end of each rest, when all that was open has gone and memory has been given back."""
+    """Hours and a figure at the end of each rest, when everything is closed and memory has been given back."""
     follows_rest = [one.rest for one in readings[1:]] + [False]
     ends = [one for one, goes_on in zip(readings, follows_rest, strict=False) if one.rest and not goes_on]
     return [one.at_s / 3600 for one in ends], [float(getattr(one, name)) for one in ends]
 
 
 def judge(readings: Sequence[Reading], parts: Sequence[Part], warm_s: float) -> tuple[list[str], list[str]]:
-    """Lines that tell the result, and what does not hold."""
+    """Lines with the result, and the bounds that do not hold."""
     told, faults = [], []
     due, missed = sum(part.due for part in parts), sum(part.missed for part in parts)
     share = missed / due if due else math.nan
@@ -149,7 +149,7 @@ def judge(readings: Sequence[Reading], parts: Sequence[Part], warm_s: float) -> 
             slope, bound = slope_with_bound(hours, mib)
             there = f"{mib[0]:.1f} -> {mib[-1]:.1f} MiB" if mib else "no reading after the warm-up"
             told.append(f"{process} {when}: {there}, {slope:+.2f} MiB an hour, at most {bound:+.2f} (95 %)")
-            # What is open at a moment differs from part to part; what stays of it must not.
+            # What is open at one time differs from part to part; what remains at rest must not.
             if course is at_rests and not bound < MOST_MIB_AN_HOUR:
                 fault = f"memory at rest grows by up to {bound:.2f} MiB an hour, allowed is {MOST_MIB_AN_HOUR:g}"
                 faults.append(f"{process}: {fault}")

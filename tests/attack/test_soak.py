@@ -86,5 +86,5 @@ def test_a_journal_is_read_as_it_was_written(tmp_path: Path) -> None:
     journal.add(GOOD)
     assert journal.read() == ({"minutes": 2}, [QUIET], [GOOD])
     (tmp_path / "soak" / "readings.jsonl").write_text('{"row": {}}\n')
-    with pytest.raises(ValueError, match="no journal of a soak"):
+    with pytest.raises(ValueError, match="not the journal of a soak"):
         journal.read()

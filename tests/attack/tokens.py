@@ -1,4 +1,4 @@
-"""Who may call a server under attack that asks: neighbours by a token that holds, hostile clients by one that ends."""
+"""Tokens for a server under attack: a lasting one for good clients, an expiring one for hostile clients."""
 
 from __future__ import annotations
 
@@ -12,12 +12,12 @@ Metadata = tuple[tuple[str, str], ...]
 
 
 def bearer(token: str) -> Metadata:
-    """What a call shows; nothing without a token."""
+    """The metadata of a call with this token; nothing without a token."""
     return (("authorization", f"Bearer {token}"),) if token else ()
 
 
 class Tokens:
-    """A file of tenants, in a folder. good: the neighbours' token. hostile: the other, once there is one."""
+    """A file of tenants, in a folder. good: the good clients' token. hostile: the other, once there is one."""
 
     def __init__(self, folder: Path) -> None:
         self.path = folder / "tenants.toml"
@@ -27,11 +27,11 @@ class Tokens:
 
     @property
     def settings(self) -> tuple[str, ...]:
-        """Of the server."""
+        """The server's settings."""
         return ("--tenants", str(self.path))
 
     def let_in_for(self, seconds: float) -> None:
-        """Give hostile clients a token that is good for so long."""
+        """Give hostile clients a token that is valid for so long."""
         self.hostile, kept = new_token()
         expires = (datetime.now(UTC) + timedelta(seconds=seconds)).isoformat().replace("+00:00", "Z")
         self._write(f'[tenants.hostile]\ntokens = [{{ hash = "{kept}", expires = {expires} }}]\n')

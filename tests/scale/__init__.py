@@ -1,1 +1,1 @@
-"""Several servers behind real proxies, with a real Redis: started, killed, and watched by characters."""
+"""Several servers behind real proxies, with a real Redis: started, killed, and observed by characters that play."""

@@ -1,6 +1,6 @@
-"""`make scale-demo`: two servers, a proxy and a Redis; 40 characters play, one server is killed. What do they notice?
+"""`make scale-demo`: kill one of two servers while 40 characters play, and print what they notice.
 
-The machine's Redis and proxy are used (apt-get install redis-server haproxy); nothing of theirs outlives the demo.
+Uses the machine's Redis and proxy (apt-get install redis-server haproxy); nothing of them remains after the demo.
 """
 
 from __future__ import annotations
@@ -21,7 +21,7 @@ BEFORE_S = 8.0
 
 
 async def play(address: str, replicas: Replicas, options: argparse.Namespace) -> bool:
-    """Returns whether nobody noticed anything that must not be."""
+    """Returns whether no character noticed anything that it must not notice."""
     async with Cast(address, options.characters, CERTIFICATES / "authority.pem") as cast:
         print(f"{len(cast.characters)} characters are open", flush=True)
         await asyncio.sleep(BEFORE_S)
@@ -49,11 +49,11 @@ async def play(address: str, replicas: Replicas, options: argparse.Namespace) ->
         )
         unanswered = sum(each.unanswered for each in cast.characters)
         still_away = sum(len(each.lost_at) > len(each.back_at) for each in cast.characters)
-        print(f"lost their line:                      {len(hit)} of {len(cast.characters)}")
+        print(f"lost their connection:                {len(hit)} of {len(cast.characters)}")
         print(
-            f"gone on with as they were:            {resumed} times; opened anew: {anew} times; not back: {still_away}"
+            f"resumed:                              {resumed} times; reopened: {anew} times; still not back: {still_away}"
         )
-        print(f"without a server, p50 / p99 / most:   {percentile(away, 0.5):.2f} / {percentile(away, 0.99):.2f} / "
+        print(f"without a server, p50 / p99 / max:    {percentile(away, 0.5):.2f} / {percentile(away, 0.99):.2f} / "
               f"{max(away, default=0.0):.2f} s")  # fmt: skip
         print(f"frames not in time, of those / all:   {sum(of_hit)} / {sum(missed)} of "
               f"{sum(each.shown for each in cast.characters)} shown")  # fmt: skip
@@ -65,14 +65,14 @@ async def play(address: str, replicas: Replicas, options: argparse.Namespace) ->
 
 
 def main() -> int:
-    """Returns the exit code: 0 where no event was lost, no committed frame changed, and all characters play on."""
+    """Returns the exit code: 0 if no event was lost, no committed frame changed, and all characters play on."""
     names = [each.name for each in PROXIES]
     parser = argparse.ArgumentParser(prog="make scale-demo", description=__doc__)
     parser.add_argument("--characters", type=int, default=40)
-    parser.add_argument("--seconds", type=float, default=12.0, help="to play after the kill")
+    parser.add_argument("--seconds", type=float, default=12.0, help="playing time after the kill")
     parser.add_argument("--proxy", choices=names, default=names[0])
     parser.add_argument("--how", choices=("kill", "drain"), default="kill")
-    parser.add_argument("--null", action="store_true", help="servers without a model, for a machine that is busy")
+    parser.add_argument("--null", action="store_true", help="servers without a model, for a busy machine")
     options = parser.parse_args()
     program = NULL_SERVER if options.null else SERVER
     with tempfile.TemporaryDirectory(prefix="scale-") as name:

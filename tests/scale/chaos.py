@@ -1,10 +1,11 @@
-"""`make chaos`: troubles drawn from a seed, one after the other, under characters that play.
+"""`make chaos`: random faults, drawn from a seed, one after another while characters play.
 
 Two servers behind a proxy with a Redis, all real. For ten minutes the network is slow, stalls, falls silent or breaks,
-processes stand still for five seconds, disks are full, descriptors run out, clocks jump; the same seed gives the same
-troubles in the same order. Prints what the characters noticed of each kind. Ends with status 1 where an event was lost,
-a committed frame changed, a character ended or did not come back, or a server ended by itself or not with 0. Missed
-frames are told, not judged: who is without a network for longer than the look-ahead shows the last frame.
+processes are stopped for five seconds, disks are full, descriptors run out, clocks jump; the same seed gives the same
+faults in the same order. Prints what the characters noticed of each kind. Exits with code 1 if an event was lost, a
+committed frame changed, a character ended or did not come back, or a server ended by itself or with another exit code
+than 0. Missed frames are reported, but allowed: a client whose connection is lost for longer than the look-ahead shows
+the last frame.
 """
 
 from __future__ import annotations
@@ -33,7 +34,7 @@ BACK_S = 60.0
 
 @dataclass
 class Noticed:
-    """Of one kind of trouble, added up."""
+    """What characters noticed of one kind of fault, added up."""
 
     times: int = 0
     away_s: list[float] = field(default_factory=list)
@@ -52,7 +53,7 @@ class Noticed:
 
 
 def troubles(seed: int, kinds: list[str]) -> Iterator[tuple[str, float, random.Random]]:
-    """Kind, seconds, and what draws the rest: without end, every kind once before one comes again."""
+    """An endless sequence of kinds, seconds and random generators; each kind occurs once before one is repeated."""
     draw = random.Random(seed)
     while True:
         for kind in draw.sample(kinds, len(kinds)):
@@ -60,7 +61,7 @@ def troubles(seed: int, kinds: list[str]) -> Iterator[tuple[str, float, random.R
 
 
 async def play(world: World, options: argparse.Namespace) -> dict[str, Noticed]:
-    """Everything, until the time is over."""
+    """Cause one fault after another until the time is over."""
     found: dict[str, Noticed] = {}
     ends_at = time.monotonic() + 60 * options.minutes
     async with Cast(world.line.address, options.characters, CERTIFICATES / "authority.pem") as cast:
@@ -86,7 +87,7 @@ async def play(world: World, options: argparse.Namespace) -> dict[str, Noticed]:
             for name in ("missed", "resumed", "anew", "changed", "unanswered"):
                 setattr(noticed, name, getattr(noticed, name) + getattr(after, name) - getattr(before, name))
             missed = after.missed - before.missed
-            print(f"{kind} ({hit}, {seconds:.1f} s): {len(away)} lost their line, {missed} frames missed", flush=True)
+            print(f"{kind} ({hit}, {seconds:.1f} s): {len(away)} lost connections, {missed} frames missed", flush=True)
         ended = [each.ended for each in cast.characters if each.ended]
     for why in sorted(set(ended)):
         print(f"DOES NOT HOLD: a character ended: {why}")
@@ -98,7 +99,7 @@ async def play(world: World, options: argparse.Namespace) -> dict[str, Noticed]:
 
 
 def report(found: dict[str, Noticed], exit_codes: dict[str, int | None]) -> int:
-    """Print it. Returns the exit code."""
+    """Print the result. Returns the exit code."""
     columns = ("times", "lost their line", "resumed / anew", "longest without a server", "frames missed", "events lost",
                "committed frames changed", "not back")  # fmt: skip
     print(f"| trouble | {' | '.join(columns)} |\n|---|{'---:|' * len(columns)}")
@@ -111,7 +112,7 @@ def report(found: dict[str, Noticed], exit_codes: dict[str, int | None]) -> int:
         if getattr(together, name)
     ]
     faults += [f"{name} ended with {code}" for name, code in exit_codes.items() if code]
-    print("\n".join(f"DOES NOT HOLD: {fault}" for fault in faults) or "all of it holds")
+    print("\n".join(f"DOES NOT HOLD: {fault}" for fault in faults) or "all bounds hold")
     return 1 if faults else 0
 
 
@@ -148,5 +149,5 @@ def main() -> int:
 
 
 if __name__ == "__main__":
-    signal.signal(signal.SIGTERM, lambda *_: sys.exit(1))  # so that nothing of it stays
+    signal.signal(signal.SIGTERM, lambda *_: sys.exit(1))  # so that everything is cleaned up
     sys.exit(main())

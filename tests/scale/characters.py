@@ -1,4 +1,4 @@
-"""Characters that play in real time and note whatever a viewer could notice."""
+"""Characters that play in real time and record everything that a viewer could notice."""
 
 from __future__ import annotations
 
@@ -24,9 +24,9 @@ POLICY = LinePolicy(ping_s=1.0, pong_timeout_s=1.0, hello_timeout_s=2.0)
 
 @dataclass
 class Character:
-    """One session. lost_at, back_at: of its lines, in pairs, monotonic seconds. changed: committed frames that were
-    shown otherwise than promised. unanswered: edits that were refused or never answered. put_off: edits that were
-    refused until the text encoder is there again, which is an answer. ended: why it did.
+    """One session. lost_at, back_at: when connections were lost and restored, in pairs, monotonic seconds. changed:
+    committed frames that changed before they were shown. unanswered: edits that were refused or never answered.
+    put_off: edits that were refused until the text encoder is back, which counts as an answer. ended: why it ended.
     """
 
     session: Session
@@ -42,16 +42,16 @@ class Character:
 
     @property
     def underruns(self) -> int:
-        """Frame times with nothing new to show."""
+        """Frame times without a new frame to show."""
         return self.session.stats.underruns
 
     @property
     def is_away(self) -> bool:
-        """Whether it is without a line now."""
+        """Whether it has no connection now."""
         return len(self.lost_at) > len(self.back_at)
 
     def away_s(self, begin: float) -> list[float]:
-        """How long each line that was lost since `begin` was away, as far as it came back."""
+        """How long each connection that was lost since `begin`, and has been restored, was away."""
         return [back - lost for lost, back in zip(self.lost_at, self.back_at, strict=False) if lost >= begin]
 
 
@@ -61,7 +61,7 @@ class Cast:
     def __init__(self, address: str, count: int, authority: Path) -> None:
         credentials = grpc.ssl_channel_credentials(authority.read_bytes())
         self._clients = [
-            # Keys that both servers get a share of, whatever a proxy's hash makes of them.
+            # Enough keys that each server gets a share, whatever a proxy's hash makes of them.
             MotionClient(address, credentials=credentials, policy=POLICY, connect_timeout_s=30.0)
             for _ in range(CLIENTS)
         ]
@@ -104,7 +104,7 @@ class Cast:
             directing.cancel()
 
     async def _look(self) -> None:
-        """Note when lines are lost and back; a session has no event for it."""
+        """Record when connections are lost and restored; sessions have no event for that."""
         while True:
             now = time.monotonic()
             for character in self.characters:
@@ -125,7 +125,7 @@ def _note_promises(character: Character) -> None:
 
 
 async def _direct(character: Character, index: int) -> None:
-    """Give prompts all the time, each after the answer to the one before."""
+    """Keep sending prompts, each after the previous one was answered."""
     number = index
     while True:
         await asyncio.sleep(EDIT_EVERY_S)
@@ -144,5 +144,5 @@ async def _direct(character: Character, index: int) -> None:
 
 
 def percentile(values: Sequence[float], share: float) -> float:
-    """0 of none."""
+    """The percentile; 0 without values."""
     return float(np.percentile(values, 100 * share)) if values else 0.0

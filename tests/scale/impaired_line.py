@@ -1,4 +1,4 @@
-"""A line that is slow, stalls, falls silent or breaks when it is told to: a network, where there is no netem."""
+"""A relay that is slow, stalls, falls silent or breaks on command: an impaired network without netem."""
 
 from __future__ import annotations
 
@@ -10,13 +10,14 @@ from motiongen_compliance.line import Carry, TcpLine
 
 PIECE_BYTES = 16_384
 STALL_SHARE = 0.02
-"""Of pieces that wait as long as TCP does for one that was lost."""
+"""The share of pieces of data that are delayed as long as TCP's retransmission of a lost one."""
 
 
 class ImpairedLine(TcpLine):
-    """delay_s: each way, up to twice as much by chance; order is kept, as by TCP. stall_s: what some wait besides.
+    """delay_s: in each direction, at random up to twice as much; order is kept, as by TCP. stall_s: extra delay of some
+    pieces.
 
-    is_silent: nothing is passed on and nothing is closed, as of a machine that has lost its power.
+    is_silent: nothing is passed on and nothing is closed, as if a machine had lost power.
     """
 
     name = "localhost"
@@ -28,7 +29,7 @@ class ImpairedLine(TcpLine):
         self._draw = draw
 
     def heal(self) -> None:
-        """As a good line. What was on its way while it was silent is lost with its connections."""
+        """Work normally again. Connections that existed while it was silent are closed, with the data on its way."""
         if self.is_silent:
             self.cut()
         self.delay_s, self.stall_s, self.is_silent = 0.0, 0.0, False
@@ -37,7 +38,7 @@ class ImpairedLine(TcpLine):
         return self._carry
 
     async def _carry(self, source: asyncio.StreamReader, target: asyncio.StreamWriter) -> None:
-        """One way of a connection: what has been read waits its time, and what comes meanwhile is read on."""
+        """One direction of a connection: data that was read is delayed, while more is being read."""
         under_way: asyncio.Queue[tuple[float, bytes]] = asyncio.Queue(64)
         putting = asyncio.create_task(self._put(under_way, target))
         try:

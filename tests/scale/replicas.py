@@ -1,4 +1,4 @@
-"""Several servers of one store: real processes, a real Redis beside them."""
+"""Several servers with a common store: real processes, and a real Redis."""
 
 from __future__ import annotations
 
@@ -29,18 +29,18 @@ SMALL = (
     "--admit-load",
     "100",
 )
-"""Of a server that shares a small machine with others: it lets in whoever comes."""
+"""Settings of a server that shares a small machine with others: it refuses nobody."""
 
 
 PORT_TAKEN = "cannot listen on"
-"""What a server says whose port somebody else has got: for a moment, it may be, as every connection takes one."""
+"""The message of a server whose port is taken, perhaps only briefly: each outgoing connection takes a port, too."""
 SERVER = "motiongen_server"
 NULL_SERVER = "tests.bench.null_server"
-"""The same but for the model: its frames mean nothing, and cost nothing."""
+"""The same server without a model: its frames mean nothing and cost nothing."""
 
 
 class Replica:
-    """`python -m motiongen_server` on ports that it keeps when it is started again."""
+    """`python -m motiongen_server`; it keeps its ports when it is restarted."""
 
     def __init__(
         self, name: str, folder: Path, store: str, arguments: Sequence[str] = (), program: str = SERVER
@@ -57,7 +57,7 @@ class Replica:
         self.process: subprocess.Popen[bytes] | None = None
         self._may_begin_again = False
         self.environment: Mapping[str, str] = {}
-        """Beside this process's own, from the next start on."""
+        """Environment variables in addition to this process's own, from the next start on."""
 
     @property
     def is_running(self) -> bool:
@@ -66,9 +66,9 @@ class Replica:
 
     @property
     def is_ready(self) -> bool:
-        """Whether it serves; one whose port is not free is begun once more.
+        """Whether it serves. If its port was not free, it is started once more.
 
-        Raises RuntimeError with its log where it has ended by itself.
+        Raises RuntimeError with its log if it has ended by itself.
         """
         if not self.is_running:
             if self._may_begin_again and PORT_TAKEN in self.last_words():
@@ -81,7 +81,7 @@ class Replica:
         return ready
 
     def begin(self) -> None:
-        """Start it; `is_ready` tells when it serves."""
+        """Start it; `is_ready` says when it serves."""
         with self._log.open("ab") as log:
             environment = {**os.environ, **self.environment}
             self.process = subprocess.Popen(self._command, stdout=log, stderr=log, env=environment)
@@ -97,7 +97,7 @@ class Replica:
         return sum(float(line.rpartition(" ")[2]) for line in lines if line.split("{")[0].split(" ")[0] == name)
 
     def send(self, number: signal.Signals) -> None:
-        """A signal for the gateway, such as SIGKILL, SIGTERM to drain, SIGSTOP."""
+        """Send a signal to the gateway, such as SIGKILL, SIGTERM to drain, or SIGSTOP."""
         assert self.process is not None
         self.process.send_signal(number)
 
@@ -108,17 +108,17 @@ class Replica:
         self.process.wait()
 
     def kill_engine(self) -> None:
-        """End an engine process at once, which the gateway starts again."""
+        """End an engine process at once; the gateway restarts it."""
         self.engine().kill()
 
     def engine(self) -> psutil.Process:
-        """Its engine process: of those below the gateway, the one that holds most."""
+        """Its engine process: of the processes below the gateway, the one with most memory."""
         assert self.process is not None
         below = psutil.Process(self.process.pid).children(recursive=True)
         return max(below, key=lambda each: int(each.memory_info().rss))
 
     def stop(self) -> None:
-        """End it whatever it is at."""
+        """End it, whatever its state."""
         if self.is_running:
             assert self.process is not None
             with contextlib.suppress(ProcessLookupError):
@@ -150,7 +150,7 @@ class Replicas:
         program: str = SERVER,
         environment: Mapping[str, str] | None = None,
     ) -> None:
-        """store: in place of a Redis of their own. environment: of the servers, beside this process's."""
+        """store: used instead of a new Redis. environment: for the servers, in addition to this process's."""
         self._folder = folder
         self._has_redis = store is None
         self.redis: subprocess.Popen[bytes] | None = None
@@ -162,12 +162,12 @@ class Replicas:
 
     @property
     def exit_codes(self) -> dict[str, int | None]:
-        """Of those that have ended."""
+        """Exit codes of the servers that have ended."""
         return {each.name: each.process.returncode for each in self.all if each.process is not None}
 
     @property
     def behind(self) -> list[Behind]:
-        """Where a proxy finds them."""
+        """The servers' addresses, for a proxy."""
         return [replica.behind for replica in self.all]
 
     def start_redis(self) -> None:
@@ -175,7 +175,7 @@ class Replicas:
         self.redis = start_redis(self._folder)
 
     def kill_redis(self) -> None:
-        """End the Redis at once, with all that it holds."""
+        """End the Redis at once, with all its contents."""
         assert self.redis is not None
         self.redis.kill()
         self.redis.wait()

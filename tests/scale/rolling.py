@@ -1,8 +1,8 @@
-"""Servers replaced one by one, and the proxy reloaded, under characters that play: `python -m tests.scale.rolling`.
+"""Replace servers one by one, and reload the proxy, while characters play: `python -m tests.scale.rolling`.
 
-Each server in turn is asked to drain (SIGTERM), ends, and is started again; the next one's turn comes when it is ready.
-Then the proxy takes its configuration anew, as often as there are servers. Prints what the characters noticed, by step;
-ends with status 1 where a frame was missing, a committed one changed, an edit was lost or a session was opened anew.
+Each server in turn is asked to drain (SIGTERM), ends, and is started again; the next one follows when it is ready. Then
+the proxy reloads its configuration, once for each server. Prints what the characters noticed in each step; exits with
+code 1 if a frame was missing, a committed frame changed, an edit was lost or a session was reopened.
 """
 
 from __future__ import annotations
@@ -30,13 +30,13 @@ async def replace(replica: Replica) -> None:
     replica.send(signal.SIGTERM)
     exit_code = await asyncio.to_thread(replica.process.wait, 60)
     if exit_code:
-        raise RuntimeError(f"{replica.name} ended with {exit_code} when it was asked to drain")
+        raise RuntimeError(f"{replica.name} ended with exit code {exit_code} when it was asked to drain")
     replica.begin()
     await asyncio.to_thread(until, lambda: replica.is_ready)
 
 
 async def play(replicas: Replicas, proxy: Proxy, num_characters: int) -> bool:
-    """Returns whether nobody noticed anything."""
+    """Returns whether no character noticed anything."""
     async with Cast(proxy.address, num_characters, CERTIFICATES / "authority.pem") as cast:
         await asyncio.sleep(BEFORE_S)
         begun, first = time.monotonic(), Books.of(cast.characters)
@@ -65,7 +65,7 @@ async def play(replicas: Replicas, proxy: Proxy, num_characters: int) -> bool:
         print(f"without a server, p50 / p99: {percentile(away, 0.5):.2f} / {percentile(away, 0.99):.2f} s; "
               f"frames shown: {shown}; ended: {len(ended)} {ended[:1] or ''}")  # fmt: skip
         noticed = last.missed - first.missed, last.changed, last.unanswered, last.anew, len(ended), not_back
-        print("nobody noticed anything" if not any(noticed) else "DOES NOT HOLD: somebody noticed")
+        print("no character noticed anything" if not any(noticed) else "DOES NOT HOLD: characters noticed something")
         return not any(noticed)
 
 
@@ -91,5 +91,5 @@ def main() -> int:
 
 
 if __name__ == "__main__":
-    signal.signal(signal.SIGTERM, lambda *_: sys.exit(1))  # so that nothing of it stays
+    signal.signal(signal.SIGTERM, lambda *_: sys.exit(1))  # so that everything is cleaned up
     sys.exit(main())

@@ -1,4 +1,4 @@
-"""What can go wrong for a while: of the network, of processes, of a machine's disk, descriptors and clock."""
+"""Temporary faults: of the network, of processes, and of a machine's disk, descriptors and clock."""
 
 from __future__ import annotations
 
@@ -19,10 +19,10 @@ from tests.scale.replicas import Replica, Replicas
 
 FULL_DISK_BYTES = 4096
 FEW_DESCRIPTORS = 16
-"""Fewer than each process of a server has open, and more than one poll(2) of it waits for.
+"""Fewer descriptors than each process of a server has open, but more than any of its poll(2) calls waits for.
 
-A poll for more than may be open at all fails as a wrong call, on which ZeroMQ aborts; no process whose descriptors are
-merely used up makes one.
+A poll for more descriptors than the limit allows fails with EINVAL, on which ZeroMQ aborts; that would not happen to a
+process that has merely used up its descriptors.
 """
 STOPPED_S = 5.0
 _SITE = """
@@ -38,7 +38,7 @@ time.time_ns = lambda: _true_ns() + 1_000_000_000 * _offset_s()
 
 @dataclass
 class World:
-    """All that is there. line: between clients and the proxy. clock: a file that says how the servers' clock is set."""
+    """The whole setup. line: between clients and the proxy. clock: a file with the offset of the servers' clock."""
 
     replicas: Replicas
     proxy: Proxy
@@ -53,13 +53,13 @@ class World:
 
 
 Trouble = Callable[[World, random.Random], AbstractAsyncContextManager[str]]
-"""Begins with the block and is over with it; gives what was hit."""
+"""A fault that lasts as long as the block; yields what was hit."""
 
 
 def false_clock(folder: Path) -> tuple[Path, dict[str, str]]:
-    """A file with the offset of the wall clock, seconds, and the environment of Python programs that go by it.
+    """A file with the offset of the wall clock, seconds, and an environment for Python programs that use it.
 
-    Setting the machine's own clock would move it for everybody else. What Python's libraries in C read is the true one.
+    Setting the machine's own clock would affect everything else. Libraries in C still read the true clock.
     """
     path, place = folder / "clock", folder / "clock-site"
     path.write_text("0")
@@ -77,7 +77,7 @@ async def delay(world: World, draw: random.Random) -> AsyncIterator[str]:
 
 @asynccontextmanager
 async def loss(world: World, draw: random.Random) -> AsyncIterator[str]:
-    """As TCP shows it: order is kept, and what was lost comes a time-out later."""
+    """Packet loss as seen through TCP: order is kept, and lost data arrives a time-out later."""
     world.line.delay_s, world.line.stall_s = 0.01, draw.uniform(0.2, 0.8)
     yield f"stalls of {1000 * world.line.stall_s:.0f} ms"
     world.line.heal()
@@ -130,7 +130,7 @@ async def stopped_redis(world: World, _: random.Random) -> AsyncIterator[str]:
 
 @asynccontextmanager
 async def _limited(replica: Replica, what: int, most: int) -> AsyncIterator[str]:
-    """A server's process and its engine's have less of something."""
+    """Limit a resource of a server's processes."""
     assert replica.process is not None
     pids = replica.process.pid, replica.engine().pid
     before = [resource.prlimit(pid, what) for pid in pids]
@@ -153,7 +153,7 @@ async def full_disk(world: World, draw: random.Random) -> AsyncIterator[str]:
 
 @asynccontextmanager
 async def no_descriptors(world: World, draw: random.Random) -> AsyncIterator[str]:
-    """A server can open nothing more, and its clients' connections are cut besides, so that they want new ones."""
+    """A server cannot open any more descriptors, while its clients' connections are cut, so that they need new ones."""
     replica = await asyncio.to_thread(world.one, draw)
     async with _limited(replica, resource.RLIMIT_NOFILE, FEW_DESCRIPTORS) as name:
         world.line.cut()

@@ -1,1 +1,1 @@
-"""A fleet of servers, simulated event by event: arrivals in waves, a zone that fails, an upgrade under way."""
+"""A fleet of servers, simulated event by event: arrivals in waves, a failing zone, a rolling upgrade."""

@@ -13,7 +13,7 @@ from tests.scale.simulation.day import Outcome, Simulation
 from tests.scale.simulation.fleet import Placement
 
 CLIENTS = {CPU_CAPACITY: 10.0, ENGINE_CAPACITY: 100.0}
-"""Characters that a client of such servers brings: a player's game, or a game's server with many players."""
+"""Characters per client of such servers: the client is a player's game, or a game server with many players."""
 HEAD = (
     "| servers | characters each | placed by | clients refused at first | waited, p99 | gave up "
     "| load of the fullest, p99 | moved | pose held for it, p99 / most | held of all | upgrade |"
@@ -21,12 +21,12 @@ HEAD = (
 
 
 def percentile(values: list[float], share: float) -> float:
-    """0 of none."""
+    """The percentile; 0 without values."""
     return float(np.percentile(values, share)) if values else 0.0
 
 
 def row(servers: int, capacity: int, placement: Placement, outcome: Outcome, day_begins_at: float) -> str:
-    """One day as a line of the table."""
+    """One day as a row of the table."""
     fullest = [sample.most for sample in outcome.samples if sample.at >= day_begins_at]
     share = 100 * outcome.held / max(1.0, outcome.played)
     upgrade = f"{outcome.upgraded_s / 60:.0f} min" if outcome.upgraded_s else "not over"
@@ -50,7 +50,7 @@ def main() -> None:
         help=", ".join(each.value for each in Placement),
     )
     parser.add_argument("--seed", type=int, default=1)
-    parser.add_argument("--out", type=Path, help="folder of the picture (default: none is drawn)")
+    parser.add_argument("--out", type=Path, help="folder for the picture (default: do not draw one)")
     options = parser.parse_args()
     begun = time.process_time()
     print(HEAD)
@@ -64,7 +64,7 @@ def main() -> None:
                 outcome = simulation.run()
                 print(row(servers, capacity, placement, outcome, simulation.day.warm_until), flush=True)
                 shown[servers, capacity, placement] = outcome
-    print(f"\nseed {options.seed}, {time.process_time() - begun:.0f} s of processor time")
+    print(f"\nseed {options.seed}, {time.process_time() - begun:.0f} s of CPU time")
     if options.out:
         from tests.scale.simulation.picture import draw_days
 

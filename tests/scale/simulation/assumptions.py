@@ -1,4 +1,4 @@
-"""What the simulation is told: what was measured here, and what is assumed."""
+"""The parameters of the simulation: measured ones and assumptions."""
 
 from __future__ import annotations
 
@@ -7,19 +7,19 @@ from dataclasses import dataclass
 CPU_CAPACITY = 206
 """Characters of the crowd that two cores serve in full, float32 (docs/performance/scenarios.md)."""
 ENGINE_CAPACITY = 5_000
-"""Characters that an engine process can follow with a model that takes no time: 0.2 ms a character and second."""
+"""Characters that an engine process can handle with a model that takes no time: 0.2 ms per character and second."""
 
 
 @dataclass(frozen=True)
 class Assumptions:
-    """capacity: characters that a server serves in full. admitted: the share of it up to which it lets them in.
+    """capacity: characters that a server serves in full. admitted: the share of it up to which characters are let in.
 
-    Clients bring `characters` each on average (geometric, at least one) and stay `life_s` on average (exponential).
-    window_s: the motion that a window makes; lookahead_s: what a client holds. away_s: the least and the most between
-    the loss of a server and the open with another one. retry_s: after which who was refused asks again; patience_s:
-    after which he gives up. start_s: from the wish for a server to a warm one. target: the load that the autoscaler
-    keeps; scale_every_s: how often it looks; growth: the most that it adds a minute, as a share. zones: that servers
-    are spread over. surge: the share of the servers that an upgrade replaces at once.
+    Clients have `characters` each on average (geometric, at least one) and stay `life_s` on average (exponential).
+    window_s: the motion that a window makes; lookahead_s: what a client holds. away_s: least and greatest time from the
+    loss of a server to the open on another one. retry_s: after this time a refused client asks again; patience_s: after
+    this time it gives up. start_s: from the request for a server until it is warm. target: the load that the autoscaler
+    keeps; scale_every_s: how often it checks; growth: the most that it adds per minute, as a share. zones: how many
+    zones servers are spread over. surge: the share of the servers that an upgrade replaces at once.
     """
 
     capacity: int = CPU_CAPACITY
@@ -41,7 +41,7 @@ class Assumptions:
 
 @dataclass(frozen=True)
 class Day:
-    """What happens, seconds from the beginning. In the wave clients arrive `wave` times as often."""
+    """When things happen, in seconds from the beginning. During the wave, clients arrive `wave` times as often."""
 
     ends_at: float = 4800.0
     warm_until: float = 600.0

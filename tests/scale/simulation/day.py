@@ -21,7 +21,7 @@ USUAL, USUAL_DAY = Assumptions(), Day()
 
 @dataclass
 class Sample:
-    """The fleet at one time: its servers and characters, the mean, the 99th percentile and the most of their loads."""
+    """The fleet at one time: its servers and characters; mean, 99th percentile and maximum of the servers' loads."""
 
     at: float
     servers: int
@@ -34,10 +34,10 @@ class Sample:
 
 @dataclass
 class Outcome:
-    """What became of everybody. Times in seconds; held: character-seconds without a frame, played: with one.
+    """The results. Times in seconds; held: character-seconds without a frame, played: with one.
 
-    opened, refused, given_up: clients that asked; waited: how long those that were refused first waited until they were
-    let in. moved: clients that went to another server; away: how long each held its pose for it.
+    opened, refused, given_up: numbers of clients; waited: how long clients that were refused at first waited until they
+    were let in. moved: clients that moved to another server; away: how long each of them held its pose meanwhile.
     """
 
     opened: int = 0
@@ -54,7 +54,7 @@ class Outcome:
 
 
 class Simulation:
-    """One day. seed: all that is drawn comes from it."""
+    """One day. seed: of all random choices."""
 
     def __init__(
         self, servers: int, placement: Placement, given: Assumptions = USUAL, day: Day = USUAL_DAY, seed: int = 1
@@ -76,9 +76,9 @@ class Simulation:
             self.fleet.add()
 
     def run(self) -> Outcome:
-        """To the end of the day."""
+        """Run to the end of the day."""
         given, day = self.given, self.day
-        for _ in range(int(self._rate * given.life_s)):  # those that are there in the beginning
+        for _ in range(int(self._rate * given.life_s)):  # clients that are there from the beginning
             self._try_to_open(self._client(0.0), 0.0, 0.0)
         self._expect_arrival(0.0)
         self._at(day.wave_at, self._change_rate)
@@ -106,7 +106,7 @@ class Simulation:
         return Client(self._dice.random(), characters, now + self._dice.expovariate(1.0 / self.given.life_s))
 
     def _change_rate(self, now: float) -> None:
-        """The wave begins, or ends: arrivals have no memory, so the next one is drawn anew."""
+        """Begin or end the wave. Arrivals are memoryless, so the next one is drawn again."""
         self._generation += 1
         self._expect_arrival(now)
 
@@ -117,7 +117,7 @@ class Simulation:
 
     def _arrive(self, generation: int, now: float) -> None:
         if generation != self._generation:
-            return  # drawn at another rate than there is now
+            return  # it was drawn for an earlier rate
         self._expect_arrival(now)
         self.outcome.opened += now >= self.day.warm_until
         self._try_to_open(self._client(now), now, now)
@@ -136,7 +136,7 @@ class Simulation:
         self._at(again, partial(self._try_to_open, client, asked_at))
 
     def _move_all(self, server: Server, now: float, lost: bool) -> None:
-        """Its clients go elsewhere. lost: it is gone already; else it serves them until they are there."""
+        """Move its clients elsewhere. lost: the server is gone; otherwise it serves them until they have moved."""
         for client in list(server.clients):
             self.fleet.leave(client)
             least, most = self.given.away_s
@@ -160,7 +160,7 @@ class Simulation:
     # ---- servers ----------------------------------------------------------------------------------------------------
 
     def _scale(self, now: float) -> None:
-        """As the autoscaler of Kubernetes does: by the mean load, and no faster than it may."""
+        """Scale like the autoscaler of Kubernetes: by the mean load, with a limited rate of growth."""
         given, servers = self.given, self.fleet.servers
         there = len(servers) + self._starting
         loads = self.fleet.loads()
@@ -199,7 +199,7 @@ class Simulation:
             self._start(now, is_upgrade=True)
 
     def _replace_one(self, now: float) -> None:
-        """A new server is ready: an old one goes, and the next new one is started."""
+        """A new server is ready: an old one leaves, and the next new one is started."""
         if self._to_upgrade:
             old = self._to_upgrade.pop()
             old.drains = True

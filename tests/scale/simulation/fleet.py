@@ -10,22 +10,22 @@ from enum import Enum
 from tests.scale.simulation.assumptions import Assumptions
 
 RING_POINTS = 40
-"""Of each server on the ring of a proxy's consistent hash."""
+"""Points per server on the ring of a proxy's consistent hash."""
 BOUND = 1.5
-"""Of a hash with bounded loads: the clients that a server may have, by the mean of all."""
+"""For a hash with bounded loads: the most clients of a server, relative to the mean."""
 KNOWN, NAMED, ASKED = 8, 3, 4
-"""Servers that one that is full knows the room of, and names of these; that a client asks, the first among them."""
+"""Servers whose room a full server knows; how many of them it names; servers that a client asks in all."""
 TELL_S = 1.0
-"""How often servers tell their room."""
+"""How often servers report their room."""
 LEAST_FREE = 0.05
-"""Of what a server admits, with less of which it is not named."""
+"""The least free share of what a server admits with which it is named."""
 
 
 class Placement(Enum):
-    """KEY: where the client's key leads, and there again if it is full. BOUNDED: the same, but that no server is given
-    more than `BOUND` times the mean number of clients. HINT: where it leads, and from a server that is full to one that
-    it names, by what servers told a moment ago, as `motiongen_server.replicas` does it. LEAST: the emptier of two at
-    random, from the beginning, and else as HINT.
+    """KEY: the server to which the client's key leads, also if it is full. BOUNDED: the same, but no server gets more
+    than `BOUND` times the mean number of clients. HINT: the server to which the key leads; if it is full, one that it
+    names according to recent reports, as in `motiongen_server.replicas`. LEAST: the emptier of two random servers at
+    first, otherwise as HINT.
     """
 
     KEY = "key"
@@ -36,7 +36,7 @@ class Placement(Enum):
 
 @dataclass(eq=False)
 class Client:
-    """key: where on the ring it belongs. characters: that it plays. ends_at: when it goes by itself."""
+    """key: its place on the ring. characters: how many it plays. ends_at: when it leaves by itself."""
 
     key: float
     characters: int
@@ -47,9 +47,9 @@ class Client:
 
 @dataclass(eq=False)
 class Server:
-    """characters, clients: on it; in the order they came, which a set would not keep. backlog: windows that wait as of
-    `looked_at`, of clients that came with little in hand. drains: it takes nobody more. told: its characters as the
-    others know them, since `told_at`.
+    """characters: their number. clients: in the order of arrival, which a set would not keep. backlog: windows that
+    wait as of `looked_at`, for clients that came with little in hand. drains: it accepts no more clients. told: the
+    number of characters that it reported at `told_at`.
     """
 
     number: int
@@ -63,13 +63,13 @@ class Server:
     told_at: float = -TELL_S
 
     def told_free(self, now: float, given: Assumptions) -> float:
-        """The share of what it admits that the others take for free: what it said up to a second ago."""
+        """The free share of what it admits, as known to the others: it was reported up to a second ago."""
         if now - self.told_at >= TELL_S:
             self.told, self.told_at = self.characters, now
         return 0.0 if self.drains else max(0.0, 1.0 - self.told / (given.admitted * given.capacity))
 
     def wait_s(self, windows: int, now: float, given: Assumptions) -> float:
-        """How long so many more windows take beside those of who plays on, and let them wait with the others."""
+        """Queue so many more windows. Returns how long they take, in addition to those of clients that play on."""
         spare = max(given.capacity - self.characters, 0.02 * given.capacity) / given.window_s
         self.backlog = max(0.0, self.backlog - spare * (now - self.looked_at)) + windows
         self.looked_at = now
@@ -77,7 +77,7 @@ class Server:
 
 
 class Fleet:
-    """Servers that are up, and the way to one of them. `room` is asked before every placement, as admission is."""
+    """Servers that are up, and how a client gets to one of them. `has_room` plays the part of admission."""
 
     def __init__(self, given: Assumptions, placement: Placement, dice: random.Random) -> None:
         self.given = given
@@ -88,7 +88,7 @@ class Fleet:
         self._ring: list[tuple[float, int, Server]] = []
 
     def add(self, zone: int | None = None) -> Server:
-        """A server that is ready. zone: the one with the fewest where it is not given."""
+        """Add a server that is ready. zone: by default the one with the fewest servers."""
         self._numbers += 1
         if zone is None:
             counts = [sum(server.zone == each for server in self.servers) for each in range(self.given.zones)]
@@ -100,17 +100,17 @@ class Fleet:
         return server
 
     def remove(self, server: Server) -> None:
-        """It is gone; its clients are the caller's to place anew."""
+        """Remove a server; the caller has to place its clients again."""
         self.servers.remove(server)
         self._ring = [point for point in self._ring if point[2] is not server]
 
     def has_room(self, server: Server, characters: int) -> bool:
-        """Whether admission lets them in."""
+        """Whether admission lets in so many characters."""
         given = self.given
         return not server.drains and server.characters + characters <= given.admitted * given.capacity
 
     def place(self, client: Client, now: float = 0.0) -> Server | None:
-        """A server with room for a client, by the policy; None where it is refused."""
+        """Place a client by the policy, on a server with room; None if it is refused."""
         if not self.servers:
             return None
         if self.placement is Placement.LEAST:
@@ -125,7 +125,7 @@ class Fleet:
         return self._named(client, [first], now)
 
     def _named(self, client: Client, asked: list[Server], now: float) -> Server | None:
-        """One that the server asked last names, or that one in turn; None where four have been asked."""
+        """Place a client on a server named by the last one asked, or by that one in turn; None after four servers."""
         while len(asked) < ASKED:
             others = [server for server in self.servers if server is not asked[-1]]
             known = self._dice.sample(others, min(KNOWN, len(others)))
@@ -158,7 +158,7 @@ class Fleet:
         return server
 
     def leave(self, client: Client) -> None:
-        """The client is on its server no more."""
+        """Remove a client from its server."""
         server = client.server
         if server is not None:
             del server.clients[client]
@@ -166,5 +166,5 @@ class Fleet:
             client.server = None
 
     def loads(self) -> list[float]:
-        """Characters of each server, by what it can serve in full."""
+        """Characters of each server, divided by what it can serve in full."""
         return [server.characters / self.given.capacity for server in self.servers]

@@ -1,4 +1,4 @@
-"""The days as a picture: loads and refusals over time, a column a size of the fleet."""
+"""The days as a picture: loads and refusals over time, with a column for each size of the fleet."""
 
 from __future__ import annotations
 
@@ -18,7 +18,7 @@ COLOURS = {
 
 
 def draw_days(outcomes: Mapping[tuple[int, int, Placement], Outcome], folder: Path) -> Path:
-    """Of the first capacity that there is; returns the picture's path."""
+    """Draw the days of the first capacity. Returns the picture's path."""
     import matplotlib
 
     matplotlib.use("Agg")

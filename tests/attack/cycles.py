@@ -136,7 +136,7 @@ def judged(readings: Readings) -> tuple[str, bool]:
     """The slopes in words, and whether they are within the bound."""
     slopes = readings.slopes()
     grown = ", ".join(f"{slope:.0f}" for slope in slopes)
-    return f"bytes per cycle, gateway and engines: {grown}; at most {MOST_BYTES} are allowed", max(slopes) <= MOST_BYTES
+    return f"bytes per cycle, gateway and engines: {grown}; allowed: {MOST_BYTES}", max(slopes) <= MOST_BYTES
 
 
 async def main() -> int:

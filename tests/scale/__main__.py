@@ -51,7 +51,7 @@ async def play(address: str, replicas: Replicas, options: argparse.Namespace) ->
         still_away = sum(len(each.lost_at) > len(each.back_at) for each in cast.characters)
         print(f"lost their connection:                {len(hit)} of {len(cast.characters)}")
         print(
-            f"resumed:                              {resumed} times; reopened: {anew} times; still not back: {still_away}"
+            f"resumed:                              {resumed} times; reopened: {anew} times; still away: {still_away}"
         )
         print(f"without a server, p50 / p99 / max:    {percentile(away, 0.5):.2f} / {percentile(away, 0.99):.2f} / "
               f"{max(away, default=0.0):.2f} s")  # fmt: skip

@@ -1,6 +1,6 @@
-"""How channels of tests connect."""
+"""Options of the tests' gRPC channels."""
 
 from __future__ import annotations
 
 ALONE = (("grpc.use_local_subchannel_pool", 1),)
-"""Options of a channel with a connection of its own, as a client elsewhere has; else those to an address share one."""
+"""Gives a channel its own connection, as clients elsewhere have; otherwise channels to one address share one."""

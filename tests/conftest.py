@@ -1,4 +1,4 @@
-"""What tests of several rooms share: a real server process with a tiny model."""
+"""Shared by tests of several packages: a real server process with a tiny model."""
 
 from __future__ import annotations
 
@@ -13,7 +13,7 @@ from hypothesis import HealthCheck, settings
 
 from tests.server_process import ready
 
-# how fast an example runs is the machine's affair, not the test's
+# how fast an example runs depends on the machine
 settings.register_profile("motiongen", deadline=None, suppress_health_check=[HealthCheck.too_slow])
 settings.load_profile("motiongen")
 
@@ -23,7 +23,7 @@ TINY_MODEL = ROOT / "tests" / "data" / "golden" / "tiny-core27" / "checkpoint"
 
 @pytest.hookimpl(optionalhook=True)
 def pytest_xdist_make_scheduler(config: pytest.Config, log: object) -> object:
-    """Give each process whole files, and one process what is built once for a folder."""
+    """Give each process whole files, and one process all tests of a folder that share a build."""
     from tests.scheduling import FileScheduling
 
     return FileScheduling(config, log)
@@ -31,7 +31,7 @@ def pytest_xdist_make_scheduler(config: pytest.Config, log: object) -> object:
 
 @dataclass(frozen=True)
 class LiveServer:
-    """A server on free ports of this machine. address: of gRPC; ops_url: of health checks and metrics."""
+    """A server on free ports of this machine. address: for gRPC; ops_url: for health checks and metrics."""
 
     process: subprocess.Popen[str]
     address: str
@@ -40,7 +40,7 @@ class LiveServer:
 
 @pytest.fixture(scope="session", autouse=True)
 def state_home(tmp_path_factory: pytest.TempPathFactory) -> Iterator[None]:
-    """Servers of tests keep what outlives them in a folder of the tests' own, not in this user's."""
+    """Let the tests' servers keep their state in a folder of the tests, not in the user's."""
     with pytest.MonkeyPatch.context() as patch:
         patch.setenv("XDG_STATE_HOME", str(tmp_path_factory.mktemp("state")))
         yield
@@ -48,12 +48,12 @@ def state_home(tmp_path_factory: pytest.TempPathFactory) -> Iterator[None]:
 
 @pytest.fixture(scope="session")
 def live_server(tmp_path_factory: pytest.TempPathFactory) -> Iterator[LiveServer]:
-    """One server for all tests that ask; a test that stops or breaks a server starts its own. Its end is checked."""
+    """One server for all tests that use it; a test that stops or breaks a server starts its own. Its end is checked."""
     log = tmp_path_factory.mktemp("live_server") / "stderr.txt"
     settings = ["--port", "0", "--ops-port", "0", "--print-ports", "--devices", "cpu:1", "--drain-wait-s", "0"]
-    settings += ["--playback-rate", "1000"]  # tests take motion as fast as it comes
-    settings += ["--profile-s", "0.3", "--admit-load", "1000", "--degrade", "false"]  # however busy the machine
-    settings += ["--peer-calls-per-second", "1e6"]  # all tests come from one address, some ten thousand times
+    settings += ["--playback-rate", "1000"]  # tests take motion faster than real time
+    settings += ["--profile-s", "0.3", "--admit-load", "1000", "--degrade", "false"]  # on a busy machine, too
+    settings += ["--peer-calls-per-second", "1e6"]  # all tests call from one address, some ten thousand times
     model = ["--model", str(TINY_MODEL), "--text-encoder", "hashed"]
     with log.open("w", encoding="utf-8") as errors:
         process = subprocess.Popen(

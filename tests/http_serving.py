@@ -1,4 +1,4 @@
-"""An HTTP server of a test, in threads of this process."""
+"""An HTTP server for tests, in threads of this process."""
 
 from __future__ import annotations
 
@@ -10,7 +10,7 @@ from http.server import BaseHTTPRequestHandler, ThreadingHTTPServer
 
 @contextmanager
 def serving(handler: Callable[..., BaseHTTPRequestHandler]) -> Iterator[str]:
-    """Serve on a free port while the context lasts; gives the URL, without a slash at its end."""
+    """Serve on a free port while the context lasts; yields the URL, without a trailing slash."""
     server = ThreadingHTTPServer(("127.0.0.1", 0), handler)
     thread = threading.Thread(target=server.serve_forever, kwargs={"poll_interval": 0.01}, name="http")
     thread.start()

@@ -1,4 +1,4 @@
-"""What a test's own event loop has logged as errors."""
+"""The errors that a test's own event loop has logged."""
 
 from __future__ import annotations
 
@@ -8,10 +8,10 @@ import pytest
 
 
 def errors(caplog: pytest.LogCaptureFixture) -> list[str]:
-    """Their messages, less what gRPC says of the event loops of tests before.
+    """The messages of errors, without gRPC's about event loops of earlier tests.
 
-    Its poller is one for a process, and may find a call of such a loop when that is closed: it tells the loop that runs
-    by then, which by that is none of its own.
+    gRPC has one poller per process. If it finds a call of an event loop that has been closed, it logs an error in the
+    loop that runs now, although that one is not at fault.
     """
     found = [record for record in caplog.records if record.levelno >= logging.ERROR]
     return [record.getMessage() for record in found if not _is_of_a_closed_loop(record)]

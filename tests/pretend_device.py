@@ -1,6 +1,6 @@
-"""A device that computes as the CPU does, and refuses what a GPU would: tensors of two devices in one operation.
+"""A pretended device that computes on the CPU and refuses what a GPU would: tensors of two devices in one operation.
 
-Tensors on it say that their device is AWAY; what they hold lies on the CPU. No driver is needed.
+Tensors on it report AWAY as their device; their data is on the CPU. No driver is needed.
 """
 
 from __future__ import annotations
@@ -17,7 +17,7 @@ from torch.utils._pytree import tree_leaves, tree_map
 
 AWAY = torch.device("meta")
 _ATEN = torch.ops.aten
-# A device takes indices from the CPU, and copies from there.
+# Operations for which a device accepts tensors of the CPU: indices, and copies.
 _TAKES_ANY = {
     _ATEN.index.Tensor,
     _ATEN.index_put_.default,
@@ -32,7 +32,7 @@ class MixedDevices(AssertionError):
 
 
 class AwayTensor(torch.Tensor):
-    """A tensor on the device. held: what it holds."""
+    """A tensor on the device. held: its data, on the CPU."""
 
     held: Tensor
 
@@ -63,7 +63,7 @@ def _held(value: Any) -> Any:
 
 @torch.inference_mode()
 def _away(held: Tensor) -> AwayTensor:
-    """Made as while serving: a view of one that was not cannot be taken there."""
+    """Made in inference mode, like tensors while serving: in that mode, no views of other tensors can be taken."""
     return AwayTensor(held)
 
 
@@ -102,14 +102,14 @@ class _Operations(TorchDispatchMode):
 
 
 def _without_lists(index: Any) -> Any:
-    """An index whose lists are tensors: torch would make them on the device, where none of its own holds anything."""
+    """An index with its lists as tensors: torch would create them on the device, where its own tensors hold no data."""
     if isinstance(index, tuple):
         return tuple(map(_without_lists, index))
     return torch.tensor(index) if isinstance(index, list) else index
 
 
 class _Makers(TorchFunctionMode):
-    """What makes tensors of numbers, or numbers of tensors, and passes operations by."""
+    """Handles conversions of numbers to tensors, and of tensors to numbers, which are not dispatched as operations."""
 
     def __torch_function__(
         self, made_by: Callable[..., Any], types: Any, given: tuple[Any, ...] = (), named: dict[str, Any] | None = None
@@ -129,7 +129,7 @@ class _Makers(TorchFunctionMode):
 
 
 def carry_away(module: nn.Module) -> None:
-    """Put the weights and statistics of a module onto the device, in place."""
+    """Move the weights and statistics of a module to the device, in place."""
     for part in module.modules():
         for kind in (part._parameters, part._buffers):
             for name, tensor in kind.items():
@@ -139,6 +139,6 @@ def carry_away(module: nn.Module) -> None:
 
 @contextmanager
 def pretended() -> Iterator[None]:
-    """Within it the device is there."""
+    """The device exists within this context."""
     with _Makers(), _Operations():
         yield

@@ -1,4 +1,4 @@
-"""Which tests stay together when several processes share them (`make test`)."""
+"""Which tests run in the same process when several processes share them (`make test`)."""
 
 from __future__ import annotations
 
@@ -8,23 +8,23 @@ from xdist.scheduler import LoadScopeScheduling
 from xdist.workermanage import WorkerController
 
 TOGETHER = frozenset({"tests/cpp"})
-"""Folders whose tests share what is built once."""
+"""Folders whose tests share a build."""
 
 
 def scope_of(nodeid: str) -> str:
-    """What a test stays together with: its folder where that is to be, else its file."""
+    """The group of tests that a test stays with: its folder if listed above, else its file."""
     path = PurePosixPath(nodeid.partition("::")[0])
     folders = [str(parent) for parent in path.parents if str(parent) in TOGETHER]
     return folders[0] if folders else str(path)
 
 
 class FileScheduling(LoadScopeScheduling):
-    """Files with many tests first; fixtures of a file are made once."""
+    """Runs files with many tests first; a file's fixtures are made once."""
 
     def remove_node(self, node: WorkerController) -> str | None:
-        """Leave only what is not done yet to the others; returns the test that ended the process.
+        """Pass on only unfinished work to other processes; returns the test that ended this one.
 
-        pytest-xdist hands on all that the process was ever given: who gets a file without a test to do waits for ever.
+        pytest-xdist passes on all files that the process ever had; a process that gets a finished file waits forever.
         """
         given = self.assigned_work[node]
         self.assigned_work[node] = {scope: unit for scope, unit in given.items() if not all(unit.values())}

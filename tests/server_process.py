@@ -1,6 +1,6 @@
-"""A server of a test or a measurement, in a process of its own: what it tells once it is ready, and its end.
+"""A server process for tests and measurements: the line that it prints once it is ready, and its end.
 
-None is left running: one that does not end after SIGTERM is killed, and so is one whose test has failed.
+No process is left running: one that does not end after SIGTERM is killed, and so is one whose test has failed.
 """
 
 from __future__ import annotations
@@ -20,13 +20,13 @@ DEVICES = "--devices"
 
 
 class DidNotEnd(Exception):
-    """A server went on after SIGTERM, and was killed."""
+    """A server did not end after SIGTERM, and was killed."""
 
 
 def over(ordinary: Sequence[str], given: Sequence[str]) -> list[str]:
-    """Settings of a server: those that are ordinary, then those that are given.
+    """A server's settings: the usual ones, overridden by given ones.
 
-    Of most settings the last one counts. Devices add up, so those that are ordinary go where others are given.
+    For most settings the last one counts. Devices add up, so the usual ones are dropped if others are given.
     """
     kept = list(ordinary)
     while DEVICES in given and DEVICES in kept:
@@ -36,12 +36,12 @@ def over(ordinary: Sequence[str], given: Sequence[str]) -> list[str]:
 
 
 def end(process: subprocess.Popen[Any], limit_s: float = LIMIT_S) -> None:
-    """SIGTERM, unless it has ended. Raises DidNotEnd where it goes on for so many seconds; it is killed then."""
+    """Send SIGTERM, unless it has ended. If it does not end within so many seconds, kill it and raise DidNotEnd."""
     process.send_signal(signal.SIGTERM)
     try:
         if process.stderr is None:
             process.wait(limit_s)
-        else:  # of which nobody reads any more: it must not fill
+        else:  # nothing else reads it any more, and it must not fill up
             process.communicate(timeout=limit_s)
     except subprocess.TimeoutExpired:
         process.kill()
@@ -53,14 +53,14 @@ def end(process: subprocess.Popen[Any], limit_s: float = LIMIT_S) -> None:
 def ready(
     process: subprocess.Popen[str], log: Path | None = None, limit_s: float = LIMIT_S
 ) -> Iterator[dict[str, Any]]:
-    """Give the line of JSON that it prints once it is ready, and end it after the block: `returncode` is there then.
+    """Yield the JSON that it prints once it is ready, and end it after the block; then it has a `returncode`.
 
-    log: where its standard error goes, unless that is a pipe. Raises RuntimeError with that log where it does not
-    start, DidNotEnd where it does not end within limit_s.
+    log: where its standard error goes, unless that is a pipe. Raises RuntimeError with that log if it does not start,
+    DidNotEnd if it does not end within limit_s.
     """
     assert process.stdout is not None
     try:
-        line = process.stdout.readline()  # ends when the server is ready, or with the process
+        line = process.stdout.readline()  # returns when the server is ready, or when the process ends
         if not line:
             code = process.wait()
             said = "" if log is None else log.read_text(encoding="utf-8", errors="replace")
@@ -79,7 +79,7 @@ def ready(
 
 @asynccontextmanager
 async def watched(process: asyncio.subprocess.Process) -> AsyncIterator[dict[str, Any]]:
-    """The same of one that an event loop has started and whose end is what a test is about: nobody else asks for it."""
+    """The same for a process started by an event loop whose end is what is tested: only the test asks it to end."""
     assert process.stdout is not None
     try:
         line = await process.stdout.readline()

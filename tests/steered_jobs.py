@@ -1,4 +1,4 @@
-"""Jobs of windows that are steered: constraints of every kind, and a velocity."""
+"""Jobs of steered windows: with constraints of every kind, and with a velocity."""
 
 from __future__ import annotations
 
@@ -71,7 +71,7 @@ def asked(model: Model, first: int) -> list[tuple[Constraint, ...]]:
 
 
 def played(runner: Runner, jobs: Sequence[WindowJob]) -> list[WindowResult]:
-    """Jobs of two steps, together. Raises AssertionError where a number is not finite."""
+    """Run jobs of two steps together. Raises AssertionError if a number is not finite."""
     runner.prepare(jobs)
     ids = [each.job_id for each in jobs]
     for _ in range(2):
@@ -80,7 +80,7 @@ def played(runner: Runner, jobs: Sequence[WindowJob]) -> list[WindowResult]:
 
 
 def all_kinds(model: Model, before: Sequence[WindowResult] = ()) -> list[WindowJob]:
-    """A job for each of `asked`, first windows or those that go on from others' results."""
+    """A job for each of `asked`: first windows, or windows that continue given results."""
     none = np.zeros((0, model.representation.feature_dim), np.float32)
     return [
         job(index, model, before[index].features[-16:] if before else none, each, bool(index))

@@ -1,7 +1,7 @@
-"""Graphs on a processor: operations are noted once, with the memory that they read and write, and done again there.
+"""Graphs on the CPU: operations are recorded once, with the memory that they read and write, and replayed on it.
 
-As with CUDA's graphs nothing of the program runs in a replay, and what a replay left may be overwritten by the next of
-another graph: all numbers that other graphs have made are NaN by then.
+As with CUDA graphs, none of the program's code runs in a replay, and the results of a replay may be overwritten by
+another graph's: a replay sets all numbers that other graphs have made to NaN.
 """
 
 from __future__ import annotations
@@ -22,7 +22,7 @@ Result = TypeVar("Result")
 
 
 class _Tape(TorchDispatchMode):
-    """Notes operations. Fails where a GPU would be waited for, or something copied to it, which cannot be recorded."""
+    """Records operations. Fails on a wait for the GPU or a copy to it, because these cannot be recorded."""
 
     def __init__(self) -> None:
         super().__init__()
@@ -37,7 +37,7 @@ class _Tape(TorchDispatchMode):
         made = [one for one in tree_leaves(result) if isinstance(one, Tensor)]
         if operation._schema.is_mutable:
             self.steps.append(lambda: operation(*args, **named))
-        elif any(_memory(one) not in given for one in made if one.numel()):  # no view
+        elif any(_memory(one) not in given for one in made if one.numel()):  # not a view
 
             def again() -> None:
                 found = [one for one in tree_leaves(operation(*args, **named)) if isinstance(one, Tensor)]
@@ -50,15 +50,15 @@ class _Tape(TorchDispatchMode):
 
 
 class TapeRecorder:
-    """Satisfies `GraphRecorder`. num_replays, num_recorded: how often anything was."""
+    """Satisfies `GraphRecorder`. num_replays, num_recorded: numbers of replays and recordings."""
 
     def __init__(self) -> None:
         self.num_replays = self.num_recorded = 0
-        self._made: list[Tensor] = []  # by all tapes
+        self._made: list[Tensor] = []  # made by all tapes
 
     def record(self, work: Callable[[], Result]) -> tuple[Callable[[], None], Result]:
         self.num_recorded += 1
-        work()  # makes tables
+        work()  # fills caches of tables
         with _Tape() as tape:
             result = work()
         steps = tape.steps
@@ -76,7 +76,7 @@ class TapeRecorder:
 
 
 def eager(recorder: TapeRecorder, most: int = 64) -> GraphCache:
-    """A cache that records every shape when it first comes."""
+    """A cache that records every shape at its first use."""
     return GraphCache(recorder, most, worth_it=1)
 
 

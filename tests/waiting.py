@@ -1,7 +1,7 @@
-"""Waiting for other processes and threads that have no event for it: asked again until it is so.
+"""Waiting by polling, for conditions of other processes and threads that have no event.
 
-No result depends on how long that takes. Who waits in vain is ended by the test's own limit, far beyond what a busy
-machine needs. A test that can have an event, a clock that it moves, or a process's end to wait for, takes that.
+No result depends on how long it takes. A wait in vain is ended by the test's own time limit, which is far beyond what a
+busy machine needs. Tests prefer an event, a clock that they move, or the end of a process, where there is one.
 """
 
 from __future__ import annotations
@@ -14,24 +14,24 @@ from typing import TypeVar
 T = TypeVar("T")
 
 LIMIT_S = 240.0
-"""For waits that take a limit: who waits so long waits in vain. That of a test itself, in pyproject.toml, is longer."""
-AGAIN_S = 0.01  # leaves the core to what is waited for
+"""For waits with a limit: after this time a wait is in vain. A test's own limit, in pyproject.toml, is longer."""
+AGAIN_S = 0.01  # leaves the core to the other process
 
 
 def until(condition: Callable[[], T]) -> T:
-    """What a condition gives once that is true."""
+    """The value of a condition, once it is true."""
     while not (found := condition()):
         time.sleep(AGAIN_S)
     return found
 
 
 async def until_true(condition: Callable[[], T]) -> T:
-    """The same for tests that run an event loop, which goes on meanwhile."""
+    """The same for tests with an event loop, which keeps running meanwhile."""
     while not (found := condition()):  # noqa: ASYNC110  there is no event for it
         await asyncio.sleep(AGAIN_S)
     return found
 
 
 async def try_again() -> None:
-    """Before something is asked once more, that was refused for now."""
+    """Wait a moment before repeating something that was refused for the time being."""
     await asyncio.sleep(AGAIN_S)

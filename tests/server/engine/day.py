@@ -1,4 +1,4 @@
-"""A day in the life of an engine in virtual time: a changing crowd, random costs, failures, lost reports."""
+"""A simulated day of an engine in virtual time: a changing crowd, random costs, failures, lost reports."""
 
 from __future__ import annotations
 
@@ -19,7 +19,7 @@ ALLOWED = {Code.OK, Code.CANCELLED, Code.FAILED_PRECONDITION, Code.NOT_FOUND, Co
 
 
 class Crowd:
-    """Clients that come, edit, pause, lie about their playhead, fall silent and go, at random."""
+    """Clients that randomly come, edit, pause, report false playheads, fall silent and leave."""
 
     def __init__(self, stage: Stage, chance: random.Random) -> None:
         self.stage = stage
@@ -76,7 +76,7 @@ class Crowd:
 
 
 class Day:
-    """One engine, from its first session on. Everything in it follows from the seed."""
+    """One engine and its clients. Everything in it follows from the seed."""
 
     def __init__(self, seed: int) -> None:
         chance = self._chance = random.Random(seed)
@@ -111,14 +111,14 @@ class Day:
         return self._chance.random() < 0.0005
 
     def live(self, num_steps: int) -> None:
-        """Let so many steps of the engine pass; a broken rule raises where it is broken."""
+        """Run so many steps of the engine; a broken rule raises at once."""
         while len(self.stage.reports) < num_steps:
             for _ in range(self._chance.choice((0, 0, 0, 1, 8))):
                 self.crowd.act()
             self.stage.run(0.005)
 
     def end(self) -> None:
-        """Let everything come to rest without trouble, and check the books."""
+        """Let everything come to rest without further failures, and check the totals."""
         stage = self.stage
         stage.runner.fails = lambda call, job_ids: False
         stage.runner.poisoned = lambda job: False
@@ -128,7 +128,7 @@ class Day:
             if viewer.opened is not None and viewer.closed is None:
                 stage.pause(viewer, False)
         stage.run(5.0)
-        # A pose that is held is held on for a while, and the edits of its session wait.
+        # A held pose is held for some more time, during which its session's edits wait.
         limit_at = stage.clock.now() + 400.0
         while ServiceTier.HOLD in stage.tiers().values():
             assert stage.clock.now() < limit_at, "held for ever"
@@ -142,7 +142,7 @@ class Day:
             assert {outcome.code for outcome in viewer.outcomes.values()} <= ALLOWED
 
     def _check_jobs(self) -> None:
-        """Every job that was prepared was decoded once, or discarded, or still runs."""
+        """Check that every prepared job was decoded once, was discarded, or still runs."""
         runner, owners = self.stage.runner, self.stage.engine.windows.owners
         ends = Counter([*runner.decoded, *runner.discarded, *runner.jobs])
         prepared = {job.job_id for job in runner.prepared}

@@ -1,4 +1,4 @@
-"""EngineThread: an engine that goes round on a thread of its own."""
+"""EngineThread: an engine whose loop runs on its own thread."""
 
 from __future__ import annotations
 
@@ -9,7 +9,7 @@ from motiongen_server.engine.engine import Engine
 
 
 class EngineThread:
-    """Begins at once. failure: what ended the loop, if it did not end as it should."""
+    """Starts at once. failure: the exception that ended the loop, if any."""
 
     def __init__(self, engine: Engine) -> None:
         self._engine = engine

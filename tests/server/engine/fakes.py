@@ -1,8 +1,8 @@
 """A runner and a clock for tests: deterministic numpy, virtual time, no torch.
 
-Every row of a fake window tells what it was made from, so that a test can read a client's frames. Its root walks along
-x, SPEED metres a second, or as `moves` has it. Column FRAME holds the frame's number, PLAN the plan's, PROMPT the first
-entry of the prompt's embedding (-1 for none), CONSTRAINTS how many constraints the window saw, SEED the seed.
+Every row of a fake window says what it was made from, so that a test can interpret a client's frames. Its root moves
+along x, at SPEED metres per second, or as `moves` says. Column FRAME holds the frame's number, PLAN the plan's, PROMPT
+the first entry of the prompt's embedding (-1 for none), CONSTRAINTS how many constraints the window saw, SEED the seed.
 """
 
 from __future__ import annotations
@@ -58,7 +58,7 @@ FACTS = ModelFacts(
 
 
 class FakeClock:
-    """Time that passes when it is told to. `ticked` is called whenever it has."""
+    """Time that passes only when told to. `ticked` is called each time."""
 
     def __init__(self, start: float = 100.0) -> None:
         self._now = start
@@ -73,7 +73,7 @@ class FakeClock:
 
 
 class RealTime(FakeClock):
-    """Time that passes by itself; a runner's work takes none of it."""
+    """Time that passes by itself; a fake runner's work adds nothing to it."""
 
     def now(self) -> float:
         return time.monotonic()
@@ -83,18 +83,18 @@ class RealTime(FakeClock):
 
 
 class RunnerFailure(Exception):
-    """What a FakeRunner raises when it was told to."""
+    """Raised by a FakeRunner when it was told to fail."""
 
 
 @dataclass
 class FakeRunner:
-    """Keeps the runner's contract, and holds its caller to it: a breach is written down in `breaches`.
+    """Keeps the runner's contract, and checks that its caller does: breaches are recorded in `breaches`.
 
-    step_s: virtual seconds of a denoising step by rows. fails: called with "prepare", "denoise" or "decode" and the job
-    ids; where it says True the call raises. poisoned: whether a job's row turns to NaN in its first step;
-    poisoned_result: whether its frames hold NaN. moves: changes the frames of a window in place. holds, rights: whether
-    sessions may hold a pose, so that histories lag behind frames, or may be started anew. counts: how many frames of a
-    window it gives; None for all.
+    step_s: virtual seconds of a denoising step, by rows. fails: called with "prepare", "denoise" or "decode" and the
+    job ids; if it returns True, the call raises. poisoned: whether a job's row turns to NaN in its first step;
+    poisoned_result: whether its frames contain NaN. moves: changes the frames of a window in place. holds, rights:
+    whether sessions may hold a pose, so that histories lag behind frames, or may be corrected by a fresh start. counts:
+    how many frames of a window it returns; None for all.
     """
 
     clock: FakeClock = field(default_factory=FakeClock)
@@ -124,7 +124,7 @@ class FakeRunner:
         return np.repeat(rows[:, FRAME : FRAME + 1], FEATURE_DIM, axis=1)
 
     def outputs(self, names: Sequence[str], rows: np.ndarray) -> np.ndarray:
-        """Of the one joint that there is."""
+        """The outputs of the only joint."""
         self._raise_if_told("outputs", [])
         self._expect(len(rows) >= 2, "outputs of no frame")
         made = {
@@ -189,7 +189,7 @@ class FakeRunner:
         return WindowResult(job.job_id, frames[:count], features[:count], tokens)
 
     def _check_job(self, job: WindowJob) -> None:
-        """The history must be the frames just before the window, and long enough to be one."""
+        """Check that the history is the frames just before the window, and long enough."""
         length = len(job.history)
         self._expect(length % self.facts.patch == 0, f"history of {length} frames")
         self._expect(length <= self.facts.max_history, f"history of {length} frames")
@@ -199,7 +199,7 @@ class FakeRunner:
         if length:
             last = int(job.history[-1, 0])
             steps = np.diff(job.history[:, 0])
-            # before frame 0 stand a client's own frames, and before a cut any; they have other numbers
+            # a client's own frames before frame 0, and any frames before a cut, have other numbers
             recent = last == job.first_frame - 1 or self.holds or job.first_frame == 0 or job.cause is PlanCause.CUT
             self._expect(recent, f"the history before {job.first_frame} ends at {last}")
             contiguous = bool((steps >= 1).all() if self.holds else (steps == 1).all())

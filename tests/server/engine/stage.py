@@ -1,4 +1,4 @@
-"""Stage: an engine with a fake runner in virtual time, and viewers that play what it makes."""
+"""Stage: an engine with a fake runner in virtual time, and viewers that play its frames."""
 
 from __future__ import annotations
 
@@ -92,8 +92,8 @@ _Edit: TypeAlias = SetPrompts | SetConstraints | SetVelocity | SetPlayState | Se
 class Stage:
     """Drives the engine by hand. Viewers report their playheads every `report_every_s`, unless told to be silent.
 
-    delay_s: how long everything takes from a viewer to the engine, and from the engine to a viewer. clock, lease: those
-    of several stages, of which who takes turns runs the steps.
+    delay_s: of everything from a viewer to the engine, and from the engine to a viewer. clock, lease: shared by several
+    stages whose steps are run in turn by the test.
     """
 
     def __init__(
@@ -143,7 +143,7 @@ class Stage:
         return viewer
 
     def open_clip(self, handle: int, clip_frames: int, **fields: object) -> Viewer:
-        """A clip: nobody plays it, so nobody reports a playhead."""
+        """Open a clip, which is not played, so that no playheads are reported."""
         self.silent.add(SessionKey(1, handle))
         fields = {"priority": Priority.BATCH, "lookahead": clip_frames, **fields}
         return self.open(handle, clip_frames=clip_frames, **fields)
@@ -206,7 +206,7 @@ class Stage:
             viewer.take(refused, self.clock.now())
 
     def _carry(self, arrive: Callable[[float], object]) -> None:
-        """Have something arrive after the delay; it is told when it did."""
+        """Let something arrive after the delay; `arrive` is called with the time."""
         if not self._delay_s:
             arrive(self.clock.now())
         else:
@@ -220,17 +220,17 @@ class Stage:
     # ---- time -------------------------------------------------------------------------------------------------------
 
     def step(self) -> StepReport:
-        """One step of the engine; a step that denoises takes virtual time."""
+        """Run one step of the engine; a step that denoises takes virtual time."""
         report = self.engine.step()
         self.reports.append(report)
         return report
 
     def tiers(self) -> Mapping[Priority, ServiceTier]:
-        """What each class gets, as last reported; nothing before the first report of it."""
+        """The tier of each class as last reported; empty before the first report."""
         return next((report.tiers for report in reversed(self.reports) if report.tiers is not None), {})
 
     def run(self, seconds: float) -> None:
-        """Let the engine and the viewers live for so many virtual seconds."""
+        """Run the engine and the viewers for so many virtual seconds."""
         end = self.clock.now() + seconds
         while self.clock.now() < end:
             self.report_playheads()
@@ -264,7 +264,7 @@ class Stage:
         self._carry(arrive)
 
     def _addressee(self, output: Output) -> Viewer:
-        """The viewer that asked, where a handle has changed hands meanwhile; else the one that has the handle."""
+        """The viewer that made the request, if its handle has been reused since; else the one that has the handle."""
         asker = self._askers.get(output.event_seq) if isinstance(output, Outcome) else None
         return asker or self.viewers[output.session]
 
@@ -274,7 +274,7 @@ class Stage:
         return sum(value if isinstance(value, int) else len(value) for value in values)
 
     def check_finished(self) -> None:
-        """What must hold once everything has been answered."""
+        """Check what must hold once everything has been answered."""
         assert self.runner.breaches == []
         for viewer in self.viewers.values():
             assert viewer.outcomes.keys() == viewer.asked
@@ -287,6 +287,6 @@ class Stage:
 
 
 def crowd(num: int, config: EngineConfig | None = None, **fields: object) -> tuple[Stage, list[Viewer]]:
-    """A stage with so many sessions, each with a seed of its own."""
+    """A stage with so many sessions, each with its own seed."""
     stage = Stage(config)
     return stage, [stage.open(handle, seed=handle, **fields) for handle in range(1, num + 1)]

@@ -1,4 +1,4 @@
-"""Viewer: a client as the protocol sees it. It plays what it gets, and checks every rule that a client may rely on."""
+"""Viewer: a client that plays what it gets, and checks every rule of the protocol that a client may rely on."""
 
 from __future__ import annotations
 
@@ -24,7 +24,7 @@ from tests.server.engine.fakes import FRAME, PLAN
 
 
 class RuleBroken(AssertionError):
-    """The engine did what the protocol forbids."""
+    """The engine did something that the protocol forbids."""
 
 
 def require(holds: bool, rule: str) -> None:
@@ -33,7 +33,7 @@ def require(holds: bool, rule: str) -> None:
 
 
 class Viewer:
-    """One session's client. It plays in real time once it holds a frame, and holds the last one when it runs out."""
+    """The client of one session. It plays in real time once it has a frame, and holds the last one when it runs out."""
 
     def __init__(self, key: SessionKey, lookahead: int, fps: int) -> None:
         self.key = key
@@ -75,7 +75,7 @@ class Viewer:
         return min(math.floor(self.position), self.buffered_to - 1) if self.played_at is not None else -1
 
     def play(self, now: float) -> None:
-        """Let playback run on to now."""
+        """Advance playback to now."""
         if self.played_at is None or self.paused:
             return
         before = self.position
@@ -85,7 +85,7 @@ class Viewer:
             self.underruns += 1
 
     def report(self, now: float) -> Playhead:
-        """Start playing if not done, and say where playback is."""
+        """Start playing, unless it has started, and report the playhead."""
         if self.played_at is None:
             self.played_at = now
         self.play(now)
@@ -94,7 +94,7 @@ class Viewer:
         return Playhead(self.key, 0, now, frame, self.buffered_to, self.underruns, self.rtt_s)
 
     def lie(self, frame: int, now: float) -> Playhead:
-        """Report a frame that is not being shown. From now on the engine cannot know what was played."""
+        """Report a frame that is not being shown. From then on the engine cannot know what was played."""
         self.honest = False
         self.claimed = max(self.claimed, frame)
         return Playhead(self.key, 0, now, frame, frame, 0)
@@ -150,7 +150,7 @@ class Viewer:
         require(chunk.first_frame == self.buffered_to, f"chunk at {chunk.first_frame}, not {self.buffered_to}")
         require(len(chunk.rows) > 0, "empty chunk")
         end = chunk.first_frame + len(chunk.rows)
-        # A claim counts for no more than had been sent, some of which was still on its way when it was made.
+        # A report counts only up to what had been sent; some of that was still on its way when it was made.
         playhead = max(self.reported, min(self.claimed, self.received_to))
         self.received_to = max(self.received_to, end)
         require(end <= playhead + self.lookahead, f"frames to {end} with the playhead at {playhead}")

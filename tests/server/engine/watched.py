@@ -1,4 +1,4 @@
-"""WatchedScheduler: the scheduler, with every step it hands out checked against what it promises."""
+"""WatchedScheduler: the scheduler, with a check of every step against its guarantees."""
 
 from __future__ import annotations
 
@@ -9,7 +9,7 @@ from motiongen_server.engine.types import Priority, WindowJob
 
 
 class PromiseBroken(AssertionError):
-    """The scheduler did what it says it never does."""
+    """The scheduler broke one of its guarantees."""
 
 
 def _require(holds: bool, what: str) -> None:
@@ -18,9 +18,9 @@ def _require(holds: bool, what: str) -> None:
 
 
 class WatchedScheduler(Scheduler):
-    """Keeps its own books of who is held, in order of due time, and of how long each class has waited.
+    """Records which jobs are held, in order of due time, and how long each class has waited.
 
-    longest_wait: rows given to others, at the most, while a class with a share had jobs and got none.
+    longest_wait: the most rows given to other classes while a class with a share had jobs and got no row.
     """
 
     def __init__(self, costs: CostTable, max_rows: int) -> None:
@@ -50,7 +50,7 @@ class WatchedScheduler(Scheduler):
         _require(batch == sorted(batch, key=ScheduledJob.rank), "the rows are out of order")
         for priority in Priority:
             of_class = [held for held in self._jobs.values() if held.job.priority is priority]
-            # Whose frames are endangered may come first; newcomers come last, and may wait to begin together.
+            # Jobs whose frames are at risk may come first; new jobs come last, and may wait to start together.
             taken = [_order(held) for held in batch if held.job.priority is priority and not held.is_played]
             left = [
                 _order(held)
@@ -64,7 +64,7 @@ class WatchedScheduler(Scheduler):
         return batch
 
     def _note_wait(self, priority: Priority, taken: int, rows: int, held: int) -> None:
-        """A class that is owed a whole row gets it, though the whole rows of other classes may have to come first."""
+        """Check that a class that is owed a whole row gets it, after whole rows owed to other classes at most."""
         self._waited[priority] = 0 if taken or not held else self._waited[priority] + rows
         self.longest_wait[priority] = max(self.longest_wait[priority], self._waited[priority])
         share = DEFAULT_SHARES[priority - 1]
@@ -75,5 +75,5 @@ class WatchedScheduler(Scheduler):
 
 
 def _order(held: ScheduledJob) -> tuple[bool, tuple[float, int]]:
-    """What jobs of a class are taken in order of."""
+    """The sort key of a class's jobs."""
     return (not held.prepared, held.dueness)

@@ -1,4 +1,4 @@
-"""Windows to be scheduled, schedulers that hold them, and what the next step takes."""
+"""Windows to schedule, schedulers that hold them, and the rows of the next step."""
 
 from __future__ import annotations
 
@@ -33,7 +33,7 @@ def window_job(job_id: int, priority: Priority, deadline: float = LATER, num_ste
 
 
 def step_costs(fixed_s: float = 0.01, each_s: float = 0.001) -> CostTable:
-    """A step of e evaluations costs fixed_s + e * each_s; the rest costs nothing."""
+    """A step of e evaluations costs fixed_s + e * each_s; other calls cost nothing."""
     costs = CostTable.assumed(fixed_s)
     for size in (1, 2, 4, 8, 16, 32, 64, 128):
         costs.step.observe(size, fixed_s + each_s * size)

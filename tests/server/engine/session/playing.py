@@ -1,4 +1,4 @@
-"""A session that plays, and what tests of it say often."""
+"""A session that plays, and helpers for tests of it."""
 
 from motiongen_server.engine.config import EngineConfig
 from motiongen_server.engine.session.state import SessionState
@@ -12,7 +12,7 @@ def markers(viewer: Viewer, begin: int, end: int) -> set[int]:
     return {int(row[PROMPT]) for row in viewer.rows[begin:end]}
 
 
-# when the viewer of `playing` begins to play: after four steps
+# when the viewer of `playing` starts to play: after four steps
 PLAYS_FROM = 100.04
 
 
@@ -21,7 +21,7 @@ def waypoint(frame: int, constraint_id: int = 1) -> Waypoint:
 
 
 def playing(config: EngineConfig | None = None, **fields: object) -> tuple[Stage, Viewer]:
-    """A stage whose one session has played for a second; 4 steps a window, 10 ms a step."""
+    """A stage whose only session has played for a second; 4 steps per window, 10 ms per step."""
     stage = Stage(config)
     viewer = stage.open(prompts=(prompt(1),), **fields)
     stage.run(1.0)
@@ -29,18 +29,18 @@ def playing(config: EngineConfig | None = None, **fields: object) -> tuple[Stage
 
 
 def playing_state(config: EngineConfig | None = None, **fields: object) -> tuple[Stage, Viewer, SessionState]:
-    """The same, with what the engine knows of the session."""
+    """The same, with the engine's state of the session."""
     stage, viewer = playing(config, **fields)
     return stage, viewer, stage.engine.sessions[viewer.key]
 
 
 def num_edit_plans(viewer: Viewer) -> int:
-    """How many plans the viewer was told of that were made for edits."""
+    """How many plans announced to the viewer were made for edits."""
     return sum(notice.cause is PlanCause.EDIT for notice in viewer.notices)
 
 
 def start_job(stage: Stage, steps: int) -> None:
-    """Let a continuation start and do some of its four steps."""
+    """Let a window of continued playback start and run some of its four steps."""
     before = len(stage.runner.prepared)
     stage.run_until(lambda: len(stage.runner.prepared) > before)
     (job_id,) = stage.runner.jobs

@@ -1,4 +1,4 @@
-"""Spans of prompts for properties."""
+"""Prompt spans for property tests."""
 
 from hypothesis import strategies as st
 
@@ -17,5 +17,5 @@ SPANS = st.builds(
 
 
 def marker(held: Prompt | None) -> int:
-    """What tells the prompts of a test apart; -1 where none holds."""
+    """The number that identifies a test's prompt; -1 if no prompt is in force."""
     return -1 if held is None else int(held.embedding[0])

@@ -1,4 +1,4 @@
-"""Checkpoint folders that are broken in every way hypothesis finds: bytes, configuration values, tensor headers."""
+"""Broken checkpoint folders, made by hypothesis: bytes, configuration values, tensor headers."""
 
 from __future__ import annotations
 
@@ -39,7 +39,7 @@ VALUES = st.recursive(
 
 @st.composite
 def broken_bytes(draw: st.DrawFn, content: bytes) -> bytes:
-    """A file cut, lengthened, overwritten in places, or of other content altogether."""
+    """A file that is cut, lengthened, overwritten in places, or replaced altogether."""
     how = draw(st.sampled_from(["cut", "longer", "overwritten", "overwritten", "other", "header"]))
     if how == "cut":
         return content[: draw(st.integers(0, len(content)))]
@@ -51,7 +51,7 @@ def broken_bytes(draw: st.DrawFn, content: bytes) -> bytes:
         return draw(st.integers(0, (1 << 64) - 1)).to_bytes(8, "little") + content[8:]
     changed = bytearray(content)
     for _ in range(draw(st.integers(1, 4))):
-        # headers lie at the start, so half of the changes do
+        # headers are at the start, so half of the changes are made there
         last = draw(st.sampled_from([min(200, len(content)), len(content)])) - 1
         start = draw(st.integers(0, max(last, 0)))
         patch = draw(st.binary(min_size=1, max_size=8))
@@ -60,7 +60,7 @@ def broken_bytes(draw: st.DrawFn, content: bytes) -> bytes:
 
 
 def places(content: Any, above: tuple[Any, ...] = ()) -> list[tuple[Any, ...]]:
-    """The way to every value of nested mappings and lists."""
+    """The path to each value in nested mappings and lists."""
     inner = content.items() if isinstance(content, dict) else enumerate(content) if isinstance(content, list) else ()
     return [above, *(way for key, value in inner for way in places(value, (*above, key)))]
 
@@ -119,7 +119,7 @@ BROKEN_FOLDERS = st.dictionaries(st.sampled_from(list(FILES)), st.none(), min_si
 
 
 def write_folder(folder: Path, changes: dict[str, bytes | None]) -> Path:
-    """The tiny model's folder with the changes made."""
+    """Write the tiny model's folder with the changes."""
     for name, content in {**FILES, **changes}.items():
         if content is not None:
             path = folder / name
@@ -129,7 +129,7 @@ def write_folder(folder: Path, changes: dict[str, bytes | None]) -> Path:
 
 
 def loads_or_refuses(load: Callable[[], Any], refusals: type[Exception] | tuple[type[Exception], ...]) -> str:
-    """ "loaded", or the text of the refusal; every other error is the reader's fault and goes on."""
+    """ "loaded", or the text of the refusal; any other exception is the reader's fault, and passes through."""
     try:
         load()
     except refusals as refusal:

@@ -37,12 +37,12 @@ class Vectors:
         return torch.from_numpy(self.arrays[name])
 
     def get(self, name: str) -> Tensor | None:
-        """The array, None where the file has none of that name."""
+        """The array, or None if the file has none of that name."""
         return self[name] if name in self.arrays else None
 
     @property
     def cases(self) -> list[str]:
-        """The cases that a file with several holds; files differ between models."""
+        """The cases in a file with several; they differ between models."""
         return sorted({name.split(".")[0] for name in self.arrays})
 
     def number(self, name: str) -> int:

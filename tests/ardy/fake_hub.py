@@ -19,8 +19,8 @@ BRANCHES = ("main", COMMIT, "v1")
 
 @dataclass
 class FakeHub:
-    """files: path -> content of `repo_id`. refusal: (status, X-Error-Code) of every answer. cut: a path whose first
-    download breaks off halfway. requests: (method, path, Range header) of all that came."""
+    """files: path -> content in `repo_id`. refusal: (status, X-Error-Code) of every answer. cut: a path whose first
+    download breaks off halfway. requests: (method, path, Range header) of all requests."""
 
     repo_id: str
     files: dict[str, bytes]
@@ -53,7 +53,7 @@ class _Handler(BaseHTTPRequestHandler):
         super().__init__(*given)  # type: ignore[arg-type]
 
     def log_message(self, format: str, *args: object) -> None:
-        """Silence: tests read `requests`."""
+        """Log nothing: tests read `requests`."""
 
     def do_HEAD(self) -> None:
         self._answer()

@@ -1,4 +1,4 @@
-"""safetensors files of any types, those included that numpy has not and its writer refuses."""
+"""safetensors files of any types, including those that numpy lacks and the numpy writer refuses."""
 
 from __future__ import annotations
 
@@ -8,7 +8,7 @@ from typing import Any
 
 
 def safetensors_of(tensors: Mapping[str, tuple[str, Sequence[int], bytes]], metadata: Mapping[str, str]) -> bytes:
-    """The file's content. tensors: of each its type as the format writes it, its shape, its bytes."""
+    """The file's content. tensors: by name, the type as the format writes it, the shape, the bytes."""
     header: dict[str, Any] = {"__metadata__": dict(metadata)}
     data = b""
     for name, (dtype, shape, content) in tensors.items():

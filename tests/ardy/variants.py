@@ -1,4 +1,4 @@
-"""The variants of a model that configurations allow: the paper's ablations, and what public checkpoints may have."""
+"""Variants of a model that configurations allow: the paper's ablations, and those that public checkpoints may have."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Bodies for tests of the client: Core-27 as a rig, and motion of it by formula."""
+"""Bodies for tests of the client: Core-27 as a rig, and motion for it by formula."""
 
 from __future__ import annotations
 
@@ -16,7 +16,7 @@ SKELETONS = Path(__file__).resolve().parents[2] / "ardy" / "motiongen_ardy" / "s
 
 
 def client_rig(name: str = "core27") -> Rig:
-    """A rig of ours as the catalogue has it."""
+    """One of our rigs as in the catalogue."""
     facts = json.loads((SKELETONS / f"{name}.json").read_text(encoding="utf-8"))  # the client does not need the library
     names, parents = tuple(facts["joint_names"]), tuple(facts["parents"])
     places = np.array(facts["neutral_joints_m"])
@@ -38,7 +38,7 @@ def client_rig(name: str = "core27") -> Rig:
 
 
 def swaying(rig: Rig, frames: int = 40, most_rad: float = 0.6) -> Motion:
-    """Every joint sways about an axis of its own while the root goes ahead and turns."""
+    """Every joint sways about its own axis while the root moves ahead and turns."""
     generator, time = np.random.default_rng(11), np.arange(frames)[:, None, None] / FPS
     axes = generator.normal(size=(rig.num_joints, 3))
     axes /= np.linalg.norm(axes, axis=1, keepdims=True)
@@ -51,7 +51,7 @@ def swaying(rig: Rig, frames: int = 40, most_rad: float = 0.6) -> Motion:
 
 
 def walking(rig: Rig, frames: int = 80, speed_mps: float = 1.2, flat_m: float = 0.0737) -> Motion:
-    """A walk toward +Z on a level floor, with feet that stand still while they are in contact, ankles at flat_m."""
+    """A walk toward +Z on a level floor, with feet that are still while in contact, and ankles at flat_m."""
     time = np.arange(frames) / FPS
     rows = np.zeros((frames, rig.row_width), np.float32)
     rows[:, 3:-4:4] = 1.0

@@ -1,4 +1,4 @@
-"""One fake server or two for each test that asks, a clock that the test moves, and motions made by formula."""
+"""Fixtures: one or two fake servers for each test, a clock that the test moves, and motions made by formula."""
 
 from __future__ import annotations
 
@@ -26,7 +26,7 @@ def other() -> Iterator[FakeServer]:
 
 
 class ManualClock:
-    """The time of an event loop: sleeps end and frames are due when the test says so, however slow the machine is."""
+    """The clock of an event loop: sleeps end and frames are due when the test says so, however slow the machine."""
 
     def __init__(self, now_s: float) -> None:
         self.now_s = now_s
@@ -37,7 +37,7 @@ class ManualClock:
 
 @pytest.fixture
 async def clock(monkeypatch: pytest.MonkeyPatch) -> ManualClock:
-    """Of the test's event loop. Ask for it before what reads the time."""
+    """The clock of the test's event loop. Request it before any fixture that reads the time."""
     loop = asyncio.get_running_loop()
     clock = ManualClock(loop.time())
     monkeypatch.setattr(loop, "time", lambda: clock.now_s)

@@ -37,14 +37,14 @@ class Character:
 
 
 class FakeStream:
-    """One call. Tests may say anything on it with `push`, or end it with `end` or `fail`."""
+    """One call. Tests may send anything on it with `push`, or end it with `end` or `fail`."""
 
     def __init__(self, replica_id: str = "fake") -> None:
         self.replica_id = replica_id
         self.outgoing: queue.Queue[service_pb2.StreamMotionResponse | grpc.StatusCode | None] = queue.Queue()
         self.characters: dict[int, Character] = {}
         self.received: list[session_pb2.SessionEvent] = []
-        self.warnings: list[session_pb2.EventWarning] = []  # of every edit that is taken
+        self.warnings: list[session_pb2.EventWarning] = []  # for every edit that is accepted
         self.pings: list[service_pb2.Ping] = []
         self.answers_pings = True
         self.agent = ""
@@ -60,7 +60,7 @@ class FakeStream:
         self.outgoing.put(code)
 
     def read(self, requests: Iterator[service_pb2.StreamMotionRequest], refuse: Callable[..., str]) -> None:
-        """Take what the client says until it stops or breaks off."""
+        """Handle the client's messages until it ends or breaks off."""
         try:
             for request in requests:
                 match request.WhichOneof("stream_event"):
@@ -146,7 +146,7 @@ class FakeStream:
         self.send_frames(event.session)
 
     def send_frames(self, handle: int) -> None:
-        """Plans and chunks as far as the credit reaches."""
+        """Send plans and chunks as far as the credit reaches."""
         character = self.characters[handle]
         while (end := min(character.playhead + character.lookahead, character.sent_to + 8)) > character.sent_to:
             if character.sent_to == character.planned_to:
@@ -193,9 +193,9 @@ class FakeStream:
 
 
 class FakeServer(service_pb2_grpc.MotionServiceServicer):
-    """Use it as `with FakeServer() as server`. frame_rate: high, so that real time passes quickly.
+    """Use it as `with FakeServer() as server`. frame_rate: high, so that tests in real time are short.
 
-    refuse: given an event, the reason to refuse it, or "", or the outcome to refuse it with. replica_id: its name.
+    refuse: returns the reason to refuse an event, or "", or the outcome to refuse it with. replica_id: its name.
     """
 
     def __init__(self, frame_rate: int = 100, replica_id: str = "fake", listen: str = "127.0.0.1:0") -> None:
@@ -249,7 +249,7 @@ class FakeServer(service_pb2_grpc.MotionServiceServicer):
 
 
 def full(*others: tuple[str, str]) -> Refuse:
-    """What a server refuses that lets nobody in, and names others: addresses and keys."""
+    """The refusals of a full server that names others, by address and key."""
 
     def refuse(event: session_pb2.SessionEvent) -> str | session_pb2.EditOutcome:
         if not event.HasField("open"):

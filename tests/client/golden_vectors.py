@@ -1,7 +1,7 @@
-"""Vectors by which the clients in Python and C++ are held equal: `python -m tests.client.golden_vectors` writes them.
+"""Golden vectors that keep the Python and the C++ client equal: `python -m tests.client.golden_vectors` writes them.
 
-A file of lines, each a name and numbers (or bytes in hex); `->` begins what comes of it. Made by the Python client;
-tests/client/test_golden_vectors.py and client/cpp/tests/core compare both clients with what the files say.
+A file consists of lines, each a name and numbers (or bytes in hex), and after `->` the results. The Python client makes
+them; tests/client/test_golden_vectors.py and client/cpp/tests/core compare both clients with the files.
 """
 
 from __future__ import annotations

@@ -1,6 +1,6 @@
-"""What the fake server has: a rig of nine joints, a catalogue, and frames that say where they came from.
+"""The fake server's data: a rig of nine joints, a catalogue, and frames that show which plan they are from.
 
-The root's x is the number of its plan, its z is 5 cm a frame. The left arm swings.
+The root's x is the number of the plan; its z moves 5 cm per frame. The left arm swings.
 """
 
 from __future__ import annotations
@@ -18,7 +18,7 @@ OFFSETS = (
 )  # fmt: skip
 ROW_WIDTH = 3 + 4 * len(JOINTS) + 4
 HORIZON = 40
-LOOKAHEAD = 80  # longer than what is played between two reports
+LOOKAHEAD = 80  # longer than the playback between two reports
 
 
 def rig(frame_rate: int) -> motion_pb2.Rig:

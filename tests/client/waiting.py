@@ -1,4 +1,4 @@
-"""What tests of sessions wait for, and how they play."""
+"""How tests of sessions wait and play."""
 
 from __future__ import annotations
 
@@ -18,14 +18,14 @@ T = TypeVar("T")
 
 
 async def until(condition: Callable[[], T | None]) -> T:
-    """Let the event loop go round until a condition gives something, and return that."""
+    """Let the event loop run until a condition returns something, and return that."""
     while not (found := condition()):  # noqa: ASYNC110  what is waited for may be of another thread
         await asyncio.sleep(0)
     return found
 
 
 async def play(session: Session, clock: ManualClock, seconds: float) -> AsyncIterator[Frame]:
-    """Frames in the time of the clock, which goes on when the next one is there."""
+    """Frames in the time of the manual clock, which advances when the next frame is there."""
     async for frame in session.frames(seconds):
         yield frame
         await until(lambda: session.playback.buffered_to > session.playback.playhead + 1)
@@ -33,7 +33,7 @@ async def play(session: Session, clock: ManualClock, seconds: float) -> AsyncIte
 
 
 async def received(server: FakeServer, kind: str, count: int = 1) -> list[session_pb2.SessionEvent]:
-    """The events of a kind that the server got, once there are so many."""
+    """The events of a kind that the server has received, once there are so many."""
 
     def events() -> list[session_pb2.SessionEvent] | None:
         found = [event for event in server.stream.received if event.WhichOneof("event") == kind]

@@ -1,4 +1,4 @@
-"""What a client has to keep to (`docs/protocol.md`, "Writing a client"), checked on everything that it says."""
+"""The rules for clients (`docs/protocol.md`, "Writing a client"), checked on everything that a client sends."""
 
 from __future__ import annotations
 
@@ -15,7 +15,7 @@ RESUMING = frozenset({"request_id", "resume_token", "resume_point"})
 class Cut:
     """Frames up to `end` had been sent when a plan replaced some of them. A report may cross that plan on its way.
 
-    answered_seq: of the first answer behind the plan: who has heard that has heard the plan. 0: none has come yet.
+    answered_seq: of the first answer after the plan: a client that has received it has received the plan. 0: none yet.
     """
 
     end: int
@@ -24,17 +24,17 @@ class Cut:
 
 @dataclass
 class Told:
-    """One session: what its client has said and what it has been sent. It outlives a stream by its token."""
+    """One session: what its client has sent and received. It outlives a stream by its token."""
 
-    heard: Heard | None = None  # checks the server too; None: of a session that was resumed
-    sent_seq: int = 0  # on the present stream, or answered before it
-    most_sent: int = 0  # on any
+    heard: Heard | None = None  # checks the server, too; None for a session that was resumed
+    sent_seq: int = 0  # on the current stream, or answered before it
+    most_sent: int = 0  # on any stream
     is_closing: bool = False
     is_over: bool = False
     token: str = ""
     attempt: int = 0
-    end: int = 0  # of the frames that it was sent
-    cuts: list[Cut] = field(default_factory=list)  # that it may not have heard of
+    end: int = 0  # of the frames sent to the client
+    cuts: list[Cut] = field(default_factory=list)  # that the client may not have received
     playhead: int = 0
     answered: set[int] = field(default_factory=set)
     kinds: list[str] = field(default_factory=list)
@@ -49,7 +49,7 @@ class Told:
             self._report(event.playhead)
             return
         require(not self.is_closing, "nothing is said of a session after CloseSession")
-        # what was answered when the session was resumed need not be said again
+        # events that were answered when the session was resumed need not be sent again
         left_out = [number for number in range(self.sent_seq + 1, event.event_seq) if number not in self.answered]
         rises = event.event_seq > self.sent_seq and not left_out
         require(rises, f"numbers rise by one: {event.event_seq} after {self.sent_seq}")
@@ -60,7 +60,7 @@ class Told:
         self.is_closing = kind == "close"
 
     def held(self, answered_seq: int) -> int:
-        """How many frames one can hold at most who has heard the answers up to that one."""
+        """The most frames that a client can hold if it has received the answers up to that one."""
         self.cuts = [cut for cut in self.cuts if not 0 < cut.answered_seq <= answered_seq]
         return max(self.end, *(cut.end for cut in self.cuts), 0)
 
@@ -77,7 +77,7 @@ class Told:
             self.heard.playhead = report.frame
 
     def hear(self, update: session_pb2.SessionUpdate) -> None:
-        """Note what it is sent."""
+        """Record an update sent to the client."""
         if self.heard is not None:
             self.heard.take(update)
         match update.WhichOneof("update"):
@@ -99,7 +99,7 @@ class Told:
 
 
 class StreamRules:
-    """One stream of a client. kept: sessions of streams before, by their tokens; shared by the streams of a test."""
+    """One stream of a client. kept: sessions of earlier streams, by token; shared by the streams of a test."""
 
     def __init__(self, catalog: service_pb2.GetCatalogResponse, kept: dict[str, Told]) -> None:
         self._most_bytes = catalog.limits.max_request_bytes
@@ -143,10 +143,10 @@ class StreamRules:
         require(point.answered_seq <= told.most_sent, "no event is answered that was not sent")
         told.attempt, told.heard, told.end = point.attempt, None, point.next_frame
         told.cuts = []
-        told.sent_seq = point.answered_seq  # what was not answered is said again, with its numbers
+        told.sent_seq = point.answered_seq  # unanswered events are sent again, with their numbers
 
     def hear(self, response: service_pb2.StreamMotionResponse) -> None:
-        """Note a message of the server before the client has it."""
+        """Record a message of the server before the client gets it."""
         for update in response.updates:
             told = self.sessions.get(update.session)
             require(told is not None, "nothing is said of a session that was never opened")

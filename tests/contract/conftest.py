@@ -1,4 +1,4 @@
-"""What the tests of this folder ask: a server whose inside they can see. Any server's tests are in compliance/."""
+"""The fixture of this folder: a server whose inside tests can see. Tests for any server are in compliance/."""
 
 from __future__ import annotations
 
@@ -13,7 +13,7 @@ from tests.contract.local import NO_BUDGET, UNMETERED, LocalServer
 
 @pytest.fixture
 async def local_server() -> AsyncIterator[LocalServer]:
-    """One that a test may flood: what comes is not metered."""
+    """A server without rate limits, which a test may flood."""
     async with LocalServer(Limits(stream_events_per_second=UNMETERED), service_limits=NO_BUDGET) as server:
         yield server
 

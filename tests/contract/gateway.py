@@ -29,7 +29,7 @@ def start_engines(config: ServerConfig, deliver: Deliver, metrics: Metrics) -> E
 
 
 async def serve() -> int:
-    """Until SIGTERM. Returns the exit code."""
+    """Serve until SIGTERM. Returns the exit code."""
     settings = partial(ServerConfig, port=0, ops_port=0, drain_wait_s=0, drain_grace_s=0, playback_rate=1000)
     application = Application(
         settings(model="fake", devices="cpu:2", snapshot_store="none", text_guidance=2.0, constraint_guidance=2.0),

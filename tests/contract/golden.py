@@ -1,7 +1,7 @@
 """Golden messages: a line for each, with its name, its content and its bytes.
 
-`python -m tests.contract.golden` adds lines: for each message that has a field no line shows yet. A line is never
-changed or taken out.
+`python -m tests.contract.golden` adds lines for messages with fields that no line has yet. Lines are never changed or
+removed.
 """
 
 from __future__ import annotations
@@ -30,7 +30,7 @@ class Golden:
 
     @property
     def message(self) -> Message:
-        """What the content says."""
+        """The message with this content."""
         return text_format.Parse(self.content, message_type(self.name)())
 
 
@@ -59,7 +59,7 @@ def declared_fields(name: str) -> set[str]:
 
 
 def shown_fields(message: Message) -> set[str]:
-    """The fields that are set, of the messages inside it too."""
+    """The fields that are set, including those of nested messages."""
     found = set()
     for field, value in message.ListFields():
         found.add(field.full_name)
@@ -70,9 +70,9 @@ def shown_fields(message: Message) -> set[str]:
 
 
 def examples(name: str) -> Iterator[Message]:
-    """Messages that set every field between them: one for each member of a oneof."""
+    """Messages that together set every field: one for each member of a oneof."""
     fields = message_type(name).DESCRIPTOR.fields
-    # An `optional` field is a oneof of its own.
+    # An `optional` field has its own oneof.
     members = [field for field in fields if field.containing_oneof and len(field.containing_oneof.fields) > 1]
     for member in members or [None]:
         message = message_type(name)()

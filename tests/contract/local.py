@@ -33,9 +33,9 @@ from tests.waiting import LIMIT_S
 
 ANY_LOAD = (1000.0, 1000.0, 1000.0, 1000.0)
 UNMETERED = 1e9
-"""Events a second, for tests of what comes after the budget."""
+"""Events per second, for tests of what comes after the budget."""
 ANY_TIME = ServiceLimits(loop_share=UNLIMITED)
-"""How long the machine takes for a message is nothing that tests depend on."""
+"""Limits with which no test depends on how long the machine takes for a message."""
 NO_BUDGET = ServiceLimits(loop_share=UNLIMITED, peer=PeerLimits(events_per_second=UNMETERED))
 
 
@@ -49,7 +49,7 @@ class LengthEncoder:
 
 
 class LocalEngine(Engine):
-    """An engine of this process as the service uses one."""
+    """An engine of this process with the interface that the service uses."""
 
     def note_owner(self, owner: Owner) -> None:
         self.intake.note_owner(owner)
@@ -81,7 +81,7 @@ class LocalServer:
         self.limits = limits or Limits()
         self._abilities = abilities
         self._gaits = gaits
-        # It plays in real time: without the rest, a busy machine would have sessions refused or served with less.
+        # It plays in real time: without the other settings, sessions would be refused or degraded on a busy machine.
         self._engine_config = replace(
             engine_config or EngineConfig(), snapshots=snapshots is not None, admit_load=ANY_LOAD, degrade=False
         )

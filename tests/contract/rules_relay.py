@@ -1,4 +1,4 @@
-"""A server that is another server, with every rule checked on what goes through it."""
+"""A server that relays to another one, and checks every rule on what passes through."""
 
 from __future__ import annotations
 
@@ -14,13 +14,13 @@ from tests.contract.client_rules import StreamRules, Told
 
 Requests = AsyncIterator[service_pb2.StreamMotionRequest]
 PROBE = service_pb2.StreamMotionResponse()
-"""Is written when a client seems to have finished: one whose line is lost seems so too, and only a write tells."""
+"""Written when a client seems to have finished: one with a lost connection seems so, too, and only a write tells."""
 
 
 class RulesRelay(service_pb2_grpc.MotionServiceServicer):
     """Use as `async with RulesRelay(address) as relay`. address: where it listens.
 
-    broken: rules that a client or the server has broken; streams: all that there were; kept: sessions by their tokens.
+    broken: rules that a client or the server has broken; streams: all so far; kept: sessions by their tokens.
     """
 
     def __init__(self, behind: str) -> None:

@@ -1,4 +1,4 @@
-"""client/cpp built by CMake, in folders that later runs go on with."""
+"""Builds client/cpp with CMake, in folders that later runs reuse."""
 
 from __future__ import annotations
 
@@ -13,7 +13,7 @@ OUT = ROOT / "out" / "cpp"
 
 
 class BuildFailed(Exception):
-    """What CMake or the compiler said."""
+    """The build failed; the message is the output of CMake or the compiler."""
 
 
 def build(name: str, *settings: str, targets: tuple[str, ...] = ("all",)) -> Path:
@@ -31,7 +31,7 @@ def build(name: str, *settings: str, targets: tuple[str, ...] = ("all",)) -> Pat
 
 
 def run(*command: str | Path, folder: Path = ROOT, environment: dict[str, str] | None = None) -> str:
-    """What a command printed. Raises BuildFailed with its output unless it ended with 0."""
+    """The output of a command. Raises BuildFailed with it unless the exit code is 0."""
     done = subprocess.run(
         [*map(str, command)], cwd=folder, env=environment, stdout=subprocess.PIPE, stderr=subprocess.STDOUT, text=True
     )

@@ -1,4 +1,4 @@
-"""The C++ client as tests use it: built once, with its unit tests and the programs that tests talk to."""
+"""The C++ client for tests: built once, with its unit tests and the programs that tests talk to."""
 
 from __future__ import annotations
 
@@ -20,7 +20,7 @@ def pytest_collection_modifyitems(items: list[pytest.Item]) -> None:
 
 @pytest.fixture(scope="session")
 def program() -> Callable[[str], Path]:
-    """The path of a program of client/cpp by its target's name; all are built when the first is asked for."""
+    """The path of a program of client/cpp by its target's name; all are built at the first request."""
     folder = build("test", "-DMOTIONGEN_TESTS=ON", "-DMOTIONGEN_EXAMPLES=ON")
 
     def find(name: str) -> Path:

@@ -1,4 +1,4 @@
-"""A TCP line for tests that block, which they cut or freeze: bytes are taken and go nowhere until it thaws."""
+"""A TCP relay for blocking tests, which can cut or freeze it: a frozen relay takes bytes and passes none on."""
 
 from __future__ import annotations
 
@@ -31,7 +31,7 @@ class FreezingLine(TcpLine):
 
 
 class BlockingLine:
-    """Use it as `with`: its event loop has a thread of its own. address: where it listens."""
+    """Use it in a `with` statement: its event loop has its own thread. address: where it listens."""
 
     def __init__(self, behind: str) -> None:
         self._behind = behind
@@ -43,11 +43,11 @@ class BlockingLine:
         self._call(self._line.cut)
 
     def freeze(self) -> None:
-        """Pass nothing on from now on, also of new connections."""
+        """Pass nothing on from now on, for new connections, too."""
         self._call(self._line.is_flowing.clear)
 
     def thaw(self) -> None:
-        """Go on."""
+        """Pass bytes on again."""
         self._call(self._line.is_flowing.set)
 
     def _call(self, function: Callable[[], None]) -> None:

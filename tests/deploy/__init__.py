@@ -1,1 +1,1 @@
-"""What deploy/ has, run for real: images, compose file, dashboards, Kubernetes objects."""
+"""The contents of deploy/, really run: images, compose file, dashboard, Kubernetes objects."""

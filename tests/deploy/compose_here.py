@@ -1,4 +1,4 @@
-"""The services of deploy/compose.yaml as processes of this machine: with their settings, on other ports."""
+"""The services of deploy/compose.yaml as processes on this machine, with their settings, on other ports."""
 
 from __future__ import annotations
 
@@ -21,24 +21,24 @@ from tests.waiting import until
 DEPLOY = REPOSITORY / "deploy"
 SERVERS = ("server-a", "server-b")
 SMALL = {"MOTIONGEN_DEVICES": "cpu:1", "MOTIONGEN_PROFILE_S": "1", "MOTIONGEN_ADMIT_LOAD": "100"}
-"""For a machine that has others to serve, too."""
+"""Settings for a machine that is also used by others."""
 IMAGE = {"MOTIONGEN_HOST": "0.0.0.0", "MOTIONGEN_OPS_HOST": "0.0.0.0"}
-"""What deploy/Dockerfile sets."""
+"""The environment that deploy/Dockerfile sets."""
 
 
 def read_compose() -> dict[str, Any]:
-    """deploy/compose.yaml, with what services share put into each of them."""
+    """deploy/compose.yaml, with shared parts inserted into each service."""
     return dict(yaml.safe_load((DEPLOY / "compose.yaml").read_text(encoding="utf-8")))
 
 
 def mounted(service: dict[str, Any]) -> dict[str, Path]:
-    """What of this repository a service mounts, by where it has it."""
+    """The files of this repository that a service mounts, by their paths in the container."""
     pairs = (volume.split(":") for volume in service.get("volumes", ()) if volume.startswith("./"))
     return {target: DEPLOY / source for source, target, *_ in pairs}
 
 
 def make_secrets(folder: Path) -> Path:
-    """What deploy/make_secrets.sh makes, by the real server's tokens."""
+    """Run deploy/make_secrets.sh, with tokens from the real server."""
     made = folder / "secrets"
     environment = {**os.environ, "IDENTITY": f"{sys.executable} -m motiongen_server.identity"}
     subprocess.run([str(DEPLOY / "make_secrets.sh"), str(made)], check=True, env=environment, capture_output=True)
@@ -46,7 +46,7 @@ def make_secrets(folder: Path) -> Path:
 
 
 class ComposeHere:
-    """Use as `with ComposeHere(folder) as here`: all that is installed runs, and servers are ready."""
+    """Use as `with ComposeHere(folder) as here`: all services that are installed run, and servers are ready."""
 
     def __init__(self, folder: Path) -> None:
         self._folder = folder
@@ -83,7 +83,7 @@ class ComposeHere:
     # ---- settings ---------------------------------------------------------------------------------------------------
 
     def here(self, text: str) -> str:
-        """A text of the compose file with the paths and addresses that it has on this machine."""
+        """A text of the compose file, with paths and addresses replaced by those on this machine."""
         text = text.replace("/run/secrets/", f"{self.secrets}/")
         text = text.replace("encoder:50052", f"localhost:{self.port['encoder']}")
         text = text.replace("encoder:9465", f"localhost:{self.ops_port['encoder']}")
@@ -112,7 +112,7 @@ class ComposeHere:
             self._processes[name] = subprocess.Popen(command, stdout=log, stderr=log, env=environment)
 
     def log(self, name: str) -> str:
-        """What a service has said."""
+        """The log of a service."""
         return (self._folder / f"{name}.log").read_text(errors="replace")
 
     def _check_runs(self, name: str) -> None:
@@ -124,12 +124,12 @@ class ComposeHere:
         self._run(name, [sys.executable, "-m", module], others | settings)
 
     def is_ready(self, name: str) -> bool:
-        """What the command of its health check asks."""
+        """The result of its health check command."""
         self._check_runs(name)
         return self.status(name, "/readyz") == 200
 
     def status(self, name: str, path: str, token: str = "") -> int:
-        """Of its port of operations; 0 while nobody answers."""
+        """The HTTP status of a path on its port of operations; 0 without an answer."""
         url = f"http://localhost:{self.ops_port[name]}{path}"
         header = {"Authorization": f"Bearer {token}"} if token else {}
         try:

@@ -23,7 +23,7 @@ class Query:
     legend: str
 
     def filled(self, rate_interval: str, instances: str = ".*") -> str:
-        """As Grafana would ask it, for these servers and this time to take rates over."""
+        """The query as Grafana would send it, for these servers and this rate interval."""
         return _RANGE.sub(rate_interval, self.expression).replace("$instance", instances)
 
     def metrics(self) -> set[str]:
@@ -33,7 +33,7 @@ class Query:
 
 @dataclass(frozen=True)
 class Panel:
-    """One chart. row: the heading that it stands under. place: x, y, width and height on the dashboard's grid."""
+    """One chart. row: the heading above it. place: x, y, width and height on the dashboard's grid."""
 
     title: str
     row: str

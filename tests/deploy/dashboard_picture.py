@@ -1,7 +1,7 @@
-"""`python -m tests.deploy.dashboard_picture`: the dashboard's panels, drawn of what a real Prometheus answers.
+"""`python -m tests.deploy.dashboard_picture`: draw the dashboard's panels from a real Prometheus.
 
-Two real servers whose model computes nothing play a scenario; Grafana is not needed. Drawn are each panel's queries,
-legends, unit and limit, in its place.
+Two real servers whose model computes nothing play a scenario; Grafana is not needed. Each panel is drawn in its place,
+with its queries, legends, unit and limit.
 """
 
 from __future__ import annotations
@@ -23,12 +23,12 @@ from tests.waiting import until
 
 STEP_S = 2.0
 COLUMN, LINE = 0.29, 0.30
-"""Inches of a cell of the grid."""
+"""Size of a cell of the grid, in inches."""
 
 
 def main() -> None:
     parser = argparse.ArgumentParser(prog="python -m tests.deploy.dashboard_picture", description=__doc__)
-    parser.add_argument("--seconds", type=int, default=60, help="of load (default: %(default)s)")
+    parser.add_argument("--seconds", type=int, default=60, help="duration of the load (default: %(default)s)")
     parser.add_argument("--characters", type=int, default=40, help="on each server (default: %(default)s)")
     parser.add_argument("--out", type=Path, default=REPOSITORY / "docs" / "pictures" / "dashboard.png")
     options = parser.parse_args()
@@ -50,7 +50,7 @@ def main() -> None:
 
 
 def play(port: int, characters: int, seconds: int, folder: Path) -> subprocess.Popen[bytes]:
-    """A mixed scenario on a server; its own figures are of no interest here."""
+    """Start a mixed scenario on a server; its own figures are not used."""
     command = [
         *(sys.executable, "-m", "motiongen_tools", "bench", "--server", f"localhost:{port}", "--scenario", "mixed"),
         *("--characters", str(characters), "--seconds", str(seconds), "--seed", "1", "--processes", "1"),
@@ -60,7 +60,7 @@ def play(port: int, characters: int, seconds: int, folder: Path) -> subprocess.P
 
 
 def draw(prometheus: Prometheus, start: float, end: float, path: Path) -> Path:
-    """All panels, each where it stands; returns the picture's path."""
+    """Draw all panels in their places. Returns the picture's path."""
     import matplotlib
 
     matplotlib.use("Agg")
@@ -81,7 +81,7 @@ def draw(prometheus: Prometheus, start: float, end: float, path: Path) -> Path:
 
 
 def draw_panel(axes: Any, panel: Panel, prometheus: Prometheus, start: float, end: float) -> None:
-    """The series of a panel's queries over time, in seconds from the start."""
+    """Draw the series of a panel's queries over time, in seconds from the start."""
     axes.set_facecolor("#181b1f")
     axes.set_title(f"{panel.title}  [{panel.unit}]", color="white", fontsize=8, loc="left")
     axes.tick_params(colors="0.6", labelsize=6)

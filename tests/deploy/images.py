@@ -1,7 +1,7 @@
-"""The images of deploy/Dockerfile, built without a daemon and run without a container engine: buildah, and a chroot.
+"""The images of deploy/Dockerfile, built with buildah and run in a chroot: no daemon or container engine is needed.
 
-The base that the Dockerfile names comes from a registry of images; here Debian's packages make one in its place. Layers
-are kept in out/images, so that a second run builds what has changed alone. Needs root, for mounts and users.
+The Dockerfile's base image would come from a registry; here one is made from Debian's packages instead. Layers are kept
+in out/images, so that a second run builds only what has changed. Needs root, for mounts and users.
 """
 
 from __future__ import annotations
@@ -23,8 +23,8 @@ PACKAGES = "python3,python3-venv,python-is-python3,ca-certificates"
 PROGRAMS = {"buildah": "buildah", "mmdebstrap": "mmdebstrap", "unshare": "util-linux"}
 AUTHORITIES = "/etc/ssl/certs/ca-certificates.crt"
 
-# A private view of the image: its root read-only, /tmp and /run in memory, secrets as files of the second, the user's
-# number and group the image's own, no capability, nothing that could bring one back.
+# A private view of the image: its root read-only, /tmp and /run in memory, secrets as files in /run, user and group of
+# the image, no capabilities, and no way to get one back.
 ENTER = """
 set -e
 mount --bind "$IMAGE" "$ROOT" && mount -o remount,ro,bind "$ROOT"
@@ -39,7 +39,7 @@ exec chroot "$ROOT" setpriv --reuid "$user" --regid "$user" --clear-groups --no-
 
 
 class Images:
-    """buildah with a storage of its own."""
+    """buildah with its own storage."""
 
     def __init__(self, kept: Path = KEPT) -> None:
         for program, package in PROGRAMS.items():
@@ -49,7 +49,7 @@ class Images:
         kept.mkdir(parents=True, exist_ok=True)
 
     def buildah(self, *arguments: str) -> str:
-        """What a command of buildah prints. Raises RuntimeError with the end of its log."""
+        """The output of a buildah command. Raises RuntimeError with the end of its log."""
         storage = ["--root", str(self.kept / "storage"), "--runroot", str(self.kept / "run")]
         done = subprocess.run(["buildah", *storage, *arguments], capture_output=True, text=True, cwd=REPOSITORY)
         if done.returncode:
@@ -57,7 +57,7 @@ class Images:
         return done.stdout.strip()
 
     def make_base(self) -> None:
-        """A Debian with Python, where there is none yet."""
+        """Make an image of Debian with Python, if there is none yet."""
         if self.buildah("images", "--quiet", "--filter", f"reference={BASE}"):
             return
         archive = self.kept / "base.tar"
@@ -71,7 +71,7 @@ class Images:
         archive.unlink()
 
     def build(self, target: str) -> str:
-        """Build a target of the Dockerfile; its name. pip trusts whom this machine trusts."""
+        """Build a target of the Dockerfile and return its name. pip trusts the same authorities as this machine."""
         self.make_base()
         trust = self.kept / "pip.conf"
         trust.write_text("[global]\ncert = /run/authorities.pem\n", encoding="utf-8")
@@ -84,7 +84,7 @@ class Images:
         return name
 
     def config(self, name: str) -> dict[str, Any]:
-        """What an image says of how it is run."""
+        """The configuration of an image."""
         return dict(json.loads(self.buildah("inspect", "--type", "image", name))["Docker"]["config"])
 
     def mounted(self, name: str) -> Mounted:
@@ -93,7 +93,7 @@ class Images:
 
 
 class Mounted:
-    """An image's files, and its programs run as its container would run them."""
+    """An image's files, with its programs run as in its container."""
 
     def __init__(self, images: Images, name: str) -> None:
         self._images = images
@@ -110,7 +110,7 @@ class Mounted:
     def start(
         self, command: Sequence[str] = (), settings: Mapping[str, str] | None = None, secrets: Path | None = None
     ) -> subprocess.Popen[str]:
-        """Run a command, the image's own where none is given, with its environment and these settings."""
+        """Run a command, by default the image's own, with the image's environment and these settings."""
         given = [*self.config["Env"], *(f"{name}={value}" for name, value in (settings or {}).items())]
         root = self._images.kept / "root"
         root.mkdir(exist_ok=True)
@@ -133,6 +133,6 @@ class Mounted:
 
 
 def tell(process: subprocess.Popen[str], number: signal.Signals) -> None:
-    """A signal for the first process of the container, as its engine would send it."""
+    """Send a signal to the first process of the container, as a container engine does."""
     (inside,) = Path(f"/proc/{process.pid}/task/{process.pid}/children").read_text().split()
     os.kill(int(inside), number)

@@ -1,4 +1,4 @@
-"""A real Prometheus with the configuration of deploy/prometheus, that watches real servers."""
+"""A real Prometheus with the configuration of deploy/prometheus that watches real servers."""
 
 from __future__ import annotations
 
@@ -22,7 +22,7 @@ CONFIGURATION = REPOSITORY / "deploy" / "prometheus" / "scrape.yaml"
 
 
 class Prometheus:
-    """Use as `with Prometheus(folder, ports) as prometheus`. Its servers and its interval alone are changed."""
+    """Use as `with Prometheus(folder, ports) as prometheus`. Only the servers and the interval are changed."""
 
     def __init__(
         self, folder: Path, ops_ports: Sequence[int], interval: str = "1s", configuration: Path = CONFIGURATION
@@ -32,7 +32,7 @@ class Prometheus:
         self._targets = [f"localhost:{port}" for port in ops_ports]
         self._interval = interval
         self._configuration = configuration
-        self._num_others = 0  # targets that are no servers
+        self._num_others = 0  # targets that are not servers
         self._process: subprocess.Popen[bytes] | None = None
 
     def __enter__(self) -> Prometheus:
@@ -75,13 +75,13 @@ class Prometheus:
             raise RuntimeError((self._folder / "prometheus.log").read_text(errors="replace")[-2000:])
         try:
             urllib.request.urlopen(f"http://127.0.0.1:{self._port}/-/ready", timeout=30).close()
-        except OSError:  # nobody listens yet, or it still reads what it has stored
+        except OSError:  # it does not listen yet, or still reads what it has stored
             return False
         up = [each for each in self.query("up") if each["value"][1] == "1"]
         return len(up) == len(self._targets) + self._num_others
 
     def query(self, expression: str) -> list[dict[str, Any]]:
-        """The series of an expression now. Raises ValueError with what Prometheus finds wrong with it."""
+        """The series of an expression now. Raises ValueError with Prometheus' error."""
         return self._asked("query", query=expression)
 
     def query_range(self, expression: str, start: float, end: float, step_s: float) -> list[dict[str, Any]]:

@@ -1,4 +1,4 @@
-"""For tests of lost lines: short delays, and a record of what every playback was given."""
+"""For tests of lost connections: short delays, and a record of what every playback received."""
 
 from __future__ import annotations
 
@@ -17,14 +17,16 @@ from tests.e2e.lost_line import Received
 
 @pytest.fixture
 def short_delays(monkeypatch: pytest.MonkeyPatch) -> None:
-    """Delays that grow are the business of the tests of `Backoff`."""
+    """Shorten the delays; growing delays are tested in the tests of `Backoff`."""
     monkeypatch.setattr(backoff, "LONGEST_DELAY_S", 0.1)
     monkeypatch.setattr(calls, "LAG_S", 0.05)
 
 
 @pytest.fixture
 def received(monkeypatch: pytest.MonkeyPatch) -> dict[Playback, Received]:
-    """By playback; committed frames that came again otherwise are noted; what a later plan drops is forgotten."""
+    """What each playback received. Committed frames that came again with other rows are recorded; frames that a later
+    plan drops are removed.
+    """
     heard: dict[Playback, Received] = defaultdict(Received)
     add_chunk, announce_plan = Playback.add_chunk, Playback.announce_plan
 

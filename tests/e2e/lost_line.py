@@ -1,4 +1,4 @@
-"""A real service, the Python client, and a line between them that can be cut; what each of them was given."""
+"""A real service and the Python client, with a connection that can be cut, and records of what each received."""
 
 from __future__ import annotations
 
@@ -24,7 +24,7 @@ from tests.server.engine.fakes import FACTS
 
 FACTS_AS_SERVED = replace(
     FACTS,
-    fps=100,  # so that little time is a lot of motion
+    fps=100,  # so that there is a lot of motion in little time
     rig=replace(
         FACTS.rig,
         blocks=(
@@ -55,7 +55,7 @@ async def proxied(
 
 @dataclass
 class Received:
-    """What one playback was given: the last row of each frame that it holds, or has shown."""
+    """What one playback received: the last row of each frame that it holds, or has shown."""
 
     rows: dict[int, np.ndarray] = field(default_factory=dict)
     changed: list[int] = field(default_factory=list)
@@ -63,7 +63,7 @@ class Received:
 
 @dataclass
 class Taken:
-    """The numbers of the events that the engine was given, by session; playheads and resumes left out."""
+    """The numbers of the events that the engine received, by session, without playheads and resumes."""
 
     numbers: dict[object, list[int]] = field(default_factory=lambda: defaultdict(list))
 
@@ -79,7 +79,7 @@ class Taken:
 
 
 async def played(session: Session, frames: int) -> list[int]:
-    """Take so many frames as fast as they come."""
+    """Play so many frames as fast as they come."""
     seen: list[int] = []
     async for frame in session.frames(realtime=False):
         seen.append(frame.index)
@@ -89,6 +89,6 @@ async def played(session: Session, frames: int) -> list[int]:
 
 
 def check_history(server: LocalServer, *frames: int) -> None:
-    """The server's sessions were opened anew with histories that end just before these frames of ours."""
+    """Check that the server's sessions were reopened with histories that end just before these frames of ours."""
     begun = [job for job in server.runner.prepared if job.first_frame == 0 and len(job.history)]
     assert {frame - 1 for frame in frames} <= {int(job.history[-1, 0]) for job in begun}

@@ -1,4 +1,4 @@
-"""A TCP proxy that loses connections: after so many bytes, or when a test says so; or lets them fall silent."""
+"""A TCP proxy that drops connections after so many bytes or when told to, or lets them fall silent."""
 
 from __future__ import annotations
 
@@ -11,9 +11,9 @@ CHUNK_BYTES = 4096
 
 
 class TcpProxy(TcpLine):
-    """budget: asked for each new connection; after so many bytes, both ways together, it is aborted; None: never.
+    """budget: called for each new connection, which is aborted after so many bytes in both directions; None: never.
 
-    num_cuts: how many were. is_silent: nothing is passed on any more.
+    num_cuts: how many were aborted. is_silent: nothing is passed on any more.
     """
 
     def __init__(self, behind: str, budget: Callable[[], int | None] = lambda: None) -> None:

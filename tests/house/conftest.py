@@ -1,4 +1,4 @@
-"""What the house tests look at: the files of the repository, and the proto generator."""
+"""Fixtures of the house tests: the files of the repository, and the proto generator."""
 
 from __future__ import annotations
 
@@ -45,7 +45,7 @@ def repository() -> Repository:
 
 @pytest.fixture(scope="session")
 def generator() -> ModuleType:
-    """proto/generate.py as a module; it stands outside every package."""
+    """proto/generate.py as a module; it is outside every package."""
     spec = importlib.util.spec_from_file_location("generate", ROOT / "proto" / "generate.py")
     assert spec is not None
     assert spec.loader is not None

@@ -1,4 +1,4 @@
-"""The shell lines of a page in Markdown: blocks indented by four spaces, without their comments."""
+"""The shell lines of a Markdown page: blocks indented by four spaces, without their comments."""
 
 from __future__ import annotations
 
@@ -15,14 +15,14 @@ SHORT = {"motiongen": "motiongen_tools", "motiongen-server": "motiongen_server"}
 
 @dataclass(frozen=True)
 class Command:
-    """What is run, as it stands on the page: `make`, or the name of a Python module with its arguments."""
+    """A command on the page: `make`, or the name of a Python module, with arguments."""
 
     program: str
     arguments: tuple[str, ...]
 
 
 def commands_in(page: str) -> list[Command]:
-    """Those of make, of our console scripts, and of `python -m`, in the order of the page."""
+    """The commands of make, our console scripts, and `python -m`, in the order of the page."""
     lines = re.findall(r"^ {4}(?=\S)((?:.*\\\n)*.*)$", FENCED.sub("", page), re.MULTILINE)
     found = []
     for line in lines:
@@ -34,7 +34,7 @@ def commands_in(page: str) -> list[Command]:
 
 
 def _parts(line: str) -> list[list[str]]:
-    """The words of each command of a line; where they cannot be read, the line is none of the shell's."""
+    """The words of each command of a line; none if the line cannot be parsed as a shell line."""
     try:
         words = shlex.split(line, comments=True)
     except ValueError:

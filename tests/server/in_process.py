@@ -1,4 +1,4 @@
-"""Engines on threads of the test's own process, with whatever runners a test loads, in place of engine processes."""
+"""Engines on threads of the test's own process, with any runners that a test loads, instead of engine processes."""
 
 from __future__ import annotations
 
@@ -18,12 +18,12 @@ from motiongen_server.text.ports import TextEncoder
 from tests.server.engine.engine_thread import EngineThread
 
 ENGINE = "0"
-"""The name of the one engine, in metrics."""
+"""The name of the only engine, in metrics."""
 
 
 @dataclass(frozen=True)
 class InProcessModel:
-    """A model's engine, with what it says of itself."""
+    """A model's engine, with its reports."""
 
     engine: Engine
     thread: EngineThread
@@ -100,12 +100,12 @@ class InProcessEngines:
         return self._encoder
 
     def stop(self) -> None:
-        """Each model's engine is stopped by itself."""
+        """Does nothing: each model's engine is stopped separately."""
 
     def join(self) -> bool:
         return True
 
 
 def in_process(load: Callable[[ServerConfig], Runner], encoder: TextEncoder) -> MakeEngines:
-    """Makes such engines for an application."""
+    """A function that makes such engines for an application."""
     return lambda config, deliver, metrics: InProcessEngines(config, deliver, metrics, load, encoder)

@@ -1,4 +1,4 @@
-"""A real Redis, or Valkey, for as long as a test takes: `apt-get install redis-server`."""
+"""A real Redis, or Valkey, for the duration of a test: `apt-get install redis-server`."""
 
 from __future__ import annotations
 
@@ -12,17 +12,17 @@ from tests.waiting import until
 
 
 def url_in(folder: Path) -> str:
-    """Of a Redis that is started there."""
+    """The URL of a Redis that is started in this folder."""
     return f"unix://{folder / 'redis.sock'}"
 
 
 def start_redis(folder: Path, *more: str) -> subprocess.Popen[bytes]:
-    """Return once it answers. Nothing of it is kept on the disk. Raises RuntimeError where it does not start."""
+    """Start it, and return once it answers. It saves nothing to disk. Raises RuntimeError if it does not start."""
     program = shutil.which("redis-server") or shutil.which("valkey-server")
     assert program, "neither redis-server nor valkey-server is installed; apt-get install redis-server"
     socket = folder / "redis.sock"
     arguments = ["--port", "0", "--unixsocket", str(socket), "--save", "", "--dir", str(folder), *more]
-    # Somebody else may have got its port, for a moment: every connection takes one.
+    # Its port may be taken for a moment: each outgoing connection takes one.
     for _ in range(2):
         process = subprocess.Popen([program, *arguments], stdout=subprocess.DEVNULL)
         if until(lambda started=process: _answers(socket) or started.poll() is not None) and process.poll() is None:  # type: ignore[misc]

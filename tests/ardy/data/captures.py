@@ -1,4 +1,4 @@
-"""Captures as somebody would bring them: BVH files of our own rig, a retarget file for it, and a table of labels."""
+"""Captures as a user would have them: BVH files of our own rig, a retarget file for it, and a table of labels."""
 
 from __future__ import annotations
 
@@ -38,6 +38,6 @@ def write_retarget(path: Path, feet: str = "") -> Path:
 
 
 def write_table(path: Path, *rows: str) -> Path:
-    """A table of labels, its texts in the last column."""
+    """A table of labels, with the texts in the last column."""
     path.write_text("\n".join((HEADER, *rows, "")))
     return path

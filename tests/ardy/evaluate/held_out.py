@@ -1,4 +1,4 @@
-"""A small held-out split made by formula, and how little of it an evaluation is to run."""
+"""A small held-out split made by formula, and settings that evaluate little of it."""
 
 from __future__ import annotations
 
@@ -14,7 +14,7 @@ FEW = Size(seeds=1, moving=1, standing=1, sessions=2, matched=4, long_s=8, long_
 
 
 def held_out() -> MotionDataset:
-    """Two that walk on and two that stay where they are, long enough for every part."""
+    """Two clips that walk on and two that stay where they are, long enough for every part of the evaluation."""
     clips = [swinging_clip(number, 200) for number in range(4)]
     stays = torch.tensor([0.0, 0.97, 0.0]).expand(200, 3)
     clips[0], clips[2] = (replace(clip, root_positions=stays) for clip in (clips[0], clips[2]))

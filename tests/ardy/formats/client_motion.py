@@ -1,4 +1,4 @@
-"""Motion as the Python client holds it."""
+"""Motion as the Python client represents it."""
 
 from __future__ import annotations
 
@@ -11,7 +11,7 @@ from motiongen_client.motion import Motion, Rig
 
 
 def client_motion(stored: StoredMotion) -> Motion:
-    """The same motion as the client holds it."""
+    """The same motion in the client's representation."""
     skeleton, motion = stored.skeleton, stored.motion
     joints = skeleton.num_joints
     blocks = {"root_translation_m": 3, "joint_rotation_quat_wxyz": 4 * joints, "foot_contact": 4}

@@ -1,4 +1,4 @@
-"""Files that nobody meant to write: good ones with bytes changed, and ones put together from the words of a format."""
+"""Malformed files: good files with bytes changed, and files put together from the words of a format."""
 
 from __future__ import annotations
 
@@ -56,7 +56,7 @@ BVH_WORDS = (
 
 @dataclass(frozen=True)
 class Reader:
-    """A reader, good files for it, and text or bytes made of its format's words."""
+    """A reader, good files for it, and content made of its format's words."""
 
     name: str
     read: Callable[[Path], Any]
@@ -64,7 +64,7 @@ class Reader:
     words: st.SearchStrategy[bytes]
 
     def files(self) -> st.SearchStrategy[bytes]:
-        """Any of what this reader may meet."""
+        """Any file of these kinds."""
         return st.one_of(st.binary(max_size=300), self.words, changed(self.good))
 
 
@@ -144,7 +144,7 @@ def line_words(words: tuple[str, ...], between: str) -> st.SearchStrategy[bytes]
 
 
 def readers(folder: Path) -> tuple[Reader, ...]:
-    """Every reader of `motiongen_ardy.formats`, with good files written into the folder on the way."""
+    """Every reader of `motiongen_ardy.formats`. Good files are written to the folder for this."""
     people, robot = random_motion(CORE, 2, seed=0), qpos_motion("walk", walking_qpos(3, 25), 25)
     at = folder / "good"
 

@@ -1,4 +1,4 @@
-"""What every reader owes to every file."""
+"""What every reader must do with every file: read or refuse it."""
 
 from __future__ import annotations
 
@@ -12,7 +12,7 @@ LONGEST_MESSAGE = 1_500
 
 
 def read_or_refuse(reader: Reader, path: Path, content: bytes) -> bool:
-    """Whether the file is read. Anything but a FormatError, a warning among them, goes on to the caller."""
+    """Whether the file is read; a FormatError is a refusal. Other exceptions, and warnings, pass to the caller."""
     path.write_bytes(content)
     with warnings.catch_warnings():
         warnings.simplefilter("error")

@@ -1,6 +1,6 @@
-"""Layers with kernels between their products give what layers without them give; Triton interprets the kernels.
+"""Compare layers that have kernels between their products with layers without; Triton interprets the kernels.
 
-`test_fused.py` runs this in a process of its own: whether it interprets, Triton decides when it is first imported.
+`test_fused.py` runs this in a separate process, because Triton decides whether to interpret when it is first imported.
 """
 
 from __future__ import annotations
@@ -30,11 +30,11 @@ def stack_of(norm_first: bool, activation: str = "gelu") -> PackedStack:
     plain = TransformerStack(TransformerConfig(WIDTH, 96, 3, HEADS, activation, norm_first))
     for parameter in plain.parameters():
         parameter.data += 0.05 * torch.randn_like(parameter)
-    return PackedStack(plain.requires_grad_(False), torch.float32)  # the interpreter knows no products of bfloat16
+    return PackedStack(plain.requires_grad_(False), torch.float32)  # the interpreter has no bfloat16 products
 
 
 def groups_of(*shapes: tuple[int, int, int, int]) -> list[Group]:
-    """shapes: sequences, their length, and first and number of what is read."""
+    """shapes: number of sequences, their length, and the first position and the number of positions that are read."""
     groups, start = [], 0
     for count, length, first_read, num_read in shapes:
         groups.append(Group(start, count, length, first_read, num_read))
@@ -48,7 +48,7 @@ def groups_of(*shapes: tuple[int, int, int, int]) -> list[Group]:
 def test_fused_layers_give_what_plain_ones_give(kernels: ModuleType, norm_first: bool, activation: str) -> None:
     stack = stack_of(norm_first, activation)
     groups = groups_of((3, 17, 7, 10), (1, 40, 3, 37), (2, 5, 4, 1))
-    vectors = torch.randn(groups[-1].end + 4, WIDTH)  # some more behind the last, that nobody looks at
+    vectors = torch.randn(groups[-1].end + 4, WIDTH)  # some more after the last, which must be ignored
     expected = stack(vectors, groups)
     found = FusedStack(stack.layers, kernels)(vectors, groups)
     assert found.shape == expected.shape
@@ -67,7 +67,7 @@ def test_sums_and_norms_are_rounded_once_at_their_end(kernels: ModuleType) -> No
         total = stream + product.float()
         norm = torch.layer_norm(total, (96,), weight, bias, 1e-5)
         assert torch.allclose(added, norm if norm_added else total, atol=1e-5)
-        assert torch.allclose(normed.float(), norm, rtol=2**-7, atol=1e-5)  # the interpreter cuts off, a GPU rounds
+        assert torch.allclose(normed.float(), norm, rtol=2**-7, atol=1e-5)  # the interpreter truncates, a GPU rounds
 
 
 @torch.inference_mode()

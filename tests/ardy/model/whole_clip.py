@@ -1,6 +1,6 @@
-"""A whole clip on kept tokens, as the golden clips were computed: the same windows, laid in a row another way.
+"""A whole clip from kept tokens, as the golden clips were computed: the same windows, joined in another way.
 
-`rollout` encodes each history anew; here the tokens of all windows stay, and are decoded at the end.
+`rollout` encodes each history again; here the tokens of all windows are kept, and decoded at the end.
 """
 
 from __future__ import annotations
@@ -49,8 +49,8 @@ class WholeClip:
 class ClipState:
     """A clip between two windows.
 
-    tokens: (B, N, 20 + L), all so far, recentred at their last frame and on the grid; translation: (B, 3) metres from
-    their frame to the world's; heading: (B) radians of the first frame that the next window sees.
+    tokens: (B, N, 20 + L), all so far, recentred at their last frame, latents on the grid; translation: (B, 3) metres
+    from their coordinates to the world's; heading: (B) radians of the first frame that the next window sees.
     """
 
     tokens: Tensor
@@ -99,7 +99,7 @@ def append_window(model: Model, clip: WholeClip, state: ClipState, window: Windo
 
 
 def decode_clip(model: Model, clip: WholeClip, state: ClipState) -> Tensor:
-    """Normalised features of all tokens, in one go without a crop, window by window with one."""
+    """Normalised features of all tokens, decoded at once without a crop, window by window with one."""
     tokens = move_root(model, state.tokens, state.translation)
     wanted = -(-clip.num_frames // PATCH) * PATCH
 

@@ -9,7 +9,7 @@ from motiongen_ardy.robot.g1 import load_g1
 
 
 def random_qpos(num_frames: int, seed: int) -> Tensor:
-    """Rows (T, 36) float64 anywhere, facing anywhere, every hinge within its range."""
+    """Rows (T, 36) float64 with random place and heading, every hinge within its range."""
     robot = load_g1()
     random = torch.Generator().manual_seed(seed)
     root = torch.randn(num_frames, 7, generator=random, dtype=torch.float64)
@@ -19,7 +19,7 @@ def random_qpos(num_frames: int, seed: int) -> Tensor:
 
 
 def walking_qpos(num_frames: int, rate_hz: float) -> Tensor:
-    """Rows (T, 36) float64 of something like a walk, smooth at any rate: hips, knees and arms swing, the root turns."""
+    """Rows (T, 36) float64 similar to a walk, smooth at any rate: hips, knees and arms swing, the root turns."""
     robot = load_g1()
     time_s = torch.arange(num_frames, dtype=torch.float64) / rate_hz
     phase = 2 * torch.pi * 0.8 * time_s

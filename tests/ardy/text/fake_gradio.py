@@ -21,14 +21,14 @@ WIDTH = 8
 
 
 def vector_of(text: str) -> np.ndarray:
-    """(1, WIDTH) float32, another for every text."""
+    """(1, WIDTH) float32, different for every text."""
     return np.random.default_rng(list(text.encode())).standard_normal((1, WIDTH)).astype(np.float32)
 
 
 @dataclass
 class FakeGradio:
-    """texts: those that came. fate: "" to answer; "error" to fail inside; "silent" to say only that it lives; "down" to
-    answer with status 502. encode: what it does; result: what the endpoint's results look like around the path."""
+    """texts: those received. fate: "" to answer; "error" to fail inside; "silent" to send only heartbeats; "down" to
+    answer with status 502. encode: makes the vector; result: makes the endpoint's results from the file's path."""
 
     encode: Callable[[str], np.ndarray] = vector_of
     fate: str = ""
@@ -55,7 +55,7 @@ class _Handler(BaseHTTPRequestHandler):
         super().__init__(*given)  # type: ignore[arg-type]
 
     def log_message(self, format: str, *args: object) -> None:
-        """Nothing on the terminal."""
+        """Log nothing to the terminal."""
 
     def do_POST(self) -> None:
         body = json.loads(self.rfile.read(int(self.headers["Content-Length"])))
@@ -104,7 +104,7 @@ class _Handler(BaseHTTPRequestHandler):
 
 
 def _results(path: str) -> list[Any]:
-    """What a download button, a text and another make: the button is an update, its file lies in its value."""
+    """The results of a download button and two texts: the button's is an update, with the file in its value."""
     file = {
         "path": path,
         "url": f"http://elsewhere.invalid/gradio_api/file={path}",

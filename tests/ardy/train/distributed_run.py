@@ -1,4 +1,4 @@
-"""What test_distributed starts in two processes: a few steps of tokenizer and denoiser. Argument: the folder."""
+"""A few training steps of tokenizer and denoiser, run by test_distributed in two processes. Argument: the folder."""
 
 from __future__ import annotations
 

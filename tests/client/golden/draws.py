@@ -1,4 +1,4 @@
-"""What golden vectors are drawn from: a chain of three joints, rows at random, and numbers as the files have them."""
+"""Sources of golden vectors: a chain of three joints, random rows, and numbers as the files have them."""
 
 from __future__ import annotations
 
@@ -32,7 +32,7 @@ def drawn_rotations(draw: random.Random, count: int) -> Float32:
 
 
 def drawn_rows(draw: random.Random, count: int) -> Float32:
-    """(count, D) of a chain that is turned anew at each frame: nothing of it is near anything else."""
+    """(count, D) of the chain, with independent random values in each frame, rounded as in the files."""
     rows = np.zeros((count, RIG.row_width), np.float32)
     for row in rows:
         row[:3] = [draw.uniform(-5, 5) for _ in range(3)]

@@ -1,4 +1,4 @@
-"""Golden vectors of frames as they come over the wire: halves and quantised, with outputs and without."""
+"""Golden vectors of frames as they are sent: in F16 and QUANTISED, with outputs and without."""
 
 from __future__ import annotations
 
@@ -20,7 +20,7 @@ ROBOT = {"g1_qpos": 36}  # not in QUANTISED
 
 
 def packed(turn: Float32) -> int:
-    """A rotation as QUANTISED stores it: which is the greatest, and ten bits of each of the others."""
+    """A rotation as QUANTISED stores it: the index of the largest component, and ten bits of each of the others."""
     greatest = int(np.abs(turn).argmax())
     turn = turn if turn[greatest] > 0 else -turn
     word = greatest << 30
@@ -33,7 +33,7 @@ def packed(turn: Float32) -> int:
 
 
 def drawn_outputs(draw: random.Random, rig: Rig, rows: Float32) -> Float32:
-    """Rows with what a session asks for besides, near their roots."""
+    """Rows with the outputs that a session asks for, placed near their roots."""
     parts = [rows]
     for name, width in rig.outputs.items():
         if name == "joint_global_rotation_quat_wxyz":
@@ -47,7 +47,7 @@ def drawn_outputs(draw: random.Random, rig: Rig, rows: Float32) -> Float32:
 
 
 def halves(rows: Float32, rig: Rig) -> bytes:
-    """A chunk's data in F16: places are seen from the first root."""
+    """A chunk's data in F16: places are relative to the first root."""
     seen, origin = rows.copy(), rows[0, :3]
     seen[:, :3] -= origin
     if "joint_positions_m" in rig.outputs:

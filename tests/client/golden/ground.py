@@ -35,7 +35,7 @@ GROUNDS: dict[str, Heights] = {
 
 
 def walk() -> Motion:
-    """As the file has it: rounded."""
+    """The walk as in the file: rounded."""
     rows = walking(RIG, FRAMES, speed_mps=1.0).rows
     return Motion(RIG, 0, np.array([[float(f"{value:.6g}") for value in row] for row in rows], np.float32))
 
@@ -58,7 +58,7 @@ def followed(name: str, motion: Motion) -> Iterator[str]:
     playback = Playback(FPS, RIG.row_width)
     sampler, follower = Sampler(RIG, playback), GroundFollower(Ground(RIG, GROUNDS[name]), playback)
     yield f"begin {name} {FPS}"
-    # plan, first frame, frames, of the walk from this one on, moved aside by so much a frame, is it a cut
+    # plan, first frame, number of frames, from which frame of the walk, sideways shift per frame, whether it is a cut
     chunks = iter([(1, 0, 30, 0, 0.0, 0), (2, 22, 24, 22, 0.02, 0), (3, 40, 20, 8, -0.05, 1)])
     for tick in range(int(55 / FPS * 60)):
         if tick in (0, 60, 111):

@@ -1,4 +1,4 @@
-"""Golden vectors of poses between frames, as a session goes on."""
+"""Golden vectors of poses between frames, in the course of a session."""
 
 from __future__ import annotations
 
@@ -13,7 +13,7 @@ from tests.client.golden.draws import RATE_HZ, RIG, drawn_rows, numbers
 
 
 class Script:
-    """A session as it might go: replans, waits, cuts, pauses, another pace; and what is shown all along."""
+    """A possible session: replans, waits, cuts, pauses, another pace; and what is shown at each time."""
 
     def __init__(self, seed: int) -> None:
         self.draw = random.Random(seed)
@@ -49,14 +49,14 @@ class Script:
 
 
 class Player:
-    """The Python client, told the lines of a script."""
+    """The Python client, which executes the lines of a script."""
 
     def __init__(self) -> None:
         self.playback = Playback(RATE_HZ, RIG.row_width)
         self.sampler = Sampler(RIG, self.playback)
 
     def tell(self, line: str) -> str:
-        """What comes of it: of `sample` the playhead and the row, or nothing before there is one."""
+        """Execute a line. Returns its result: for `sample` the playhead and the row, or nothing before there is one."""
         name, *words = line.split()
         playback = self.playback
         match name:

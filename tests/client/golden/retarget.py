@@ -1,4 +1,4 @@
-"""Golden vectors of frames on somebody else's skeleton."""
+"""Golden vectors of frames on another skeleton."""
 
 from __future__ import annotations
 
@@ -39,7 +39,7 @@ BY_LENGTH = {
 
 
 def described(joint_map: JointMap) -> Iterator[str]:
-    """A map as the C++ client takes it."""
+    """A map in the form that the C++ client reads."""
     rest = BODY.rest
     for joint, name in enumerate(BODY.joint_names):
         yield f"joint {name} {BODY.parents[joint]} {numbers(BODY.offsets[joint])} {numbers(rest[joint])}"

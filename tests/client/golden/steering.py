@@ -1,4 +1,4 @@
-"""Golden vectors of axes of engines, and of steering."""
+"""Golden vectors of game engines' axes, and of steering."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""What a test hears of a remote engine, and what it tells one."""
+"""What a test gets from a remote engine, and sends to it."""
 
 from __future__ import annotations
 
@@ -40,7 +40,7 @@ KEY = SessionKey(1, 1)
 
 
 class Audience:
-    """Keeps every output and report; a test waits until what it has heard is enough."""
+    """Keeps all outputs and reports; a test can wait until there are enough."""
 
     def __init__(self) -> None:
         self.outputs: list[Output] = []
@@ -62,7 +62,7 @@ class Audience:
         return self.observe
 
     def wait_for(self, enough: Callable[[Audience], object]) -> None:
-        """Raises AssertionError when that does not come."""
+        """Wait until `enough` is true. Raises AssertionError if that does not happen."""
         with self._heard:
             assert self._heard.wait_for(lambda: bool(enough(self)), LIMIT_S), self.outputs
 
@@ -98,12 +98,12 @@ class Remote:
     audience: Audience
 
     def pid(self, number: int = 0) -> int | None:
-        """Of an engine process."""
+        """The process id of an engine process."""
         return self.pool.processes[number].pid
 
     @contextmanager
     def stopped(self) -> Iterator[None]:
-        """All engine processes stand still meanwhile."""
+        """All engine processes are stopped in this context."""
         with ExitStack() as standing:
             for process in self.pool.processes:
                 assert process.pid is not None
@@ -158,7 +158,7 @@ def close(seq: int, key: SessionKey = KEY) -> Close:
 
 
 def _state(stat: Path) -> str:
-    """Of a process or a thread, as the kernel tells it by a letter."""
+    """The kernel's letter for the state of a process or thread."""
     return stat.read_text(encoding="ascii").rpartition(")")[2].split()[0]
 
 
@@ -171,14 +171,14 @@ def is_gone(pid: int) -> bool:
 
 
 def stop(pid: int) -> None:
-    """SIGSTOP. Its threads go on until one of them has taken the signal, and each until it has heard of that."""
+    """Send SIGSTOP and wait: each thread runs on until one has taken the signal and it has been told."""
     os.kill(pid, signal.SIGSTOP)
     until(lambda: all(_state(stat) == "T" for stat in Path(f"/proc/{pid}/task").glob("*/stat")))
 
 
 @contextmanager
 def stopped(pid: int) -> Iterator[None]:
-    """A process stands still meanwhile."""
+    """A process is stopped in this context."""
     stop(pid)
     try:
         yield

@@ -1,10 +1,10 @@
 """An engine process with the fake runner, for tests: `python -m tests.server.engine_process.fake_engine HOW FOLDER`.
 
-HOW says what is to go wrong: nothing; small (an engine takes one session); settings, load (refused, or failing, while
-it loads); tell_load (refused, with the admit_load that it got); schema (the greeting is of another version); garbage
-(after its first outputs it says what is no message); stuck:FOLDER (of the processes that load, all of which leave a
-file there, the second never comes to an end); changing (each process that loads finds other weights); hang, die, fail
-(in the second window of a session with the seed `FATAL_SEED`).
+HOW says what goes wrong: nothing; small (an engine takes one session); settings, load (refused, or failed, while it
+loads); tell_load (refused, with the admit_load that it got); schema (the greeting has another version); garbage (after
+its first outputs it sends something that is not a message); stuck:FOLDER (all processes that load leave a file there,
+and the second never finishes); changing (each process that loads finds other weights); hang, die, fail (in the second
+window of a session with the seed `FATAL_SEED`).
 """
 
 from __future__ import annotations
@@ -69,14 +69,14 @@ def build(begin: Begin, how: str, source: str, deliver: Deliver, observe: Observ
     runner.how = how
     runner.facts = replace(runner.facts, model_id=source)
     max_sessions = 1 if how == "small" else begin.config.max_sessions
-    # It plays in real time: without the rest, a busy machine would have sessions refused or served with less.
+    # It plays in real time: without the other settings, sessions would be refused or degraded on a busy machine.
     engine_config = EngineConfig(max_sessions=max_sessions, admit_load=ANY_LOAD, degrade=False)
     engine = Engine(runner, RealTime(), deliver, engine_config, observe=observe, inbox=inbox)
     return Built(engine, runner.facts, "CC0-1.0", weights=str(os.getpid()) if how == "changing" else "")
 
 
 class Stutterer:
-    """Encodes a text by its length, but for one that it cannot."""
+    """Encodes a text by its length, except for one text, on which it fails."""
 
     identity = "length-1"
 
@@ -89,7 +89,7 @@ class Stutterer:
 
 
 def babble_after_outputs() -> None:
-    """From now on outputs are followed by bytes that are no message."""
+    """From now on, follow outputs by bytes that are not a message."""
     say = Wire.say
 
     def babbling(wire: Wire, message: ToGateway) -> None:

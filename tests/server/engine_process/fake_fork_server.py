@@ -1,7 +1,7 @@
 """A fork server of processes that load nothing: `python -m tests.server.engine_process.fake_fork_server`.
 
-A forked process writes the names and values of its environment into its folder, as `environment`. Then it ends with
-the code that the file `code` there has, or where there is none, once its standard input has ended.
+A forked process writes the names and values of its environment to the file `environment` in its folder. Then it ends
+with the exit code in the file `code` there; without that file, it ends when its standard input does.
 """
 
 from __future__ import annotations

@@ -1,4 +1,4 @@
-"""Certificates of the tests, and files of tenants."""
+"""The tests' certificates, and files of tenants."""
 
 from __future__ import annotations
 
@@ -17,7 +17,7 @@ AUTHORITY = str(CERTIFICATES / "authority.pem")
 
 
 def copy_pair(name: str, folder: Path) -> tuple[str, str]:
-    """Put a certificate and its key where a server reads them; returns the paths, which are always the same."""
+    """Copy a certificate and its key to where a server reads them. Returns the paths, which are always the same."""
     certificate, key = folder / "server.pem", folder / "server.key"
     shutil.copyfile(CERTIFICATES / f"{name}.pem", certificate)
     shutil.copyfile(CERTIFICATES / f"{name}.key", key)
@@ -25,7 +25,7 @@ def copy_pair(name: str, folder: Path) -> tuple[str, str]:
 
 
 def client_credentials(name: str = "") -> grpc.ChannelCredentials:
-    """Trusts the tests' authority, and shows the certificate of that name."""
+    """Credentials that trust the tests' authority and present the certificate of that name."""
     authority = Path(AUTHORITY).read_bytes()
     if not name:
         return grpc.ssl_channel_credentials(authority)
@@ -38,7 +38,7 @@ def bearer(token: str) -> tuple[tuple[str, str], ...]:
 
 
 class TenantsFile:
-    """A file of tenants that a test writes. wall: the time that callers go by."""
+    """A file of tenants that a test writes. wall: the wall-clock time that callers use."""
 
     def __init__(self, folder: Path) -> None:
         self.path = folder / "tenants.toml"
@@ -47,11 +47,11 @@ class TenantsFile:
 
     def write(self, text: str) -> None:
         self._writes += 1
-        # A comment of another length each time, so that a coarse clock of the file system hides no change.
+        # A comment of a different length each time, so that coarse timestamps of the file system hide no change.
         self.path.write_text(text + f"\n#{'.' * self._writes}\n")
 
     def one(self, more: str = "", expires: str = "", name: str = "studio") -> str:
-        """Let one tenant in; returns its token."""
+        """Write a file with one tenant. Returns its token."""
         token, kept = new_token()
         until = f", expires = {expires}" if expires else ""
         self.write(f'[tenants.{name}]\ntokens = [{{ hash = "{kept}"{until} }}]\n{more}')

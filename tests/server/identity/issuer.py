@@ -1,4 +1,4 @@
-"""An issuer of the tests: it signs tokens with real keys, and tells its public ones over HTTP."""
+"""An issuer for tests: it signs tokens with real keys, and publishes its public keys over HTTP."""
 
 from __future__ import annotations
 
@@ -23,7 +23,7 @@ LIFE_S = 3600
 
 @cache
 def private_key(algorithm: str, name: str) -> Any:
-    """One for each name; made once."""
+    """A key for each name; it is made once."""
     if algorithm == "ES256":
         return ec.generate_private_key(ec.SECP256R1())
     return (
@@ -32,14 +32,14 @@ def private_key(algorithm: str, name: str) -> Any:
 
 
 def public_pem(algorithm: str, name: str) -> bytes:
-    """As it is found on web pages."""
+    """The public key as PEM."""
     public = private_key(algorithm, name).public_key()
     pem: bytes = public.public_bytes(serialization.Encoding.PEM, serialization.PublicFormat.SubjectPublicKeyInfo)
     return pem
 
 
 class Issuer:
-    """keys: algorithm by the name of the key; all of them are told. url: where, once it is `served`."""
+    """keys: algorithms by name of the key; all are published. url: where, once it is `served`."""
 
     def __init__(self, **keys: str) -> None:
         self.keys = keys or {"first": "ES256"}
@@ -58,20 +58,20 @@ class Issuer:
         return {**told, "kid": name, "alg": algorithm, "use": "sig"}
 
     def token(self, key: str = "first", algorithm: str = "ES256", kid: str | None = None, **claims: Any) -> str:
-        """A token that holds, but for what the claims change; a claim that is None is left out.
+        """A valid token, except for what the claims change; a claim that is None is left out.
 
-        kid: as it names its key, "" for not at all; by the key's own name where it is left out.
+        kid: how the token names its key, "" for no name; by default, the key's own name.
         """
         now = int(time.time())
         usual = {"iss": NAME, "aud": "motiongen", "iat": now, "exp": now + LIFE_S, "tenant": "studio"}
         said = {name: value for name, value in {**usual, **claims}.items() if value is not None}
-        signed_with = private_key(self.keys.get(key, algorithm), key)  # one of RSA signs by any algorithm of that
+        signed_with = private_key(self.keys.get(key, algorithm), key)  # an RSA key signs with any RSA algorithm
         named = key if kid is None else kid
         return jwt.encode(said, signed_with, algorithm, {"kid": named} if named else None)
 
     @contextmanager
     def served(self, tls: ssl.SSLContext | None = None) -> Iterator[None]:
-        """Tell the keys at `url`, by https where there is a context for it."""
+        """Publish the keys at `url`, over https if there is a TLS context."""
         issuer = self
 
         class Handler(BaseHTTPRequestHandler):
@@ -98,13 +98,13 @@ class Issuer:
                 thread.join()
 
     def answer(self, path: str) -> dict[str, Any]:
-        """What it says at a path."""
+        """Its answer at a path."""
         if path.endswith("openid-configuration"):
             return {"issuer": self.url, "jwks_uri": f"{self.url}/jwks"}
         return self.document()
 
     def entry(self, keys: str, more: str = "", tenant: str = "issuers = ['corp']") -> str:
-        """The file of tenants that lets its tokens in."""
+        """The content of a file of tenants that accepts its tokens."""
         return (
             f"[issuers.corp]\nissuer = '{NAME}'\naudience = ['motiongen']\nkeys = '{keys}'\n"
             f"algorithms = ['ES256', 'RS256', 'EdDSA']\n{more}\n[tenants.studio]\n{tenant}\n"

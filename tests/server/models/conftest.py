@@ -1,4 +1,4 @@
-"""The stage of the tests of models."""
+"""The fixture of the tests of models."""
 
 from __future__ import annotations
 

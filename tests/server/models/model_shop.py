@@ -28,7 +28,7 @@ from tests.waiting import LIMIT_S
 
 
 class Shop:
-    """Loads fake models by their names. A test may hold a load up, or have it fail."""
+    """Loads fake models by their names. A test can delay a load, or let it fail."""
 
     def __init__(self) -> None:
         self.go = threading.Event()
@@ -63,7 +63,7 @@ class Stage:
 
     @property
     def manager(self) -> ModelManager:
-        """What the application holds its models by."""
+        """The application's model manager."""
         return self.application._manager
 
     async def close(self) -> None:
@@ -79,7 +79,7 @@ class Stage:
         return {model.model_id: model for model in response.models}
 
     async def until(self, holds: Callable[[Sequence[admin_pb2.ModelStatus]], bool]) -> None:
-        """Ask for the list until something holds of it."""
+        """Request the list of models until a condition holds for it."""
         while not holds((await self.admin.ListModels(admin_pb2.ListModelsRequest())).models):
             pass
 
@@ -102,7 +102,7 @@ def grace(seconds: float) -> Duration:
 
 
 async def refusal(call: object) -> tuple[grpc.StatusCode, str, str]:
-    """Code, reason and message with which a call ends."""
+    """Status code, reason and message with which a call fails."""
     with pytest.raises(grpc.aio.AioRpcError) as caught:
         await call  # type: ignore[misc]
     status = rpc_status.from_call(caught.value)

@@ -1,4 +1,4 @@
-"""An OTLP collector, as far as tests need one: a gRPC server that keeps the spans it is sent."""
+"""An OTLP collector for tests: a gRPC server that keeps the spans it receives."""
 
 from __future__ import annotations
 
@@ -11,7 +11,7 @@ from opentelemetry.proto.trace.v1 import trace_pb2
 
 
 class Collector(trace_service_pb2_grpc.TraceServiceServicer):
-    """Use as `with Collector() as collector`. spans: all that came; service: of the last one's resource."""
+    """Use as `with Collector() as collector`. spans: all received; service: the name in the last one's resource."""
 
     def __init__(self) -> None:
         self.spans: list[trace_pb2.Span] = []
@@ -23,7 +23,7 @@ class Collector(trace_service_pb2_grpc.TraceServiceServicer):
     def Export(
         self, request: trace_service_pb2.ExportTraceServiceRequest, context: grpc.ServicerContext
     ) -> trace_service_pb2.ExportTraceServiceResponse:
-        """Keep them."""
+        """Keep the spans."""
         for of_resource in request.resource_spans:
             self.service = attributes(of_resource.resource)["service.name"]
             for of_scope in of_resource.scope_spans:
@@ -39,5 +39,5 @@ class Collector(trace_service_pb2_grpc.TraceServiceServicer):
 
 
 def attributes(of: Any) -> dict[str, Any]:
-    """Of a span or a resource, as plain values."""
+    """The attributes of a span or a resource, as plain values."""
     return {each.key: getattr(each.value, str(each.value.WhichOneof("value"))) for each in of.attributes}

@@ -1,4 +1,4 @@
-"""A directory of servers that a test fills."""
+"""A directory of servers with contents given by a test."""
 
 from __future__ import annotations
 
@@ -7,7 +7,7 @@ from motiongen_server.snapshots.store import StoreFailed
 
 
 class Told:
-    """others: what each exchange tells; own: what it was told; is_away: it does not answer."""
+    """others: the servers that each exchange returns; own: what it was sent; is_away: it does not answer."""
 
     def __init__(self, *others: Replica) -> None:
         self.others = list(others)

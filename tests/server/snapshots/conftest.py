@@ -1,4 +1,4 @@
-"""A writer that waits for nothing longer than it must, and what is on both sides of it."""
+"""A snapshot writer with short waits, its store, and the receiver of its reports."""
 
 from __future__ import annotations
 
@@ -16,12 +16,12 @@ from tests.waiting import LIMIT_S
 def short_waits(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(writer, "RETRY_S", 0.01)
     monkeypatch.setattr(writer, "RENEW_EVERY_S", 0.02)
-    monkeypatch.setattr(writer, "MAX_LAG_S", LIMIT_S)  # a busy machine is no slow store
+    monkeypatch.setattr(writer, "MAX_LAG_S", LIMIT_S)  # a busy machine must not count as a slow store
 
 
 @pytest.fixture
 def rare_renewals(short_waits: None, monkeypatch: pytest.MonkeyPatch) -> None:
-    """None comes by itself: only a write finds out that the store fails."""
+    """No renewals: only a write can find that the store fails."""
     monkeypatch.setattr(writer, "RENEW_EVERY_S", LIMIT_S)
 
 

@@ -1,4 +1,4 @@
-"""A store in memory, and who hears what the writer says of it."""
+"""A store in memory, and a receiver of the writer's reports."""
 
 from __future__ import annotations
 
@@ -10,7 +10,7 @@ from motiongen_server.snapshots.store import Held, Lease, Renewal, StoreFailed
 
 
 class Store:
-    """Keeps records in memory. gate: saves wait for it; fails: it does nothing; others: epochs that others raised."""
+    """Keeps records in memory. gate: saves wait for it; fails: every call fails; others: epochs raised by others."""
 
     def __init__(self) -> None:
         self.records: dict[str, tuple[int, bytes]] = {}
@@ -66,7 +66,7 @@ class Store:
 
 
 class Heard:
-    """What the writer says, in order."""
+    """The writer's reports, in order."""
 
     def __init__(self) -> None:
         self.said: list[object] = []

@@ -1,6 +1,7 @@
-"""A record of a session with something of everything. `python -m tests.server.snapshots.records` keeps its bytes.
+"""A session record with a value in every field. `python -m tests.server.snapshots.records` saves its bytes.
 
-Done at a release: the file is named by the form it is in, which `record` of the next version then lists as read.
+Run it at a release: the file is named after the record's format, which the next version's `record` then lists as
+readable.
 """
 
 from __future__ import annotations
@@ -44,7 +45,7 @@ RECORDS = Path(__file__).parents[2] / "data" / "records"
 
 
 def a_record(taken_seq: int = 5, num_frames: int = 60) -> SessionRecord:
-    """num_frames: that it holds."""
+    """num_frames: how many frames it holds."""
     rows = np.random.default_rng(1).normal(size=(num_frames, 12)).astype(np.float32)
     matrix = np.eye(3, dtype=np.float32)[None]
     snapshot = SessionSnapshot(

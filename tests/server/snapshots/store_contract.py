@@ -1,4 +1,4 @@
-"""What every store of snapshots promises: tests for a fixture `stores`, two servers' ends of one store."""
+"""Tests for every snapshot store, with a fixture `stores`: two servers' connections to one store."""
 
 from __future__ import annotations
 
@@ -11,7 +11,7 @@ Two: TypeAlias = tuple[SnapshotStore, SnapshotStore]
 
 
 class StoreContract:
-    """Its subclasses' modules have the fixture."""
+    """Modules with subclasses provide the fixture."""
 
     def test_a_record_is_what_was_saved_last(self, stores: Two) -> None:
         one, other = stores

@@ -1,4 +1,4 @@
-"""Chromium without a screen, and the page in it: for the tests, the pictures of the docs and the measurements."""
+"""Headless Chromium with the viewer's page, for tests, pictures of the docs and measurements."""
 
 from __future__ import annotations
 
@@ -28,7 +28,7 @@ SWITCHES = (
 
 
 class Page:
-    """The page in Chromium. Its own module `motiongen` tells where things are."""
+    """The page in Chromium. The page's own module `motiongen` says where things are."""
 
     def __init__(self, driver: webdriver.Chrome, address: str) -> None:
         self.driver = driver
@@ -46,21 +46,21 @@ class Page:
         )
 
     def until_shown(self) -> None:
-        """Wait for the first character, playing."""
+        """Wait until the first character plays."""
         self.until("globalThis.motiongen?.cast.one && motiongen.cast.one.track.playhead() > 1")
 
     def until_drawn(self) -> None:
-        """Wait until everything that was changed is on the screen."""
+        """Wait until all changes are on the screen."""
         self.driver.execute_async_script(
             "const done = arguments[0]; requestAnimationFrame(() => requestAnimationFrame(done))"
         )
 
     def ground(self, x: float, z: float) -> tuple[int, int]:
-        """Where a place of the world, metres, is in the window."""
+        """The position in the window of a place in the world, in metres."""
         return self.at("const { x, z } = arguments[0]; return { x, y: 0, z }", {"x": x, "z": z})
 
     def at(self, script: str, *arguments: Any) -> tuple[int, int]:
-        """Where a point {x, y, z} that a piece of JavaScript returns is in the window."""
+        """The position in the window of a point {x, y, z} that a piece of JavaScript returns."""
         point = self.run(script, *arguments)
         place = """
             const { stage } = motiongen;
@@ -73,7 +73,7 @@ class Page:
         return x, y
 
     def drag(self, start: tuple[int, int], end: tuple[int, int]) -> None:
-        """With the left button, from one point of the window to another, by way of the middle."""
+        """Drag with the left button from one point of the window to another, through the midpoint."""
         actions = ActionBuilder(self.driver, duration=50)
         pointer = actions.pointer_action
         pointer.move_to_location(*start).pointer_down()
@@ -82,25 +82,25 @@ class Page:
         actions.perform()
 
     def press(self, *keys: str) -> None:
-        """Keys, one after another, to what has the focus."""
+        """Press keys, one after another, on the element that has the focus."""
         self.keys.send_keys(*keys).perform()
 
     def tell(self, **message: Any) -> None:
-        """Tell the chosen character what a message of the page says."""
+        """Send a message of the page for the chosen character."""
         self.run("motiongen.cast.tell(arguments[0])", message)
 
     def tool(self, name: str) -> None:
-        """Take a tool, with the camera at rest and the character paused, so that nothing moves while it is used."""
+        """Choose a tool, with the camera at rest and the character paused, so that nothing moves while it is used."""
         self.run("document.getElementById(arguments[0]).click()", f"tool-{name}")
         self.until_drawn()
 
     def pause(self) -> None:
-        """Let the playhead stand."""
+        """Stop the playhead."""
         self.run("document.getElementById('pause').click()")
         self.until("motiongen.cast.one.info.is_paused")
 
     def go_on(self) -> None:
-        """After `pause`."""
+        """Continue after `pause`."""
         self.run("document.getElementById('pause').click()")
         self.until("!motiongen.cast.one.info.is_paused")
 
@@ -112,7 +112,7 @@ class Page:
         return target
 
     def root(self) -> tuple[float, float]:
-        """Where the chosen character is now, x and z in metres."""
+        """The chosen character's place now, x and z in metres."""
         x, z = self.run("const m = motiongen.cast.one; return m.rig.rootOf(m.track.sample(m.track.playhead()))")
         return x, z
 
@@ -121,7 +121,7 @@ class Page:
         return ActionChains(self.driver)
 
     def picture(self, path: Path) -> None:
-        """Keep what is shown. A browser that draws by software on a busy machine may need more than one try."""
+        """Save a screenshot. A browser with software rendering on a busy machine may need more than one try."""
         for left in reversed(range(PICTURE_TRIES)):
             try:
                 self.driver.save_screenshot(str(path))
@@ -131,14 +131,14 @@ class Page:
                     raise
 
     def complaints(self) -> list[str]:
-        """What the console says beside what drawing by software brings."""
+        """The messages on the console, without those caused by software rendering."""
         said = [entry for entry in self.driver.get_log("browser") if entry["level"] in ("SEVERE", "WARNING")]
         ours = [entry["message"] for entry in said if "GPU stall" not in entry["message"]]
         return [message for message in ours if "GL Driver Message" not in message]
 
 
 def plain(address: str) -> str:
-    """A page's address, with the cheapest drawing there is."""
+    """A page's address, with the cheapest rendering."""
     page, mark, token = address.partition("#")
     if "draw=plain" in page:
         return address
@@ -153,7 +153,7 @@ class BrowserMissing(MotiongenError):
 
 
 def start_chromium(*switches: str, size: tuple[int, int] = (1100, 760)) -> webdriver.Chrome:
-    """A browser of its own, to be ended with `quit`. size: of its window. Raises BrowserMissing."""
+    """A new browser, to be ended with `quit`. size: of its window. Raises BrowserMissing."""
     chromium, chromedriver = shutil.which("chromium"), shutil.which("chromedriver")
     if chromium is None or chromedriver is None:
         raise BrowserMissing
@@ -168,19 +168,19 @@ def start_chromium(*switches: str, size: tuple[int, int] = (1100, 760)) -> webdr
 
 
 class ViewerFailed(MotiongenError):
-    """`motiongen view` did not start; the message has what it said."""
+    """`motiongen view` did not start; the message has its output."""
 
 
 @contextlib.contextmanager
 def viewer(server: str, port: int = 0, *more: str) -> Iterator[list[str]]:
-    """A bridge to a server; the addresses that it prints: to steer, and to look on where it has tokens."""
+    """A bridge to a server. Yields the addresses that it prints: for steering and, if it has tokens, for watching."""
     with viewer_process(server, port, *more) as (addresses, _):
         yield addresses
 
 
 @contextlib.contextmanager
 def viewer_process(server: str, port: int = 0, *more: str) -> Iterator[tuple[list[str], int]]:
-    """As `viewer`, with the process id of the bridge. Raises ViewerFailed."""
+    """Like `viewer`, with the process id of the bridge. Raises ViewerFailed."""
     command = [sys.executable, "-m", "motiongen_tools", "view", "--server", server, "--port", str(port), *more]
     with subprocess.Popen(command, stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True) as process:
         try:

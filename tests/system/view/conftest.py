@@ -1,4 +1,4 @@
-"""The viewer as a user has it: a server with the built-in model, `motiongen view`, and Chromium on its page."""
+"""The viewer as users have it: a server with the built-in model, `motiongen view`, and Chromium with its page."""
 
 from __future__ import annotations
 
@@ -17,7 +17,7 @@ KEPT = Path(__file__).parents[3] / "out" / "view"
 
 @pytest.fixture(scope="session")
 def pictures() -> Path:
-    """Where screenshots are kept, to be looked at."""
+    """The folder in which screenshots are kept for inspection."""
     KEPT.mkdir(parents=True, exist_ok=True)
     return KEPT
 
@@ -53,7 +53,7 @@ def open_driver() -> Iterator[Callable[..., webdriver.Chrome]]:
 
 @pytest.fixture
 def open_page(view: str, open_driver: Callable[..., webdriver.Chrome]) -> Callable[..., Page]:
-    """Opens pages in browsers of their own, drawn as cheaply as they can be: there is no GPU here."""
+    """Opens pages in new browsers, with the cheapest rendering, because there is no GPU."""
 
     def open_one(address: str = view, *switches: str, size: tuple[int, int] = (1000, 760)) -> Page:
         return Page(open_driver(*switches, size=size), plain(address))
@@ -63,7 +63,7 @@ def open_page(view: str, open_driver: Callable[..., webdriver.Chrome]) -> Callab
 
 @pytest.fixture(scope="session")
 def driver() -> Iterator[webdriver.Chrome]:
-    """A browser for all tests that leave it as it is."""
+    """A browser for all tests that do not change it."""
     one = start_chromium(size=(900, 700))
     yield one
     one.quit()
@@ -74,8 +74,8 @@ _rooms = itertools.count(1)
 
 @pytest.fixture
 def page(view: str, driver: webdriver.Chrome) -> Iterator[Page]:
-    """A page on a room of its own, with the first character in it."""
-    driver.get_log("browser")  # what others said
+    """A page with its own room, with the first character in it."""
+    driver.get_log("browser")  # discard what earlier tests have logged
     opened = Page(driver, plain(f"{view}?room=room-{next(_rooms)}"))
     opened.until_shown()
     yield opened

@@ -1,6 +1,6 @@
-"""The pictures of docs/viewer.md and docs/gallery.md, taken anew: `python -m tests.system.view.pictures`.
+"""Take the pictures of docs/viewer.md and docs/gallery.md again: `python -m tests.system.view.pictures`.
 
-On a machine that has nothing else to do: a busy one shows underruns and late edits.
+Use an idle machine: on a busy one the pictures show underruns and late edits.
 """
 
 from __future__ import annotations
@@ -48,7 +48,7 @@ def _taken(take: object, address: str, out: Path) -> None:
     try:
         page = Page(driver, address)
         page.until_shown()
-        # Drawn by software, at two pictures a second: shadows and all pixels stay all the same.
+        # With software rendering, at two frames per second: shadows and resolution stay at their best all the same.
         page.run("motiongen.stage.adapt = () => {}")
         assert callable(take)
         take(page, out)
@@ -61,14 +61,14 @@ def _taken(take: object, address: str, out: Path) -> None:
 
 
 def stage(page: Page, out: Path) -> None:
-    """A walk to a place, and a wave from then on; the whole page, the timeline and the panel."""
+    """A walk to a place, then a wave; the whole page, the timeline and the panel."""
     place = {"kind": "waypoint", "frame": 0, "at_any_frame": True, "x_m": 1.2, "z_m": 2}
     page.tell(op="add_constraints", constraints=[place])
     target = page.settled_target("waypoint")
     page.tell(op="set_prompt", preset="wave-both")
     accepted = "motiongen.cast.one.info.edits.find(({ op, effective_frame }) => op === 'set_prompt' && effective_frame)"
     edit = page.until(accepted)
-    frame = edit["effective_frame"] + 200  # still to come, however late a picture is
+    frame = edit["effective_frame"] + 200  # still in the future, even if the picture is late
     page.tell(op="set_prompt", preset="walk", frame=frame, end_frame=frame + 60)
     page.until("motiongen.cast.one.track.playhead() > arguments[0]", max(target["last"], edit["effective_frame"]) + 30)
     page.until_drawn()
@@ -78,7 +78,7 @@ def stage(page: Page, out: Path) -> None:
 
 
 def tools(page: Page, out: Path) -> None:
-    """The ring, the balls at hands and feet, the ghost, and targets in numbers."""
+    """The ring, the handles at hands and feet, the ghost, and targets in numbers."""
     page.pause()
     canvas = page.driver.find_element(By.ID, "stage")
     for name in ("face", "limb"):
@@ -109,7 +109,7 @@ def compare(page: Page, out: Path) -> None:
     page.run("document.getElementById('compare').click(); document.getElementById('inspect').scrollTop = 260")
     page.run("motiongen.timeline.lookAt(110)")
     page.until("motiongen.compare.frame === 110")
-    for _ in range(8):  # the camera comes after
+    for _ in range(8):  # the camera follows
         page.until_drawn()
     page.picture(out / "viewer-compare.png")
     Select(page.driver.find_element(By.ID, "compare-how")).select_by_value("over")
@@ -130,7 +130,7 @@ def crowd(page: Page, out: Path) -> None:
 
 
 def phone(page: Page, out: Path) -> None:
-    """As a spectator's phone has it."""
+    """The page on a spectator's phone."""
     screen = {"width": 390, "height": 780, "deviceScaleFactor": 1, "mobile": True}
     page.driver.execute_cdp_cmd("Emulation.setDeviceMetricsOverride", screen)
     page.run("document.body.classList.add('watching')")

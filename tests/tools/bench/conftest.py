@@ -1,4 +1,4 @@
-"""A scenario that takes two seconds, and the real server with a runner that computes nothing."""
+"""A scenario of two seconds, and the real server with a runner that computes nothing."""
 
 from __future__ import annotations
 
@@ -48,7 +48,7 @@ def short_scenario(tmp_path: Path) -> Path:
 
 @pytest.fixture(scope="module")
 def null_server(tmp_path_factory: pytest.TempPathFactory) -> Iterator[str]:
-    """Its address. It must end with 0 after all that was done to it."""
+    """The server's address. At the end, it must end with exit code 0."""
     log = tmp_path_factory.mktemp("null_server") / "stderr.txt"
     settings = ["--port", "0", "--ops-port", "0", "--drain-wait-s", "0", "--devices", "cpu:1"]
     with log.open("w", encoding="utf-8") as errors:

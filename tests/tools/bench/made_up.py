@@ -1,4 +1,4 @@
-"""Results of runs that never were: so many frames missed, so much lag, so many edits."""
+"""Invented results of runs, with so many frames missed, so much lag, so many edits."""
 
 from __future__ import annotations
 
@@ -53,7 +53,7 @@ def make_result(
 
 
 def book_with(*seconds: float) -> Recorder:
-    """Events that took so long, of one group."""
+    """A recorder with events of one group that took so long."""
     recorder = Recorder(("crowd",), 10)
     for each in seconds:
         recorder.record(EVENT, "crowd", each)

@@ -25,7 +25,7 @@ __all__ = ["stick_motion", "stick_rig"]
 
 
 class Page:
-    """What a page has heard; `ask` sends a request and waits for its answer. Messages come at the bridge's beat."""
+    """A page and what it has received. `ask` sends a request and waits for its answer. The bridge sends in beats."""
 
     def __init__(self) -> None:
         self.messages: list[dict[str, Any]] = []
@@ -50,7 +50,7 @@ class Page:
         self._said.put_nowait(text)
 
     async def until(self, found: Any) -> Any:
-        """The first thing that `found` gives which is true."""
+        """Wait for the first true value that `found` returns."""
         async with asyncio.timeout(LIMIT_S):
             while not (result := found()):
                 self._heard.clear()
@@ -75,7 +75,7 @@ def _no_browser_reads(constant: str) -> None:
 
 @pytest.fixture
 async def bridge(server: FakeServer) -> AsyncIterator[Bridge]:
-    """Running, at a quicker beat than a user's."""
+    """A running bridge that has received the catalogue."""
     bridge = Bridge(Line(lambda: MotionClient(server.address)))
     running = asyncio.create_task(bridge.run())
     async with asyncio.timeout(LIMIT_S):
@@ -93,7 +93,7 @@ async def room(bridge: Bridge) -> Room:
 
 @pytest.fixture
 async def page(bridge: Bridge, room: Room) -> AsyncIterator[Page]:
-    """One that may steer."""
+    """A page that may steer."""
     page = Page()
     serving = asyncio.create_task(Browser(page, bridge, room, Role.CONTROL).serve())
     yield page

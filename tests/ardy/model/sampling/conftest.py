@@ -1,4 +1,4 @@
-"""A layout without statistics, and people who stand, for what is corrected after a window."""
+"""A layout without statistics, and standing poses, for tests of corrections after a window."""
 
 from __future__ import annotations
 
@@ -13,7 +13,7 @@ from motiongen_ardy.core.rotation import matrix_from_6d, matrix_to_6d
 from motiongen_ardy.core.skeleton import load_skeleton
 from motiongen_ardy.core.stats import Stats
 
-STANDING_HEIGHT_M = 0.966  # neutral feet are on the ground
+STANDING_HEIGHT_M = 0.966  # with this, the feet of the neutral pose are on the ground
 Stand = Callable[[Tensor], Tensor]
 
 
@@ -26,7 +26,7 @@ def layout() -> Representation:
 
 @pytest.fixture(scope="session")
 def stand(layout: Representation) -> Stand:
-    """Normalised features (1, T, D) of one who stands, knees bent and arms hanging, while the root moves by (T, 3)
+    """Normalised features (1, T, D) of a standing person, knees bent and arms hanging, while the root moves by (T, 3)
     metres; all feet are labelled as in contact.
     """
 

@@ -1,4 +1,4 @@
-"""Messages to events and outputs to messages, in one call each."""
+"""Conversions of messages to events and of outputs to messages, in one call each."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""A store with a session that another server has, and the edge's side of it."""
+"""A store with a session of another server, and the edge's access to it."""
 
 from __future__ import annotations
 
@@ -16,7 +16,7 @@ from tests.server.rpc.sessions.test_taking_over import RECORD, TOKEN
 
 @pytest.fixture
 def store(tmp_path: Path) -> SqliteStore:
-    """With a session that another server has."""
+    """A store with a session of another server."""
     store = SqliteStore(tmp_path / "store.sqlite", 60.0)
     store.save([(lease_of(TOKEN), write_record(RECORD))])
     return store

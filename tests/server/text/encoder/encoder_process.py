@@ -1,4 +1,4 @@
-"""An encoder service as a process of its own, to be killed, halted and started again at the same address."""
+"""An encoder service as a process, which can be killed, stopped, and started again at the same address."""
 
 from __future__ import annotations
 
@@ -16,7 +16,7 @@ ROOT = Path(__file__).resolve().parents[4]
 
 
 class EncoderProcess:
-    """`with EncoderProcess(log, ...)`: starts it, and ends it however the test left it. options: of the command."""
+    """`with EncoderProcess(log, ...)` starts it, and ends it in any state. options: of the command."""
 
     def __init__(self, log: Path, *options: str) -> None:
         self._log = log
@@ -30,8 +30,8 @@ class EncoderProcess:
         return f"127.0.0.1:{self.port}"
 
     def start(self, *options: str) -> None:
-        """At the address it had; on a free port the first time. options: more of the command's."""
-        # Somebody else may have got the port it had, for a moment: every connection takes one.
+        """Start it at its earlier address, or on a free port the first time. options: additional ones."""
+        # Its port may be taken for a moment: each outgoing connection takes one.
         line = self._begun(options) or self._begun(options)
         if not line:
             raise RuntimeError(f"the encoder did not start:\n{self._log.read_text()}")
@@ -39,7 +39,7 @@ class EncoderProcess:
         self.port, self.ops_port = told["grpc_port"], told["ops_port"]
 
     def _begun(self, options: Sequence[str]) -> str:
-        """What it says once it is ready; nothing where it has not started."""
+        """What it prints once it is ready; nothing if it has not started."""
         ports = ["--port", str(self.port), "--ops-port", "0", "--print-ports", "--drain-grace-s", "1"]
         with self._log.open("a", encoding="utf-8") as errors:
             self._process = subprocess.Popen(
@@ -54,21 +54,21 @@ class EncoderProcess:
         return line
 
     def kill(self) -> None:
-        """At once, as if its machine had gone."""
+        """Kill it, as if its machine had failed."""
         self._process.kill()
         self._process.wait(LIMIT_S)
 
     def stop(self) -> int:
-        """As an orchestrator does. Returns the exit code."""
+        """End it as an orchestrator does. Returns the exit code."""
         self._process.terminate()
         return self._process.wait(LIMIT_S)
 
     def halt(self) -> None:
-        """Let it answer nothing any more, its connections open."""
+        """Stop it: it answers nothing, while its connections stay open."""
         self._process.send_signal(signal.SIGSTOP)
 
     def go_on(self) -> None:
-        """After `halt`."""
+        """Continue it after `halt`."""
         self._process.send_signal(signal.SIGCONT)
 
     def __enter__(self) -> EncoderProcess:

@@ -138,7 +138,7 @@ def main() -> int:
                     f"  {priority.name:5}: missed {seen.missed_s / found.frames_s[priority]:.2%}, "
                     f"edits p50 {edits[0]:.0f} p95 {edits[1]:.0f} p99 {edits[2]:.0f} max {edits[3]:.0f} ms, "
                     f"opens p50 {opens[0]:.0f} max {opens[1]:.0f} ms, "
-                    f"refused {seen.refused}, told of less {seen.degraded} times"
+                    f"refused {seen.refused}, degraded {seen.degraded} times"
                 )
     return 0
 

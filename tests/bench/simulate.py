@@ -40,7 +40,7 @@ def simulate(ticks: int, first_seed: int, limit_s: float) -> tuple[int, Counter[
             day.live(TICKS_A_DAY)
             day.end()
         except BaseException:
-            print(f"the day of seed {seed} broke a rule in its step {len(day.stage.reports)}", file=sys.stderr)
+            print(f"the day of seed {seed} broke a rule at step {len(day.stage.reports)}", file=sys.stderr)
             raise
         done += len(day.stage.reports)
         for what in HAPPENINGS:

@@ -163,7 +163,7 @@ class Players:
         return self._clock.now()
 
     def put(self, event: Event) -> bool:
-        raise NotImplementedError(f"nobody hands in events, as {event}")
+        raise NotImplementedError(f"events come from the script alone, not {event}")
 
     def take_all(self) -> list[Event]:
         arrived = []

@@ -35,7 +35,7 @@ def measure(what: str, act: Callable[[int], object]) -> None:
 
 
 def main() -> int:
-    print(f"{f'{ROUNDS} prompts, one after the other, of {WIDTH} numbers':56} {'p50 µs':>8} {'p99 µs':>8}")
+    print(f"{f'{ROUNDS} prompts, one after another, of {WIDTH} numbers':56} {'p50 µs':>8} {'p99 µs':>8}")
     static, hashed = load_text_encoder("static"), HashedTextEncoder(WIDTH)
     measure("static (256 numbers), in the process", lambda number: static.encode([f"a person walks {number} steps"]))
     vector = hashed.encode(["a person walks"])[0]

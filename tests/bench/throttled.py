@@ -90,7 +90,7 @@ async def play(server: ServerProcess, characters: int, effort: Effort) -> Result
     result = await run_load(load, lambda _: None, Standard(max_lag_ms=effort.max_lag_ms), server.pid)
     missed, use = result.figures().miss_ratio, result.server_use
     used = "" if use is None else f", {use.cores:.2f} cores"
-    less = f"{times_told_of_less(result)} times told of less"
+    less = f"{times_told_of_less(result)} times degraded"
     print(f"  {characters} asked: {missed:.2%} missed, {less}{used} {result.void_reasons() or ''}", file=sys.stderr)
     return result
 

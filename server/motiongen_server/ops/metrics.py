@@ -108,7 +108,7 @@ class Metrics:
         )
         self.prompt_seconds = Histogram(
             "motiongen_prompt_encode_seconds",
-            "Encoding time of prompts that were neither in memory nor in the prompt store.",
+            "Time to encode a prompt that was neither in memory nor in the prompt store, waiting included.",
             buckets=LATENCY_BUCKETS,
             registry=registry,
         )

@@ -16,7 +16,7 @@ PRECISIONS = ("float32", "bfloat16", "auto")
 TEXT_PRECISIONS = ("float32", "bfloat16")
 LOG_LEVELS = ("DEBUG", "INFO", "WARNING", "ERROR")
 ENCODER_PREFIX = f"{ENVIRONMENT_PREFIX}ENCODER_"
-"""Of the settings of `python -m motiongen_server.text.encoder`, which may share this program's environment."""
+"""Of the environment variables of `python -m motiongen_server.text.encoder`, which may be set here too."""
 ENCODERS = (
     "static (built in), hashed (for tests: knows no meaning), llm2vec, grpc:HOST:PORT, grpcs:HOST:PORT (TLS), "
     "gradio:URL, prompts:FILE, or a folder"

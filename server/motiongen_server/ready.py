@@ -40,7 +40,7 @@ class OpsSettings(Protocol):
 def readiness_url(config: OpsSettings) -> str:
     """The URL of a program's readiness, as seen from its own machine. Raises SettingError if its port is not fixed."""
     if config.ops_port == 0:
-        raise SettingError("ops_port is 0, which picks a free one; give a port that can be known beforehand")
+        raise SettingError("ops_port is 0, which picks a free one; give a fixed port")
     host = EVERY_ADDRESS.get(config.ops_host, config.ops_host)
     return f"http{'s' if config.ops_tls else ''}://{join_address(host, config.ops_port)}/readyz"
 

@@ -50,7 +50,7 @@ def make_grpc_server(config: ServerConfig) -> grpc.aio.Server:
             ("grpc.http2.max_ping_strikes", 4),
             ("grpc.so_reuseport", 0),
         ],
-        # The sum of the limits of each kind of call, so that no kind takes all; these are kept where the peer is known.
+        # The sum of the limits of all kinds of calls. Each of these is enforced elsewhere, so that no kind takes all.
         most_calls=config.max_streams + config.max_clip_calls + OTHER_CALLS + HEALTH_CALLS + SPARE_CALLS,
     )
 

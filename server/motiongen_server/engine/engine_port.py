@@ -7,6 +7,16 @@ from typing import Protocol
 from motiongen_server.engine.types import Event, EventRefused, Outcome, Owner, Priority
 
 
+class ModelLost(RuntimeError):
+    """Why a model is not served while others are, for who operates the server. told: the same for clients, who are not
+    told where its weights are.
+    """
+
+    def __init__(self, message: str, told: str) -> None:
+        super().__init__(message)
+        self.told = told
+
+
 class EventSink(Protocol):
     """The way into the engine, for a stream."""
 
@@ -40,7 +50,15 @@ class EnginePort(EventSink, Protocol):
 
     @property
     def failure(self) -> BaseException | None:
-        """What ended it, if it did not end as it should."""
+        """Why it does not serve, if it did not end as it should; None again where it serves again.
+
+        ModelLost where nothing has failed but what the model is loaded from.
+        """
+        ...
+
+    @property
+    def num_engines(self) -> int:
+        """How many engines serve it at this moment, each in a process of its own."""
         ...
 
     @property

@@ -47,6 +47,13 @@ class ControlQueue:
             self._unsent.append(Load(link.slot, link.source))
             return True
 
+    def load_again(self, slot: int) -> None:
+        """Have the engine process try again to load a model that it could not load, unless that was given up."""
+        with self._lock:
+            if (link := self._links.get(slot)) is not None:
+                link.is_absent = False
+                self._unsent.append(Load(slot, link.source))
+
     def retire(self, link: ModelLink) -> bool:
         """Have a model unloaded. False where the engine process does not hold it: it is gone at once."""
         with self._lock:

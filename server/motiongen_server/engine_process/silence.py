@@ -33,7 +33,9 @@ class Silence:
         passed_s, self._looked_at = min(now - self._looked_at, self._most_at_once_s), now
         for link in self._links:
             link.silent_s = link.silent_s + passed_s if link.is_up else 0.0
-        missing = frozenset(link.slot for link in self._links if link.ready.done() and not link.is_up)
+        missing = frozenset(
+            link.slot for link in self._links if link.ready.done() and not link.is_up and not link.is_absent
+        )
         self._missing_s = self._missing_s + passed_s if missing and missing == self._missing else 0.0
         self._missing = missing
 

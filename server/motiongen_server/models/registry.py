@@ -117,6 +117,11 @@ class ModelRegistry:
         """The same of each model, by its name. From any thread; 0 of those that take no sessions."""
         return {each.model_id: 0.0 if each.refusal else self._free_share_of(each) for each in self}
 
+    @property
+    def num_engines(self) -> dict[str, int]:
+        """How many engine processes serve each model at this moment, by its name. From any thread."""
+        return {each.model_id: each.engine.num_engines for each in self}
+
     def _free_share_of(self, model: LoadedModel) -> float:
         return 0.0 if self.is_gateway_full() else model.engine.free_share
 

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from motiongen_server.engine.types import ModelFacts
+from motiongen_server.engine.types import CloseReason, ModelFacts
 from motiongen_server.engine_process.control import ControlQueue
 from motiongen_server.engine_process.messages import EncodeTexts, Load, LoadEncoder, Ready, Stop, ToEngine, Unload
 from motiongen_server.engine_process.model_link import ModelLink
@@ -62,6 +62,20 @@ def test_a_model_that_is_given_up_while_there_is_no_process_is_gone_at_once() ->
     assert not queue.retire(link)
     assert list(queue) == []
     assert queue.get(1) is None
+
+
+def test_a_model_is_tried_again_unless_it_was_given_up() -> None:
+    absent, given_up = loaded(link_of(1)), loaded(link_of(2))
+    queue = queue_of(absent, given_up)
+    for link in (absent, given_up):
+        link.lose(CloseReason.ENGINE_FAULT, "it was killed")
+        link.is_absent = True
+    queue.take()
+    queue.retire(given_up)
+    for slot in (1, 2):
+        queue.load_again(slot)
+    assert queue.take() == (Load(1, "model-1"),)
+    assert not absent.is_absent
 
 
 def test_nothing_more_is_loaded_once_the_end_has_been_asked_for_or_has_come() -> None:

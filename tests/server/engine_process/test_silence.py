@@ -63,6 +63,16 @@ def test_each_that_comes_back_gives_the_others_time(monkeypatch: pytest.MonkeyPa
         watch.look_for(20.0)
 
 
+def test_what_a_process_has_said_not_to_hold_is_not_waited_for(monkeypatch: pytest.MonkeyPatch) -> None:
+    absent = Ready(1, was_held=True)
+    watch = Watch(monkeypatch, absent)
+    absent.is_absent = True
+    watch.look_for(2 * LOAD_AGAIN_S)
+    absent.is_absent = False  # it is tried again
+    with pytest.raises(EngineLost, match="loading again"):
+        watch.look_for(LOAD_AGAIN_S + 5.0)
+
+
 def test_what_was_never_loaded_may_take_as_long_as_it_takes(monkeypatch: pytest.MonkeyPatch) -> None:
     Watch(monkeypatch, Ready(1, was_held=False)).look_for(3 * LOAD_AGAIN_S)
 

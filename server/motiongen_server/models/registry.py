@@ -82,11 +82,16 @@ class ModelRegistry:
         """The same as a message."""
         return self.default.catalog.limits_message
 
-    def find(self, model_id: str) -> LoadedModel:
-        """The model of that name, the default for an empty one. Raises EventRefused where no session can be opened."""
-        served = self._served.get(model_id) if model_id else next(iter(self))
+    def named(self, model_id: str) -> LoadedModel:
+        """The model of that name, the default for an empty one, though it may take no sessions. Raises EventRefused."""
+        served = self._served.get(model_id) if model_id else self.default
         if served is None:
             raise unknown_model(model_id, self._served)
+        return served
+
+    def find(self, model_id: str) -> LoadedModel:
+        """The same. Raises EventRefused also where no session can be opened with it."""
+        served = self.named(model_id)
         if served.refusal is not None:
             raise served.refusal
         return served

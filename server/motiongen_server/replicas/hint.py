@@ -1,4 +1,4 @@
-"""RefusedOpen: the answer to an open that is refused for want of room, and where there is some."""
+"""RefusedOpen: the answer to an open that is refused for what this server lacks, and which others may have it."""
 
 from __future__ import annotations
 
@@ -7,7 +7,7 @@ from typing import NamedTuple
 
 from motiongen_server.engine.types import Outcome
 
-FOR_WANT_OF_ROOM = frozenset({"OVERLOADED", "SESSION_LIMIT", "ENGINE_RESTARTING"})
+OF_THIS_SERVER = frozenset({"OVERLOADED", "SESSION_LIMIT", "ENGINE_RESTARTING", "MODEL_FAILED"})
 """Reasons that hold for one server. Quotas of who calls are not among them: another server is no way around those."""
 
 

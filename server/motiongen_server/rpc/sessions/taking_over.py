@@ -25,7 +25,7 @@ _log = SparingLog(logging.getLogger(__name__))  # any client can make tokens up
 
 
 class NoRoom(Exception):
-    """The engines of a session's model would not let it in. refusal: what its client is told."""
+    """A session's model has failed here, or its engines would not let it in. refusal: what its client is told."""
 
     def __init__(self, refusal: EventRefused, model: LoadedModel) -> None:
         super().__init__(str(refusal))
@@ -40,7 +40,7 @@ async def claimed(
 
     Raises EventRefused where there is none, or it lacks what the client knows of: acknowledged events are never lost;
     where the model here cannot go on with it, or its peer has no place or no steps for it; and where that cannot be
-    known at present, since the store does not answer. Raises NoRoom where the engines have none for it. A message that
+    known at present, since the store does not answer. Raises NoRoom where no engine takes it. A message that
     was under way for long, and what is refused, take nothing from who serves the session.
     """
     point = opening.resume_point
@@ -48,7 +48,7 @@ async def claimed(
     def check(record: SessionRecord) -> None:
         if point.attempt <= record.attempt:
             raise resume_superseded(point.attempt, record.attempt)
-        model = models.find(record.snapshot.spec.model_id)
+        model = models.named(record.snapshot.spec.model_id)
         facts = model.catalog.facts
         if record.taken_seq < point.answered_seq:
             raise events_not_saved(record.taken_seq, point.answered_seq)
@@ -65,6 +65,8 @@ async def claimed(
 
 def _check_room(snapshot: SessionSnapshot, model: LoadedModel, peer: Peer) -> None:
     """Raises what `adopted` does for want of a place or of steps, and NoRoom."""
+    if model.refusal is not None:
+        raise NoRoom(model.refusal, model)
     spec = snapshot.spec
     place = peer.place(spec.priority, time.monotonic())
     try:

@@ -132,15 +132,17 @@ class EnginePool:
         return group
 
     def _hindered(self) -> list[BaseException]:
-        """Why a model will not be loaded that still waits for that: the text encoder is loaded by the same thread."""
-        if self._text is None or (loading_s := self._text.loading_s) < LOAD_AGAIN_S:
-            return []
-        process = self.processes[0]
+        """Why a model is not loaded: what a process held before is loaded by the same thread, and does not come."""
+        loading = [(process, "a model", process.absent.awaited_s) for process in self.processes]
+        if self._text is not None:
+            loading.append((self.processes[0], "the text encoder", self._text.loading_s))
         return [
             SettingError(
-                f"engine {process.name} has been loading the text encoder again for {loading_s:.0f} s, and loads no "
-                f"model before that ends; see what hinders it, then end process {process.pid}, which is started anew"
+                f"engine {process.name} has been loading {what} again for {loading_s:.0f} s, and loads no other before "
+                f"that ends; see what hinders it, then end process {process.pid}, which is started anew"
             )
+            for process, what, loading_s in loading
+            if loading_s > LOAD_AGAIN_S and process.pid is not None
         ]
 
     def _tell_others(self, process: EngineProcess, slot: int, taken: StepsOf) -> None:

@@ -69,7 +69,7 @@ class EngineProcess:
         self._hung_s = hung_s
         self._bell = Bell()
         self._control = ControlQueue()
-        self._absent = AbsentModels(name, self._control, rest_s)
+        self.absent = AbsentModels(name, self._control, rest_s)
         self._take_text: TakeText | None = None
         self._on_loss: Callable[[], None] = lambda: None
         self._stopping = threading.Event()
@@ -207,7 +207,7 @@ class EngineProcess:
         connection = Connection(self._start_child, self._bell, self._stopping.is_set, self.device.environment())
         self._connection = connection
         connection.begin(self._first_message)
-        self._absent.begin()
+        self.absent.begin()
         for link in self._control.begin():
             link.end()
         return connection
@@ -219,7 +219,7 @@ class EngineProcess:
             connection.wait(TICK_S, for_room=self._control.send(connection))
             self._bell.quiet()
             silence.look()
-            self._absent.look()
+            self.absent.look(silence.missing_s)
             while (message := connection.next_message()) is not None:
                 if isinstance(message, Ended):
                     if message.error:
@@ -249,7 +249,7 @@ class EngineProcess:
         elif isinstance(message, Ready):
             self._take_ready(link, message)
         elif link.ready.done() and message.error:
-            self._absent.fail(link, message.error)
+            self.absent.fail(link, message.error)
         elif not link.is_absent:
             self._control.remove(link)
             text = message.error or "it was unloaded"
@@ -258,7 +258,7 @@ class EngineProcess:
     def _take_ready(self, link: ModelLink, message: Ready) -> None:
         is_again = link.ready.done()
         if not link.take_ready(message):
-            self._absent.change(link)
+            self.absent.change(link)
         elif is_again:
             _log.info("engine %s serves %s again, process %s", self.name, message.facts.model_id, self.pid)
         self._failure = None

@@ -5,8 +5,8 @@ it loads); tell_load (refused, with the admit_load that it got); schema (the gre
 (after its first outputs it says what is no message); stuck:FOLDER (of the processes that load, all of which leave a
 file there, the second never comes to an end); stuck encoder:FOLDER (the same of the text encoder); large encoder;
 changing (each process that loads finds other weights); shelf:FOLDER (the weights of a model are what its file there
-says, and without one it cannot be loaded); hang, die, fail (in the second window of a session with the seed
-`FATAL_SEED`).
+says; without one it cannot be loaded, and of one that says "stuck" that never ends); hang, die, fail (in the second
+window of a session with the seed `FATAL_SEED`).
 """
 
 from __future__ import annotations
@@ -68,6 +68,8 @@ def build(begin: Begin, how: str, source: str, deliver: Deliver, observe: Observ
     if how.startswith("shelf:"):
         try:
             weights = (Path(how.partition(":")[2]) / source).read_text(encoding="utf-8")
+            if weights == "stuck":
+                threading.Event().wait()
         except OSError as error:
             raise SettingError(f"cannot serve model {source!r}: {error}") from error
     runner = FatalRunner(RealTime())

@@ -24,6 +24,7 @@ from motiongen_server.engine_process.model_link import ModelLink
 from motiongen_server.engine_process.pool import EnginePool
 from motiongen_server.engine_process.restarts import LOSSES
 from motiongen_server.rpc.abilities import NOTHING_CLAIMED
+from motiongen_server.settings import SettingError
 from tests.server.engine.fakes import FACTS
 from tests.server.engine_process.audience import KEY, LIMIT_S, Audience, opening, pool_of
 from tests.waiting import until
@@ -159,6 +160,29 @@ def test_a_process_that_can_load_nothing_again_is_lost_as_any_other(
         there.play(there.one, OTHER)
 
 
+def test_a_model_that_never_ends_loading_again_takes_no_other_with_it(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """As where its disk hangs. What is to be loaded after it cannot be: that is said instead of waited for."""
+    with shelf(tmp_path) as there:
+        put(tmp_path, "two", "stuck")
+        there.kill()
+        there.play(there.one)
+        for module in ("silence", "absent_models", "pool"):
+            monkeypatch.setattr(f"motiongen_server.engine_process.{module}.LOAD_AGAIN_S", 1.0)
+        failure = until(lambda: there.two.failure)
+        assert "'two' has been loading again for" in str(failure)
+        with pytest.raises(SettingError, match=r"engine 0 has been loading a model again for \d+ s"):
+            there.pool.load("three")
+        process = there.pool.processes[0]
+        assert (process.num_restarts, there.audience.of(Closed)) == (1, [])
+        monkeypatch.undo()
+        put(tmp_path, "two", "as at first")
+        there.kill()
+        there.play(there.two, OTHER)
+        assert there.two.failure is None
+
+
 def test_the_longer_a_model_cannot_be_loaded_the_less_often_it_is_tried(monkeypatch: pytest.MonkeyPatch) -> None:
     now = [100.0]
     monkeypatch.setattr(absent_models, "time", SimpleNamespace(monotonic=lambda: now[0]))
@@ -177,7 +201,7 @@ def test_the_longer_a_model_cannot_be_loaded_the_less_often_it_is_tried(monkeypa
         begun_at = now[0]
         while not control.take():
             now[0] += 1.0
-            absent.look()
+            absent.look(0.0)
         return now[0] - begun_at
 
     assert [rested_s() for _ in range(7)] == [30.0, 60.0, 120.0, 240.0, 480.0, 600.0, 600.0]

@@ -71,8 +71,11 @@ def test_one_that_never_ends_loading_again_does_not_hold_up_who_would_have_a_mod
         assert pid is not None
         os.kill(pid, signal.SIGKILL)
         until(lambda: process.num_restarts == 1 and len(list(tmp_path.iterdir())) == 2)
+        until(lambda: there.engine.num_engines and not process.absent.awaited_s)
         monkeypatch.setattr("motiongen_server.engine_process.pool.LOAD_AGAIN_S", 0.1)
-        with pytest.raises(SettingError, match=r"engine 0 has been loading the text encoder again for \d+ s"):
+        with pytest.raises(
+            SettingError, match=r"engine 0 has been loading the text encoder again for \d+ s, and loads"
+        ):
             there.pool.load("another")
         until(lambda: there.engine.submit(opening()) is None)
         there.audience.wait_for_frames(20)

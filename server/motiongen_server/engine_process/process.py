@@ -13,7 +13,7 @@ from motiongen_server.engine.types import CloseReason
 from motiongen_server.engine_process.absent_models import AbsentModels
 from motiongen_server.engine_process.bell import Bell
 from motiongen_server.engine_process.child import END_S, StartChild
-from motiongen_server.engine_process.connection import Connection, EngineLost, Stopped
+from motiongen_server.engine_process.connection import Connection, EngineLost, LoadFailed, Stopped
 from motiongen_server.engine_process.control import ControlQueue
 from motiongen_server.engine_process.messages import (
     Begin,
@@ -253,7 +253,7 @@ class EngineProcess:
         elif not link.is_absent:
             self._control.remove(link)
             text = message.error or "it was unloaded"
-            link.end(SettingError(text) if message.is_setting else EngineLost(text))
+            link.end(SettingError(text) if message.is_setting else LoadFailed(text))
 
     def _take_ready(self, link: ModelLink, message: Ready) -> None:
         is_again = link.ready.done()

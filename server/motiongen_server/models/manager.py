@@ -11,6 +11,7 @@ from typing import Protocol
 from motiongen_server.background import start_in_background
 from motiongen_server.engine.engine_port import EnginePort, ModelLost
 from motiongen_server.engine.types import Code, EventRefused
+from motiongen_server.engine_process.connection import EngineLost, LoadFailed
 from motiongen_server.models.registry import LoadedModel, ModelRegistry, ModelState
 from motiongen_server.ops.memory import settle_again
 from motiongen_server.rpc.errors.events import model_failed, model_reloading
@@ -194,6 +195,10 @@ class ModelManager:
                 _log.info("loading %r was broken off", source)
                 message = f"{source!r} is not loaded any more: the server is going away"
                 raise CannotKeep(Code.UNAVAILABLE, "DRAINING", message) from error
+            if isinstance(error, EngineLost) and not isinstance(error, LoadFailed):
+                message = f"{source!r} is not loaded: {error}; try again once all engine processes serve"
+                _log.error("%s", message)
+                raise CannotKeep(Code.UNAVAILABLE, "ENGINE_LOST", message) from error
             _log.exception("loading %r failed", source)
             raise CannotKeep(Code.INTERNAL, "CANNOT_LOAD", f"loading {source!r} failed; the log says why") from error
         finally:

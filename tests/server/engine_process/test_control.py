@@ -56,6 +56,21 @@ def test_a_lost_process_takes_with_it_what_was_never_loaded_and_what_was_given_u
     assert (list(queue), queue.take()) == ([held], ())
 
 
+def test_what_a_process_was_loading_when_it_was_lost_is_loaded_after_the_others() -> None:
+    """Where that hung, or crashed, those behind it would never come."""
+    first, second, third = (loaded(link_of(slot)) for slot in (1, 2, 3))
+    queue = queue_of(first, second, third)
+    assert queue.lose() == []
+    for link in queue:
+        link.lose(CloseReason.ENGINE_FAULT, "it was killed")
+    queue.begin()
+    assert queue.take() == (Load(1, "model-1"), Load(2, "model-2"), Load(3, "model-3")), "all were there"
+    loaded(first)
+    assert queue.lose() == []
+    queue.begin()
+    assert queue.take() == (Load(1, "model-1"), Load(3, "model-3"), Load(2, "model-2"))
+
+
 def test_a_model_that_is_given_up_while_there_is_no_process_is_gone_at_once() -> None:
     link = link_of(1)
     queue = queue_of(link)

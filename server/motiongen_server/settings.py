@@ -27,7 +27,7 @@ def setting(default: Any, meaning: str, least: float | None = None, most: float 
     """A field of a program's settings: its default, what it means, and what it may be (a range, or `choices`).
 
     many: its flag may be given again, for more values, which are joined with commas. kind: the type of a value whose
-    default is None, which leaves it to the model.
+    default is None, and unset: what that stands for. section: the heading that begins here in the help.
     """
     return field(default=default, metadata={"meaning": meaning, "least": least, "most": most, **more})
 
@@ -98,29 +98,42 @@ class Program(Generic[Config]):
     def _parser(self) -> argparse.ArgumentParser:
         parser = _Parser(
             prog=self.command,
+            usage="%(prog)s [-h] [--SETTING VALUE ...]",
             description=self.description,
             epilog="Every setting also has an environment variable; a flag wins over it.",
         )
+        section: argparse._ArgumentGroup | argparse.ArgumentParser = parser
         for each in fields(self.kind):
             metadata = each.metadata
-            allowed = ""
-            if metadata.get("choices"):
-                allowed = f"; one of {', '.join(metadata['choices'])}"
-            elif metadata["least"] is not None:
-                allowed = f"; {metadata['least']:.12g} to {metadata['most']:.12g}"
+            if "section" in metadata:
+                section = parser.add_argument_group(metadata["section"])
             is_switch = isinstance(each.default, bool)
-            default = f"default {each.default}" if each.default != "" else "default none"
-            if each.default is None:
-                default = "default the model's own"
-            parser.add_argument(
+            section.add_argument(
                 f"--{each.name.replace('_', '-')}",
                 metavar="true|false" if is_switch else (metadata.get("kind") or type(each.default)).__name__.upper(),
                 action="append" if metadata.get("many") else "store",
                 nargs="?" if is_switch else None,
                 const="true" if is_switch else None,
-                help=f"{metadata['meaning']}{allowed} ({default}) [{self.environment_name(each.name)}]",
+                help=f"{_help(each.default, metadata)} [{self.environment_name(each.name)}]",
             )
         return parser
+
+
+def _help(default: Any, metadata: Mapping[str, Any]) -> str:
+    """What a setting means, may be and is, its default as it would be given on the command line."""
+    allowed = ""
+    if metadata.get("choices"):
+        allowed = f"; one of {', '.join(metadata['choices'])}"
+    elif metadata["least"] is not None:
+        allowed = f"; {metadata['least']:.12g} to {metadata['most']:.12g}"
+    shown = str(default) or "none"
+    if default is None:
+        shown = metadata["unset"]
+    elif isinstance(default, bool):
+        shown = str(default).lower()
+    elif isinstance(default, float):
+        shown = f"{default:.12g}"
+    return f"{metadata['meaning']}{allowed} (default {shown})"
 
 
 def is_service_link(name: str, value: str) -> bool:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import re
 from dataclasses import fields
 
 import pytest
@@ -9,8 +10,8 @@ import pytest
 from motiongen_server.config import SERVER, ServerConfig, parse_config
 from motiongen_server.protection import lacks as lacks_of
 from motiongen_server.protection import ops_lacks
-from motiongen_server.settings import SettingError
-from motiongen_server.text.encoder.config import ENCODER
+from motiongen_server.settings import Program, SettingError
+from motiongen_server.text.encoder.config import ENCODER, EncoderConfig
 
 
 def test_help_names_every_flag_and_environment_name(capsys: pytest.CaptureFixture[str]) -> None:
@@ -21,6 +22,20 @@ def test_help_names_every_flag_and_environment_name(capsys: pytest.CaptureFixtur
     for each in fields(ServerConfig):
         assert f"--{each.name.replace('_', '-')} " in text
         assert SERVER.environment_name(each.name) in text.replace(" ", "")
+
+
+@pytest.mark.parametrize("program", [SERVER, ENCODER])
+def test_help_puts_every_setting_under_a_heading_with_its_default(
+    program: Program[ServerConfig] | Program[EncoderConfig], capsys: pytest.CaptureFixture[str]
+) -> None:
+    with pytest.raises(SystemExit):
+        program.parse(["--help"], {})
+    before, *sections = re.split(r"^(?=\S[^\n]*:\n)", capsys.readouterr().out, flags=re.MULTILINE)
+    assert "--" not in before.replace("--SETTING", "")
+    assert re.findall(r"--\w\S*", sections[0]) == ["--help"]
+    text = " ".join(" ".join(sections).split())
+    for default in ("(default 127.0.0.1)", "(default false)", "(default none)", "(default 1000)"):
+        assert default in text
 
 
 def test_the_encoder_service_has_settings_of_its_own_in_the_same_environment() -> None:

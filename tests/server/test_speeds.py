@@ -57,8 +57,8 @@ def _told(event: session_pb2.SessionEvent, catalog: Catalog = CATALOG) -> tuple[
     return tuple(warning.message for warning in warnings)
 
 
-FORWARD = ("fake steps forward at up to 3 m/s; faster is taken, and feet may glide",)
-BACKWARD = ("fake steps backward at up to 1.5 m/s; faster is taken, and feet may glide",)
+FORWARD = ("fake steps forward at up to 3 m/s; higher speeds are accepted, but feet may glide",)
+BACKWARD = ("fake steps backward at up to 1.5 m/s; higher speeds are accepted, but feet may glide",)
 
 
 @pytest.mark.parametrize(

@@ -1,4 +1,4 @@
-"""EngineConfig: every limit and lead of the engine, checked where it is built."""
+"""EngineConfig: every limit and lead time of the engine, checked on construction."""
 
 from __future__ import annotations
 
@@ -9,38 +9,46 @@ from motiongen_server.engine.types import ModelFacts, Priority
 
 @dataclass(frozen=True, slots=True)
 class EngineConfig:
-    """How far ahead, how many, how soon.
+    """Limits, lead times and rates.
 
-    max_sessions, max_clips, max_rows: sessions held at once, and beside them clips; rows of one denoising step.
-    max_step_s: what a step may be expected to take, so that an edit need not wait long for the next one; steps are not
-    made smaller than pays, though.
-    max_pending_events, max_prompts, max_constraints: limits of one session. max_held_trajectory_frames: of all root
-    trajectories and paths together that one session holds.
-    history_crop: most history frames given to a window. continue_threshold: unplayed frames at which the next window is
-    started. So that sessions opened together spread out, each differently: continue_jitter, most frames added to that,
-    and stride_jitter, most frames by which the first window made while the client plays is cut. first_chunk,
-    steady_chunk: frames of the first chunk after an edit, and of any chunk at most.
-    rtt_s, flush_s, margin_s: the way to the client and back, the service's flush interval, and a safety margin; the sum
-    is the least lead of a replan. edit_target_s: seconds from an edit to its frames that each class is promised;
-    open_target_s: the same from opening. clip_target_s: within which a clip's windows come before those of sessions of
-    the class BATCH that are due later; clips go in the order they came.
-    idle_timeout_s: silence after which a session is closed.
-    rewind_s: for which frames are kept behind a session's playhead, so that it may go on from them again.
-    max_restarts: how often in a row edits may restart a window that has begun before one is allowed to finish.
-    replans_hz: most replans a second that edits may cause in a session of each class; edits between them share one.
-    max_waiting_edits: edits of one session that may wait for a plan. reuse_tokens: give windows the tokens of earlier
-    ones for history where these cover it, rather than have it encoded again. align_within: a replan that begins within
-    so many frames of the one before begins on the grid of these tokens, up to patch - 1 frames later; 0: none does.
-    hold_frames: how many a held pose is repeated at a time. guard_drift: whether characters that go astray are righted.
-    max_lean_rad: how far one may lean on average over a window; root heights in metres, and max_coordinate_m from the
-    origin, beyond which it is lost.
-    initial_step_s: the cost of a denoising step before one has been measured.
-    playback_rate: how many times the frame rate a playhead earns frames at. still_timeout_s: after which a session that
-    is paused is closed.
-    admit_load: the share of the machine up to which sessions of each class are let in; retry_after_s: the least time
-    after which one that was refused should ask again. degrade: whether sessions get less than they asked for where the
-    machine cannot keep up. snapshots: whether a SnapshotTaken follows whatever a session cannot be told again.
-    trace_as: the name that timings of windows give this engine; none are given where it is empty.
+    max_sessions, max_clips: sessions held at once, and clips beside them. max_rows: rows of one denoising step.
+    max_step_s: how long a step should take at most, so that an edit need not wait long for the next one; steps are
+    never made inefficiently small, though.
+
+    max_pending_events, max_prompts, max_constraints: limits per session. max_held_trajectory_frames: the same for the
+    frames of all root trajectories and paths of one session together.
+
+    history_crop: most history frames given to a window. continue_threshold: the next window starts when this many
+    frames are left to play. Two numbers spread sessions that were opened together, by different amounts:
+    continue_jitter, most frames added to the threshold, and stride_jitter, most frames cut from the first window made
+    while the client plays. first_chunk: frames of the first chunk after an edit; steady_chunk: most frames of any
+    chunk.
+
+    rtt_s, flush_s, margin_s: round trip to the client, the service's flush interval, and a safety margin; their sum is
+    the least lead of a replan. edit_target_s: per class, the promised seconds from an edit to its first frames;
+    open_target_s: the same from an open. clip_target_s: a clip's windows are due this long after its opening, and
+    precede windows of class BATCH that are due later; clips are made in order of arrival.
+
+    idle_timeout_s: a session is closed if no playhead is reported for this long, or none that moves while it plays;
+    still_timeout_s: the same for none that moves while it is paused. rewind_s: how long frames behind a session's
+    playhead are kept, so that it can be rewound to them.
+
+    max_restarts: how often in a row edits may restart a window that has begun; the one after that finishes. replans_hz:
+    per class, most replans a second that edits may cause in a session; edits in between share one. max_waiting_edits:
+    edits of one session that may wait for a plan. reuse_tokens: give windows the tokens of earlier windows as history
+    where these cover it, rather than encode it again. align_within: a replan that begins within this many frames after
+    the previous one begins on the grid of its tokens, up to patch - 1 frames later; 0: never.
+
+    hold_frames: frames of a held pose made at a time. guard_drift: whether to correct characters that are badly posed.
+    max_lean_rad: the largest sound mean lean over a window. min_root_height_m, max_root_height_m, max_coordinate_m:
+    beyond these root heights, or this far from the origin, a character counts as lost.
+
+    initial_step_s: the cost of a denoising step before one has been measured. playback_rate: how fast a playhead earns
+    frames, as a multiple of the frame rate. admit_load: per class, the load up to which sessions are admitted;
+    retry_after_s: the least time after which a refused client should ask again. degrade: whether sessions get less than
+    they asked for when the machine cannot keep up. snapshots: whether a SnapshotTaken follows every change that a
+    session's client could not repeat. trace_as: this engine's name in the timings of windows; empty: no timings are
+    given.
     """
 
     max_sessions: int = 256
@@ -132,7 +140,7 @@ class EngineConfig:
             raise ValueError(f"{name} is {value}; it must be at least {least}")
 
     def check_against(self, facts: ModelFacts) -> None:
-        """Raise ValueError where this configuration and the model cannot work together."""
+        """Raise ValueError if this configuration does not fit the model."""
         if self.history_crop % facts.patch or not facts.patch <= self.history_crop <= facts.max_history:
             raise ValueError(
                 f"history_crop is {self.history_crop}; {facts.model_id} allows multiples of {facts.patch} "
@@ -148,12 +156,12 @@ class EngineConfig:
 
     @property
     def delivery_s(self) -> float:
-        """Seconds by which a notice sent now may trail what the client shows, as long as nothing was measured."""
+        """How long a notice takes to reach the client's screen, in seconds, as long as nothing was measured."""
         return self.rtt_s + self.flush_s
 
     @property
     def commit_s(self) -> float:
-        """Seconds beyond the playhead that are promised not to change, as long as nothing was measured."""
+        """How far beyond the playhead frames are committed, in seconds, as long as nothing was measured."""
         return self.delivery_s + self.margin_s
 
     def target_s(self, priority: Priority) -> float:

@@ -1,4 +1,4 @@
-"""Engine: take events, schedule, step, deliver; `loop` goes round with it."""
+"""Engine: takes events, schedules windows, steps the runner and delivers outputs; `loop` calls it round after round."""
 
 from __future__ import annotations
 
@@ -41,14 +41,15 @@ from motiongen_server.engine.types import (
 from motiongen_server.engine.types.refusals import handle_in_use, session_not_open
 from motiongen_server.engine.types.report import StepReport
 
-_IDLE_TICK_S = 0.5  # the longest sleep: it keeps the heartbeat fresh
+_IDLE_TICK_S = 0.5  # the longest sleep, so that the heartbeat stays fresh
 
 
 class Engine:
     """Generates the motion of all sessions with one runner.
 
-    What stands under "from any thread", and intake, may be used from any. All else belongs to the thread that calls
-    `step`, which calls `deliver`. sessions, windows, admission: of the moment. observe: takes a report of each round.
+    Members in the section "from any thread", and `intake`, may be used from any thread, all others only from the one
+    that calls `step`, as it calls `deliver`. sessions, windows, admission: the current state. observe: gets every
+    report.
     """
 
     def __init__(
@@ -63,10 +64,10 @@ class Engine:
         scheduler: SchedulingPolicy | None = None,
         lease: DeviceLease | None = None,
     ) -> None:
-        """inbox: where events come from, when not from `submit` alone. scheduler: a policy in place of `Scheduler`.
+        """inbox: where events come from, instead of `submit` alone. scheduler: a policy in place of `Scheduler`.
 
-        lease: this engine's at a device that other engines use too; whoever runs the engine leaves it at the end.
-        Raises ValueError where the configuration does not fit the runner's model.
+        lease: this engine's place at a device that other engines use too; `loop.run` gives it up at the end. Raises
+        ValueError if the configuration does not fit the runner's model.
         """
         config.check_against(runner.facts)
         now = clock.now()
@@ -78,7 +79,7 @@ class Engine:
         self._mailbox: Inbox = Mailbox(config.max_pending_events) if inbox is None else inbox
         self.lease = Device().lease() if lease is None else lease
         under_quota = self.lease.quota is not None
-        if scheduler is None:  # not `or`: a policy that holds no jobs yet is false
+        if scheduler is None:  # not `or`: a policy that holds no jobs yet is falsy
             costs = CostTable.assumed(config.initial_step_s)
             scheduler = Scheduler(costs, config.max_rows, max_step_s=config.max_step_s, under_quota=under_quota)
         self.admission = Admission(runner.facts, config, under_quota=under_quota)
@@ -107,28 +108,28 @@ class Engine:
 
     @property
     def heartbeat_at(self) -> float:
-        """When the loop last went round, on the engine's clock. At most half a second old while the engine is well."""
+        """When the loop last began a round, on the engine's clock; less than a second ago while the engine is well."""
         return self._heartbeat_at
 
     @property
     def free_share(self) -> float:
-        """Of all that sessions may take, the share that is left to new ones, 0 to 1."""
+        """The share of the capacity for sessions that is left for new ones, 0 to 1."""
         return self.admission.free_share
 
     def submit(self, event: Event) -> Outcome | None:
-        """Hand in an event. The answer comes through `deliver`; only one that is refused here is returned, at once."""
+        """Hand in an event. Returns its outcome if it is refused at once; other answers come through `deliver`."""
         return self.intake.submit(event)
 
     def refusal_of(self, priority: Priority, denoise_steps: int, *, is_clip: bool = False) -> EventRefused | None:
-        """Why a session would not be let in as things stand; no place is held."""
+        """Why a session would be refused at present, None if it would be admitted; reserves nothing."""
         return self.admission.refusal_of(priority, denoise_steps, is_clip=is_clip)
 
     def drain(self) -> None:
-        """Take no new sessions; those that are open are served on."""
+        """Take no new sessions; open ones continue."""
         self.admission.close()
 
     def stop(self) -> None:
-        """Start no new windows, finish those that run, close every session as DRAINED, and end the loop."""
+        """Start no new windows, finish the running ones, close every session as DRAINED, and end the loop."""
         self.admission.close()
         self._stopping = True
         self._mailbox.ring()
@@ -137,7 +138,7 @@ class Engine:
 
     @property
     def finished(self) -> bool:
-        """Whether it was stopped and has no window left."""
+        """Whether the engine was stopped and has no window left."""
         return self._stopping and not len(self.windows)
 
     def step(self) -> StepReport:
@@ -162,22 +163,22 @@ class Engine:
         return report
 
     def idle_s(self) -> float:
-        """How long the loop may sleep if nothing comes in."""
+        """How long the loop may sleep if no event arrives."""
         wake_at = min(self.sessions.next_at(), self.windows.wake_at())
         return min(_IDLE_TICK_S, max(0.0, wake_at - self._clock.now()))
 
     def wait(self) -> None:
-        """Sleep until something comes in or is due; not once it is to stop, but for windows that are held back."""
+        """Sleep until an event arrives or something is due; after `stop` only while windows are held back."""
         if not self._stopping or self.windows.wake_at() < inf:
             self._mailbox.wait(self.idle_s())
 
     def end_drained(self) -> None:
-        """Close every session because the server goes away."""
+        """Close every session because the server is shutting down."""
         self._take_events()
         self._close_all(CloseReason.DRAINED, Code.UNAVAILABLE, "the server is going away; open a session elsewhere")
 
     def end_failed(self) -> None:
-        """Close every session because of an error of the engine itself, and take no new ones."""
+        """Close every session because the engine itself failed, and take no new ones."""
         self.admission.close()
         self._close_all(CloseReason.ENGINE_FAULT, Code.INTERNAL, "the server's engine failed; open a new session")
 
@@ -215,17 +216,17 @@ class Engine:
             return
         self.sessions.add(state)
         self._owners.renew(state)
-        if event.going_on is not None:  # it has had its first window elsewhere
+        if event.going_on is not None:  # its first window was made by another engine
             self.admission.note_begun(state.key)
         self._send_queue += first_words(state, event, now, self._report)
         self._report.opens.append(Code.OK)
-        if spec.is_clip:  # it gets all it asked for, late if need be, and says nothing until it ends
+        if spec.is_clip:  # never degraded, and its client reports nothing until it ends
             return
         self.sessions.watch_silence(state, now + self._config.idle_timeout_s)
         self._send_queue += state.set_tier(self._load_monitor.level(spec.priority).of_newcomers)
 
     def _refuse(self, event: Event, refusal: EventRefused) -> Code:
-        """Answer an event that does not reach a session."""
+        """Answer an event that reaches no session."""
         self._send_queue.append(refusal.outcome(event.session, event.event_seq))
         return refusal.code
 
@@ -252,7 +253,7 @@ class Engine:
                 self.sessions.watch_silence(state, state.idle_at)
 
     def _attend_touched(self) -> None:
-        """Send what the touched sessions may send, start the windows that are due, and deliver."""
+        """Send what the touched sessions have ready, start the windows that are due, and deliver."""
         now = self._clock.now()
         for state in self.sessions.take_touched():
             try:
@@ -276,9 +277,9 @@ class Engine:
     # ---- windows and load --------------------------------------------------------------------------------------------
 
     def _take_in(self, finished: list[int]) -> None:
-        """Decode the windows that are done and give them to their sessions."""
+        """Decode the finished windows and hand them to their sessions."""
         results = self.windows.decode(finished, self._report)
-        # What came during the step counts for whether a window is too late: a client may have begun to play.
+        # Events that came during the step decide whether a window is too late: a client may have begun to play.
         self._take_events()
         for state, outputs in self.windows.land(results, self._clock.now(), self._report, self._load_monitor):
             if state.plan == 1:
@@ -290,7 +291,7 @@ class Engine:
         self._close(state, CloseReason.ENGINE_FAULT, Code.INTERNAL, message)
 
     def _measure(self, now: float) -> None:
-        """Take stock of the load; where the machine cannot keep up, or can again, sessions get less, or more."""
+        """Measure the load; if the machine cannot keep up, or can again, give sessions less, or more."""
         self._send_queue += self._load_response.measure(now)
         message = "the server cannot keep up with all its sessions; open this one again later, or elsewhere"
         for state in self._load_response.to_shed():

@@ -1,4 +1,4 @@
-"""EnginePort: all that the service and the application use of an engine, wherever it runs."""
+"""EnginePort: everything that the service and the application use of an engine, wherever it runs."""
 
 from __future__ import annotations
 
@@ -8,8 +8,8 @@ from motiongen_server.engine.types import Event, EventRefused, Outcome, Owner, P
 
 
 class ModelLost(RuntimeError):
-    """Why a model is not served while others are, for who operates the server. told: the same for clients, who are not
-    told where its weights are.
+    """A model is not served although its engine process works. The message is for operators; told: the same for
+    clients, without the path of its files.
     """
 
     def __init__(self, message: str, told: str) -> None:
@@ -18,66 +18,66 @@ class ModelLost(RuntimeError):
 
 
 class EventSink(Protocol):
-    """The way into the engine, for a stream."""
+    """The part of an engine that streams use."""
 
     def submit(self, event: Event) -> Outcome | None:
-        """Hand in an event; an outcome that comes back at once is a refusal.
+        """Hand in an event; an outcome that is returned at once is a refusal.
 
-        Returns at once, whatever the engine is busy with. Every other answer comes through `Deliver`.
+        Never waits, whatever the engine is busy with. All other answers come through `Deliver`.
         """
         ...
 
     def refusal_of(self, priority: Priority, denoise_steps: int, *, is_clip: bool = False) -> EventRefused | None:
-        """Why a session, or the sample of a clip, would not be let in as things stand; no place is held.
+        """Why a session, or the sample of a clip, would be refused at present; None if admitted. Reserves nothing.
 
-        Returns at once and costs little: asked before the rest of an Open is read and its prompts are encoded.
+        Never waits and costs little: it is asked before the rest of an Open is read and its prompts are encoded.
         """
         ...
 
 
 class EnginePort(EventSink, Protocol):
-    """A model's engine, or what stands for all of them. It takes events. Everything may be called from any thread."""
+    """A model's engine, or what represents all engines of the model. Every member may be used from any thread."""
 
     @property
     def num_sessions(self) -> int:
-        """Sessions that are open in the engine."""
+        """Sessions open in the engine."""
         ...
 
     @property
     def heartbeat_at(self) -> float:
-        """When its loop last went round, in monotonic seconds of this machine."""
+        """When its loop last began a round, in monotonic seconds of this machine."""
         ...
 
     @property
     def failure(self) -> BaseException | None:
-        """Why it does not serve, if it did not end as it should; None again where it serves again.
+        """Why the model is not served, if it should be; None again once it is served again.
 
-        ModelLost where nothing has failed but what the model is loaded from.
+        ModelLost if the engines work, but what the model is loaded from has changed or cannot be loaded.
         """
         ...
 
     @property
     def num_engines(self) -> int:
-        """How many engines serve it at this moment, each in a process of its own."""
+        """How many engines serve the model at this moment, each in a process of its own."""
         ...
 
     @property
     def free_share(self) -> float:
-        """Of all that sessions may take, the share that is left to new ones, 0 to 1: a reading of this moment."""
+        """The share of the capacity for sessions that is left for new ones at this moment, 0 to 1."""
         ...
 
     def note_owner(self, owner: Owner) -> None:
-        """An owner has another share and quota from now on; they hold for the sessions that it has, too."""
+        """From now on an owner has this share and quota, also for the sessions that it has already."""
         ...
 
     def drain(self) -> None:
-        """Take no new sessions; those that are open are served on."""
+        """Take no new sessions; open ones continue."""
         ...
 
     def stop(self) -> None:
-        """Finish the windows that run, close every session as DRAINED, and end."""
+        """Finish the running windows, close every session as DRAINED, and end."""
         ...
 
     def join(self, timeout_s: float | None = None) -> bool:
-        """Wait for the end. True if it has come."""
+        """Wait for the engine to end. True if it has ended."""
         ...

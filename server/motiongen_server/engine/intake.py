@@ -1,4 +1,4 @@
-"""Intake: what comes in, and how many at once may: places for sessions, room for events; news of owners."""
+"""Intake: takes events and changes of owners from any thread, and refuses events for which there is no room."""
 
 from __future__ import annotations
 
@@ -11,9 +11,9 @@ from motiongen_server.engine.types import Close, Event, Open, Outcome, Owner, St
 
 
 class Intake:
-    """Takes what comes from any thread, up to where the engine's thread finds it: in `mailbox`, `quotas` and `owners`.
+    """Passes what comes from any thread on to where the engine's thread reads it: `mailbox`, `quotas` and `owners`.
 
-    most_pending: how many events may wait; said in refusals.
+    most_pending: how many events of a session may wait; refusals state it.
     """
 
     def __init__(
@@ -26,21 +26,21 @@ class Intake:
         self._owners = owners
 
     def note_owner(self, owner: Owner) -> None:
-        """An owner has this share and quota from now on, for the sessions that it has, too."""
+        """From now on an owner has this share and quota, also for the sessions that it has already."""
         self._owners.note(owner)
 
     def note_steps_elsewhere(self, taken: StepsOf) -> None:
-        """Other engines have done so many steps for owners that have a quota."""
+        """Other engines have done this many steps for owners that have a quota."""
         self._quotas.note_elsewhere(taken)
 
     def submit(self, event: Event) -> Outcome | None:
-        """Take an event, and for an Open hold a place. A refusal where there is no room."""
+        """Take an event; for an Open, also reserve a place. Returns a refusal if there is no room."""
         if isinstance(event, Open):
             refusal = self._admission.reserve(event.spec, event.event_seq)
             if refusal is not None:
                 return refusal
         elif isinstance(event, Close):
-            self._admission.release(event.session)  # its place can be taken at once
+            self._admission.release(event.session)  # so that another session can have its place at once
         if self._mailbox.put(event):
             return None
         if isinstance(event, Open):

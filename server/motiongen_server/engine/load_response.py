@@ -1,4 +1,4 @@
-"""LoadResponse: what an engine does about its load: sessions get less, or more again; at the worst some end."""
+"""LoadResponse: acts on the engine's load: sessions get less, or more again; in the worst case some are closed."""
 
 from __future__ import annotations
 
@@ -15,12 +15,12 @@ from motiongen_server.engine.types.report import StepReport
 
 _log = logging.getLogger(__name__)
 
-# Of the sessions that may be shed, so many are, each time that the last level did not help.
+# The share of the sessions of a class that is shed each time the last level did not help.
 _SHED_SHARE = 0.05
 
 
 class LoadResponse:
-    """Carries out what the load monitor decides."""
+    """Carries out the load monitor's decisions."""
 
     def __init__(self, monitor: LoadMonitor, windows: RunningWindows, sessions: OpenSessions) -> None:
         self._monitor = monitor
@@ -28,7 +28,7 @@ class LoadResponse:
         self._sessions = sessions
 
     def measure(self, now: float) -> list[Output]:
-        """Take stock of the load, and put the classes that it moves on another level; what is said of it."""
+        """Measure the load, and move sessions of the classes whose level changes. Returns the outputs for them."""
         windows, monitor = self._windows, self._monitor
         for job, share in windows.take_replans():
             monitor.note_replan(job.priority, job.owner, share)
@@ -50,7 +50,7 @@ class LoadResponse:
         return said
 
     def to_shed(self) -> list[SessionState]:
-        """Some of the least urgent sessions, the newest first, where all that could be given up did not help."""
+        """If the last level did not help: the newest sessions of the least urgent class, newest first; else none."""
         if not self._monitor.shed:
             return []
         lowest = max(priority for priority in EXPENDABLE if self._sessions.present[priority])
@@ -58,10 +58,10 @@ class LoadResponse:
         return of_class[::-1][: math.ceil(_SHED_SHARE * len(of_class))]
 
     def _of_class(self, priority: Priority) -> list[SessionState]:
-        """The sessions of a class, the oldest first."""
+        """The sessions of a class, oldest first."""
         return [state for state in self._sessions if state.spec.priority is priority and not state.spec.is_clip]
 
     def describe(self, report: StepReport) -> None:
-        """Note how loaded the machine is and what is given to whom."""
+        """Put the load and the tier of each class into the report."""
         report.load = self._monitor.spoken_for
         report.tiers = {priority: self._monitor.level(priority).tier for priority in Priority}

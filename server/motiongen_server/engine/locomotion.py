@@ -1,4 +1,4 @@
-"""The prompt of a velocity: one of the model's gaits, which holds while it leads."""
+"""The prompt for a velocity: one of the model's gaits, in force while the velocity is."""
 
 from __future__ import annotations
 
@@ -7,12 +7,12 @@ from collections.abc import Sequence
 from motiongen_ardy.locomotion import gait
 from motiongen_server.engine.types import Gait, Prompt, SetVelocity
 
-# Gaits have no number among the prompts of clients, which start at 1.
+# Not an id that a client can choose: those start at 1.
 GAIT_ID = 0
 
 
 def gait_of(gaits: Sequence[Gait], event: SetVelocity, held: Gait | None) -> Gait | None:
-    """The gait for a velocity; None where there is none, or the session's own prompts shall hold.
+    """The gait for a velocity; None if the model has none for it or the session's own prompts are to stay in force.
 
     held: the gait of the velocity that is in force.
     """
@@ -20,5 +20,5 @@ def gait_of(gaits: Sequence[Gait], event: SetVelocity, held: Gait | None) -> Gai
 
 
 def gait_prompt(gait: Gait) -> Prompt:
-    """A gait as a prompt that holds whenever it is asked for."""
+    """A gait as a prompt for any frames."""
     return Prompt(GAIT_ID, None, None, gait.text, gait.embedding)

@@ -1,4 +1,4 @@
-"""The engine's loop, on whichever thread runs it."""
+"""The engine's loop; runs on the thread that calls `run`."""
 
 from __future__ import annotations
 
@@ -10,7 +10,7 @@ _log = logging.getLogger(__name__)
 
 
 def run(engine: Engine) -> BaseException | None:
-    """Go round until the engine is stopped, then leave the device.
+    """Step the engine until it is stopped, then give up its place at the device.
 
     An error of the engine itself ends the loop and closes every session; it is returned.
     """
@@ -20,7 +20,7 @@ def run(engine: Engine) -> BaseException | None:
                 report = engine.step()
             if engine.observe is not None:
                 engine.observe(report)
-            # Where no window of a step could be made, others may wait for the next one.
+            # If every window of this step failed (no rows, but queue waits), others may be ready: do not sleep.
             if not report.rows and not report.queue_waits:
                 engine.wait()
         engine.end_drained()

@@ -1,4 +1,4 @@
-"""Mailbox: the thread-safe way into the engine."""
+"""Mailbox: the thread-safe queue of events for the engine."""
 
 from __future__ import annotations
 
@@ -10,10 +10,10 @@ from motiongen_server.engine.types.refusals import too_many_pending
 
 
 class Mailbox:
-    """Events in the order they came, from any thread, for the engine's thread to take all at once.
+    """Events in order of arrival, put by any thread and taken all at once by the engine's thread.
 
-    A newer Playhead takes the place of an older one of the same session, so a fast reporter cannot fill the box. Other
-    events are never dropped; a session may have so many of them waiting and no more. A Close or a Resume is always
+    A newer Playhead replaces an older one of the same session, so a client that reports often cannot fill the mailbox.
+    Other events are never dropped, but only max_pending_events of a session may wait. Close and Resume are always
     taken.
     """
 
@@ -21,7 +21,7 @@ class Mailbox:
         self._max_pending = max_pending_events
         self._lock = threading.Lock()
         self._arrived = threading.Condition(self._lock)
-        self._asleep = False  # and has not been told since: to tell costs as much as all the rest of an event
+        self._asleep = False  # the engine sleeps and was not notified yet; notifying costs as much as the rest of `put`
         self._events: list[Event] = []
         self._playhead_at: dict[SessionKey, int] = {}
         self._waiting: Counter[SessionKey] = Counter()
@@ -32,14 +32,14 @@ class Mailbox:
         return len(self._events)
 
     def put(self, event: Event) -> bool:
-        """Hand in an event. False: the session has as many waiting as it may, and the event was not taken."""
+        """Hand in an event. False: not taken, since the session has as many waiting as it may."""
         key = event.session
         with self._lock:
             if isinstance(event, Playhead):
                 index = self._playhead_at.setdefault(key, len(self._events))
                 if index < len(self._events):
                     held = self._events[index]
-                    if not isinstance(held, Playhead) or event.frame >= held.frame:  # a playhead that falls is ignored
+                    if not isinstance(held, Playhead) or event.frame >= held.frame:  # a playhead never goes back
                         self._events[index] = event
                     return True
             else:
@@ -47,7 +47,7 @@ class Mailbox:
                     return False
                 self._waiting[key] += 1
                 if isinstance(event, Open):
-                    # A report about the new session must not slip into the place of one about the old.
+                    # A playhead of the new session must not replace one of the old session with the same key.
                     self._playhead_at.pop(key, None)
             self._events.append(event)
             if self._asleep:
@@ -55,7 +55,7 @@ class Mailbox:
             return True
 
     def take_all(self) -> list[Event]:
-        """All events that wait, oldest first."""
+        """All waiting events, oldest first."""
         with self._lock:
             events, self._events = self._events, []
             self._playhead_at.clear()
@@ -70,7 +70,7 @@ class Mailbox:
             self._wake()
 
     def wait(self, timeout_s: float) -> None:
-        """Sleep until something has come, or timeout_s has passed."""
+        """Sleep until an event arrives, `ring` is called, or timeout_s has passed."""
         with self._lock:
             self._arrived.wait_for(self._has_come, timeout_s)
             self._asleep = False
@@ -85,5 +85,5 @@ class Mailbox:
 
 
 def pending_refusal(event: Event, max_pending_events: int) -> Outcome:
-    """The answer to an event that was not taken."""
+    """The answer to an event that `put` did not take."""
     return too_many_pending("events", max_pending_events).outcome(event.session, event.event_seq)

@@ -1,4 +1,4 @@
-"""NewestOwners: shares and quotas as they are by now, of owners whose sessions were opened with others."""
+"""NewestOwners: the current shares and quotas of owners, for sessions that were opened under earlier ones."""
 
 from __future__ import annotations
 
@@ -12,10 +12,11 @@ from motiongen_server.engine.types import Owner
 
 
 class NewestOwners:
-    """What was heard last of an owner holds for all of its sessions, from their next windows on.
+    """The latest values noted for an owner apply to all of its sessions, from their next windows on.
 
-    `note` may be called from any thread, all else from the engine's. An open with an earlier owner may come after that
-    was heard; one with a newer owner than was heard keeps it only once that is heard too, which is told with it.
+    `note` may be called from any thread, everything else from the engine's. An Open with an owner's earlier values may
+    arrive after newer ones were noted. One that has newer values than were noted gets the noted ones until the newer
+    ones are noted too, which happens at about the same time.
     """
 
     def __init__(self, admission: Admission, sessions: OpenSessions) -> None:
@@ -25,11 +26,11 @@ class NewestOwners:
         self._newest: dict[str, Owner] = {}
 
     def note(self, owner: Owner) -> None:
-        """An owner has this share and quota from now on."""
+        """From now on an owner has this share and quota."""
         self._heard.append(owner)
 
     def apply(self) -> None:
-        """Give the sessions of those that were heard of what their owners have by now."""
+        """Update the sessions of the owners that were noted since the last call."""
         changed: dict[str, Owner] = {}
         while self._heard:
             owner = self._heard.popleft()
@@ -40,9 +41,9 @@ class NewestOwners:
                 self.renew(state)
 
     def renew(self, state: SessionState) -> None:
-        """Give a session what its owner has by now."""
+        """Give a session its owner's current values."""
         spec = state.spec
         newest = self._newest.get(spec.owner.name, spec.owner)
         if newest != spec.owner:
             state.spec = replace(spec, owner=newest)
-            self._admission.change(spec, state.spec)  # which asks for no more than before, and is not refused
+            self._admission.change(spec, state.spec)  # never refused, since it asks for no more than before

@@ -1,4 +1,4 @@
-"""OpenSessions: the sessions of an engine, how many of each kind, and when to look at which."""
+"""OpenSessions: an engine's sessions, their counts by class and state, and when each has to be looked at."""
 
 from __future__ import annotations
 
@@ -11,9 +11,9 @@ from motiongen_server.engine.types import PlayState, Priority, SessionKey
 
 
 class OpenSessions:
-    """A touched session is looked at in this round; `wake_up` asks for it later. Clips are not counted.
+    """Touched sessions are looked at in this round; `wake_up` schedules a later look. Clips are not counted.
 
-    present: how many there are of each class.
+    present: the number of sessions in each class.
     """
 
     def __init__(self) -> None:
@@ -45,13 +45,13 @@ class OpenSessions:
         self.join_class(state)
 
     def join_class(self, state: SessionState) -> None:
-        """Count it among the sessions of its class."""
+        """Count a session in its class."""
         if not state.spec.is_clip:
             self.present[state.spec.priority] += 1
             self.count(state, 1)
 
     def leave_class(self, state: SessionState) -> None:
-        """Count it there no more: it is over, or of another class from now on."""
+        """Stop counting a session in its class, because it ends or changes its class."""
         if not state.spec.is_clip:
             self.present[state.spec.priority] -= 1
             self.count(state, -1)
@@ -64,12 +64,12 @@ class OpenSessions:
         self.leave_class(state)
 
     def count(self, state: SessionState, change: int) -> None:
-        """Count a session in, or out: also around a change of what it is counted by."""
+        """Add `change` to the count of the session's class and play state. Called before and after either changes."""
         self._counts[(state.spec.priority, state.clock.state)] += change
         self._recounted = True
 
     def take_counts(self) -> Counter[tuple[Priority, PlayState]] | None:
-        """How many there are of each class and state; None where that has not changed since this was last asked."""
+        """The number of sessions by class and play state; None if nothing changed since the last call."""
         if not self._recounted:
             return None
         self._recounted = False
@@ -78,7 +78,7 @@ class OpenSessions:
     # ---- when to look at which --------------------------------------------------------------------------------------
 
     def touch(self, state: SessionState) -> None:
-        """Something has come for a session, or of it."""
+        """Have a session looked at in this round, because something changed for it."""
         self._touched[state.key] = state
 
     def take_touched(self) -> list[SessionState]:
@@ -86,27 +86,27 @@ class OpenSessions:
         return list(touched.values())
 
     def wake_up(self, state: SessionState, at: float) -> None:
-        """Have a session touched at this time; infinity: not for time alone."""
+        """Have a session touched at this time; infinity: not because of time alone."""
         self._wake_ups.ask(state.key, at)
 
     def watch_silence(self, state: SessionState, at: float) -> None:
-        """Have `fallen_silent` name a session at this time."""
+        """Have `fallen_silent` return a session at this time."""
         self._silences.ask(state.key, at)
 
     def touch_due(self, now: float) -> None:
-        """Touch those whose wake-up has come."""
+        """Touch the sessions whose wake-up is due."""
         for key in self._wake_ups.due(now):
             self._touched[key] = self._by_key[key]
 
     def fallen_silent(self, now: float) -> list[SessionState]:
-        """Those whose silence was to be looked at by now."""
+        """The sessions whose silence has to be checked by now."""
         return [self._by_key[key] for key in self._silences.due(now)]
 
     @property
     def num_wake_ups(self) -> int:
-        """Entries held, those that have been overtaken among them."""
+        """Entries held, including outdated ones."""
         return len(self._wake_ups)
 
     def next_at(self) -> float:
-        """When the next session may have to be looked at; infinity where none has."""
+        """The earliest time at which a session may have to be looked at; infinity if there is none."""
         return min(self._wake_ups.next_at(), self._silences.next_at())

@@ -1,7 +1,8 @@
-"""What an engine does itself for a window, measured before it serves: a crowd plays, and a model that takes no time.
+"""Measures an engine's own processor time per window before it serves: a simulated crowd on a model that takes no time.
 
-Where another device than the processor computes, that is as much as calls take, or more, and it is the processor beside
-it that says how much (ADR 96). It must be known before many come at once, for all are let in by then.
+If the model runs on a device other than the processor, the engine's own time is as long as the runner's calls or
+longer, so it is the processor that limits how many sessions fit (ADR 96). It must be known before many sessions come at
+once, since all of them would be admitted before it could be measured on them.
 """
 
 from __future__ import annotations
@@ -29,16 +30,16 @@ from motiongen_server.engine.types import (
 )
 
 _SESSIONS = 192
-_ROUND_S, _REPORT_EVERY = 0.05, 5  # rounds; so each client tells its playhead four times a second
-_SETTLING = 16  # rounds in which whoever came last has a window made
-_WINDOW_ROUNDS = 8  # at most, that a window takes, or nobody would have one while it is measured
-_MOST_STEPS = 32  # of a window: what more of them take shows once they are served, and is little beside the model's
+_ROUND_S, _REPORT_EVERY = 0.05, 5  # every 5 rounds, so each client reports its playhead four times a second
+_SETTLING = 16  # rounds after the last open, for its first window to be made
+_WINDOW_ROUNDS = 8  # a window takes this many rounds at most, so that windows end while time is measured
+_MOST_STEPS = 32  # of a window; the time of further steps shows in service, and is little beside the model's
 
 
 def own_time_s(facts: ModelFacts, config: EngineConfig, processor_s: Callable[[], float] = time.thread_time) -> float:
-    """Seconds of the processor that an engine with these settings takes for a window, besides calls of its runner.
+    """Seconds of processor time that an engine with these settings takes per window, besides the calls of its runner.
 
-    processor_s: that this thread has used so far. Takes a few tenths of a second.
+    processor_s: the processor time that this thread has used so far. Takes a few tenths of a second.
     """
     clock, screens = _Rounds(), [_Screen() for _ in range(_SESSIONS)]
 
@@ -50,7 +51,7 @@ def own_time_s(facts: ModelFacts, config: EngineConfig, processor_s: Callable[[]
     everybody = replace(config, max_sessions=_SESSIONS, admit_load=(inf, inf, inf, inf), degrade=False, snapshots=False)
     engine = Engine(StandingRunner(facts), clock, deliver, everybody)
     windows, used_s, num_steps = 0, 0.0, min(facts.default_steps, _MOST_STEPS)
-    opening = ceil(facts.horizon / facts.fps / _ROUND_S)  # as long as a window plays, so that as many begin each round
+    opening = ceil(facts.horizon / facts.fps / _ROUND_S)  # for as long as a window plays, so that windows begin evenly
     rounds_each = max(1 / _WINDOW_ROUNDS, _SESSIONS / opening / config.max_rows)
     for number in range(2 * opening + _SETTLING):
         now = clock.now()
@@ -68,7 +69,7 @@ def own_time_s(facts: ModelFacts, config: EngineConfig, processor_s: Callable[[]
 
 
 class _Rounds:
-    """A clock that is told the time."""
+    """A clock that shows the time it was set to."""
 
     def __init__(self) -> None:
         self.time_s = 0.0
@@ -79,7 +80,7 @@ class _Rounds:
 
 @dataclass(slots=True)
 class _Screen:
-    """What a client shows: frames from begun_at on, as far as it has them."""
+    """What a client shows: the frames it has, starting at begun_at."""
 
     begun_at: float = 0.0
     end: int = 0

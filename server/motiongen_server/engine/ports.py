@@ -1,4 +1,4 @@
-"""What the engine needs from outside. The engine knows these shapes only, never who fills them."""
+"""The interfaces that the engine needs from outside; it does not know their implementations."""
 
 from __future__ import annotations
 
@@ -18,19 +18,19 @@ from motiongen_server.engine.types.report import StepReport
 
 
 class OutOfMemory(RuntimeError):
-    """A runner's call did not fit the device's memory. Every job is where it was: the call may be made in parts."""
+    """A runner's call did not fit into the device's memory. No job has changed: the call may be repeated in parts."""
 
 
 class DeviceLost(RuntimeError):
-    """The device is gone, and every job with it. The engine ends: only a new process can serve again."""
+    """The device is gone, and every job with it. The engine ends; only a new process can serve again."""
 
 
 class Runner(Protocol):
-    """Owns the device and the model. Called from the engine's thread alone.
+    """Owns the device and the model. Called from the engine's thread only.
 
     A job lives in the runner from `prepare` until `decode` or `discard`. Rows of one call may differ in everything:
     steps done, step count, history length, guidance, constraints, prompt, seed. What a row gets never depends on the
-    others. A call that raises leaves every job where it was before the call, so that it may be made again for fewer
+    others. A call that raises leaves every job as it was before the call, so that the call can be repeated with fewer
     jobs; an exception therefore concerns the jobs of the call as a whole.
     """
 
@@ -44,12 +44,14 @@ class Runner(Protocol):
         ...
 
     def features(self, rows: Float32Array) -> Float32Array:
-        """Normalized features (H, D) of frames (H, row_width) as they are on the wire, one patch or more."""
+        """Normalized features (H, D) of frames (H, row_width) in wire format; H is at least one patch."""
         ...
 
     def outputs(self, names: Sequence[str], rows: Float32Array) -> Float32Array:
-        """(T - 1, W) float32: the blocks of `facts.outputs` by name, side by side, of all rows (T, row_width) but the
-        first, which is the frame before them; for those that have none, it is as the second."""
+        """The named blocks of `facts.outputs`, side by side, for rows (T, row_width) but the first: (T - 1, W) float32.
+
+        The first row is the frame before the others; for frames that have none before them, it equals the second row.
+        """
         ...
 
     def prepare(self, jobs: Sequence[WindowJob]) -> None:
@@ -65,12 +67,12 @@ class Runner(Protocol):
         ...
 
     def discard(self, job_ids: Sequence[int]) -> None:
-        """Forget jobs at any stage. An id that is not held is no error. Never raises."""
+        """Forget jobs at any stage. Unknown ids are ignored. Never raises."""
         ...
 
 
 class Clock(Protocol):
-    """Monotonic time; never wall-clock time."""
+    """Monotonic time, never wall-clock time."""
 
     def now(self) -> float:
         """Seconds since some fixed moment."""
@@ -78,27 +80,27 @@ class Clock(Protocol):
 
 
 class Inbox(Protocol):
-    """Where the loop takes its events from; `motiongen_server.engine.mailbox.Mailbox` is the one within a process."""
+    """Where the loop takes its events from; within one process it is `motiongen_server.engine.mailbox.Mailbox`."""
 
     def put(self, event: Event) -> bool:
-        """Hand in an event, from any thread. False: it was not taken, its session has too many waiting."""
+        """Hand in an event, from any thread. False: not taken, since its session has too many waiting."""
         ...
 
     def take_all(self) -> list[Event]:
-        """All events that wait, oldest first. Called on the engine's thread."""
+        """All waiting events, oldest first. Called on the engine's thread."""
         ...
 
     def wait(self, timeout_s: float) -> None:
-        """Sleep until something has come, or timeout_s has passed. Called on the engine's thread."""
+        """Sleep until an event arrives, `ring` is called, or timeout_s has passed. Called on the engine's thread."""
         ...
 
     def ring(self) -> None:
-        """End the current or the next `wait` without an event, from any thread."""
+        """End the current or the next `wait` although no event came; from any thread."""
         ...
 
 
 Deliver: TypeAlias = Callable[[Sequence[Output]], None]
-"""Takes the outputs of one step, in order, on the engine's thread. Must return at once and never raise."""
+"""Receives the outputs of one step, in order, on the engine's thread. Must return at once and never raise."""
 
 Observe: TypeAlias = Callable[[StepReport], None]
-"""Takes the report of every step, on the engine's thread. Must return at once and never raise."""
+"""Receives the report of every step, on the engine's thread. Must return at once and never raise."""

@@ -1,4 +1,4 @@
-"""RunningWindows: the windows that the runner works on, each for the session that asked for it."""
+"""RunningWindows: the windows that the runner works on, each with the session that asked for it."""
 
 from __future__ import annotations
 
@@ -22,10 +22,10 @@ from motiongen_server.engine.window_timings import WindowTimings
 
 
 class RunningWindows:
-    """From a session's next window to the plan that it becomes.
+    """Takes sessions' next windows through the runner until they become plans.
 
-    failed: told of a session whose window cannot be made, and why; it is to close it, and so to discard the window.
-    trace_as: the name that timings of windows give this engine; none are given where it is empty.
+    failed: called with a session whose window cannot be made, and why; it must close the session, which discards the
+    window. trace_as: this engine's name in the timings of windows; empty: no timings are given.
     """
 
     def __init__(
@@ -46,8 +46,8 @@ class RunningWindows:
         self.quotas = StepQuotas()
         self._now = clock.now
         self._owners: dict[int, SessionState] = {}
-        self._charged: dict[int, tuple[WindowJob, float]] = {}  # of those that wait for their first step
-        self._replans: dict[int, tuple[WindowJob, float]] = {}  # of those under way
+        self._charged: dict[int, tuple[WindowJob, float]] = {}  # what windows before their first step were charged
+        self._replans: dict[int, tuple[WindowJob, float]] = {}  # replans under way, each with its share of the steps
         self._begun_replans: list[tuple[WindowJob, float]] = []
         self._job_ids = itertools.count(1)
         self._executor = StepExecutor(
@@ -65,32 +65,32 @@ class RunningWindows:
 
     @property
     def owners(self) -> Mapping[int, SessionState]:
-        """The session of each window, by its job's number."""
+        """The session of each window, by job number."""
         return self._owners
 
     @property
     def use(self) -> DeviceUse:
-        """Of the device, so far."""
+        """The use of the device since the start."""
         return self._executor.use
 
     def prices(self) -> Prices:
-        """What a step and a window cost by now."""
+        """What a step and a window cost at present."""
         return self._executor.prices()
 
     def wake_at(self) -> float:
-        """When to step again though nothing has come in: as the scheduler says, or for a background held back."""
+        """When to step again although no event came: set by the scheduler, or by background work that is held back."""
         return min(self._scheduler.wake_at(), self._executor.held_until)
 
     def features(self, rows: Float32Array) -> Float32Array | None:
-        """The features (H, D) of a client's frames (H, row_width); None where the model can make none of them."""
+        """The features (H, D) of a client's frames (H, row_width); None if the model fails on them."""
         return self._executor.features(rows)
 
     def outputs(self, names: Sequence[str], rows: Float32Array) -> Float32Array | None:
-        """As `Runner.outputs`; None where the model can make none of these."""
+        """As `Runner.outputs`; None if the model fails."""
         return self._executor.outputs(names, rows)
 
     def start_due(self, state: SessionState, now: float) -> float:
-        """Start the window that a session is due, if one is; when to look again, infinity: not for time alone."""
+        """Start a session's next window if it is due. Returns when to look again; infinity: not for time alone."""
         ready_at = self.quotas.ready_at(state.spec.owner, now)
         if ready_at > now:
             state.edits.wait_until(ready_at)
@@ -113,19 +113,21 @@ class RunningWindows:
             self._begun_replans.append(replan)
 
     def _begin_elsewhere(self, job_id: int, left_s: float) -> WindowJob | None:
-        """The runner takes a window: what it was charged is spent. See `planning.begin_elsewhere`."""
+        """The runner is about to take a window, so its charge is spent. See `planning.begin_elsewhere`."""
         job, _ = self._charged.pop(job_id)
         self.quotas.note_begun(job.owner, job.num_steps)
         return planning.begin_elsewhere(self._owners[job_id], self._now(), left_s * self._lease.stretch)
 
     def take_replans(self) -> list[tuple[WindowJob, float]]:
-        """The windows begun since this was last asked that change what would be shown, each with its share of a whole
-        one's steps; those that were let go of count against others."""
+        """The windows begun since the last call that change what would be shown, each with its share of all steps.
+
+        The share is of the steps that the session asked for. A discarded window is listed again, with a negative share.
+        """
         taken, self._begun_replans = self._begun_replans, []
         return taken
 
     def step(self, report: StepReport) -> list[int]:
-        """One denoising step for the most urgent windows; the jobs that are ready to be decoded."""
+        """One denoising step for the most urgent windows. Returns the jobs that are ready to be decoded."""
         statuses, finished = self._executor.step(report)
         if self.timings is not None:
             self.timings.note_step(statuses, self._now() - report.step_seconds)
@@ -134,19 +136,19 @@ class RunningWindows:
         return finished
 
     def decode(self, finished: Sequence[int], report: StepReport) -> list[WindowResult]:
-        """The frames of windows that are done."""
+        """The frames of finished windows."""
         return self._executor.decode(finished, report)
 
     def land(
         self, results: Sequence[WindowResult], now: float, report: StepReport, load: LoadMonitor
     ) -> list[tuple[SessionState, list[Output]]]:
-        """Give windows to their sessions; each of them, with what is said of it."""
+        """Hand windows to their sessions. Returns each session with its outputs."""
         said = []
         due, late = 0, 0.0
         for result in results:
             state = self._owners.pop(result.job_id, None)
             if state is None:
-                continue  # closed or restarted meanwhile, and discarded
+                continue  # discarded meanwhile, as its session was closed or its window restarted
             self._executor.finish(result.job_id)
             self._replans.pop(result.job_id, None)
             running = state.running
@@ -155,8 +157,8 @@ class RunningWindows:
             if self.timings is not None and running is not None:
                 outputs = self.timings.with_timing(outputs, running, now)
             said.append((state, outputs))
-            # Only who goes on shows whether the machine keeps up: edits may ask for more than it could ever do, and who
-            # was made to stand is late by that.
+            # Only windows that continue show whether the machine keeps up: edits may ask for more than it could ever
+            # do, and a session that was held is late because of that.
             if running is not None and not held and _shows_load(running.job):
                 due += 1
                 if len(report.deadline_misses) > misses:
@@ -165,7 +167,7 @@ class RunningWindows:
         return said
 
     def discard(self, job_id: int) -> None:
-        """Forget a job that runs; its result can reach nobody any more."""
+        """Forget a running job, whose result nobody needs any more."""
         if self.timings is not None:
             self.timings.forget(job_id)
         del self._owners[job_id]

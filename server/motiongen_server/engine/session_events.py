@@ -1,4 +1,4 @@
-"""SessionEvents: what an event does to a session that is open, and what the engine keeps of its sessions with it."""
+"""SessionEvents: applies events to open sessions, and updates the engine's records of them."""
 
 from __future__ import annotations
 
@@ -28,11 +28,11 @@ from motiongen_server.engine.types.report import StepReport
 EventWithin = (
     SetPrompts | SetConstraints | SetVelocity | Playhead | SetPlayState | SetOptions | Seek | Resume | SaveAgain
 )
-"""Every event but Open and Close."""
+"""Every event except Open and Close."""
 
 
 class SessionEvents:
-    """Gives events to sessions; admission, counts and running windows follow what they change."""
+    """Applies events to sessions, and keeps admission, counts and running windows consistent with the change."""
 
     def __init__(
         self, admission: Admission, sessions: OpenSessions, windows: RunningWindows, load_monitor: LoadMonitor
@@ -43,7 +43,7 @@ class SessionEvents:
         self._load_monitor = load_monitor
 
     def take(self, state: SessionState, event: EventWithin, now: float, report: StepReport) -> list[Output]:
-        """Returns what is said of it at once; the session is touched."""
+        """Apply an event and touch its session. Returns the immediate outputs."""
         state.last_seq = max(state.last_seq, event.event_seq)
         job = state.running.job if state.running else None
         if isinstance(event, SetOptions):
@@ -65,10 +65,10 @@ class SessionEvents:
         return events.cut(state, event, self._windows.features, now, report)
 
     def _change(self, state: SessionState, event: SetOptions) -> list[Output]:
-        """Give a session other options, where there is room for what they ask.
+        """Give a session other options, if there is room for what they ask.
 
-        It stays on its level of service: one that is made to stand does not go on because of them. In another class it
-        gets what newcomers get there, but stands where others do that stood before it came.
+        It stays on its level of service: options do not make a held session go on. In another class it gets what
+        newcomers get there, but a session that was held stays held if sessions of that class are held.
         """
         before, changed = state.spec, event.changed(state.spec)
         refusal = self._admission.change(before, changed)

@@ -1,4 +1,4 @@
-"""StandingRunner: makes characters of any model stand, in no time, so that all time is what the engine takes itself."""
+"""StandingRunner: makes characters of any model stand and takes no time, to measure the engine's own time."""
 
 from __future__ import annotations
 
@@ -17,7 +17,7 @@ from motiongen_server.engine.types import (
 
 
 class StandingRunner:
-    """Satisfies `motiongen_server.engine.ports.Runner`; every window is the same."""
+    """A `motiongen_server.engine.ports.Runner` whose windows are all the same."""
 
     def __init__(self, facts: ModelFacts) -> None:
         self.facts = facts
@@ -27,7 +27,7 @@ class StandingRunner:
         self._tokens = np.zeros((facts.horizon // facts.patch, facts.token_width), np.float32)
 
     def num_passes(self, job: WindowJob) -> int:
-        """One each."""
+        """One for every job."""
         del job
         return 1
 
@@ -36,7 +36,7 @@ class StandingRunner:
         return np.zeros((len(rows), self.facts.feature_dim), np.float32)
 
     def outputs(self, names: Sequence[str], rows: Float32Array) -> Float32Array:
-        """Nobody asks for any."""
+        """Not implemented: sessions on this runner ask for no outputs."""
         raise NotImplementedError(f"no outputs {names} of {len(rows)} rows")
 
     def prepare(self, jobs: Sequence[WindowJob]) -> None:
@@ -44,13 +44,13 @@ class StandingRunner:
         self._steps_done.update((job.job_id, 0) for job in jobs)
 
     def denoise(self, job_ids: Sequence[int]) -> list[RowStatus]:
-        """Count their steps."""
+        """Count the jobs' steps."""
         for job_id in job_ids:
             self._steps_done[job_id] += 1
         return [RowStatus(job_id, self._steps_done[job_id], finite=True) for job_id in job_ids]
 
     def decode(self, job_ids: Sequence[int]) -> list[WindowResult]:
-        """The same frames for all."""
+        """The same frames for all jobs."""
         for job_id in job_ids:
             del self._steps_done[job_id]
         return [WindowResult(job_id, self._frames, self._features, self._tokens) for job_id in job_ids]
@@ -62,7 +62,7 @@ class StandingRunner:
 
 
 def _resting(block: ChannelBlock, frames: int) -> Float32Array:
-    """(frames, its width): no rotation, and zeros."""
+    """(frames, block width): identity rotations, and zeros for all else."""
     values = np.zeros((frames, block.width), np.float32)
     if block.name == "joint_rotation_quat_wxyz":
         values[:, ::4] = 1.0

@@ -1,4 +1,4 @@
-"""Timers: when to look at which session again, though nothing has come for it."""
+"""Timers: when each session has to be looked at although no event came for it."""
 
 from __future__ import annotations
 
@@ -8,13 +8,16 @@ import math
 
 from motiongen_server.engine.types import SessionKey
 
-# A later wake-up than the one that stands is not noted: the session is looked at early, and asks again.
+# A wake-up later than the one already noted is ignored: the session is looked at early and asks again.
 _SLACK = 2
 _LEAST_ROOM = 64
 
 
 class Timers:
-    """At most one wake-up of each session, the earliest it asked for. Holds a bounded multiple of the sessions."""
+    """At most one wake-up per session: the earliest that it asked for.
+
+    Memory is bounded by a multiple of the number of sessions.
+    """
 
     def __init__(self) -> None:
         self._heap: list[tuple[float, int, SessionKey]] = []
@@ -22,11 +25,11 @@ class Timers:
         self._at: dict[SessionKey, float] = {}
 
     def __len__(self) -> int:
-        """Entries held, those that have been overtaken among them."""
+        """Entries held, including outdated ones."""
         return len(self._heap)
 
     def ask(self, session: SessionKey, at: float) -> None:
-        """Wake a session at this time, unless it is woken before. Infinity asks for nothing."""
+        """Wake a session at this time, unless an earlier wake-up is noted. Infinity asks for nothing."""
         if at == math.inf or self._at.get(session, math.inf) <= at:
             return
         self._at[session] = at
@@ -40,7 +43,7 @@ class Timers:
         self._at.pop(session, None)
 
     def due(self, now: float) -> list[SessionKey]:
-        """The sessions whose time has come, each once; they are woken no more until they ask again."""
+        """The sessions whose time has come, each once; they are not woken again until they ask again."""
         woken = []
         while self._heap and self._heap[0][0] <= now:
             at, _, session = heapq.heappop(self._heap)
@@ -50,5 +53,5 @@ class Timers:
         return woken
 
     def next_at(self) -> float:
-        """When the next session may have to be woken; infinity where none has."""
+        """The earliest time at which a session may have to be woken; infinity if there is none."""
         return self._heap[0][0] if self._heap else math.inf

@@ -1,4 +1,4 @@
-"""WindowTimings: when the steps of windows began, put on the notices of the plans that they become."""
+"""WindowTimings: records when the steps of windows began, and adds this to the notices of their plans."""
 
 from __future__ import annotations
 
@@ -11,7 +11,7 @@ from motiongen_server.engine.types.tracing import WindowTiming
 
 
 class WindowTimings:
-    """Of the windows of one engine, by the numbers of their jobs. name: of the engine."""
+    """Timings of one engine's windows, by job number. name: the engine's."""
 
     def __init__(self, name: str) -> None:
         self._name = name
@@ -22,16 +22,16 @@ class WindowTimings:
         return len(self._begun)
 
     def note_step(self, statuses: Iterable[RowStatus], begun_at: float) -> None:
-        """These windows have taken a step that began then."""
+        """Windows have taken a step that began at begun_at."""
         for status in statuses:
             self._begun.setdefault(status.job_id, begun_at)
 
     def forget(self, job_id: int) -> None:
-        """Its window is discarded."""
+        """The window of this job is discarded."""
         self._begun.pop(job_id, None)
 
     def with_timing(self, outputs: Sequence[Output], window: RunningWindow, now: float) -> list[Output]:
-        """What is said of a window that has landed, its notice with its times; nothing of it where it came too late."""
+        """A landed window's outputs, with its timing on the PlanNotice; a window that came too late has none."""
         job = window.job
         begun_at = self._begun.pop(job.job_id, now)
         asked_at = min((edit.received_at for edit in window.answers), default=job.created_at)

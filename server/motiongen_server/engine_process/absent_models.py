@@ -1,4 +1,4 @@
-"""AbsentModels: models that an engine process held before, and that the next one finds changed or cannot load."""
+"""AbsentModels: models of a lost engine process that its replacement finds changed or cannot load."""
 
 from __future__ import annotations
 
@@ -15,36 +15,36 @@ from motiongen_server.engine_process.silence import LOAD_AGAIN_S
 _log = logging.getLogger(__name__)
 
 MOST_REST_S = 600.0
-"""However often it could not be loaded: each attempt takes time of the device from those that are served."""
+"""Longest time between attempts to load a model. Attempts go on, but each takes device time from served models."""
 
 
 class AbsentModels:
-    """Of one engine process after the other, which serve their other models meanwhile. Used by their thread.
+    """The models that an engine process and its successors serve their other models without. Used by their thread.
 
-    awaited_s: for how long those have been awaited that are loaded again, since one of them came.
+    awaited_s: for how long models have been loading again, counted from when the last of them finished.
     """
 
     def __init__(self, engine: str, control: ControlQueue, rest_s: float) -> None:
-        """engine: its name. rest_s: before what could not be loaded is tried again; twice as long each time after."""
+        """engine: its name. rest_s: time before a model that could not be loaded is retried; it doubles each time."""
         self._engine = engine
         self._control = control
         self._rest_s = rest_s
         self.awaited_s = 0.0
-        self._due_at: dict[int, float] = {}  # by slot
-        self._stuck: set[int] = set()  # of these it has been said
-        self._rested_s: dict[int, float] = {}  # likewise: before the last attempt of this process
+        self._due_at: dict[int, float] = {}  # when to retry, by slot
+        self._stuck: set[int] = set()  # slots already reported as not finishing
+        self._rested_s: dict[int, float] = {}  # by slot: the rest before this process's last attempt
 
     def begin(self) -> None:
-        """A new process loads all models, those too that the one before it served without."""
+        """A new process loads all models, including those that the one before it served without."""
         self.awaited_s = 0.0
         self._due_at.clear()
         self._rested_s.clear()
         self._stuck.clear()
 
     def change(self, link: ModelLink) -> None:
-        """Another model has been loaded in its place, which nobody has asked to be served.
+        """A different model was loaded from its source. It is unloaded: nobody asked for it to be served.
 
-        It is not tried again: the whole of it would be loaded each time beside those that are at work.
+        It is not retried, because each attempt would load a whole model beside those that are at work.
         """
         link.is_absent = True
         model_id = link.ready.result().facts.model_id
@@ -57,9 +57,9 @@ class AbsentModels:
         self._control.tell(Unload(link.slot))
 
     def fail(self, link: ModelLink, error: str) -> None:
-        """It could not be loaded: it is tried again after a rest, since a disk or a device may have been to blame.
+        """It could not be loaded. It is retried after a rest, because a disk or a device may have been the cause.
 
-        Raises EngineLost where the process is left with no model: the next process may be better off.
+        Raises EngineLost if the process is left without any model: a new process may do better.
         """
         link.is_absent = True
         if all(each.is_absent for each in self._control):
@@ -73,7 +73,7 @@ class AbsentModels:
         )
 
     def look(self, awaited_s: float) -> None:
-        """Have those loaded that it is time for, and give up what does not come to an end of being loaded."""
+        """Retry the models that are due, and report those whose loading does not end as failed."""
         self.awaited_s = awaited_s
         if awaited_s > LOAD_AGAIN_S and any(link.is_up for link in self._control):  # else the process is lost
             self._give_up_stuck()

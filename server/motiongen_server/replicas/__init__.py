@@ -1,1 +1,1 @@
-"""Which other servers of the same store have room: told by all of them, and named to clients that are refused here."""
+"""Which other servers of the same store have room: each reports its own; clients that are refused here are told."""

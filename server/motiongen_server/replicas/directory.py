@@ -1,4 +1,4 @@
-"""RedisDirectory: the servers of one store, as each tells of itself every second and is forgotten when it does not."""
+"""RedisDirectory: the servers of one store. Each reports to it every second, and is forgotten when it stops."""
 
 from __future__ import annotations
 
@@ -10,14 +10,14 @@ from motiongen_server.snapshots.redis_calls import calling, name_of, open_client
 
 SERVERS, SEEN = "motiongen:servers", "motiongen:servers:seen"
 KEEP_MS = 3000
-"""For which a server that says nothing counts as there."""
+"""How long a server that does not report counts as present."""
 KNOWN = 8
-"""Others that one learns of at a time, drawn at random: a thousand servers cost the store no more than eight."""
+"""How many others a server learns of at a time, drawn at random, so that a call costs the same with 1,000 servers."""
 MOST_BYTES = 8192
-"""Of what a server tells of itself; what is longer is not read."""
+"""Of a server's report; longer ones are not read."""
 MOST_CHARACTERS = 256
-# KEYS: a hash of what servers tell, by name; when each was seen, milliseconds of the store's clock. ARGV: name, what it
-# tells, how long it counts, how many to draw.
+# KEYS: a hash of servers' reports, by name; when each was seen, milliseconds of the store's clock. ARGV: name, report,
+# how long it counts, how many to draw.
 _EXCHANGE = """
 local time = redis.call('TIME')
 local now = time[1] * 1000 + math.floor(time[2] / 1000)
@@ -35,10 +35,10 @@ return redis.call('HRANDFIELD', KEYS[1], ARGV[4], 'WITHVALUES')
 
 
 class Replica(NamedTuple):
-    """What a server tells of itself. name: another for each process. free_shares: by model, as in EnginePort.
+    """A server's report. name: unique for each process. free_shares: by model, as in EnginePort.
 
-    address: where clients reach it, "" where that is not told; routing_key: one by which a proxy has led a client
-    there, "" where none came by one.
+    address: where clients reach it, "" if it does not say; routing_key: one by which a proxy has routed a client to it,
+    "" if none has.
     """
 
     name: str
@@ -51,23 +51,23 @@ class Directory(Protocol):
     """Called from one thread. Every call ends within a second or so, or raises StoreFailed."""
 
     def exchange(self, own: Replica) -> list[Replica]:
-        """Tell of this server, and learn of some others."""
+        """Report this server, and learn of some others."""
         ...
 
     def leave(self, name: str) -> None:
-        """Be forgotten."""
+        """Remove this server's report."""
         ...
 
     def close(self) -> None:
-        """Let go of the connection."""
+        """Close the connection."""
         ...
 
 
 class RedisDirectory:
-    """In a Redis of version 6.2 or later, or a Valkey."""
+    """Uses a Redis of version 6.2 or later, or a Valkey."""
 
     def __init__(self, url: str) -> None:
-        """Raises ValueError for what is no address of a Redis."""
+        """Raises ValueError if url is not the address of a Redis."""
         self._name = name_of(url)
         self._client = open_client(url)
 
@@ -93,12 +93,12 @@ class RedisDirectory:
 
 
 def _can_be_told(text: str) -> bool:
-    """Whether a client can be told it. JSON may hold what is no text, with which no message could be made."""
+    """Whether clients can be sent a text: JSON may hold lone surrogates, which a message cannot."""
     return len(text) <= MOST_CHARACTERS and text.isprintable()
 
 
 def read_replica(name: str, text: bytes) -> Replica | None:
-    """What another server has told; None where that is nothing of this kind, as from a later version."""
+    """Another server's report; None if it cannot be read, for example because it is from a later version."""
     if len(text) > MOST_BYTES:
         return None
     try:

@@ -1,4 +1,4 @@
-"""Whether the settings have this server tell others of its room."""
+"""Decides by the settings whether this server exchanges its free capacity with others."""
 
 from __future__ import annotations
 
@@ -8,8 +8,8 @@ from motiongen_server.snapshots.stores import is_for_several_servers
 
 
 def open_other_servers(store: str, address: str) -> OtherServers | None:
-    """None where the store of sessions is of this machine alone. Nothing is asked of a Redis yet.
+    """None if the store of sessions is for this machine only. A Redis is not connected to yet.
 
-    address: where clients reach this server, "" where they come through a proxy only.
+    address: where clients reach this server, "" if only through a proxy.
     """
     return OtherServers(RedisDirectory(store), address) if is_for_several_servers(store) else None

@@ -1,4 +1,4 @@
-"""OtherServers: tells the other servers of this one's room, and knows some of theirs for clients that are refused."""
+"""OtherServers: reports this server's free capacity to others, and knows that of some, for clients refused here."""
 
 from __future__ import annotations
 
@@ -19,18 +19,19 @@ _log = logging.getLogger(__name__)
 
 EVERY_S = 1.0
 OLD_S = 3.0
-"""After which what was learned is not told any more: the store is away."""
+"""What was learned longer ago than this is not passed on: the store is unreachable."""
 MOST_NAMED = 3
 LEAST_FREE = 0.05
-"""Share of a server's capacity: with less, whoever is sent there is refused there too."""
+"""Share of a server's capacity: with less, clients sent there would be refused there too."""
 ROUTING_KEY = "x-motiongen-key"
-"""Metadata of calls by which proxies choose a server."""
-# Those that our clients draw. Others may be names that an application has chosen: they are told to nobody.
+"""Metadata of calls, by which proxies choose a server."""
+# Keys that our clients draw at random. Others may be names that an application has chosen: they are not passed on.
 _DRAWN_KEY = re.compile(r"[0-9a-f]{16}")
 
 
 class OtherServers:
-    """`start` it once there is something to tell. `note_call` and `named` from the event loop; the rest on a thread."""
+    """`start` it once there is something to report. `note_call` and `named` are for the event loop; the rest is done
+    on a thread."""
 
     def __init__(
         self,
@@ -39,7 +40,7 @@ class OtherServers:
         clock: Callable[[], float] = time.monotonic,
         draw: Callable[[], float] = random.random,
     ) -> None:
-        """address: where clients reach this server, "" where they come through a proxy only. draw: from 0 to 1."""
+        """address: where clients reach this server, "" if only through a proxy. draw: random numbers from 0 to 1."""
         self._directory = directory
         self._address = address
         self._clock = clock
@@ -54,19 +55,19 @@ class OtherServers:
         self._thread = threading.Thread(target=self._work, name="motiongen-replicas", daemon=True)
 
     def start(self, free_shares: Callable[[], Mapping[str, float]]) -> None:
-        """Tell and learn every second. free_shares: by model; called on the thread."""
+        """Begin to exchange every second. free_shares: by model; called on the thread."""
         self._free_shares = free_shares
         self._thread.start()
 
     def note_call(self, metadata: object) -> None:
-        """A client has called, with this metadata: by its key a proxy leads to this server."""
+        """A client has called with this metadata; if that has a key, a proxy routes to this server by it."""
         for name, value in metadata or ():  # type: ignore[attr-defined]
             if name == ROUTING_KEY and isinstance(value, str) and _DRAWN_KEY.fullmatch(value):
                 self._routing_key = value
 
     @property
     def num_known(self) -> int:
-        """Of how many others is known what room they have: eight at most."""
+        """How many others' free capacity is known: eight at most."""
         return len(self._recent)
 
     @property
@@ -74,9 +75,9 @@ class OtherServers:
         return self._known if self._clock() - self._known_at < OLD_S else []
 
     def named(self, model_id: str) -> tuple[OtherServer, ...]:
-        """Those with room for a session of a model, at most three.
+        """Servers with room for a session of a model, at most three.
 
-        Drawn by how much room they have: the many that one refuses within a second are not all sent to the same.
+        Drawn at random, weighted by their room, so that clients refused within the same second go to different servers.
         """
         free = [
             (share, each)
@@ -88,18 +89,18 @@ class OtherServers:
         return tuple(OtherServer(each.address, each.routing_key) for _, each in drawn[:MOST_NAMED])
 
     def exchange(self) -> None:
-        """Tell of this server, and learn of others."""
+        """Report this server, and learn of others."""
         try:
             own = Replica(self._name, self._address, self._routing_key, self._free_shares())
             known = self._directory.exchange(own)
         except StoreFailed as error:
             if not self._is_away:
-                _log.warning("what room other servers have is not known: %s", error)
+                _log.warning("the free capacity of other servers is not known: %s", error)
             self._is_away = True
             return
-        except Exception:  # without this thread no other server would know of this one any more
+        except Exception:  # if the thread ended, no other server would know of this one any more
             if not self._is_away:
-                _log.exception("what room other servers have is not known")
+                _log.exception("the free capacity of other servers is not known")
             self._is_away = True
             return
         self._known, self._known_at, self._is_away = known, self._clock(), False
@@ -111,10 +112,10 @@ class OtherServers:
                 return
 
     def close(self) -> None:
-        """Be forgotten by the others. Waits a moment for a store that does not answer."""
+        """Remove this server's report and end. Waits a moment for a store that does not answer."""
         self._stop.set()
         if self._thread.is_alive():
             self._thread.join(2 * EVERY_S)
-        with suppress(Exception):  # then it is forgotten in a moment
+        with suppress(Exception):  # the report expires soon anyway
             self._directory.leave(self._name)
         self._directory.close()

@@ -1,1 +1,1 @@
-"""The gateway's edge: streams and calls of gRPC, checked and turned into events of the engine."""
+"""The gateway's edge: checks gRPC streams and calls, and turns them into events for the engine."""

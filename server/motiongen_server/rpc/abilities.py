@@ -1,4 +1,4 @@
-"""Abilities: what a model was trained for: forms of constraints, presets, gaits, and what its captions are about."""
+"""Abilities: what a model was trained for: forms of constraints, presets, gaits, and the subjects of its captions."""
 
 from __future__ import annotations
 
@@ -22,7 +22,7 @@ class FormSupport(IntEnum):
 
 @dataclass(frozen=True, slots=True)
 class PresetText:
-    """A prompt that a model's checkpoint recommends, not encoded. description: what motion to expect."""
+    """A prompt that a model's checkpoint recommends, not encoded. description: the motion to expect."""
 
     preset_id: str
     text: str
@@ -33,7 +33,7 @@ class PresetText:
 class GaitText:
     """A gait of a model's checkpoint, not encoded; the fields are those of `Gait`.
 
-    to_mps: faster than this bodies glide; infinity where nothing is claimed.
+    to_mps: beyond this speed, characters' feet glide; infinity: nothing is claimed.
     """
 
     name: str
@@ -47,8 +47,8 @@ class GaitText:
 class PromptDomain:
     """Which prompts are near the captions that a model was trained on, for vectors of one text encoder.
 
-    mean: (E,), of the captions; directions: (N, E), unit vectors from it to captions that stand for the rest.
-    threshold: of the distance, above which a prompt is outside.
+    mean: (E,), of the captions; directions: (N, E), unit vectors from it to captions that represent the others.
+    threshold: the distance above which a prompt is outside.
     """
 
     text_encoder: str
@@ -63,15 +63,15 @@ class PromptDomain:
         return 1.0 - float(cosines.max())
 
     def is_outside(self, embedding: Float32Array) -> bool:
-        """Whether a prompt is further from every caption than prompts of the domain are."""
+        """Whether a prompt is farther from all captions than prompts of the domain are."""
         return self.distance(embedding) > self.threshold
 
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Abilities:
-    """All that is known of a model's training. Empty: nothing is claimed, all is taken, and nothing is warned of.
+    """What is known of a model's training. Empty: nothing is claimed, everything is accepted, without warnings.
 
-    known_motions: what the captions are about, in words. domain: None where no prompt can be judged.
+    known_motions: what the captions are about, in words. domain: None if prompts cannot be judged.
     """
 
     forms: Mapping[str, FormSupport] = field(default_factory=dict)
@@ -81,7 +81,8 @@ class Abilities:
     domain: PromptDomain | None = None
 
     def fastest_mps(self, direction: Direction) -> float:
-        """The speed up to which bodies step in a direction, seen from where they face; infinity: nothing is claimed."""
+        """The speed up to which characters step, not glide, in a direction relative to where they face; infinity:
+        nothing is claimed."""
         fastest = {gait.direction: gait.to_mps for gait in sorted(self.gaits, key=lambda gait: gait.from_mps)}
         return fastest.get(direction, math.inf)
 

@@ -1,4 +1,4 @@
-"""The catalog: what a server offers, as the message that tells clients."""
+"""The catalog: what a server offers, as a message for clients."""
 
 from __future__ import annotations
 
@@ -14,7 +14,7 @@ from motiongen_server.text.presets import Preset
 
 
 class Catalog:
-    """One model, its rig and the limits; it never changes while the server lives."""
+    """One model, its rig and the limits; never changes while the server runs."""
 
     def __init__(
         self,
@@ -29,7 +29,7 @@ class Catalog:
         gaits: Sequence[Gait] = (),
         abilities: Abilities = NOTHING_CLAIMED,
     ) -> None:
-        """history_frames: the history given to a window, which its view of the future shares the window with.
+        """history_frames: the history given to a window; what it leaves of the window is horizon and future.
 
         gaits: the prompts of velocities. abilities: what the model was trained for.
         """
@@ -100,14 +100,14 @@ class Catalog:
         self._response.catalog_etag = hashlib.sha256(content).hexdigest()[:16]
 
     def response(self, known_etag: str) -> service_pb2.GetCatalogResponse:
-        """The catalog, or its etag alone for a client that holds it already."""
+        """The catalog, or only its etag for a client that has it already."""
         if known_etag == self._response.catalog_etag:
             return service_pb2.GetCatalogResponse(catalog_etag=known_etag)
         return self._response
 
 
 def locomotion_message(gait: Gait, to_mps: float) -> service_pb2.LocomotionPreset:
-    """The prompt of a velocity. to_mps: up to which bodies step; infinity: nothing is claimed."""
+    """The prompt of a velocity. to_mps: the speed up to which characters step; infinity: nothing is claimed."""
     return service_pb2.LocomotionPreset(
         name=gait.name,
         text=gait.text,

@@ -1,8 +1,8 @@
-"""Servers of gRPC, and how methods are served on them: no call ends a server, and none writes its log.
+"""Makes gRPC servers, and serves methods on them, so that no call can end a server or fill its log.
 
-gRPC reads the name of a method that was not registered in the loop that begins all calls. A name that is no UTF-8,
-which anybody can send before he has said who he is, ends that loop, and with it the server and all its streams. So
-methods are registered, which are found by the bytes of their names, and of all other calls nobody reads the name.
+gRPC decodes the names of methods that are not registered in the loop that begins all calls. A name that is not UTF-8,
+which anybody can send without authentication, ends that loop, and with it the server and all its streams. So all
+methods are registered, as these are found by the bytes of their names; the names of other calls are never decoded.
 """
 
 from __future__ import annotations
@@ -21,23 +21,23 @@ from motiongen_server.rpc.calls.context import SEEN_GONE_S
 from motiongen_server.rpc.calls.headers import HeaderTime, bounded
 
 _NO_NAME = "not read"
-"""In the place of a name."""
+"""Stands for a method's name."""
 
 
 class _NamesUnread(cygrpc.AioServer):  # type: ignore[misc]
-    """Refuses calls of methods that are not registered, with UNIMPLEMENTED as gRPC does."""
+    """Refuses calls of methods that are not registered, with UNIMPLEMENTED, as gRPC does."""
 
     def _make_request_call_future(self, method: bytes | None) -> asyncio.Future[Any]:
-        """The next call of a method. None: of one that is not registered, of which gRPC hears no more."""
+        """The next call of a method. None: of one that is not registered; gRPC's loop never gets to see such a call."""
         if method is None:
             return asyncio.get_running_loop().create_task(self._refuse_others())
         future: asyncio.Future[Any] = super()._make_request_call_future(method)
         return future
 
     async def _refuse_others(self) -> NoReturn:
-        """Raises what gRPC raises at the server's end."""
+        """Refuse such calls until gRPC raises at the server's end."""
         loop, methods = asyncio.get_running_loop(), cygrpc._MethodResolver([], {})
-        refusals: set[asyncio.Task[None]] = set()  # the loop holds none
+        refusals: set[asyncio.Task[None]] = set()  # the event loop keeps only weak references to tasks
         while True:
             call = await self._request_call()
             refusing = _once_seen(cygrpc._handle_rpc(_NO_NAME, methods, (), call, loop, False))
@@ -56,8 +56,8 @@ async def _once_seen(refusing: Coroutine[Any, Any, None]) -> None:
 
 
 def make_server(options: Sequence[tuple[str, int]] = (), most_calls: int | None = None) -> grpc.aio.Server:
-    """A server without methods and ports. most_calls: at once; None: without a limit."""
-    # A logger takes a filter once, however often it is given.
+    """A server without methods or ports. most_calls: at once; None: unlimited."""
+    # A logger adds the same filter only once.
     logging.getLogger(cygrpc.__name__).addFilter(_is_not_of_a_client)
     with _names_unread():
         return grpc.aio.server(options=list(options), maximum_concurrent_rpcs=most_calls)
@@ -68,7 +68,7 @@ def serve_methods(
 ) -> None:
     """Serve the methods of a service, before the server is started. service: its full name; handlers: by name.
 
-    Calls of them have so many headers at most (`calls.headers`).
+    The headers of their calls are limited (`calls.headers`).
     """
     header_time = HeaderTime()
     server.add_registered_method_handlers(
@@ -78,7 +78,7 @@ def serve_methods(
 
 @contextlib.contextmanager
 def _names_unread() -> Iterator[None]:
-    """Servers that gRPC makes within are of that kind: there is no other way to give it one."""
+    """Have gRPC make servers of that class within the block: there is no other way to give it one."""
     usual = cygrpc.AioServer
     cygrpc.AioServer = _NamesUnread
     try:
@@ -88,8 +88,8 @@ def _names_unread() -> Iterator[None]:
 
 
 def _is_not_of_a_client(record: logging.LogRecord) -> bool:
-    """gRPC logs as errors, as often as clients like: metadata that is no UTF-8, and whole, tokens too; and a call of a
-    method that nobody serves, whose client has gone while it was refused.
+    """False for log records that clients can cause at will, which gRPC logs as errors: metadata that is not UTF-8, in
+    full and tokens too; and calls of unknown methods whose clients went away while they were refused.
     """
     said = str(record.msg)
     return not said.startswith("Invalid encoding") and not said.endswith(f"[{_NO_NAME}]")

@@ -1,4 +1,4 @@
-"""The methods of MotionService, as gRPC is given them."""
+"""Registers the methods of MotionService with gRPC."""
 
 from __future__ import annotations
 
@@ -21,10 +21,10 @@ AnyContext: TypeAlias = "grpc.aio.ServicerContext[Any, Any]"
 
 
 class Handlers(Protocol):
-    """What answers the calls. A stream's messages are bytes both ways, and so are the requests of the other methods.
+    """Answers the calls. A stream's messages are bytes in both directions, and so are the requests of other methods.
 
-    See `rpc.convert.wire`, and `rpc.request_parts`: what comes is charged before it is parsed. A call of one request is
-    charged before that has come.
+    See `rpc.convert.wire`, and `rpc.request_parts`: messages are charged before they are parsed. A call with one
+    request is charged before the request has come.
     """
 
     async def GetCatalog(self, call: CallContext) -> service_pb2.GetCatalogResponse: ...
@@ -35,9 +35,9 @@ class Handlers(Protocol):
 
 
 def add_methods(methods: Handlers, server: grpc.aio.Server, requests: Requests | None = None) -> None:
-    """Serve the methods. As the generated `add_MotionServiceServicer_to_server`, but for what is bytes here.
+    """Serve the methods, as the generated `add_MotionServiceServicer_to_server` does, but with bytes as above.
 
-    requests: of all calls of that server.
+    requests: shared by all calls of that server.
     """
     requests = requests or Requests()
     handlers: dict[str, grpc.RpcMethodHandler[Any, Any]] = {

@@ -1,4 +1,4 @@
-"""Limits: what the service allows one stream, session and event, and all of them together."""
+"""Limits: what the service allows for one stream, session, event and peer, and for all together."""
 
 from __future__ import annotations
 
@@ -9,21 +9,21 @@ MAX_COORDINATE_M = 10_000.0
 MAX_FRAME = 1 << 53
 MAX_GUIDANCE = 10.0
 MAX_SPEED_MPS = 10.0
-"""Of a SetVelocity; a sprinter's."""
+"""Of a SetVelocity: a sprinter's speed."""
 MAX_REQUEST_ID_CHARACTERS = 64
 OTHER_CALLS = 512
-"""Besides streams and clips, whose numbers are settings: catalogues, reflection, and clips that are not begun yet."""
+"""Calls other than streams and clips, which have settings: catalogues, reflection, and clips that have not begun."""
 HEALTH_CALLS = 1024
-"""Checks and watches of the health, which have places of their own."""
+"""Health checks and watches, which are counted separately."""
 
 
 @dataclass(frozen=True, slots=True)
 class Limits:
-    """Counts, frames and bytes; the meaning of each is that of the field of the same name in the protocol.
+    """Counts, frames and bytes; each means the same as the field of that name in the protocol.
 
     events_per_second, stream_events_per_second: sustained rates of one session and one stream, with bursts of as many.
-    max_clip_s: how long one call for a clip may take, whatever deadline it has.
-    resume_grace_s: for which a session whose transport was lost can be resumed; 0: it is closed at once.
+    max_clip_s: how long one clip call may take, whatever deadline it has.
+    resume_grace_s: how long a session can be resumed after its connection is lost; 0: it is closed at once.
     soft_backlog_bytes for backlog_s seconds, or hard_backlog_bytes at once, of unsent updates end a stream's sessions.
     """
 
@@ -49,20 +49,20 @@ class Limits:
 
     @property
     def max_event_fields(self) -> int:
-        """Of one event, counted on the wire: more than one that sets all constraints and prompts at once has."""
+        """Fields allowed in one event, counted on the wire: enough to set all constraints and prompts at once."""
         return 64 + 16 * (self.max_constraints + self.max_prompts)
 
 
 @dataclass(frozen=True, slots=True)
 class PeerLimits:
-    """Of all that one address has open together.
+    """Limits for everything that one address or tenant has open.
 
     calls: for catalogues and clips, open at once. events_per_second: tokens, of which an event takes one; see
-    `budgets.stream_budget`. prompts_per_second: texts that were not known. calls_per_second: new streams, clips,
-    catalogues. bytes_per_second: received. session_weight: of `peer.SESSION_WEIGHTS`; heroes, nears, crowds, batches:
-    sessions of each class. clip_samples: under way. share: its weight beside others where there is more to denoise than
-    time; steps_per_second: rows of denoising steps. waiting_bytes: of events that wait for prompts to be encoded, or
-    for the store. held_bytes: of messages that wait until they are paid for, with what they are taken apart into.
+    `budgets.stream_budget`. prompts_per_second: texts that are not cached. calls_per_second: new streams, clips,
+    catalogues. bytes_per_second: received. session_weight: sum of `peer.SESSION_WEIGHTS`; heroes, nears, crowds,
+    batches: sessions of each class. clip_samples: under way. share: the peer's weight among others when there is more
+    to denoise than time allows; steps_per_second: denoising steps, counted per row. waiting_bytes: events that wait for
+    prompts to be encoded, or for the store. held_bytes: unpaid messages, with the parts into which they are split.
     """
 
     streams: int = 1024
@@ -85,15 +85,15 @@ class PeerLimits:
 
 @dataclass(frozen=True, slots=True)
 class ServiceLimits:
-    """What the service as a whole allows.
+    """Limits for the service as a whole.
 
-    hello_timeout_s: within which a stream must say hello; empty_timeout_s: after which one without sessions is ended.
-    stuck_timeout_s: after which one is ended, or a clip, whose client takes nothing of what is written.
-    silent_timeout_s: after which one counts as lost from which nothing comes; clients ping every 10 s. max_clip_calls:
-    calls for clips that are under way. max_waiting_bytes: of unsent updates, answers that clients have not confirmed,
-    and what has come and waits, of all streams together. reconnect_after_s: when clients are told to connect again as
-    the server goes away; 0: at once. loop_share: of the event loop's time, what clients' messages may take; see
-    `rpc.budgets.loop_time`.
+    hello_timeout_s: a stream must send its hello within this time. empty_timeout_s: a stream without sessions is ended
+    after this time. stuck_timeout_s: a stream or clip is ended if its client has accepted no data for so long.
+    silent_timeout_s: a stream from which nothing comes for so long counts as lost; clients ping every 10 s.
+    max_clip_calls: clip calls under way. max_waiting_bytes: unsent updates, answers that clients have not confirmed,
+    and received messages that wait, of all streams together. reconnect_after_s: when a server that is going away tells
+    clients to connect again; 0: at once. loop_share: the share of the event loop's time that clients' messages may
+    take; see `rpc.budgets.loop_time`.
     """
 
     max_streams: int = 2048

@@ -1,8 +1,8 @@
-"""RequestParts: a client's message, walked over and taken apart before anything of it is parsed.
+"""RequestParts: counts the events and fields of a client's message, and splits it, before any of it is parsed.
 
-Parsed messages take many times the memory of their bytes. So a long message is counted first, the fields of its long
-events too, and parsed a few events at a time, each part a message of its own. An event of more fields than one may have
-is never parsed: only what says of which session it is, and what kind of event.
+Parsed messages take many times the memory of their bytes. So the events of a long message are counted first, as are the
+fields of its long events; then it is parsed a few events at a time, each part as a message of its own. An event with
+more fields than allowed is never parsed in full, only its session, its number and its kind.
 """
 
 from __future__ import annotations
@@ -19,21 +19,21 @@ from motiongen_server.rpc.wire_fields import EVENT, LENGTH, Malformed, field, nu
 SMALL_BYTES = 4096
 """Messages up to this size are parsed as a whole."""
 SMALL_EVENT_BYTES = 1024
-"""Events up to this size may have as many fields as fit: their fields are not counted."""
+"""Events up to this size may have as many fields as fit; these are not counted."""
 TAKEN_APART = 2
-"""Times its bytes a long message takes in memory, with the parts that it is taken apart into."""
+"""A long message with the parts into which it is split takes this many times its bytes in memory."""
 EVENTS_A_PART = 64
 FIELDS_A_PART = 4096
 FIELDS_AN_EVENT = 32
-"""So many fields are walked over in the time that an event takes."""
+"""The number of fields that are counted in the time that one event takes."""
 MOST_CONTROL_FIELDS = 64
-"""Beside events; this version has three, and says one of them at a time."""
+"""Fields of a message other than events; this version has three, of which one is set at a time."""
 _EVENTS_TAG = 1 << 3 | LENGTH
 
 
 @dataclass(frozen=True, slots=True)
 class Part:
-    """Events to be parsed: a message of some, or the bytes of one that has too many fields."""
+    """A range of bytes to be parsed: a message with some events, or the content of one event with too many fields."""
 
     begin: int
     end: int
@@ -41,13 +41,13 @@ class Part:
 
 
 class RequestParts:
-    """`walk` until `is_done`, then `control` and `events` can be asked for. most_fields: of one event."""
+    """Call `walk` until `is_done`, then `control` and `events`. most_fields: allowed in one event."""
 
     def __init__(self, data: bytes, most_fields: int) -> None:
         self._data = data
         self._most_fields = most_fields
         self._at = 0
-        self._num_events = 0  # of the part that is being walked over
+        self._num_events = 0  # of the present part
         self._num_fields = 0
         self._control: list[bytes] = []
         self._part_from: int | None = None
@@ -55,11 +55,11 @@ class RequestParts:
 
     @property
     def is_done(self) -> bool:
-        """Whether all of it was walked over."""
+        """Whether the whole message has been counted."""
         return self._at == len(self._data)
 
     def walk(self, most: int) -> int:
-        """Walk over so many more of the events, or what takes as long; returns how many that was. Raises Malformed."""
+        """Count up to `most` more events, or what takes as long as these; returns how many. Raises Malformed."""
         data, count = self._data, 0
         while count < most and self._at < len(data):
             begin = self._at
@@ -76,10 +76,10 @@ class RequestParts:
         return count
 
     def _walk_event(self, begin: int, content: int) -> int:
-        """Enter an event into the parts; returns how many of its fields were walked over."""
+        """Add an event to the parts; returns how many of its fields were counted."""
         end = self._at
         if end - content <= SMALL_EVENT_BYTES:
-            self._add(begin, (end - content) // 2)  # each takes two bytes or more
+            self._add(begin, (end - content) // 2)  # at most: a field takes two bytes or more
             return 0
         count = num_fields(self._data, content, end, EVENT, self._most_fields)
         if count > self._most_fields:
@@ -110,9 +110,9 @@ class RequestParts:
         return parsed(b"".join(self._control))
 
     def events(self) -> Iterator[tuple[service_pb2.StreamMotionRequest, bool]]:
-        """The events in order, some to a message, and whether it is one of too many fields. Raises Malformed.
+        """Messages with some of the events each, in order, and whether it is one event with too many fields.
 
-        Of such a one there is its session, its number, and its kind without content.
+        Such an event has only its session, its number, and its kind without content. Raises Malformed.
         """
         for part in self._parts:
             if part.is_overgrown:
@@ -123,7 +123,7 @@ class RequestParts:
 
 
 def shell_of(data: bytes, begin: int, end: int, most_fields: int) -> session_pb2.SessionEvent:
-    """An event whose texts and messages are emptied. Raises Malformed, also where there are too many fields."""
+    """An event with empty texts and messages. Raises Malformed, also if it has too many fields itself."""
     kept, at, count = [], begin, 0
     while at < end:
         start = at
@@ -139,7 +139,7 @@ def shell_of(data: bytes, begin: int, end: int, most_fields: int) -> session_pb2
 
 
 def parsed(data: bytes) -> service_pb2.StreamMotionRequest:
-    """Raises Malformed."""
+    """Parse a message of a stream. Raises Malformed."""
     try:
         return service_pb2.StreamMotionRequest.FromString(data)
     except DecodeError as error:

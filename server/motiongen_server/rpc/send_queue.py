@@ -1,4 +1,4 @@
-"""SendQueue: what one stream still has to send, in order, with superseded frames taken out."""
+"""SendQueue: what one stream still has to send, in order, without superseded frames."""
 
 from __future__ import annotations
 
@@ -10,17 +10,17 @@ from motiongen_server.engine.types import Chunk, Closed, Float32Array, Opened, O
 UPDATE_OVERHEAD_BYTES = 64
 PLACEMENT_BYTES = 64
 EVENT_SEQ_BYTES = 10
-"""Of a placement, and of an event's number in a plan: the most that they take on the wire."""
+"""The most that a placement, and an event's number in a plan, take on the wire."""
 MAX_RUN_FRAMES = 80
-"""Frames that one update may carry: the longest look-ahead there is by default."""
+"""Frames that one update may carry: the longest look-ahead by default."""
 
 
 class Run:
     """Neighbouring chunks of one session and plan, to be sent as one.
 
-    parts: their rows, (T, row_width) float32 each, in order. fixed: something was said of the session after it, so that
-    later frames must not join it. coding: how they are to be stored, None for plainly. num_bytes: the most that it
-    takes on the wire; 0 when nothing is left of it.
+    parts: their rows, (T, row_width) float32 each, in order. fixed: another output of the session was queued since, so
+    later frames must not join. coding: how to encode them; None: plainly. num_bytes: the most that the run takes on the
+    wire; 0 when nothing is left of it.
     """
 
     __slots__ = (
@@ -42,7 +42,7 @@ class Run:
         self.fixed = False
 
     def joins(self, chunk: Chunk) -> bool:
-        """Add a chunk if it continues this one; whether it did."""
+        """Add a chunk if it continues the run; returns whether it does."""
         num_frames = self.num_frames + len(chunk.rows)
         follows = chunk.plan == self.plan and chunk.first_frame == self.first_frame + self.num_frames
         if self.fixed or not follows or num_frames > MAX_RUN_FRAMES:
@@ -54,7 +54,7 @@ class Run:
         return True
 
     def cut(self, end_frame: int) -> int:
-        """Drop the frames from end_frame on; returns how many those were."""
+        """Drop the frames from end_frame on; returns how many were dropped."""
         dropped = min(self.num_frames, max(0, self.first_frame + self.num_frames - end_frame))
         left = self.num_frames - dropped
         if dropped:
@@ -70,7 +70,7 @@ class Run:
 
 
 Said: TypeAlias = tuple[Output, int]
-"""An output other than frames, and the session's applied_seq as of it."""
+"""An output other than frames, and the session's applied_seq at that time."""
 
 
 class SendQueue:
@@ -80,7 +80,7 @@ class SendQueue:
 
     def __init__(self) -> None:
         self._waiting: deque[Run | Said] = deque()
-        self._runs: dict[int, list[Run]] = {}  # those that wait, by handle; each session's in order, which are few
+        self._runs: dict[int, list[Run]] = {}  # those that wait, by handle, in order; few for each session
         self.num_bytes = 0
         self.dropped_frames = 0
 
@@ -88,7 +88,7 @@ class SendQueue:
         return len(self._waiting)
 
     def put_chunk(self, chunk: Chunk, applied_seq: int, coding: object = None) -> None:
-        """Add frames at the end, or to the frames before them. applied_seq, coding: the session's as of now."""
+        """Add frames to the run that they continue, or at the end. applied_seq, coding: the session's at present."""
         runs = self._runs.get(chunk.session.handle)
         if runs is not None and runs[-1].joins(chunk):
             self.num_bytes += chunk.rows.nbytes
@@ -102,7 +102,7 @@ class SendQueue:
         self.num_bytes += run.num_bytes
 
     def put(self, output: Output, applied_seq: int) -> None:
-        """Add anything else at the end. applied_seq: the session's as of this output, to be told with it."""
+        """Add any other output at the end. applied_seq: the session's as of this output, to be sent with it."""
         handle = output.session.handle
         runs = self._runs.get(handle)
         if runs is not None:
@@ -110,7 +110,7 @@ class SendQueue:
             if isinstance(output, PlanNotice):
                 self._supersede(runs, output.valid_from)
             elif isinstance(output, Closed):
-                del self._runs[handle]  # a plan of the next session on the handle must not take out these frames
+                del self._runs[handle]  # a plan of the handle's next session must not remove these frames
         self._waiting.append((output, applied_seq))
         self.num_bytes += size_of(output)
 
@@ -121,20 +121,20 @@ class SendQueue:
             self.num_bytes += run.num_bytes - before
 
     def drop_frames(self) -> None:
-        """Take out all frames of the sessions that live: nobody reads them."""
+        """Remove all frames of open sessions, since the client does not read them."""
         for runs in self._runs.values():
             for run in runs:
                 self.num_bytes -= run.num_bytes
                 self.dropped_frames += run.cut(run.first_frame)
 
     def clear(self) -> None:
-        """Take out everything: nobody will be told."""
+        """Remove everything: nothing will be sent."""
         self._waiting.clear()
         self._runs.clear()
         self.num_bytes = 0
 
     def take(self, max_bytes: int) -> list[Run | Said]:
-        """The oldest updates that fit into one message of max_bytes, at least one if there is any."""
+        """Remove and return the oldest updates that fit into max_bytes, at least one if there is any."""
         taken: list[Run | Said] = []
         left = max_bytes
         waiting = self._waiting
@@ -163,7 +163,7 @@ class SendQueue:
 
 
 def size_of(output: Output) -> int:
-    """About how many bytes an output without frames takes on the wire."""
+    """Roughly how many bytes an output without frames takes on the wire."""
     size = UPDATE_OVERHEAD_BYTES
     if isinstance(output, PlanNotice):
         return size + EVENT_SEQ_BYTES * len(output.event_seqs)

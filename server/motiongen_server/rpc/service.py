@@ -1,4 +1,4 @@
-"""The servicer: per stream one read loop and one write loop; no decisions."""
+"""The servicer: runs a read loop and a write loop for each stream, and the other calls. It makes no decisions."""
 
 from __future__ import annotations
 
@@ -62,11 +62,11 @@ class MotionService:
         other_servers: OtherServers | None = None,
         clocks: Clocks = CLOCKS,
     ) -> None:
-        """callers: who may call; everybody where it is left out. snapshots: where sessions are saved; None: nowhere.
+        """callers: who may call; by default everybody. snapshots: where sessions are saved; None: nowhere.
 
         record_window: takes the traces of windows; None: there are none. other_servers: of the same store, named to
-        clients that are refused for want of room; None: nothing is known of any. clocks: by which it
-        is measured what messages take of the event loop.
+        clients that are refused for lack of room; None: none are known. clocks: measure the event loop time that
+        messages take.
         """
         self._models = models
         self._callers = callers or Callers()
@@ -102,38 +102,38 @@ class MotionService:
 
     @property
     def num_parked(self) -> int:
-        """Sessions that wait for a client that lost its transport."""
+        """Sessions that wait for a client that has lost its connection."""
         return self._kept.num_parked
 
     @property
     def num_other_servers(self) -> int:
-        """Servers of the same store that can be named to clients which find no room here."""
+        """Servers of the same store that can be named to clients that find no room here."""
         return 0 if self._others is None else self._others.num_known
 
     @property
     def gateway_lag_s(self) -> float:
-        """How long what is to be read and written waits for the event loop."""
+        """How long messages to be read or written wait for the event loop."""
         return self._lag.lag_s
 
     @property
     def loop_taken_s(self) -> float:
-        """Seconds that clients' messages have taken of the event loop so far."""
+        """The event loop time that clients' messages have taken so far, in seconds."""
         return self._loop_time.taken_s
 
     @property
     def num_held_back(self) -> int:
-        """Times that a stream was not read on for what it had taken of the event loop."""
+        """How often the next read of a stream waited because of the event loop time that it had taken."""
         return self._loop_time.num_held
 
     @property
     def num_waiting_bytes(self) -> int:
-        """What is held for all streams, clips and parked sessions: to be written, to be told again, or of what came."""
+        """Bytes held for all streams, clips and parked sessions: to be written, to be sent again, or that have come."""
         return self._memory.num_bytes
 
     # ---- from the engine's thread -----------------------------------------------------------------------------------
 
     def deliver(self, outputs: Sequence[Output]) -> None:
-        """Take the outputs of one engine step, on the engine's thread; they go out on the event loop."""
+        """Take the outputs of one engine step, on the engine's thread; the event loop sends them."""
         try:
             self._loop.call_soon_threadsafe(self._dispatch, tuple(outputs))
         except RuntimeError:  # the loop has been closed: the process is on its way out
@@ -150,7 +150,7 @@ class MotionService:
             if found is not None:
                 try:
                     found.take(*said)
-                except Exception as error:  # what the others are told must not be lost with it
+                except Exception as error:  # outputs for the others must not be lost with it
                     found.fail(error)
             elif isinstance(of, int):  # a clip's, or of a client that has gone
                 self.clips.take(of, said)
@@ -158,7 +158,7 @@ class MotionService:
     # ---- calls ------------------------------------------------------------------------------------------------------
 
     async def GetCatalog(self, call: CallContext) -> service_pb2.GetCatalogResponse:
-        """Rigs, models and limits, or the etag alone for a client that holds them. Raises StreamRefused."""
+        """Rigs, models and limits, or only the etag for a client that has them already. Raises StreamRefused."""
         _, data = await self._admission.request(call)
         self._note_call(call)
         return self._models.catalog_response(parsed_as(service_pb2.GetCatalogRequest, data).catalog_etag)
@@ -170,7 +170,7 @@ class MotionService:
         call.hold(begin_work(peer))
         with work_for(peer):
             request = clip_request(data, self._models.limits.max_event_fields)
-        del data  # else it would be held as long as the call lasts
+        del data  # otherwise it would be held as long as the call lasts
         await self.clips.generate(request, call, peer)
 
     def _note_call(self, context: StreamContext | CallContext) -> None:
@@ -191,7 +191,7 @@ class MotionService:
             self._end(stream)
 
     def _begin(self, peer: Peer, caller: Caller) -> Stream:
-        """Raises StreamRefused where there is no place for one more stream."""
+        """Begin a stream. Raises StreamRefused if there is no place for one more."""
         if len(self._streams) >= self._limits.max_streams:
             raise too_many_streams(self._limits.max_streams)
         if peer.num_streams >= peer.limits.streams:
@@ -214,7 +214,7 @@ class MotionService:
     def _end(self, stream: Stream) -> None:
         try:
             stream.lose()
-        finally:  # its place is another's, whatever went wrong
+        finally:  # whatever went wrong, its place becomes free
             if stream.tracing is not None:
                 stream.tracing.end_all()
             stream.peer.end_stream()
@@ -229,16 +229,16 @@ class MotionService:
         try:
             await asyncio.wait({reader, writer}, return_when=asyncio.FIRST_COMPLETED)
             if stream.refusal is not None:
-                await asyncio.wait({writer})  # which is cut: the first response may be under way all the same
+                await asyncio.wait({writer})  # the writer was cut, but the first response may still be under way
                 raise stream.refusal
             if reader.done() and not reader.exception():
-                # A lost transport, too, looks as if the client had finished; only what is written tells.
+                # A lost connection also looks as if the client had finished; only a write can tell the difference.
                 await asyncio.wait({stream.probe(), writer}, return_when=asyncio.FIRST_COMPLETED)
                 await stream.taken_over(writer)
             if reader.done():
                 stream.close_all(CloseReason.CLIENT)
                 stream.end()
-            # To its end also where the stream is refused: a status set while a write is under way may never arrive.
+            # Wait for its end even if the stream is refused: a status set during a write may never arrive.
             await asyncio.wait({writer})
             if stream.refusal is not None:
                 raise stream.refusal
@@ -256,15 +256,15 @@ class MotionService:
     # ---- the server's end -------------------------------------------------------------------------------------------
 
     def goodbye(self, grace_s: float) -> None:
-        """Open nothing more, and tell every client that the server goes away in grace_s seconds."""
+        """Open nothing more, and tell every client that the server will be gone in grace_s seconds."""
         self._reader.ends_at = time.monotonic() + grace_s
         for stream in self._streams.values():
             stream.accepts_opens = False
-            if stream.greeted:  # else its hello, which comes first, is followed by the goodbye
+            if stream.greeted:  # otherwise the goodbye follows the hello, which has to come first
                 say_draining(stream, self._models.default.model_id, grace_s, self._limits.reconnect_after_s)
 
     def send_away(self) -> None:
-        """End every stream, so that clients go on with their sessions on other servers: nothing can be served here."""
+        """End every stream, as nothing can be served here: clients then continue their sessions on other servers."""
         for stream in list(self._streams.values()):
             if stream.greeted:
                 say_draining(stream, self._models.default.model_id, 0.0)
@@ -272,13 +272,13 @@ class MotionService:
             stream.end()
 
     def close_model(self, model: LoadedModel) -> int:
-        """Close every session of a model that is unloaded, and its clips; returns how many sessions those were."""
+        """Close every session and clip of a model that is being unloaded; returns the number of sessions."""
         self.clips.close_model(model)
         carried = sum(stream.close_all(CloseReason.MODEL_UNLOADED, model) for stream in list(self._streams.values()))
         return carried + self._kept.close_parked(CloseReason.MODEL_UNLOADED, model)
 
     def close_all(self) -> None:
-        """Close every session as drained and end every stream once it has been told; clips end where they are."""
+        """Close every session as DRAINED, end every stream once its client has been told, and end all clips."""
         for stream in list(self._streams.values()):
             stream.close_all(CloseReason.DRAINED)
             stream.end()
@@ -286,7 +286,7 @@ class MotionService:
         self.clips.close_all()
 
     def write_last_snapshots(self) -> None:
-        """Once all sessions are closed: wait a moment for what is still to be saved, and let go of the store."""
+        """Once all sessions are closed: save what still waits, for a moment at most, and close the store."""
         if self._others is not None:
             self._others.close()
         if self.durability is not None:

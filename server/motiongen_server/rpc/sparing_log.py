@@ -1,4 +1,4 @@
-"""SparingLog: says what clients can cause as often as they like, and does not say it as often."""
+"""SparingLog: limits how often a message is logged that clients can cause as often as they like."""
 
 from __future__ import annotations
 
@@ -10,7 +10,7 @@ QUIET_S = 10.0
 
 
 class SparingLog:
-    """One line in ten seconds, with how many were left out since the last one. Used from the event loop only."""
+    """Logs one line in ten seconds, with the number left out since the last one. Used on the event loop only."""
 
     def __init__(self, log: logging.Logger, clock: Callable[[], float] = time.monotonic) -> None:
         self._log = log
@@ -19,11 +19,11 @@ class SparingLog:
         self._left_out = 0
 
     def info(self, message: str, *values: object) -> None:
-        """Log it, unless something was logged just now."""
+        """Log a message, unless one was logged in the last ten seconds."""
         self._say(logging.INFO, message, values)
 
     def error(self, message: str, *values: object, fault: Exception | None = None) -> None:
-        """The same for a fault of the server's own, with where it came from."""
+        """The same for a fault of the server's own, with its traceback."""
         self._say(logging.ERROR, message, values, fault)
 
     def _say(self, level: int, message: str, values: tuple[object, ...], fault: Exception | None = None) -> None:

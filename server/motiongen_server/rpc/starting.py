@@ -1,4 +1,4 @@
-"""Answers for the service while the model loads, so that the port is there from the start."""
+"""StartingService: answers calls while the model loads, so that the port can be open from the start."""
 
 from __future__ import annotations
 
@@ -26,7 +26,7 @@ class StartingService:
         self._service = service
 
     def shut(self) -> None:
-        """Refuse calls again, as before."""
+        """Refuse calls again, as before `open`."""
         self._service = None
 
     @property
@@ -51,7 +51,7 @@ class StartingService:
         await self._opened().GenerateClip(call)
 
     def _opened(self) -> MotionService:
-        """Raises StreamRefused while there is none."""
+        """The service. Raises StreamRefused while there is none."""
         if self._service is None:
             raise StreamRefused(
                 grpc.StatusCode.UNAVAILABLE,

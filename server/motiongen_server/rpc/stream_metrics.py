@@ -1,4 +1,4 @@
-"""StreamMetrics: what the streams count for the metrics."""
+"""StreamMetrics: the events that streams, clips and snapshots report to the metrics."""
 
 from __future__ import annotations
 
@@ -6,25 +6,24 @@ from typing import Protocol
 
 
 class StreamMetrics(Protocol):
-    """Told by the streams, on the event loop."""
+    """Called on the event loop."""
 
     def reject(self, reason: str) -> None:
-        """A session was refused for want of room."""
+        """A session was refused for lack of room."""
         ...
 
     def end_clip(self, code: str, seconds: float, num_samples: int) -> None:
-        """A call for a clip has ended with a status, after so long."""
+        """A clip call has ended with a status, after that many seconds."""
         ...
 
     def count_resume(self, how: str) -> None:
-        """A session whose transport was lost was resumed, or refused, or has expired: then nobody came back.
-
-        Or it was let go, since memory ran short while it waited for its client.
+        """What became of a session whose connection was lost. how: "resumed", "taken_over" from another server,
+        "refused", "expired" since its client did not come back, or "let_go" since memory ran short meanwhile.
         """
         ...
 
     def count_snapshot(self, what: str) -> None:
-        """A snapshot of a session was written, or fenced, since another server holds it, or lost."""
+        """A session's snapshot was "written", or "lost", or "fenced" since another server holds the session."""
         ...
 
     def give_up_on_reader(self) -> None:
@@ -32,12 +31,12 @@ class StreamMetrics(Protocol):
         ...
 
     def drop_frames(self, count: int) -> None:
-        """Frames were taken out of a stream's queue before they were sent."""
+        """Frames were removed from a stream's queue before they were sent."""
         ...
 
 
 class NoStreamMetrics:
-    """Counts nothing: for streams that nobody watches."""
+    """Counts nothing."""
 
     def reject(self, reason: str) -> None:
         """As in StreamMetrics."""

@@ -1,7 +1,8 @@
-"""Fields of a message on the wire: where each ends, and how many there are, before anything of it is parsed.
+"""Finds and counts the fields of a message on the wire, before any of it is parsed.
 
-Two bytes on the wire can be a message of more than a hundred in memory. What holds such messages is walked over by the
-contract's own descriptors; what holds only numbers and text takes little more parsed than before, and counts as one.
+Two bytes on the wire can be a message of more than a hundred bytes in memory. Fields that hold messages are followed
+with the help of the contract's descriptors; a message of only numbers and text takes little more memory parsed than on
+the wire, and counts as one field.
 """
 
 from __future__ import annotations
@@ -15,15 +16,15 @@ VARINT, FIXED64, LENGTH, FIXED32 = 0, 1, 2, 5
 _FIXED_BYTES = {FIXED64: 8, FIXED32: 4}
 
 Nested = dict[int, "Nested"]
-"""By tag, the fields of a message that are messages which hold messages, and theirs."""
+"""The fields of a message whose messages hold messages themselves, by tag, each with its own such fields."""
 
 
 class Malformed(ValueError):
-    """What came is no message."""
+    """The bytes are not a message."""
 
 
 def varint(data: bytes, at: int) -> tuple[int, int]:
-    """The number that begins at a byte, and where it ends. Raises Malformed."""
+    """The number that begins at byte `at`, and where it ends. Raises Malformed."""
     value, shift = 0, 0
     while at < len(data):
         byte = data[at]
@@ -38,7 +39,7 @@ def varint(data: bytes, at: int) -> tuple[int, int]:
 
 
 def field(data: bytes, begin: int) -> tuple[int, int, int]:
-    """The tag of the field that begins at a byte, where its content begins, and where that ends. Raises Malformed."""
+    """The tag of the field at byte `begin`, where its content begins, and where that ends. Raises Malformed."""
     tag, at = varint(data, begin)
     wire_type = tag & 7
     if wire_type == VARINT:
@@ -56,9 +57,9 @@ def field(data: bytes, begin: int) -> tuple[int, int, int]:
 
 
 def num_fields(data: bytes, begin: int, end: int, nested: Nested, most: int) -> int:
-    """Of the message between two bytes, and of those in it that `nested` names; more than `most` are not counted.
+    """The fields of a message, and of the messages in it that `nested` names. Stops counting beyond `most`.
 
-    Raises Malformed.
+    begin, end: the message's bytes in data. Raises Malformed.
     """
     count = 0
     left = [(begin, end, nested)]
@@ -76,7 +77,7 @@ def num_fields(data: bytes, begin: int, end: int, nested: Nested, most: int) -> 
 
 
 def nested_in(descriptor: Descriptor) -> Nested:
-    """What of a message is to be walked over."""
+    """The fields of a message whose content has to be counted."""
     found: Nested = {}
     for each in descriptor.fields:
         if each.message_type is not None and any(inner.message_type for inner in each.message_type.fields):

@@ -1,4 +1,7 @@
-"""The runner: torch and ardy live here. Rows of a batch differ in step, step count, history, goals, guidance, seed."""
+"""The runner: computes windows with torch and motiongen_ardy.
+
+Rows of a batch may differ in step, step count, history, goals, guidance and seed.
+"""
 
 from motiongen_server.runner.loading import load_runner
 from motiongen_server.runner.torch_runner import TorchRunner

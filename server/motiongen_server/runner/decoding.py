@@ -1,4 +1,4 @@
-"""From denoised tokens to frames: decoded, corrected as the model wants it, and laid out as they go over the wire."""
+"""From denoised tokens to frames: decoded, corrected as the model requires, and laid out for the wire."""
 
 from __future__ import annotations
 
@@ -27,9 +27,9 @@ Asked = Literal["nothing", "root", "joints"]
 
 
 class Decoded(NamedTuple):
-    """Of one row. frames: (G, row width); features: (G, D), normalised.
+    """The result of one row. frames: (G, row width); features: (G, D), normalised.
 
-    tokens: (G / 4, 20 + L); None where frames are corrected: they would stand for frames that nobody was shown.
+    tokens: (G / 4, 20 + L); None if frames are corrected, as tokens would then stand for frames that nobody was shown.
     """
 
     frames: Float32Array
@@ -38,19 +38,19 @@ class Decoded(NamedTuple):
 
 
 class Decoding:
-    """Decodes rows of one model, those together whose histories are equally long, since the causal decoder reads those.
+    """Decodes rows of one model, those with equally long histories together: the causal decoder reads the history.
 
-    With graphs it is replayed as one, save for rows that are asked for joints: those differ in what is done.
+    With graphs, decoding is replayed as one graph, except for rows with goals for joints: these need varying work.
     """
 
     def __init__(self, model: Model, codec: Tokenizer | ExplicitBody, graphs: GraphCache | None = None) -> None:
-        """codec: the model's own, as it is served."""
+        """codec: the model's own, in the form that serves."""
         self._model = model
         self._codec = codec
         self._replayed = None if graphs is None else GraphedRows(partial(self._decoded, reaches=False), graphs)
 
     def __call__(self, rows: Sequence[Row]) -> list[Decoded]:
-        """What has become of each row, in the order of the rows."""
+        """The result of each row, in the order of the rows."""
         alike: dict[tuple[int, Asked | None], list[int]] = {}
         for number, row in enumerate(rows):
             asked = None if self._replayed is None or not self._model.sampling.corrects else asked_of(row)
@@ -81,11 +81,11 @@ class Decoding:
         *,
         reaches: bool | None = None,
     ) -> tuple[Tensor, ...]:
-        """Wire rows, features and, where they are kept, tokens of horizons.
+        """Wire rows, features and, if they are kept, tokens of the horizons.
 
-        tokens: (B, N, 20 + L), with the history's, in the window's frame; translation: (B, 3) metres from there to the
-        world's. history: (B, H, D), given where frames are corrected; observed, mask: (B, G, D), in the window's frame,
-        None where no row has goals; reaches: whether they are of joints, as `correct_window` has it.
+        tokens: (B, N, 20 + L), including the history's, in the window's frame; translation: (B, 3) metres from that to
+        the world's. history: (B, H, D), given if frames are corrected; observed, mask: (B, G, D), in the window's
+        frame, None if no row has goals; reaches: whether there are goals for joints, as for `correct_window`.
         """
         model, layout, patch = self._model, self._model.representation, self._model.config.patch
         tokens = world_tokens_of(model, tokens, translation)
@@ -103,7 +103,7 @@ class Decoding:
 
 
 def asked_of(row: Row) -> Asked:
-    """What the row's goals are of."""
+    """What kind of goals the row has."""
     if row.goals is None:
         return "nothing"
     of_joints = (JointRotations, JointTargets, Keyframe)
@@ -111,7 +111,7 @@ def asked_of(row: Row) -> Asked:
 
 
 def _goals(rows: Sequence[Row]) -> list[Tensor]:
-    """What is observed (B, G, D) at the rows' frames, in the windows' frames, and its mask; none for no goals."""
+    """Observed features (B, G, D) of rows, in the windows' frames, and their mask; empty if no row has goals."""
     known = next((row.goals for row in rows if row.goals is not None), None)
     if known is None:
         return []

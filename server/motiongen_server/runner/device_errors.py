@@ -1,4 +1,4 @@
-"""Torch's errors of a device in the words of the runner's contract."""
+"""Turns torch's errors about a device into those of the runner's contract."""
 
 from __future__ import annotations
 
@@ -11,14 +11,14 @@ from motiongen_ardy.model.packed.graph_cache import RecordingFailed
 from motiongen_server.engine.ports import DeviceLost, OutOfMemory
 
 _NO_HOST_MEMORY = "DefaultCPUAllocator"
-_NO_DEVICE_MEMORY = "out of memory"  # of the driver, as where a graph is made ready: no OutOfMemoryError of torch
+_NO_DEVICE_MEMORY = "out of memory"  # the driver's, for example when a graph is prepared: not an OutOfMemoryError
 
 
 @contextmanager
 def device_errors(let_go: Callable[[], None] = lambda: None) -> Iterator[None]:
-    """Raises OutOfMemory or DeviceLost in place of what torch raises for them; other errors pass through.
+    """Raise OutOfMemory or DeviceLost in place of torch's errors for them; other errors pass through.
 
-    let_go: of what holds memory of the device and can be had again, where there is none left.
+    let_go: frees what holds device memory and can be made again; called when memory has run out.
     """
 
     def no_room(error: Exception) -> OutOfMemory:
@@ -31,7 +31,7 @@ def device_errors(let_go: Callable[[], None] = lambda: None) -> Iterator[None]:
     except torch.OutOfMemoryError as error:
         raise no_room(error) from error
     except RecordingFailed as error:
-        raise DeviceLost(f"{error}; with --cuda-graphs false none is recorded") from error
+        raise DeviceLost(f"{error}; with --cuda-graphs false no graphs are recorded") from error
     except torch.AcceleratorError as error:
         if _NO_DEVICE_MEMORY in str(error):
             raise no_room(error) from error
@@ -39,6 +39,6 @@ def device_errors(let_go: Callable[[], None] = lambda: None) -> Iterator[None]:
     except MemoryError as error:
         raise OutOfMemory("there is not enough host memory for these rows") from error
     except RuntimeError as error:
-        if _NO_HOST_MEMORY in str(error):  # a plain RuntimeError: its text is all that tells it apart
+        if _NO_HOST_MEMORY in str(error):  # a plain RuntimeError, which only its text tells apart
             raise OutOfMemory(str(error)) from error
         raise

@@ -1,4 +1,4 @@
-"""What engine and catalog are told of a model."""
+"""The facts of a model, for the engine and the catalogue."""
 
 from __future__ import annotations
 
@@ -14,7 +14,7 @@ MIN_STEPS = 2  # one step alone would tell the model that pure noise is almost c
 
 
 def model_facts(model: Model, model_id: str, default_steps: int) -> ModelFacts:
-    """The facts of a loaded model, under the name that clients ask for it by."""
+    """The facts of a loaded model. model_id: the name by which clients ask for it."""
     skeleton, config, own = model.skeleton, model.config, model.sampling.guidance
     return ModelFacts(
         model_id=model_id,

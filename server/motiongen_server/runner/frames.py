@@ -1,4 +1,4 @@
-"""Features become the rows that go over the wire, and rows from there features."""
+"""Converts features to wire rows, and wire rows to features."""
 
 from __future__ import annotations
 
@@ -11,10 +11,10 @@ from motiongen_ardy.core.skeleton import local_quaternions
 
 
 def wire_rows(layout: Representation, features: Tensor) -> Tensor:
-    """Rows (B, G, row width) of normalised features (B, G, D): root, parent-relative quaternions, contacts."""
+    """Rows (B, G, row width) for normalised features (B, G, D): root, parent-relative quaternions, contacts."""
     natural = layout.denormalize(features)
     quaternions = local_quaternions(layout.skeleton, layout.global_rotations(natural))  # (4, B, G, J)
-    # Neighbouring frames keep to one sign of q and -q, so that a client may interpolate the numbers.
+    # Neighbouring frames use the same sign of q and -q, so that a client may interpolate the numbers.
     dots = (quaternions[:, :, 1:] * quaternions[:, :, :-1]).sum(0)
     first = torch.where(quaternions[0, :, :1] < 0, -1.0, 1.0)
     signs = torch.cat([first, torch.where(dots < 0, -1.0, 1.0)], dim=1).cumprod(dim=1)
@@ -23,7 +23,7 @@ def wire_rows(layout: Representation, features: Tensor) -> Tensor:
 
 
 def features_of_rows(layout: Representation, rows: Tensor) -> Tensor:
-    """Normalised features (B, G, D) of rows (B, G, row width). Contacts are found anew, as in the model's own data."""
+    """Normalised features (B, G, D) for rows (B, G, row width). Contacts are detected again, as in training data."""
     num_joints = layout.skeleton.num_joints
     quaternions = rows[..., 3 : 3 + 4 * num_joints].reshape(*rows.shape[:-1], num_joints, 4)
     return layout.normalize(layout.features(quaternion_to_matrix(quaternions), rows[..., :3]))

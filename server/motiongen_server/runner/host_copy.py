@@ -1,4 +1,4 @@
-"""Results of a device as arrays of this process."""
+"""Copies results from a device into arrays of this process."""
 
 from __future__ import annotations
 
@@ -8,9 +8,9 @@ from torch import Tensor
 
 
 def on_host(*tensors: Tensor) -> list[np.ndarray]:
-    """Each as an array that may be kept; tensors of the processor share their memory with it.
+    """Each tensor as an array that may be kept; an array of a CPU tensor shares its memory.
 
-    From a GPU they come by way of page-locked memory, at ten times the speed of any other, with one wait for all.
+    Copies from a GPU go through page-locked memory, which is ten times as fast, with one wait for all of them.
     """
     device = tensors[0].device
     if device.type != "cuda":
@@ -19,4 +19,4 @@ def on_host(*tensors: Tensor) -> list[np.ndarray]:
     for there, here in zip(tensors, locked, strict=True):
         here.copy_(there, non_blocking=True)
     torch.cuda.current_stream(device).synchronize()
-    return [here.numpy().copy() for here in locked]  # page-locked memory is short, and frames are kept for long
+    return [here.numpy().copy() for here in locked]  # page-locked memory is scarce, and frames are kept for long

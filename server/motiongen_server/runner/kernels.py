@@ -1,4 +1,4 @@
-"""Compiled kernels that nobody needs for now."""
+"""Frees compiled kernels that are not needed at present."""
 
 from __future__ import annotations
 
@@ -7,15 +7,15 @@ import os
 import torch
 
 DEFAULT_PLACES, MOST_TAKEN = 1024, 4096
-"""Places of oneDNN's cache where nobody says another number, and how many of them are taken; each costs 0.1 ms."""
+"""The size of oneDNN's cache unless the environment sets it, and the most entries replaced; each takes 0.1 ms."""
 
 
 def free_kernels() -> None:
-    """Free the products that oneDNN keeps in its cache, for a moment in which nothing is computed.
+    """Free the matrix products in oneDNN's kernel cache; to be called while nothing is computed.
 
-    oneDNN says how many kernels it keeps but not how to let them go, so that all places are taken by the smallest
-    that there are: copies of a few numbers, each of another shape. With 192 places that takes 20 ms and leaves 50 to 80
-    MiB less. The first windows after it make their products anew, in 0.3 ms each.
+    The size of the cache can be set, but it cannot be cleared, so all entries are replaced by the smallest possible
+    kernels: copies of a few numbers, each of another shape. With 192 entries that takes 20 ms and frees 50 to 80 MiB.
+    The first windows afterwards make their products again, in 0.3 ms each.
     """
     given = os.environ.get("ONEDNN_PRIMITIVE_CACHE_CAPACITY", "")
     places = int(given) if given.isdigit() else DEFAULT_PLACES

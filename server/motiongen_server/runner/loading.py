@@ -1,4 +1,4 @@
-"""From a model's name to a runner."""
+"""Makes a runner from a model's name."""
 
 from __future__ import annotations
 
@@ -17,10 +17,9 @@ def load_runner(
 ) -> TorchRunner:
     """A runner for a built-in model's name or a checkpoint folder.
 
-    precision: of the denoiser's layers: float32, bfloat16 or auto, as `choose_precision` has it. cuda_graphs: whether
-    those are replayed as graphs where the device is a GPU. Raises UnknownModel;
-    CheckpointError, ConfigError or StatsError for a folder that is not a sound checkpoint; ValueError for another
-    precision.
+    precision: of the denoiser's layers: float32, bfloat16 or auto, as for `choose_precision`. cuda_graphs: whether work
+    is replayed as graphs if the device is a GPU. Raises UnknownModel; CheckpointError, ConfigError or StatsError for a
+    folder that is not a sound checkpoint; ValueError for another precision.
     """
     folder = model_folder(model)
     loaded = load_checkpoint(folder, device)
@@ -30,5 +29,5 @@ def load_runner(
 
 
 def graphs_for(device: str) -> GraphCache | None:
-    """Those of one runner on that device, none yet; None where it has no graphs."""
+    """An empty graph cache for one runner on that device; None if the device has no graphs."""
     return GraphCache(CudaGraphRecorder(torch.device(device))) if torch.device(device).type == "cuda" else None

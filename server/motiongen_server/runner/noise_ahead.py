@@ -1,4 +1,4 @@
-"""Noise of the windows to come, made while a device computes those that are there."""
+"""NoiseAhead: makes the noise of coming windows while a device computes the present ones."""
 
 from __future__ import annotations
 
@@ -12,11 +12,11 @@ from torch import Tensor
 from motiongen_ardy.model.noise import window_noise
 
 MOST_AHEAD = 4096
-"""Windows whose noise is kept; of the released size, 24 MB. Those that nobody has asked for longest go first."""
+"""Windows whose noise is kept, which is 24 MB with the released model. The oldest unused noise is dropped first."""
 
 
 class NoiseAhead:
-    """Noise of sessions' windows. What follows on a window is known: its session's seed, and the next plan."""
+    """Noise of sessions' windows. What the next window's depends on is known: the session's seed and plan number."""
 
     def __init__(self, num_tokens: int, width: int) -> None:
         self._shape = num_tokens, width
@@ -25,13 +25,13 @@ class NoiseAhead:
         self._maker: ThreadPoolExecutor | None = None
 
     def of(self, seed: int, plan: int) -> Tensor:
-        """(num_tokens, width), what a session's plan starts from. Plans count from 1, a rollout's windows from 0."""
+        """(num_tokens, width): the noise of a session's plan. Plans count from 1, a rollout's windows from 0."""
         with self._lock:
             made = self._made.pop((seed, plan), None)
         return window_noise(seed, plan - 1, *self._shape) if made is None else made
 
     def follow(self, plans: Sequence[tuple[int, int]]) -> None:
-        """Make what follows on plans (seed, plan), in a thread of its own."""
+        """Make the noise of the plans after these (seed, plan), on a separate thread."""
         if self._maker is None:
             self._maker = ThreadPoolExecutor(1, "noise")
         self._maker.submit(self._make, plans)

@@ -1,7 +1,7 @@
-"""Outputs on request: further blocks of frame rows, made of the rows themselves on the host.
+"""Outputs on request: further blocks of frame rows, computed from the rows themselves on the host.
 
-Speeds are from the frame before to this one. The sign of a world quaternion is that of the product of the local ones
-that lead to it: those go on from frame to frame, so it does.
+Velocities at a frame are from the frame before to this one. The sign of a world quaternion is that of the product of
+the local ones on its chain: their signs are continuous from frame to frame, so it is too.
 """
 
 from __future__ import annotations
@@ -27,7 +27,7 @@ G1_QVEL = "g1_qvel"
 
 
 def output_blocks(skeleton: Skeleton) -> tuple[ChannelBlock, ...]:
-    """What can be asked for of motion on a skeleton."""
+    """The blocks that can be asked for with motion on a skeleton."""
     joints = skeleton.num_joints
     blocks = (
         ChannelBlock(JOINT_POSITIONS, 3 * joints),
@@ -39,14 +39,14 @@ def output_blocks(skeleton: Skeleton) -> tuple[ChannelBlock, ...]:
 
 
 def outputs_of_rows(skeleton: Skeleton, fps: int, names: Sequence[str], rows: Float32Array) -> Float32Array:
-    """(T - 1, W) float32 of rows (T, row_width), the first of which is the frame before the others."""
+    """(T - 1, W) float32 for rows (T, row_width), of which the first is the frame before the others."""
     made = [_MAKERS[name](skeleton, fps, torch.from_numpy(np.ascontiguousarray(rows)).double()) for name in names]
     outputs: Float32Array = torch.cat(made, dim=1).float().numpy()
     return outputs
 
 
 def _turns(skeleton: Skeleton, rows: Tensor) -> Tensor:
-    """(T, J, 4), relative to the parent."""
+    """(T, J, 4): rotations relative to the parent."""
     return rows[:, 3 : 3 + 4 * skeleton.num_joints].reshape(len(rows), -1, 4)
 
 
@@ -75,7 +75,7 @@ def _global_rotations(skeleton: Skeleton, fps: int, rows: Tensor) -> Tensor:
 
 
 def _product(first: Tensor, second: Tensor) -> Tensor:
-    """(..., 4) w x y z: the rotation `second` and after it `first`."""
+    """(..., 4) w x y z: the rotation `second` followed by `first`."""
     w, v, u, x = first[..., :1], first[..., 1:], second[..., :1], second[..., 1:]
     scalar = w * u - (v * x).sum(-1, keepdim=True)
     return torch.cat([scalar, w * x + u * v + torch.linalg.cross(v, x)], dim=-1)

@@ -1,4 +1,4 @@
-"""Which precision the denoiser's layers are run in."""
+"""Chooses the precision of the denoiser's layers."""
 
 from __future__ import annotations
 
@@ -10,12 +10,12 @@ from motiongen_ardy.model.packed.linear import PackedLinear
 from motiongen_ardy.model.precision import PRECISIONS
 
 LEAST_GAIN = 1.5
-"""How many times faster products in bfloat16 must be to be taken."""
+"""How many times faster products in bfloat16 must be for it to be chosen."""
 _WIDTH, _VECTORS, _TIMES = 256, 136, 40
 
 
 def choose_precision(name: str, device: str) -> torch.dtype:
-    """The precision of a name: float32, bfloat16, or auto for bfloat16 where it pays on the device.
+    """The precision with this name: float32, bfloat16, or auto for bfloat16 if it pays on the device.
 
     Raises ValueError for another name.
     """
@@ -27,14 +27,14 @@ def choose_precision(name: str, device: str) -> torch.dtype:
 
 
 def bfloat16_pays(device: torch.device) -> bool:
-    """Whether products of bfloat16 matrices are hardware instructions, and on a processor fast, as measured now."""
+    """Whether the hardware multiplies bfloat16 matrices; on a processor also whether that is fast, as measured now."""
     if not multiplies_bfloat16(device):
         return False
     return device.type != "cpu" or product_s(torch.float32) >= LEAST_GAIN * product_s(torch.bfloat16)
 
 
 def multiplies_bfloat16(device: torch.device) -> bool:
-    """Whether products of bfloat16 matrices are hardware instructions and not emulated."""
+    """Whether the hardware multiplies bfloat16 matrices, rather than emulating it."""
     if device.type == "cuda":
         return torch.cuda.get_device_capability(device) >= (8, 0)
     if device.type == "cpu":
@@ -44,7 +44,7 @@ def multiplies_bfloat16(device: torch.device) -> bool:
 
 @torch.inference_mode()
 def product_s(dtype: torch.dtype) -> float:
-    """The least seconds of a product as a layer of eight windows has it, on the processor: others may use it too."""
+    """The least seconds of a product as in a layer for eight windows: others may use the processor too."""
     layer = PackedLinear(torch.ones(2 * _WIDTH, _WIDTH), torch.zeros(2 * _WIDTH), dtype)
     values, least_s = torch.ones(_VECTORS, _WIDTH, dtype=dtype), float("inf")
     for _ in range(_TIMES):

@@ -1,4 +1,4 @@
-"""New jobs become rows: history tokens, constraints in the window's frame, conditions, noise."""
+"""Preparation: makes rows of new jobs: history tokens, constraints in the window's frame, conditions, noise."""
 
 from __future__ import annotations
 
@@ -34,9 +34,9 @@ from motiongen_server.runner.targets import job_targets
 
 
 class _Member(NamedTuple):
-    """A job with what its window is told. text: (n, W), zeros for no prompt; num_frames: new ones that count.
+    """A job with its window's inputs. text: (n, W), zeros for no prompt; num_frames: its new frames that are used.
 
-    length: frames of the window, as far as it must see.
+    length: frames of the window, as far as its constraints require.
     """
 
     job: WindowJob
@@ -47,7 +47,7 @@ class _Member(NamedTuple):
 
 
 class _Told(NamedTuple):
-    """What a row is told of constraints, if it is: as `Row` has it, and as `RowConditions`."""
+    """A row's constraints, None without: goals as in `Row`, conditions and projection as in `RowConditions`."""
 
     goals: tuple[Tensor, Tensor] | None
     conditions: RowGoals | None
@@ -56,7 +56,7 @@ class _Told(NamedTuple):
 
 
 class Preparation:
-    """Prepares jobs of one model: those with equally long histories together."""
+    """Prepares jobs of one model, those with equally long histories together."""
 
     def __init__(
         self,
@@ -65,7 +65,7 @@ class Preparation:
         denoiser: PackedDenoiser,
         graphs: GraphCache | None = None,
     ) -> None:
-        """codec: the model's own, as it is served. graphs: that histories are encoded by."""
+        """codec: the model's own, in the form that serves. graphs: the cache from which encoding is replayed."""
         self._model = model
         self._encode: RowWork = lambda features: (codec.to_hybrid(features),)
         self._begin: RowWork = self._begun
@@ -94,7 +94,7 @@ class Preparation:
         return [row for history_len, members in groups.items() for row in self._group(history_len, members)]
 
     def _member(self, job: WindowJob) -> _Member:
-        """The job with its constraints, what leads there from where the character is, and what it is told."""
+        """The job with its targets, the lead from the character to them, and the text for its window."""
         options, horizon = self._model.sampling, self._model.config.horizon
         targets = job_targets(self._model.skeleton, job, options.plan.stride_frames if options.plan_root else 1)
         history = torch.from_numpy(job.history) if len(job.history) else None
@@ -115,8 +115,8 @@ class Preparation:
         return _Member(job, targets, told.text, kept, length)
 
     def _group(self, history_len: int, members: list[_Member]) -> list[Row]:
-        """Rows of members, whose windows go on from histories of so many frames."""
-        # Like stands beside like: those without constraints, and those that see equally far.
+        """Rows of members whose histories all have history_len frames."""
+        # Put like members side by side: those without constraints, and those of equal length.
         members = sorted(members, key=lambda member: (member.targets is not None, member.length))
         jobs = [member.job for member in members]
         texts = texts_on(self._device, [member.text for member in members])
@@ -132,7 +132,7 @@ class Preparation:
         )
         conditions = self._denoiser.conditions(WindowVectors(*vectors), passes, goals, projections)
         noise = torch.stack([self._noise.of(job.seed, job.plan) for job in jobs]).to(self._device)
-        if self._device.type == "cuda":  # elsewhere what computes needs the time
+        if self._device.type == "cuda":  # otherwise the processor is needed for the computation itself
             self._noise.follow([(job.seed, job.plan) for job in jobs])
         tensors = zip(noise.unbind(), history.unbind(), translation.unbind(), strict=True)
         return [
@@ -141,10 +141,10 @@ class Preparation:
         ]
 
     def _told(self, history_len: int, members: list[_Member], translation: Tensor, before: Tensor) -> list[_Told]:
-        """What members are told who are alike: all without constraints, or all with some, who see equally far."""
+        """The constraints of like members: all without constraints, or all with some and of equal length."""
         model, count = self._model, len(members)
         if members[0].targets is None:
-            # On a GPU who moves is known there alone: asking takes longer than projecting those who stand.
+            # On a GPU, asking it which characters move takes longer than projecting those that stand.
             frames, asks = model.config.horizon, self._device.type != "cuda"
             free = free_projection(before, history_len, frames, model.sampling, skips_still=asks)
             return [_Told(None, None, None if free is None else free.rows(row), False) for row in range(count)]
@@ -159,7 +159,7 @@ class Preparation:
         ]
 
     def _projected(self, projection: RootProjection | None, num_rows: int) -> list[tuple[RootProjection | None, bool]]:
-        """Of each row, what its root is brought onto, and whether that root is kept after some steps."""
+        """For each row, what its root is projected onto, and whether that root is kept after some steps."""
         if projection is None:
             return [(None, False)] * num_rows
         options = self._model.sampling.projection
@@ -169,8 +169,9 @@ class Preparation:
         return [(projection.rows(row), led) for row, led in enumerate(is_led)]
 
     def _history(self, history_len: int, jobs: Sequence[WindowJob]) -> tuple[Tensor, Tensor]:
-        """History tokens (B, N_h, 20 + L) in the world's frame; where they begin, if there are none: (B, 4), the
-        origin in metres, and the heading.
+        """History tokens (B, N_h, 20 + L) in the world's frame, and (B, 4) where windows without history begin.
+
+        The latter are the origin in metres and the heading; zeros for windows with history.
         """
         if history_len == 0:
             poses = [job.start_pose or StartPose() for job in jobs]
@@ -179,17 +180,17 @@ class Preparation:
         known = [job.history_tokens for job in jobs if job.history_tokens is not None]
         unknown = [job.history for job in jobs if job.history_tokens is None]
         parts = self._encode(self._stack(unknown)) if unknown else ()
-        tokens = torch.cat([*parts, self._stack(known)] if known else parts)  # a copy, which a replay leaves alone
+        tokens = torch.cat([*parts, self._stack(known)] if known else parts)  # a copy, which a replay cannot overwrite
         if known and unknown:
             order = sorted(range(len(jobs)), key=lambda number: jobs[number].history_tokens is not None)
             tokens = torch.empty_like(tokens).index_copy_(0, torch.tensor(order, device=self._device), tokens)
         return tokens, tokens.new_zeros(len(jobs), 4)
 
     def _begun(self, tokens: Tensor, starts: Tensor, texts: Tensor) -> tuple[Tensor, ...]:
-        """What rows begin with: their history (B, N_h, 20 + L) about its end, where that is (B, 3), how the root moved
-        (B, 4, as `motion_before`), and what a `WindowVectors` has.
+        """What rows begin with; texts: (B, n, W); tokens, starts: from `_history`.
 
-        tokens, starts: as `_history` gives them; texts: (B, n, W).
+        That is their history (B, N_h, 20 + L) relative to its end, the position of that end (B, 3), the root's earlier
+        motion (B, 4, as `motion_before`), and the fields of `WindowVectors`.
         """
         layout, history, origin, heading = self._model.representation, tokens, starts[:, :3], starts[:, 3]
         if tokens.shape[1]:
@@ -199,7 +200,7 @@ class Preparation:
         return history, origin, before, *self._denoiser.vectors(history, texts, heading)
 
     def _goals(self, history_len: int, members: list[_Member], translation: Tensor) -> tuple[Tensor, Tensor, Tensor]:
-        """What is observed (B, T, D) in the windows' own frames, and its mask, on the device and on the processor."""
+        """Observed features (B, T, D) in the windows' own frames, and their mask, on the device and on the host."""
         layout, num_frames = self._model.representation, members[0].length
         filled = [
             member.targets.fill(layout, member.job.first_frame - history_len, num_frames)

@@ -1,4 +1,4 @@
-"""Prompts as windows are told them. Many windows have the same: their texts are brought to a device once a call."""
+"""Prompts in the form that windows take. Many windows share one, so a call copies each text to the device only once."""
 
 from __future__ import annotations
 
@@ -17,23 +17,23 @@ MOST_HELD = 1024
 
 
 class Prompt(NamedTuple):
-    """text: (n, W), zeros for no prompt. is_told: whether it is one."""
+    """text: (n, W), zeros for no prompt. is_told: whether there is a prompt."""
 
     text: Tensor
     is_told: bool
 
 
 class Prompts:
-    """Embeddings as texts of as many vectors as a model takes: fewer are filled up, more are cut off."""
+    """Embeddings as texts with the model's number of vectors: shorter ones are padded, longer ones cut."""
 
     def __init__(self, config: DenoiserConfig) -> None:
         self._shape = config.text_tokens, config.text_dim
         self._nothing = Prompt(torch.zeros(self._shape), False)
-        # By the array's identity, which is its own as long as the array is held beside it.
+        # Keyed by the array's id(), which is unique as long as the array is kept in the value.
         self._held: OrderedDict[int, tuple[Float32Array, Prompt]] = OrderedDict()
 
     def of(self, embedding: Float32Array | None) -> Prompt:
-        """embedding: (W) or (n, W), which nobody changes any more; None for no prompt."""
+        """embedding: (W) or (n, W), which must never change; None for no prompt."""
         if embedding is None:
             return self._nothing
         held = self._held.get(id(embedding))
@@ -51,7 +51,7 @@ class Prompts:
 
 
 def texts_on(device: torch.device, texts: Sequence[Tensor]) -> Tensor:
-    """Texts (n, W) side by side on a device, (B, n, W)."""
+    """Texts (n, W) stacked on a device: (B, n, W)."""
     numbers: dict[int, int] = {}
     which = [numbers.setdefault(id(text), len(numbers)) for text in texts]
     if device.type == "cpu" or len(numbers) == len(texts):

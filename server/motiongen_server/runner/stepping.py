@@ -1,4 +1,4 @@
-"""A denoising step of prepared rows, whatever they have or have not in common."""
+"""Stepping: a denoising step of prepared rows, however much they differ."""
 
 from __future__ import annotations
 
@@ -17,7 +17,7 @@ from motiongen_server.runner.row import Row
 
 
 class _Last(NamedTuple):
-    """The rows of a step, how they are laid out, and their tokens after it."""
+    """The rows of a step, their layout, and their tokens after it."""
 
     rows: tuple[Row, ...]
     batch: PackedBatch
@@ -25,7 +25,7 @@ class _Last(NamedTuple):
 
 
 class Stepping:
-    """Steps of one model's rows. graphs: one is of what is done with a prediction."""
+    """Steps of one model's rows. graphs: the cache from which the work on a prediction is replayed."""
 
     def __init__(self, model: Model, denoiser: PackedDenoiser, graphs: GraphCache | None = None) -> None:
         device = model.representation.stats.mean.device
@@ -40,7 +40,7 @@ class Stepping:
         self._last: _Last | None = None
 
     def __call__(self, rows: dict[int, Row]) -> list[bool]:
-        """Take the rows, by job, one step further. Returns whether the tokens of each are finite."""
+        """Advance the rows, by job, by one step. Returns whether the tokens of each are finite."""
         batch, tokens = self._laid_out(rows)
         of_rows = [(row.job.num_steps, row.job.num_steps - 1 - row.steps_done) for row in rows.values()]
         numbers = [(self._base_steps[num_steps][index], index, num_steps) for num_steps, index in of_rows]
@@ -60,11 +60,11 @@ class Stepping:
         return finite.tolist()
 
     def forget(self) -> None:
-        """There are no rows any more."""
+        """Drop the last step's rows, as no rows are left."""
         self._last = None
 
     def _laid_out(self, rows: dict[int, Row]) -> tuple[PackedBatch, Tensor]:
-        """The rows laid out, and their tokens; most steps have the same rows as the step before."""
+        """The rows' layout and tokens; reused if the rows are those of the step before, as usual."""
         last = self._last
         if last is not None and len(last.rows) == len(rows) and all(map(is_, last.rows, rows.values())):
             return last.batch, last.tokens
@@ -74,7 +74,7 @@ class Stepping:
     def _moved(self, tokens: Tensor, clean: Tensor, steps: Tensor) -> tuple[Tensor, Tensor]:
         """Tokens (R, ...) after a step towards the clean ones, and whether those of each row are finite.
 
-        steps: (R, 3), of each row its base step, the number of steps that follow on this one, and of all.
+        steps: (R, 3): each row's base step, how many steps follow this one, and how many there are in total.
         """
         moved = self._schedule.reverse_step(tokens, clean, steps[:, 1], steps[:, 2])
         return moved, moved.isfinite().flatten(1).all(dim=1)

@@ -1,4 +1,4 @@
-"""A job's constraints as ardy's targets."""
+"""Converts a job's constraints to motiongen_ardy's targets."""
 
 from __future__ import annotations
 
@@ -19,9 +19,9 @@ from motiongen_server.engine.types import (
 
 
 def job_targets(skeleton: Skeleton, job: WindowJob, stride_frames: int = 1) -> Targets | None:
-    """The job's constraints, None when it has none.
+    """The job's constraints as targets, None if it has none.
 
-    stride_frames: of the frames through which a velocity leads, one in so many is asked for; the root may sway between.
+    stride_frames: a velocity's path asks for one frame in this many; in between the root may sway.
     """
     if not job.constraints:
         return None

@@ -1,4 +1,4 @@
-"""TorchRunner: jobs on one model and one device, a step at a time, whatever their rows have or have not in common."""
+"""TorchRunner: runs jobs on one model and one device, a step at a time, however much their rows differ."""
 
 from __future__ import annotations
 
@@ -24,7 +24,7 @@ from motiongen_server.runner.stepping import Stepping
 
 
 class TorchRunner:
-    """Runs one model; satisfies `motiongen_server.engine.ports.Runner`. weights: a short name of the model's."""
+    """Runs one model; a `motiongen_server.engine.ports.Runner`. weights: a fingerprint of the model's weights."""
 
     def __init__(
         self,
@@ -35,17 +35,17 @@ class TorchRunner:
         owns_model: bool = False,
         graphs: GraphCache | None = None,
     ) -> None:
-        """precision: of the denoiser's layers, float32 or bfloat16; all else is float32.
+        """precision: of the denoiser's layers, float32 or bfloat16; everything else is float32.
 
-        owns_model: nobody else needs the model, so that weights which are held packed are not held twice. graphs:
-        that work is replayed from; None: it is called each time.
+        owns_model: nobody else needs the model, so weights that are packed need not be kept in their original form too.
+        graphs: the cache from which work is replayed; None: kernels are called each time.
         """
         config = model.config
         self._model = model
         self._device = model.representation.stats.mean.device
         options = model.sampling
         self._graphs = graphs
-        self.weights = fingerprint(model)  # while it has them all
+        self.weights = fingerprint(model)  # before any weights are released
         self._denoiser = PackedDenoiser(
             model.denoiser,
             config.num_base_steps,
@@ -68,7 +68,7 @@ class TorchRunner:
         return self._facts
 
     def row(self, job_id: int) -> Row:
-        """A job that is prepared, as it stands. Raises KeyError."""
+        """A prepared job in its current state. Raises KeyError."""
         return self._rows[job_id]
 
     def num_passes(self, job: WindowJob) -> int:
@@ -77,12 +77,12 @@ class TorchRunner:
 
     @contextmanager
     def recording_at_once(self) -> Iterator[None]:
-        """Within, graphs are recorded of whatever comes, and stay; outside, of what comes often."""
+        """Inside, graphs of all work are recorded and kept; outside, only of work that is frequent."""
         with nullcontext() if self._graphs is None else self._graphs.at_once():
             yield
 
     def _let_go(self) -> None:
-        """Of graphs, which may be made again, where there is no memory for rows."""
+        """Free graphs, which can be made again, as there is no memory for rows."""
         if self._graphs is not None:
             self._graphs.clear()
 
@@ -95,7 +95,7 @@ class TorchRunner:
 
     @torch.inference_mode()
     def outputs(self, names: Sequence[str], rows: Float32Array) -> Float32Array:
-        """(T - 1, W) of rows (T, row_width) after the frame before them, see `runner.outputs`."""
+        """(T - 1, W) for rows (T, row_width), of which the first precedes the others; see `runner.outputs`."""
         return outputs_of_rows(self._model.skeleton, self._facts.fps, names, rows)
 
     @torch.inference_mode()

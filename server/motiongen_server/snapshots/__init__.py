@@ -1,1 +1,1 @@
-"""Snapshots: what sessions are, kept outside the process, so that another one can go on with them."""
+"""Snapshots: the state of sessions, kept outside the process so that another process can continue them."""

@@ -1,4 +1,4 @@
-"""Listener: who is told what became of the records of sessions."""
+"""Listener: is told what became of sessions' records."""
 
 from __future__ import annotations
 
@@ -15,22 +15,22 @@ class Written(NamedTuple):
 
 
 class Listener(Protocol):
-    """Who is told. Called on the writer's thread, `failed` on any; must return at once and never raise."""
+    """Called on the writer's thread, `failed` on any thread; must return at once and never raise."""
 
     def written(self, written: list[Written]) -> None:
-        """These records are in the store."""
+        """These records were written to the store."""
 
     def renewed(self, leases: list[Lease]) -> None:
-        """The records of these are still in the store, and it does again what it had failed to do."""
+        """After a failure the store works again, and still has the records of these sessions."""
 
     def fenced(self, leases: list[Lease]) -> None:
-        """Others have taken these sessions over; nothing is saved of them here any more."""
+        """Other servers have taken these sessions over; they are no longer saved here."""
 
     def lost(self, leases: list[Lease]) -> None:
-        """Nothing is kept of these: they are too big."""
+        """Nothing is kept of these sessions: their records are too large."""
 
     def gone(self, leases: list[Lease]) -> None:
-        """The store has lost these, as one does that was started anew: what is kept of them has to come again."""
+        """The store has lost these records, for example because it was restarted empty: they must be saved again."""
 
     def failed(self) -> None:
-        """The store does nothing at present, or too slowly to be relied upon."""
+        """The store does not work at present, or is too slow to be relied upon."""

@@ -1,4 +1,4 @@
-"""SessionRecord <-> the bytes that a store keeps: versioned, checked, bounded, and nothing in them is ever run."""
+"""SessionRecord <-> the bytes that a store keeps: versioned, checked and bounded; nothing in them is ever executed."""
 
 from __future__ import annotations
 
@@ -10,28 +10,28 @@ from motiongen_server.engine.types import ConstraintReached, Opened, Outcome, Se
 from motiongen_server.engine_process.codec import Codec, CodecError
 
 MAX_BYTES = 1 << 20
-"""Of a record. One of the built-in model takes some 40 KiB; most of it are frames."""
+"""The limit for one record. With the built-in model a record takes about 40 KiB, most of it frames."""
 _MAGIC = b"MGSS"
 _VERSION = 1
 _DIGEST_BYTES = 16
 ALSO_READ = frozenset({"436d7c871f7a501f"})
-"""Schemas of servers before this one whose records it reads: since then classes have gained fields with defaults at the
-end, and nothing else. `tests/data/records` has a record of each.
+"""Schemas of earlier servers whose records this one also reads: since then, classes have only gained fields with
+defaults at their ends. `tests/data/records` has a record of each.
 """
 
 
 class RecordRefused(ValueError):
-    """Bytes that are no record of this version, whole and as they were written, or a record that is too big."""
+    """Bytes that are not a complete, undamaged record of a version that can be read, or a record that is too large."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)
 class SessionRecord:
     """A session as the edge and its engine know it.
 
-    tenant: whose it is, and nobody else learns of it. taken_seq: events up to it have been taken. opened: without its
-    token; level, answers, reached: what the client may not have heard; warnings: by event, of those without an answer.
-    attempt: the last to resume it. told_epoch: of the newest token that its client was seen to have; of newer ones
-    it may not have heard.
+    tenant: whose it is; other tenants never learn of it. taken_seq: the last event that has been taken. opened: without
+    its token; level, answers, reached: what the client may not have received; warnings: by event, for unanswered ones.
+    attempt: the last one to resume it. told_epoch: of the newest token that its client is known to have; the client may
+    not have received newer ones.
     """
 
     tenant: str
@@ -58,11 +58,11 @@ _HEAD = _BEGIN + _CODEC.schema.encode()
 
 
 def write_record(record: SessionRecord) -> bytes:
-    """Raises RecordRefused for one that is too big to be kept."""
+    """The bytes of a record. Raises RecordRefused if it is too large."""
     try:
         content = _CODEC.encode(record)
     except CodecError as error:
-        raise RecordRefused(f"the session cannot be written down: {error}") from error
+        raise RecordRefused(f"the session cannot be encoded: {error}") from error
     data = b"".join((_HEAD, _digest(content), content))
     if len(data) > MAX_BYTES:
         raise RecordRefused(f"the session takes {len(data)} bytes; at most {MAX_BYTES} are kept of one")
@@ -70,9 +70,9 @@ def write_record(record: SessionRecord) -> bytes:
 
 
 def read_record(data: bytes) -> SessionRecord:
-    """Raises RecordRefused for anything that `write_record` of this or the version before did not make."""
+    """The record in these bytes. Raises RecordRefused unless `write_record` of a readable version made them."""
     if len(data) > MAX_BYTES or not data.startswith(_MAGIC):
-        raise RecordRefused(f"{len(data)} bytes are no record of a session")
+        raise RecordRefused(f"{len(data)} bytes are not the record of a session")
     schema = data[len(_BEGIN) : len(_HEAD)].decode("ascii", "replace")
     if not data.startswith(_BEGIN) or schema not in {_CODEC.schema, *ALSO_READ}:
         version = int.from_bytes(data[len(_MAGIC) : len(_BEGIN)], "big")

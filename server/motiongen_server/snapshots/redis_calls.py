@@ -1,4 +1,4 @@
-"""A Redis that several servers share: its client, its name, and what a call of it fails with."""
+"""A Redis that several servers share: opens a client, names it in messages, and turns failures into StoreFailed."""
 
 from __future__ import annotations
 
@@ -15,24 +15,24 @@ CALL_S = 0.5
 
 
 def open_client(url: str) -> redis.Redis:
-    """Connections are made when they are needed, and anew when they break.
+    """A client that connects when needed, and reconnects when a connection breaks.
 
-    Raises ValueError for no address of one, and for options in it that no connection takes.
+    Raises ValueError if the address is not that of a Redis, or has options that connections do not take.
     """
     check_readable(url)
     client = redis.Redis.from_url(url, socket_timeout=CALL_S, socket_connect_timeout=CALL_S, health_check_interval=0)
     pool = client.connection_pool
-    if pool.connection_kwargs.get("decode_responses"):  # by the address; "false" is given as that word
-        raise ValueError(f"{name_of(url)} is given decode_responses; leave it out: what is kept there are bytes")
+    if pool.connection_kwargs.get("decode_responses"):  # from the address, as text: "false" is true here
+        raise ValueError(f"{name_of(url)} is given decode_responses; leave it out: records are bytes, not text")
     try:
-        pool.connection_class(**pool.connection_kwargs)  # connects to nobody; else the first call would find out
+        pool.connection_class(**pool.connection_kwargs)  # does not connect; otherwise only the first call would fail
     except (TypeError, redis.RedisError) as error:
-        raise ValueError(f"{name_of(url)} is given an option that no connection takes: {error}") from error
+        raise ValueError(f"{name_of(url)} is given an option that connections do not take: {error}") from error
     return client
 
 
 def check_readable(url: str) -> None:
-    """Raise ValueError for an address whose port is none, as where a password ends it too early, which is not said."""
+    """Raise ValueError, without naming the address, if its port is invalid, as when a password cuts it short."""
     try:
         parts = urlsplit(url)
         is_whole = parts.port != 0 and (parts.scheme == "unix" or "@" not in parts.path + parts.query + parts.fragment)
@@ -40,13 +40,13 @@ def check_readable(url: str) -> None:
         is_whole = False
     if not is_whole:
         raise ValueError(
-            "its address cannot be read; the port must be a number, and a password has / as %2F, ? as %3F, # as %23, "
-            "[ as %5B, ] as %5D and @ as %40"
+            "its address cannot be read; the port must be a number, and a password must have / as %2F, ? as %3F, "
+            "# as %23, [ as %5B, ] as %5D and @ as %40"
         )
 
 
 def name_of(url: str) -> str:
-    """Its address without a password, for messages. Raises ValueError for no address of one."""
+    """The address without its password, for messages. Raises ValueError if it is not that of a Redis."""
     check_readable(url)
     parts = urlsplit(url)
     if parts.scheme == "unix":
@@ -57,8 +57,8 @@ def name_of(url: str) -> str:
 
 @contextmanager
 def calling(name: str) -> Iterator[None]:
-    """Raise StoreFailed for what calls within it fail with. name: of the Redis."""
+    """Turn failures of calls within the block into StoreFailed. name: of the Redis."""
     try:
         yield
-    except (redis.RedisError, OSError, UnicodeError) as error:  # UnicodeError: of a host that is no name, as a..b
+    except (redis.RedisError, OSError, UnicodeError) as error:  # UnicodeError: an impossible host name, such as a..b
         raise StoreFailed(f"{name}: {type(error).__name__}: {error}") from error

@@ -9,8 +9,8 @@ from motiongen_server.snapshots.redis_calls import calling, name_of, open_client
 from motiongen_server.snapshots.store import Held, Lease, Renewal
 
 PREFIX = "motiongen:session:"
-# Each is one step for the server: epoch and record never come apart. KEYS[1]: a hash of e (epoch), h (holder) and
-# d (the record).
+# Redis runs each script as one atomic step, so epoch and record always match. KEYS[1]: a hash of e (epoch), h (holder)
+# and d (the record).
 _SAVE = """
 local held = tonumber(redis.call('HGET', KEYS[1], 'e') or '0')
 if held > tonumber(ARGV[1]) then return 0 end
@@ -42,10 +42,10 @@ _DROP = "if redis.call('HGET', KEYS[1], 'e') == ARGV[1] then return redis.call('
 
 
 class RedisStore:
-    """One client, whose connections are made when they are needed, and anew when they break."""
+    """Connects when needed, and reconnects when a connection breaks."""
 
     def __init__(self, url: str, keep_s: float) -> None:
-        """keep_s: how long a record stays that nobody renews. Raises ValueError for what is no address of a Redis."""
+        """keep_s: how long a record stays without being renewed. Raises ValueError if url is not that of a Redis."""
         self._keep_ms = round(1000 * keep_s)
         self._name = name_of(url)
         self._client = open_client(url)

@@ -1,4 +1,4 @@
-"""SqliteStore: snapshots in a file of this machine, for servers that share it."""
+"""SqliteStore: snapshots in a file on this machine, for the servers that share it."""
 
 from __future__ import annotations
 
@@ -20,8 +20,8 @@ _SCHEMA = """
     )
 """
 PAGE_BYTES = 16384
-"""Of a file that is made here. A record takes three of these pages where it takes ten of SQLite's own 4 KiB, and each
-costs a call to read, one to write and a checksum. A file that there is already keeps its own.
+"""For new files. A record takes three of these pages, but ten of SQLite's default 4 KiB, and each page costs a call to
+read, a call to write and a checksum. Existing files keep their page size.
 """
 _CHECK = "SELECT name, epoch, holder, expires_at, data FROM sessions LIMIT 0"
 _SAVE = """
@@ -40,29 +40,29 @@ _DROP = "DELETE FROM sessions WHERE name = ? AND epoch = ?"
 _EXPIRE = "DELETE FROM sessions WHERE expires_at <= ?"
 
 LOG_BYTES = 4 << 20
-"""Of the write-ahead log before it goes into the file."""
+"""The size of the write-ahead log at which it is moved into the file."""
 
 Result = TypeVar("Result")
 
 
 class SqliteStore:
-    """A connection of its own for each thread. Times in the file are the machine's, which others read too."""
+    """Has one connection per thread. Times in the file are wall-clock times, since other processes read them too."""
 
     def __init__(self, path: Path, keep_s: float, clock: Callable[[], float] = time.time) -> None:
-        """keep_s: how long a record stays that nobody renews. Raises StoreFailed where there can be no such file."""
+        """keep_s: how long a record stays without being renewed. Raises StoreFailed if the file cannot be used."""
         self._path = path
         self._keep_s = keep_s
         self._clock = clock
         self._local = threading.local()
         self._lock = threading.Lock()
-        self._at_rest: set[sqlite3.Connection] = set()  # those that no thread is within
+        self._at_rest: set[sqlite3.Connection] = set()  # connections not in use at present
         self._is_closed = False
         try:
             path.parent.mkdir(parents=True, exist_ok=True)
-            path.touch(mode=0o600)  # what people asked their characters to do is nobody else's business
+            path.touch(mode=0o600)  # records hold users' prompts, which are private
         except OSError as error:
             raise StoreFailed(f"cannot keep snapshots in {path}: {error}") from error
-        # Another program may have a table of that name: better refused now than with the first session.
+        # Another program's file may have a different table of that name: better to fail now than at the first session.
         self._do(lambda connection: (connection.execute(_SCHEMA), connection.execute(_CHECK)))
 
     def __str__(self) -> str:
@@ -90,7 +90,7 @@ class SqliteStore:
         return None if row is None else Held(*row)
 
     def renew(self, leases: Sequence[Lease]) -> list[Renewal]:
-        """As in SnapshotStore; what has expired is thrown away."""
+        """As in SnapshotStore; also deletes expired records."""
         now = self._clock()
 
         def renew(connection: sqlite3.Connection) -> list[Renewal]:
@@ -106,14 +106,14 @@ class SqliteStore:
         self._do(lambda connection: connection.executemany(_DROP, leases))
 
     def close(self) -> None:
-        """As in SnapshotStore. A call that is at work in another thread is not waited for: it ends as it would."""
+        """As in SnapshotStore. Does not wait for calls in other threads, which end as usual."""
         with self._lock:
             self._is_closed = True
-            while self._at_rest:  # to close one that a thread is within crashes the process
+            while self._at_rest:  # closing a connection that is in use would crash the process
                 self._at_rest.pop().close()
 
     def _do(self, work: Callable[[sqlite3.Connection], Result]) -> Result:
-        """Do the work as one transaction that writes. Raises StoreFailed."""
+        """Do the work in one write transaction. Raises StoreFailed."""
         try:
             with self._used(self.connection()) as connection:
                 with closing(connection.cursor()) as cursor:
@@ -125,7 +125,7 @@ class SqliteStore:
 
     @contextmanager
     def _used(self, connection: sqlite3.Connection) -> Iterator[sqlite3.Connection]:
-        """Keep a connection open meanwhile; close it then where the store has been closed. Raises StoreFailed."""
+        """Mark a connection as in use; close it afterwards if the store has been closed. Raises StoreFailed."""
         with self._lock:
             self._at_rest.discard(connection)
             is_closed = self._is_closed
@@ -141,13 +141,13 @@ class SqliteStore:
                     self._at_rest.add(connection)
 
     def connection(self) -> sqlite3.Connection:
-        """This thread's, opened when it is first asked for."""
+        """This thread's connection, opened at the first call."""
         connection: sqlite3.Connection | None = getattr(self._local, "connection", None)
         if connection is None:
             connection = sqlite3.connect(self._path, timeout=BUSY_S, isolation_level=None, check_same_thread=False)
             connection.execute(f"PRAGMA page_size = {PAGE_BYTES}")
             connection.execute(f"PRAGMA wal_autocheckpoint = {LOG_BYTES // PAGE_BYTES}")
-            # The file outlives the process as it is; only the machine's own end may take the last transactions.
+            # The file survives the end of the process; only a crash of the machine may lose the last transactions.
             connection.execute("PRAGMA journal_mode = WAL")
             connection.execute("PRAGMA synchronous = NORMAL")
             self._local.connection = connection

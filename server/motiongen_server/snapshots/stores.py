@@ -1,4 +1,4 @@
-"""Which store the settings ask for."""
+"""Opens the store that the settings ask for."""
 
 from __future__ import annotations
 
@@ -20,14 +20,14 @@ REDIS = ("redis://", "rediss://", "unix://")
 ALLOWED = f"{AUTO}, {NONE}, {SQLITE}FILE, {SQLITE} for a file in the state folder, or {'HOST, '.join(REDIS)}PATH"
 FILE = "snapshots.sqlite"
 MEMORY = ":memory:"
-"""What SQLite takes for no file."""
+"""SQLite's name for a database in memory."""
 
 
 def open_snapshot_store(asked: str, keep_s: float, folder: Path) -> SnapshotStore | None:
-    """The store of a setting; None where none is asked for. Nothing is asked of a Redis yet. Raises SettingError.
+    """The store of a setting; None if it asks for none. A Redis is not connected to yet. Raises SettingError.
 
-    folder: of what outlives the server, for a file that is not named. `auto` is a file there; where there can be none,
-    as on a read-only root, the log says so and sessions end with the server.
+    folder: the state folder, for a file without a name. `auto` is a file there; if it cannot be made, as on a read-only
+    root, the log says so, and sessions end with the server.
     """
     if asked in ("", NONE):
         return None
@@ -36,8 +36,8 @@ def open_snapshot_store(asked: str, keep_s: float, folder: Path) -> SnapshotStor
             return _of_this_machine(folder / FILE, keep_s)
         if asked.startswith(SQLITE):
             name = asked.removeprefix(SQLITE)
-            if name == MEMORY:  # of each connection alone
-                raise ValueError(f"{MEMORY} is no file, and nobody could go on with what is in it; give one, or {NONE}")
+            if name == MEMORY:  # each connection would have a database of its own
+                raise ValueError(f"{MEMORY} is not a file, and would not outlive the server; give a file, or {NONE}")
             return SqliteStore(Path(name) if name else folder / FILE, keep_s)
         if asked.startswith(REDIS):
             return RedisStore(asked, keep_s)
@@ -47,13 +47,13 @@ def open_snapshot_store(asked: str, keep_s: float, folder: Path) -> SnapshotStor
 
 
 def _without_password(asked: str) -> str:
-    """What was asked for, as it may stand in a log: of an address, also of one that is misspelled, where it leads."""
+    """The setting as it may appear in a log: of an address, even a misspelled one, only what follows the password."""
     told = asked.partition("?")[0]
     return f"...{told[told.rindex('@') :]}" if "@" in told else told
 
 
 def is_for_several_servers(asked: str) -> bool:
-    """Whether a store is one that several servers use, each of which can go on with what the others have saved."""
+    """Whether a store is for several servers, which can continue each other's sessions."""
     return asked.startswith(REDIS)
 
 
@@ -66,7 +66,7 @@ def _of_this_machine(path: Path, keep_s: float) -> SqliteStore | None:
 
 
 def state_folder(asked: str, environment: Mapping[str, str] | None = None) -> Path:
-    """Where to keep what outlives the server. "": where this user's programs do (XDG base directories, STATE_HOME)."""
+    """The folder for what outlives the server. "": the user's state folder (XDG base directories, STATE_HOME)."""
     if asked:
         return Path(asked)
     given = os.environ if environment is None else environment
@@ -74,5 +74,5 @@ def state_folder(asked: str, environment: Mapping[str, str] | None = None) -> Pa
         return Path(home) / "motiongen"
     try:
         return Path("~/.local/state/motiongen").expanduser()
-    except RuntimeError:  # a user without a home, as containers have
+    except RuntimeError:  # a user without a home, as in containers
         return Path("/var/lib/motiongen")

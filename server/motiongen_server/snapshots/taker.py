@@ -1,4 +1,4 @@
-"""SnapshotTaker: what the store is asked for whoever resumes a session that another server had."""
+"""SnapshotTaker: asks the store for sessions of other servers whose clients resume them here."""
 
 from __future__ import annotations
 
@@ -16,11 +16,11 @@ _log = logging.getLogger(__name__)
 T = TypeVar("T")
 
 TAKERS = 4
-"""Threads that ask: so many sessions are asked for at once."""
+"""The number of threads, and so of sessions that are asked for at once."""
 
 
 class SnapshotTaker:
-    """Used from any thread. Who asks waits, so nothing here waits for what is being written."""
+    """Used from any thread. Clients wait for the answers, so nothing here waits for the writer."""
 
     def __init__(self, store: SnapshotStore) -> None:
         self._store = store
@@ -28,23 +28,23 @@ class SnapshotTaker:
         self._threads = ThreadPoolExecutor(TAKERS, "snapshot-take")
 
     def read(self, name: str) -> Future[Held | None]:
-        """The record of a session, whoever holds it. Its exception is StoreFailed."""
+        """The record of a session, whoever holds it. The future's exception is StoreFailed."""
         return self._threads.submit(self._asked, partial(self._store.read, name))
 
     def take(self, lease: Lease) -> Future[Held | None]:
-        """Take a session over, if it is still held by that lease. Its exception is StoreFailed."""
+        """Take a session over if that lease still holds it. The future's exception is StoreFailed."""
         return self._threads.submit(self._asked, partial(self._store.take, lease, self._holder))
 
     def _asked(self, call: Callable[[], T]) -> T:
-        """What a call of the store answers. Whatever goes wrong with it, who asked is told that the store failed."""
+        """Call the store. Whatever goes wrong, the caller gets StoreFailed."""
         try:
             return call()
         except StoreFailed:
             raise
         except Exception as error:
-            _log.exception("%s failed as no store should", self._store)
+            _log.exception("%s failed unexpectedly", self._store)
             raise StoreFailed(f"{self._store}: {type(error).__name__}: {error}") from error
 
     def close(self) -> None:
-        """What is not being asked yet is not asked any more. The store stays open."""
+        """Cancel calls that have not begun. The store stays open."""
         self._threads.shutdown(wait=False, cancel_futures=True)

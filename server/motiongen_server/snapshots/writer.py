@@ -1,7 +1,7 @@
-"""SnapshotWriter: what is to be saved, on its way to the store. Nobody ever waits for it.
+"""SnapshotWriter: writes sessions' records to the store, on a thread of its own. Callers never wait for it.
 
-A thread of its own writes the newest record of each session; one that a newer record has replaced before its turn is
-never written. So what waits is bounded by the sessions, however slow the store is.
+The thread writes the newest record of each session; a record that is replaced by a newer one before its turn is never
+written. So the records that wait are no more than the sessions, however slow the store is.
 """
 
 from __future__ import annotations
@@ -22,18 +22,18 @@ from motiongen_server.snapshots.store import Lease, Renewal, SnapshotStore, Stor
 _log = logging.getLogger(__name__)
 
 MOST_AT_ONCE = 64
-"""Records in one call of the store, so that the first of many is durable soon."""
+"""Records per call of the store; limited, so that the first of many is durable soon."""
 RENEW_EVERY_S = 5.0
 RETRY_S = 1.0
-"""After a call that failed."""
+"""The wait after a call that failed."""
 MAX_LAG_S = 2.0
-"""A record that waits longer than this for its turn is not to be relied upon."""
+"""If a record waits longer than this for its turn, the store is not to be relied upon."""
 MOST_DROPPED = 4096
 LAST_WRITES_S = 2.0
 NO_SESSION = "none"
-"""A name of no record: those of sessions are hashes."""
+"""A name that no record has: those of sessions are hashes."""
 NICENESS = 5
-"""Of the writer's thread, above its process's: where all cores are at work, whoever answers clients goes first."""
+"""Added to the process's for the writer's thread: if all cores are busy, threads that answer clients come first."""
 
 
 class SnapshotWriter:
@@ -50,7 +50,7 @@ class SnapshotWriter:
         self._leases: set[Lease] = set()
         self._fresh: set[Lease] = set()  # written since the last renewal
         self._refused = RefusedRecords()
-        self._untold: dict[Lease, int] = {}  # written while the store was in doubt, and up to which event
+        self._untold: dict[Lease, int] = {}  # the last event of records written while the store was in doubt
         self._is_closing = False
         self._is_failing = False
         self._renewed_at = clock()
@@ -60,19 +60,19 @@ class SnapshotWriter:
 
     @property
     def is_failing(self) -> bool:
-        """Whether the store failed of late, or was too slow, and has not been seen to be well since."""
+        """Whether the store has failed or was too slow, and has not been seen to work since."""
         return self._is_failing
 
     @property
     def lag_s(self) -> float:
-        """For how long the record that has waited longest has not been written; 0 where none waits."""
+        """How long the oldest waiting record has been waiting; 0 if none waits."""
         with self._lock:
             oldest = min((since for _, since in self._waiting.values()), default=None)
         return 0.0 if oldest is None else max(0.0, self._clock() - oldest)
 
     @property
     def _is_behind(self) -> bool:
-        """Whether a record waits for so long that the store is not to be relied upon, though it answers."""
+        """Whether a record has waited so long that the store is not to be relied upon, although it answers."""
         return bool(self._waiting) and self.lag_s > MAX_LAG_S
 
     def save(self, lease: Lease, record: SessionRecord) -> None:
@@ -82,31 +82,31 @@ class SnapshotWriter:
             self._waiting[lease] = record, since
             self._leases.add(lease)
             self._news.notify()
-            _, oldest = next(iter(self._waiting.values()))  # they are in the order of when they began to wait
-        if self._clock() - oldest > 2 * MAX_LAG_S:  # the thread that would tell is within a call that does not end
+            _, oldest = next(iter(self._waiting.values()))  # in the order in which they began to wait
+        if self._clock() - oldest > 2 * MAX_LAG_S:  # the thread, which would report it, hangs in a call of the store
             self._doubt(f"{self._store} has not answered for more than {2 * MAX_LAG_S:g} s")
 
     def hold(self, lease: Lease) -> None:
-        """A session was taken over, and may not be saved for long: keep its record, and find out who else takes it."""
+        """A session was taken over and may not be saved for long: renew its record, and notice if another takes it."""
         with self._lock:
             self._leases.add(lease)
 
     def drop(self, lease: Lease) -> None:
-        """The session is over: forget its record."""
+        """The session is over: delete its record."""
         with self._lock:
             self._forget(lease)
             self._dropped.append(lease)
             self._news.notify()
 
     def release(self, lease: Lease) -> None:
-        """The session has ended here, and may go on elsewhere: its record stays, and what waits is still written."""
+        """The session has ended here, and may continue elsewhere: its record stays, and what waits is still written."""
         with self._lock:
             self._leases.discard(lease)
             self._untold.pop(lease, None)
             self._refused.forget(lease)
 
     def close(self) -> None:
-        """Write what waits, for as long as that is worth, and end. The store is closed."""
+        """Write what waits, for LAST_WRITES_S at most, end the thread and close the store."""
         with self._lock:
             self._is_closing = True
             self._news.notify()
@@ -125,7 +125,7 @@ class SnapshotWriter:
                 batch = {lease: self._waiting[lease] for lease in list(self._waiting)[:MOST_AT_ONCE]}
                 dropped, self._dropped = self._dropped, []
             try:
-                if dropped:  # first: a store that is full has room then
+                if dropped:  # first, as this makes room in a full store
                     self._store.drop(dropped)
                     dropped = []
                 self._write(batch)
@@ -135,9 +135,9 @@ class SnapshotWriter:
                 self._fail(str(error), dropped)
                 if is_closing:
                     return
-            except Exception as error:  # without this thread nothing would be saved any more, and nobody would know
+            except Exception as error:  # if the thread ended, nothing would be saved any more, unnoticed
                 if not self._is_failing:
-                    _log.exception("%s failed as no store should", self._store)
+                    _log.exception("%s failed unexpectedly", self._store)
                 self._fail(f"{self._store}: {type(error).__name__}: {error}", dropped)
                 if is_closing:
                     return
@@ -156,7 +156,7 @@ class SnapshotWriter:
         if not records:
             return
         answers = self._store.save(records)
-        if self.lag_s > MAX_LAG_S:  # of all that wait, those of this call among them: others may fare worse than these
+        if self.lag_s > MAX_LAG_S:  # of all waiting records, not only those of this call: others may wait longer
             self._doubt(f"{self._store} takes more than {MAX_LAG_S:g} s")
         elif self._is_failing:
             self._renew_at = self._clock()
@@ -178,16 +178,16 @@ class SnapshotWriter:
         self._give_up(fenced)
 
     def _log_refused(self, lease: Lease, error: RecordRefused) -> None:
-        """Once a session: clients bring it about, and each plan is another record."""
+        """Once per session: clients can cause it, and each plan makes another record."""
         with self._lock:
             is_new = lease in self._leases and self._refused.note(lease)
         if is_new:
             _log.warning("a session is not saved: %s", error)
 
     def _settle(self, lease: Lease, record: SessionRecord) -> None:
-        """A record was dealt with: it waits no more, unless a newer one has taken its place, which goes to the end.
+        """A record has had its turn. If a newer one has taken its place meanwhile, that goes to the end of the queue.
 
-        There all others have their turn before it. Else those who are saved often would be all that is ever written.
+        Otherwise sessions that are saved often would keep all others from being written.
         """
         with self._lock:
             held = self._waiting.pop(lease, None)
@@ -195,19 +195,19 @@ class SnapshotWriter:
                 self._waiting[lease] = held[0], self._clock()
 
     def _renew(self) -> None:
-        # To write a record is to renew it, and tells as much. Where the store has failed, all are asked after.
+        # Writing a record renews it and tells as much, so fresh ones are left out, unless the store has failed.
         fresh, self._fresh = set() if self._is_failing else self._fresh, set()
         with self._lock:
             leases = [lease for lease in self._leases if lease not in self._waiting and lease not in fresh]
         if self._is_failing and not leases:
-            self._store.read(NO_SESSION)  # where there is none to ask after, the store has to be asked something
+            self._store.read(NO_SESSION)  # without records to renew, ask for anything to see whether the store works
         of = self._ask_after(leases)
         self._renewed_at = self._clock()
         self._renew_at = self._renewed_at + RENEW_EVERY_S
         if self._is_failing and not self._is_behind:
             self._is_failing = False
             _log.warning("sessions are saved again, in %s", self._store)
-            with self._lock:  # what is kept of those is older than what their clients were told last
+            with self._lock:  # the store's records of refused ones are older than what their clients were told
                 of[Renewal.KEPT] = [lease for lease in of[Renewal.KEPT] if lease not in self._refused]
             self._listener.renewed(of[Renewal.KEPT])
             with self._lock:
@@ -219,7 +219,7 @@ class SnapshotWriter:
         self._give_up(of[Renewal.FENCED])
 
     def _miss(self, leases: list[Lease]) -> None:
-        """The store has no record of these, as it may never have had of such as are too big."""
+        """The store has no record of these; of those whose records were too large, it may never have had one."""
         with self._lock:
             lost = [lease for lease in leases if lease in self._refused]
         if lost:
@@ -228,24 +228,24 @@ class SnapshotWriter:
             self._listener.gone(gone)
 
     def _ask_after(self, leases: list[Lease]) -> dict[Renewal, list[Lease]]:
-        """Renew them. Where there are none, the store is asked all the same: then it forgets what has expired."""
+        """Renew records. Calls the store even if there are none, so that it deletes what has expired."""
         answers: list[Renewal] = []
         for begin in range(0, max(1, len(leases)), MOST_AT_ONCE):
             answers += self._store.renew(leases[begin : begin + MOST_AT_ONCE])
         return {each: [lease for lease, said in zip(leases, answers, strict=True) if said is each] for each in Renewal}
 
     def _keep_from_expiring(self) -> None:
-        """A store that takes no records, since it is full, has those from before: clients may need them yet."""
+        """Renew the records in a store that takes no new ones, for example since it is full: clients may need them."""
         if self._clock() < self._renewed_at + RENEW_EVERY_S:
             return
         self._renewed_at = self._clock()
         with self._lock:
             leases = list(self._leases)
-        with contextlib.suppress(Exception):  # it does nothing at all, as it has been said
+        with contextlib.suppress(Exception):  # the failure has been reported already
             self._give_up(self._ask_after(leases)[Renewal.FENCED])
 
     def _give_up(self, leases: list[Lease]) -> None:
-        """Others hold these now."""
+        """Other servers hold these now."""
         if leases:
             with self._lock:
                 for lease in leases:
@@ -262,7 +262,7 @@ class SnapshotWriter:
         self._doubt(why)
         self._keep_from_expiring()
         with self._lock:
-            self._dropped = [*dropped, *self._dropped][:MOST_DROPPED]  # what is forgotten here expires there
+            self._dropped = [*dropped, *self._dropped][:MOST_DROPPED]  # records beyond these expire in the store
             self._news.wait_for(lambda: self._is_closing, RETRY_S)
             self._renew_at = self._clock()
 
@@ -275,7 +275,7 @@ class SnapshotWriter:
 
 
 def _yield_to_others() -> None:
-    """Lower the priority of this thread alone, which only Linux can."""
+    """Lower the priority of this thread only, which is possible only on Linux."""
     if sys.platform == "linux":
         own = threading.get_native_id()
         with contextlib.suppress(OSError):

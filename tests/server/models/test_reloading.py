@@ -154,7 +154,7 @@ async def test_a_model_that_comes_back_while_it_is_reloaded_in_vain_is_served(
     await stage.until(lambda models: models[-1].state == admin_pb2.MODEL_STATE_LOADING)
     failing.clear()
     stage.manager.look_after()
-    with pytest.raises(EventRefused, match="being loaded anew"):
+    with pytest.raises(EventRefused, match="one is being reloaded"):
         stage.manager.models.find("one")
     stage.shop.go.set()
     assert (await refusal(reloading))[1] == "CANNOT_LOAD"

@@ -123,7 +123,7 @@ def test_what_no_store_should_do_ends_nothing_and_is_logged_once(caplog: pytest.
     servers.exchange()
     servers.exchange()
     assert servers.named("m") == ()
-    assert [record.message for record in caplog.records] == ["what room other servers have is not known"]
+    assert [record.message for record in caplog.records] == ["the free capacity of other servers is not known"]
     told.is_broken = False
     servers.exchange()
     assert names(servers) == ["free"]

@@ -39,7 +39,7 @@ def test_what_is_cut_off_or_no_record_is_refused() -> None:
     for length in (0, 3, 4, 5, 20, 37, len(data) - 1):
         with pytest.raises(RecordRefused):
             read_record(data[:length])
-    with pytest.raises(RecordRefused, match="no record"):
+    with pytest.raises(RecordRefused, match="not the record"):
         read_record(b"\x80\x04\x95" + data)  # as a pickle would begin
 
 

@@ -1,1 +1,1 @@
-"""Whose window is computed next, on which share of the device, and who is let in."""
+"""Decides whose window is computed next, how engines share a device, and which sessions are admitted."""

@@ -1,12 +1,13 @@
-"""Admission: who may come in, by what sessions ask of the machine and what it has been measured to do.
+"""Admission: which sessions are admitted, by what sessions ask of the machine and what it was measured to do.
 
-A session asks for windows at the rate that was seen of its class, edits included, and at the rate at which its client
-plays them at the least. That, or the measured load where it is greater, counts. Who has just been let in takes a window
-at once besides, so that a rush is let in as fast as those who play can bear. What edits of other owners take beyond
-these owners' parts of the machine does not count: it gives way. Clips take what sessions leave, and are only counted.
+A session counts with the rate of windows seen in its class, edits included, and at least with the rate at which its
+client plays them. The sum of these counts, or the measured load if that is higher. A session just admitted also counts
+with a window that it needs at once, so that a rush is admitted only as fast as the playing sessions can bear. What
+edits of other owners take beyond those owners' parts of the machine does not count, since it gives way. Clips take what
+sessions leave, and only their number is limited.
 
-Threads: `reserve`, `release`, `refusal_of` and `free_share` from any, the rest from the engine's. What is handed out is
-no longer changed here.
+Threads: `reserve`, `release`, `refusal_of` and `free_share` from any, the rest from the engine's. Mappings that were
+passed in or returned are never changed here afterwards.
 """
 
 from __future__ import annotations
@@ -34,9 +35,9 @@ from motiongen_server.engine.types import (
 )
 from motiongen_server.engine.types.refusals import draining, session_limit
 
-# First windows that have not been made count as if they had to be within so long. With them the load may be so many
-# times what it may be without: they have no moment at which they must be there, and wait for windows that have. Not
-# under a quota: once that is used up, all stand still.
+# First windows that are not made yet count as if they had to be made within this time. Including them, the load may
+# exceed the limit by this factor, as they have no strict deadline and wait for windows that do. Not under a quota: once
+# that is used up, everything stands still.
 _BEGIN_S = 2.0
 _BEYOND_WITH_RUSH = 1.125
 
@@ -45,7 +46,7 @@ class Admission:
     """Holds a place for every session from `reserve` to `release`."""
 
     def __init__(self, facts: ModelFacts, config: EngineConfig, *, under_quota: bool = False) -> None:
-        """under_quota: of processor time, all of which others use too."""
+        """under_quota: processor time is limited by a quota, which other processes use too."""
         self._config = config
         self._rates = WindowRates(facts.fps / facts.horizon)
         self._least_steps, self._default_steps = facts.min_steps, facts.default_steps
@@ -65,7 +66,7 @@ class Admission:
         self._closed_for_good = False
 
     def close(self) -> None:
-        """Let nobody in any more."""
+        """Admit no more sessions."""
         self._closed_for_good = True
 
     def set_prices(
@@ -76,9 +77,9 @@ class Admission:
         rates: WindowRates | None = None,
         edits_hz: Mapping[str, float] | None = None,
     ) -> None:
-        """What the machine costs by now, and the share of it that was in use of late: here, and by other engines.
+        """Update what the machine costs, and the share of it that was in use lately: here, and by other engines.
 
-        rates: what sessions of each class ask for by now; edits_hz: windows a second that edits of each owner begin.
+        rates: windows that sessions of each class ask for; edits_hz: windows per second that edits of each owner begin.
         """
         self._prices, self._measured, self._elsewhere = prices, measured, elsewhere
         self._rates = rates or self._rates
@@ -86,12 +87,12 @@ class Admission:
 
     @property
     def asked(self) -> float:
-        """The share of the machine that the sessions ask for, with as many edits as their classes have had of late."""
+        """The share of the machine that the sessions ask for, with as many edits as their classes have had lately."""
         return sum(self.asked_by_class.values())
 
     @property
     def asked_by_class(self) -> dict[Priority, float]:
-        """The same, of each class."""
+        """The same by class."""
         return {each: self._share(each, self._steps[each], self._sessions[each]) for each in Priority}
 
     @property
@@ -100,16 +101,16 @@ class Admission:
 
     @property
     def load(self) -> float:
-        """The share of the machine that is spoken for, by other engines too."""
+        """The share of the machine that is in use or spoken for, other engines included."""
         return self._elsewhere + max(self.asked, self._measured)
 
     @property
     def _rush(self) -> float:
-        """The share of the machine that the first windows of those who were just let in take."""
+        """The share of the machine that the first windows of just admitted sessions take."""
         return len(self._beginning) * self._prices.whole_s(self._default_steps) / _BEGIN_S
 
     def yielding(self, asks: Owner | None = None) -> float:
-        """The share of the machine that edits take beyond the parts of their owners: of all but the one that asks."""
+        """The share of the machine that edits take beyond their owners' parts. asks: an owner to leave out."""
         with self._lock:
             return self._yielding(asks)
 
@@ -117,7 +118,7 @@ class Admission:
         return self._parts.yielding(self._prices, self._edits_hz, asks)
 
     def note_begun(self, session: SessionKey) -> None:
-        """A session's first window is there."""
+        """A session's first window was made."""
         with self._lock:
             self._beginning.discard(session)
 
@@ -125,7 +126,7 @@ class Admission:
         return self._rates[priority] * self._prices.whole_s(steps, sessions)
 
     def reserve(self, spec: SessionSpec, event_seq: int) -> Outcome | None:
-        """Hold a place for a session, if it has none yet. A refusal where there is no place for it."""
+        """Hold a place for a session, if it has none yet. Returns a refusal if there is no place for it."""
         with self._lock:
             if spec.session in self._places:
                 return None
@@ -140,20 +141,20 @@ class Admission:
             return None if refusal is None else refusal.outcome(spec.session, event_seq)
 
     def refusal_of(self, priority: Priority, steps: int, *, is_clip: bool = False) -> EventRefused | None:
-        """What `reserve` would say to an owner who has none, without holding a place."""
+        """What `reserve` would answer an owner that has no sessions; reserves nothing."""
         with self._lock:
             return self._refusal(priority, steps, NOBODY, is_clip)
 
     def places(self) -> dict[Priority, float]:
-        """How many more sessions of each class would be let in, with the default steps, of owners who have none.
+        """How many more sessions of each class would be admitted, with the default steps, from owners that have none.
 
-        0 where not even one with the fewest. What newcomers take at once is left out, for that soon passes.
+        0 if not even one with the fewest steps. The first windows of newcomers are left out, as they soon pass.
         """
-        load = self.load - self.yielding(NOBODY) if self._num_sessions else -inf  # who is alone is let in
+        load = self.load - self.yielding(NOBODY) if self._num_sessions else -inf  # the first session is always admitted
         return {each: self._places_in(each, self._config.admit_load[each - 1] - load) for each in Priority}
 
     def _places_in(self, priority: Priority, room: float) -> float:
-        """The same in such a share of the machine."""
+        """The same, in this share of the machine."""
         least, default = (self._share(priority, steps, 1) for steps in (self._least_steps, self._default_steps))
         if room < least:
             return 0.0
@@ -161,19 +162,19 @@ class Admission:
 
     @property
     def num_beginning(self) -> int:
-        """Sessions that were let in and have had no window yet."""
+        """Admitted sessions without a first window."""
         return len(self._beginning)
 
     @property
     def free_share(self) -> float:
-        """Of all that sessions of class NEAR may take, the share that is left to new ones, 0 to 1."""
+        """The share of the capacity for sessions of class NEAR that is left for new ones, 0 to 1."""
         if self._closed_for_good:
             return 0.0
         most, sessions = self._config.admit_load[Priority.NEAR - 1], self._config.max_sessions
         return max(0.0, min(1.0 - (self.load + self._rush) / most, 1.0 - self._num_sessions / sessions))
 
     def release(self, session: SessionKey, spec: SessionSpec | None = None) -> None:
-        """Give up a session's place. spec: only if the place is this one's, not that of a later one of the same key."""
+        """Give up a session's place. spec: only if the place belongs to it, not to a later session of the same key."""
         with self._lock:
             held = self._places.get(session)
             if held is not None and (spec is None or held is spec):
@@ -182,7 +183,7 @@ class Admission:
                 self._count(held, -1)
 
     def change(self, spec: SessionSpec, changed: SessionSpec) -> EventRefused | None:
-        """Let a session ask for something else. A refusal where it asks for more than there is; it keeps its place."""
+        """Let a session ask for something else. Returns a refusal, and changes nothing, if that is too much."""
         with self._lock:
             before = self._share(spec.priority, spec.denoise_steps, 1)
             more = self._share(changed.priority, changed.denoise_steps, 1) - before
@@ -210,9 +211,9 @@ class Admission:
             self._parts.count(spec, change)
 
     def take_refused(self) -> Counter[Code]:
-        """How many were refused since this was last asked, by answer."""
+        """How many sessions were refused since the last call, by code."""
         if not self._refused:
-            return Counter()  # not the one that other threads go on counting with, for it is read without the lock
+            return Counter()  # a new one: other threads may be counting with self._refused, read here without the lock
         with self._lock:
             refused, self._refused = self._refused, Counter()
             return refused

@@ -1,4 +1,4 @@
-"""BatchRetry: calls of the runner for many jobs at once, made smaller where they do not fit, alone where they fail."""
+"""BatchRetry: calls the runner for many jobs at once, for fewer if memory runs out, for each alone if it fails."""
 
 from __future__ import annotations
 
@@ -12,21 +12,21 @@ _log = logging.getLogger(__name__)
 _Item = TypeVar("_Item")
 _Answer = TypeVar("_Answer")
 
-# After so many full calls without trouble a call may be an eighth larger again.
+# After this many full calls without trouble, a call may be an eighth larger again.
 _CALM_CALLS = 64
 
 
 class CallTime(NamedTuple):
-    """What a call took: seconds, and seconds of processor time, which are the same where nobody counts these."""
+    """What a call took: seconds, and seconds of processor time; both are the same if processor time is not counted."""
 
     seconds: float
     spent_s: float
 
 
 class BatchRetry(Generic[_Item, _Answer]):
-    """One kind of call. most: items of a call; it halves when memory runs out, and grows back slowly.
+    """One kind of call. most: items in a call; it halves when memory runs out, and grows back slowly.
 
-    job_id_of: names an item. failed: told of every job that cannot be done, even alone, and why.
+    job_id_of: the job of an item. failed: called for every job that fails even alone, with the error.
     """
 
     def __init__(
@@ -38,7 +38,7 @@ class BatchRetry(Generic[_Item, _Answer]):
         read_clocks: Callable[[], CallTime],
         most: int,
     ) -> None:
-        """observe: told of every call that went well, and what it took by `read_clocks`."""
+        """observe: called after every successful call with its items and its time by `read_clocks`."""
         self._call = call
         self._job_id_of = job_id_of
         self._failed = failed
@@ -51,7 +51,7 @@ class BatchRetry(Generic[_Item, _Answer]):
         self.splits = 0
 
     def __call__(self, items: Sequence[_Item]) -> list[_Answer]:
-        """The answers for all items that could be done, in their order. Raises DeviceLost."""
+        """The answers for all items that succeeded, in their order. Raises DeviceLost."""
         answers: list[_Answer] = []
         done = 0
         while done < len(items):
@@ -104,7 +104,7 @@ class BatchRetry(Generic[_Item, _Answer]):
         _log.warning("out of memory with %d jobs in a call; from now on %d", num_items, self.most)
 
     def _grow(self, num_items: int) -> None:
-        """Trust memory again, a little, after many calls that were as large as allowed."""
+        """Allow slightly larger calls after many that were as large as allowed."""
         if self.most >= self._largest or num_items < self.most:
             return
         self._calm += 1

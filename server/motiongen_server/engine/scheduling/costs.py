@@ -1,7 +1,7 @@
-"""CostTable: seconds of preparing windows, of a denoising step, and of decoding, by how much is in one call.
+"""CostTable: seconds that preparing windows, a denoising step, and decoding take, by the size of the call.
 
-Filled by a profile at start-up and tracked from then on. Sizes are counted in buckets; what a bucket costs is a running
-mean of what was measured there. The curve over all buckets is made from those means so that more never costs less.
+Filled by a profile at start-up and updated from then on. Sizes are counted in buckets; the cost of a bucket is a
+running mean of its measurements. The curve over all buckets is made from these means so that it never falls with size.
 """
 
 from __future__ import annotations
@@ -12,31 +12,32 @@ from bisect import bisect_left, bisect_right
 from dataclasses import dataclass, field
 
 _LEARNING_RATE = 0.125
-# How fast what one size costs beside the others follows what is measured.
+# How fast the cost of one size relative to the others follows measurements.
 _SHAPE_RATE = 1 / 128
-# The pace is of about so many calls, or of so long, where that is fewer; never of fewer than the least. By processor
-# time it is of more: nobody takes that away, and where sessions open, calls are dear for some seconds only. Not of many
-# more: calls become dearer, or cheaper, by what else is at work, while it is decided who is let in.
+# The pace is a mean over about _PACE_CALLS calls or _PACE_S, whichever is fewer calls, but over _LEAST_PACE_CALLS at
+# least. Measured in processor time, which neighbours cannot take away, it looks back _LONGER times further, since calls
+# are dear for just a few seconds while sessions open. Not further still: calls become dearer or cheaper as other work
+# on the machine changes, and admission must follow that.
 _PACE_CALLS, _LEAST_PACE_CALLS = 32, 8
 _PACE_S = 2.0
 _LONGER = 3
-# One hiccup must not pass for the new normal: a measurement counts as at most so many times what was expected. What it
-# took beyond that counts with the calls that follow, up to as long as a quota of processor time lets a process stand.
+# A single outlier must not pass for the new normal: a measurement counts as at most so many times the expected time.
+# The excess counts with the calls that follow, up to as long as a quota of processor time can stop a process.
 _MOST_SURPRISE = 4.0
 _MOST_CARRIED_S = 0.1
 _REFRESH_EVERY = 8
 _LEAST_S = 1e-7
 _MOST_WEIGHT = 32.0
-# The engine's own time for a window is a mean over those of so long, and over so many at least: beside a GPU that many
-# come and go in a fifth of a second, and would tell of a single wave. What it took too long counts with the windows
-# that follow as what so many take, at most. What was measured before anybody came counts as no more windows than that:
-# where it was wrong, those who come at once are to show it.
+# The engine's own time per window is a mean over the windows of the last _OWN_S, and over _OWN_WINDOWS at least: with a
+# GPU this many come and go in a fifth of a second, which would reflect a single wave only. An excess counts with the
+# windows that follow, as the time of _OWN_CARRIED windows at most. The value measured before the engine serves counts
+# as just _OWN_MEASURED windows, so that the first sessions correct it where it was wrong.
 _OWN_S, _OWN_WINDOWS, _OWN_CARRIED, _OWN_MEASURED = 1.0, 128, 32, 32
 _LEAST_OWN_S = 1e-5
 
 
 def _grid(most: int) -> tuple[int, ...]:
-    """1, 2, ... 8, and from there on four sizes to every doubling."""
+    """1, 2, ... 8, and from there on four sizes per doubling."""
     sizes = [*range(1, 8)]
     octave = 8
     while octave <= most:
@@ -49,21 +50,21 @@ SIZES = _grid(1 << 14)
 
 
 def bucket(size: int) -> int:
-    """The size as which so many rows, evaluations or jobs are counted: the least of SIZES that holds them."""
+    """The size under which this many rows, evaluations or jobs are counted: the least of SIZES that holds them."""
     return SIZES[min(bisect_left(SIZES, size), len(SIZES) - 1)]
 
 
 @dataclass(slots=True)
 class Pace:
-    """How slow the device is of late: what calls took, of what these sizes take else.
+    """How slow the device has been lately: the time that calls took, relative to what their sizes usually take.
 
-    A neighbour that takes the cores, or a quota that is used up, slows calls of every kind and size. The pace is a
-    ratio of sums. A mean of ratios would be too great where calls are uneven, as those are on the way of which the
-    processor is taken away; and of one kind of call alone it would be known late, where there are few of them. longer:
-    looks back so many times further.
+    A neighbour that takes the cores, or a quota that is used up, slows down calls of every kind and size. The pace is a
+    ratio of sums: a mean of ratios would be too large where calls are uneven, as they are when the processor is taken
+    away now and then, and the pace of one kind of call alone would be known late, since there are few of them. longer:
+    how many times further to look back.
 
-    by_size: a call counts by how much is in it. One that finds the caches taken by others costs a millisecond or two
-    more, which is much of a small call and little of a large one: prices are of large ones, and have to follow these.
+    by_size: a call counts by its size. One that finds the caches taken by others costs a millisecond or two more, which
+    is much of a small call and little of a large one; prices are those of large calls, so large calls must dominate.
     """
 
     longer: int = 1
@@ -74,7 +75,7 @@ class Pace:
     _carried_s: float = 0.0
 
     def observe(self, size: int, usual_s: float, seconds: float) -> float:
-        """Take in what a call took that usually takes usual_s. Returns what it counts as, of what was expected."""
+        """Record the time of a call that usually takes usual_s. Returns its ratio to the expected time, as counted."""
         weight = size if self.by_size else 1
         expected_s = usual_s * self.value
         whole_s = seconds + self._carried_s
@@ -92,11 +93,11 @@ class Pace:
 
 @dataclass(slots=True)
 class CallCosts:
-    """What one kind of call costs by its size. assumed_s: of any size, before anything was measured.
+    """What one kind of call costs by its size. assumed_s: the cost of any size before anything was measured.
 
-    deviation: the mean distance of a measurement from what was expected, as a share of it. pace: of the device, for all
-    its kinds of calls; spent: the same by the processor time that calls took, where that is told, else None. Who stands
-    still because a quota is used up is late, but takes nothing of it.
+    deviation: the mean distance of measurements from the expected time, as a share of it. pace: the device's, shared by
+    all kinds of calls. spent: the same measured in processor time, None if that is not known; a process that stands
+    still because its quota is used up is late, but uses nothing of the quota.
     """
 
     assumed_s: float
@@ -110,13 +111,13 @@ class CallCosts:
     _unread: int = 0
 
     def begin(self, size: int, seconds: float) -> None:
-        """What a call of this size takes, as a profile has found: it is taken as it is."""
+        """Set the cost of a size to what a profile measured."""
         index = bisect_left(SIZES, size)
         self._means[index], self._weights[index] = max(seconds / self.pace.value, _LEAST_S), 1.0
         self._forget_curve()
 
     def observe(self, size: int, seconds: float, spent_s: float | None = None) -> None:
-        """Take in what a call of this size took. spent_s: of the processor, where that is told; None: all of it."""
+        """Record the time of a call of this size. spent_s: its processor time; None if not known: all of its time."""
         index = bisect_left(SIZES, size)
         mean = self._means.get(index)
         if mean is None:
@@ -135,11 +136,12 @@ class CallCosts:
             self._forget_curve()
 
     def _first_mean(self, index: int, size: int, seconds: float) -> float | None:
-        """What a size begins with that was never seen; None: with what this first call of it took.
+        """The mean that a size starts with before it was ever measured; None: the time of its first call.
 
-        One measurement says little: between others it begins with what these cost. Smaller ones than all that were seen
-        may cost less than the least of them, and larger ones less than in proportion; a call that took more may just
-        have stood still, and nobody would try that size again, or would learn by it what others cost.
+        One measurement says little, so between known sizes it starts with what these imply. A size below all known ones
+        may cost less than the smallest of them, and a larger one less than in proportion, so a faster call is taken as
+        it is. A slower one may just have been interrupted: taken as it is, it would keep that size from being tried
+        again, or distort the costs of the others.
         """
         if not self._means:
             return None
@@ -154,15 +156,15 @@ class CallCosts:
         self._efficient.clear()
 
     def seconds(self, size: int) -> float:
-        """What a call of this size is expected to take; it never falls as the size rises. 0 for size 0."""
+        """The expected time of a call of this size; it never falls as the size rises. 0 for size 0."""
         return self.pace.value * self._usual_s(size) if self._means else self._assumed_s(size)
 
     def each_s(self, size: int) -> float:
-        """The share of one in a call of this size."""
+        """The expected time per item in a call of this size."""
         return self.seconds(size) / max(1, size)
 
     def spent_each_s(self, size: int) -> float:
-        """What one in a call of this size is expected to take of the processor; as `each_s` where that is not told."""
+        """The expected processor time per item in a call of this size; as `each_s` if processor time is not known."""
         if self.spent is None or not self._means:
             return self.each_s(size)
         return self.spent.value * self._usual_s(size) / max(1, size)
@@ -179,7 +181,7 @@ class CallCosts:
         return self._curve[index] if index < len(self._curve) else self._curve[-1] * size / SIZES[-1]
 
     def largest_within(self, seconds: float) -> int:
-        """The greatest bucket that is expected to take no longer than this; 0 where none is."""
+        """The largest bucket whose expected time is at most this; 0 if there is none."""
         if not self._means:
             return SIZES[-1] if self.assumed_s <= seconds else 0
         self.seconds(1)  # makes the curve
@@ -187,7 +189,7 @@ class CallCosts:
         return SIZES[index - 1] if index else 0
 
     def efficient_from(self, most: int, waste: float) -> int:
-        """The least bucket in which one costs no more than `waste` times what it costs in a call of size `most`."""
+        """The smallest bucket in which an item costs at most `waste` times what it costs in a call of size `most`."""
         self.seconds(1)
         key = (most, waste)
         if key not in self._efficient:
@@ -197,10 +199,10 @@ class CallCosts:
 
 
 def _monotone_curve(means: dict[int, float], weights: dict[int, float]) -> list[float]:
-    """Seconds for every size of the grid: the means made monotone, straight lines between, in proportion beyond.
+    """Seconds for every size of the grid: monotone means, interpolated linearly, in proportion to size beyond the last.
 
-    Means that fall as the size rises are replaced by their weighted mean (pool adjacent violators), so that a size
-    that was seen rarely yields to its neighbours.
+    Means that fall as the size rises are replaced by their weighted mean (pool adjacent violators), so that a rarely
+    measured size yields to its neighbours.
     """
     pools: list[tuple[float, float, list[int]]] = []
     for index in sorted(means):
@@ -214,7 +216,7 @@ def _monotone_curve(means: dict[int, float], weights: dict[int, float]) -> list[
     curve = [known[0][1]] * (known[0][0] + 1)
     for (low, low_s), (high, high_s) in itertools.pairwise(known):
         slope = (high_s - low_s) / (SIZES[high] - SIZES[low])
-        # The last point is taken as it is: a rounding error must not make the curve fall there.
+        # The last point is taken exactly: a rounding error must not make the curve fall there.
         curve += [min(low_s + slope * (SIZES[index] - SIZES[low]), high_s) for index in range(low + 1, high)]
         curve.append(high_s)
     last, last_s = known[-1]
@@ -226,7 +228,7 @@ def _monotone_curve(means: dict[int, float], weights: dict[int, float]) -> list[
 class CostTable:
     """Seconds by size of call. prepare, decode: by windows. step: by evaluations of the denoiser, over all rows.
 
-    own_each_s: what the engine itself does for a window, between calls.
+    own_each_s: the engine's own time per window, between calls.
     """
 
     prepare: CallCosts
@@ -239,26 +241,26 @@ class CostTable:
 
     @classmethod
     def assumed(cls, step_s: float) -> CostTable:
-        """A table without measurements: a step costs step_s, the rest nothing."""
+        """A table without measurements: a step costs step_s, all else nothing."""
         pace = Pace()
         return cls(CallCosts(0.0, pace), CallCosts(step_s, pace), CallCosts(0.0, pace))
 
     def follow_processor(self) -> None:
-        """From now on calls are told with the processor time that they took."""
+        """From now on, calls are recorded with their processor time."""
         spent = Pace(longer=_LONGER, by_size=True)
         for costs in (self.prepare, self.step, self.decode):
             costs.spent = spent
 
     def begin_own(self, each_s: float) -> None:
-        """What the engine itself does for a window, as was measured: it is taken as it is until windows come."""
+        """Set the engine's own time per window, as measured before it serves."""
         self.own_each_s, self._own_seen, self._own_weight = each_s, _OWN_WINDOWS, float(_OWN_MEASURED)
 
     def observe_own(self, windows: int, seconds: float, elapsed_s: float = math.inf) -> None:
-        """The engine took so long between calls, from the end of some windows to the end of these.
+        """Record the engine's own time between calls, from the end of the previous windows to the end of these.
 
-        elapsed_s: between those ends, calls and idling too. What it took beyond some times what was expected counts
-        with the windows that follow, as far as that is no more than some others take: who stands still for a second,
-        as while something else is loaded, is not slower from then on.
+        elapsed_s: all the time between those ends, calls and idling included. Time beyond a multiple of what was
+        expected counts with the windows that follow, up to the time that some windows take: an engine that stands still
+        for a second, for example while another model is loaded, is not slower from then on.
         """
         whole_s, expected_s = seconds + self._own_carried_s, windows * max(self.own_each_s, _LEAST_OWN_S)
         is_known = self._own_seen >= _OWN_WINDOWS
@@ -270,11 +272,11 @@ class CostTable:
         self._own_seen += windows
 
     def round_s(self, evaluations: int, rows: int, num_steps: int) -> float:
-        """One round of the engine with so many rows of num_steps each: its step, and its share of coming and going."""
+        """One round with this many rows of num_steps each: the step, and its share of preparing and decoding."""
         turnover = math.ceil(rows / num_steps)
         return self.step.seconds(evaluations) + self.prepare.seconds(turnover) + self.decode.seconds(turnover)
 
     def window_s(self, num_steps: int, rounds: int, evaluations: int, rows: int) -> float:
-        """A window that is done after so many rounds, with two mean deviations of a step on top."""
+        """A window that takes this many rounds, plus two mean deviations of a step."""
         doubt = 2.0 * self.step.deviation * self.step.seconds(evaluations)
         return rounds * self.round_s(evaluations, rows, num_steps) + doubt

@@ -1,9 +1,9 @@
 """Degradation: what sessions give up when the machine cannot keep up, least urgent class first, level by level.
 
-Pure: time comes in as an argument. A class goes down while too many of its windows are late or the load is too high,
-and up again only after it has been well for some time, so that it does not go up and down. Where it is known what all
-who are there take, as much is given up at once as has to be, and no more. When nobody is left, those who come next are
-served in full.
+Pure: time is passed as an argument. A class goes down a level while too many of its windows are late or the load is too
+high, and up again only after it has been well for some time, so that it does not oscillate. If the demand of all
+sessions is known, as many levels are given up at once as necessary, and no more. When no sessions are left, the next
+ones are served in full.
 """
 
 from __future__ import annotations
@@ -16,17 +16,17 @@ from dataclasses import dataclass
 from motiongen_server.engine.scheduling.levels import Level
 from motiongen_server.engine.types import Priority
 
-# How many levels the classes below are ahead of a class: heroes give up their first level last.
+# How many levels a class lags behind BATCH and CROWD: heroes give up their first level last.
 _HEAD_START = {Priority.BATCH: 0, Priority.CROWD: 0, Priority.NEAR: 2, Priority.HERO: 4}
-# Only these may be made to stand still, and may be closed after that.
+# Only these classes may be held and, after that, closed.
 EXPENDABLE = (Priority.BATCH, Priority.CROWD)
 
 
 @dataclass(frozen=True, slots=True)
 class Demand:
-    """What all who are there would take of the machine. in_full: by class; kept: of that, what each level takes.
+    """What all sessions present would take of the machine. in_full: per class; kept: the share left on each level.
 
-    elsewhere: what others take of it, whatever is given up here.
+    elsewhere: what others take of the machine, whatever is given up here.
     """
 
     in_full: Mapping[Priority, float]
@@ -34,11 +34,11 @@ class Demand:
     elsewhere: float = 0.0
 
     def at(self, depth: Callable[[Priority], int]) -> float:
-        """The share of the machine that is taken where each class is so many levels down."""
+        """The share of the machine that is taken if each class is at this depth, in levels."""
         return self.elsewhere + sum(share * self.kept[depth(priority)] for priority, share in self.in_full.items())
 
     def fits(self, share: float) -> bool:
-        """Whether less than that share of the machine would be taken if nobody gave up anything."""
+        """Whether less than this share of the machine would be taken if nobody gave up anything."""
         return self.at(lambda _: 0) < share
 
 
@@ -46,16 +46,19 @@ class Demand:
 class DegradationLimits:
     """When to go down and up. Shares are of 1.
 
-    Down where the windows of miss_window_s were late by more than miss_share of the time that their frames play, or
-    the load is above high_load, and that for pressed_s, since many sessions that open at once ask for more than they
-    do later; not again within settle_s, since what a level saves shows only then. As far down at once as what is there
-    takes to be below enough_load. Windows that were late at one moment count for all of miss_window_s: where the load
-    is not high, and all that is there takes less than enough_load in full, lateness has to last for lasting_s.
-    Up after well_s without either and with the load below low_load, and after half as long if the level before held;
-    where it did not, twice as long, up to patience times. Where all that is there would be below fits_load in full, up
-    after back_s, whatever was learned of a load that has gone; unless that was tried, and did not hold.
-    least_busy: a machine that computes for less of the time is not what windows are late for, and nobody gets less.
-    min_windows: fewer than so many windows say nothing about the share that is late.
+    Down: if the windows of the last miss_window_s were late by more than miss_share of the time that their frames play,
+    or the load is above high_load. Either must last for pressed_s, since many sessions that open at once ask for more
+    than they do later; and at least settle_s after the last move, since only then it shows what a level saves. If the
+    demand is known, as far down at once as brings it below enough_load. Windows that were late at one moment count for
+    all of miss_window_s; so where the load is not high and the full demand is below enough_load, lateness must last for
+    lasting_s.
+
+    Up: after well_s without either and with the load below low_load. After half as long if the previous level up held;
+    if it did not, after twice as long, up to patience times well_s. If the full demand is below fits_load, after
+    back_s, whatever was learned from an earlier load, unless that was tried and did not hold.
+
+    least_busy: if the machine computes for less than this share of the time, it is not the reason for late windows, and
+    nobody gets less. min_windows: fewer windows than this say nothing about the share that is late.
     """
 
     miss_share: float = 0.01
@@ -75,12 +78,12 @@ class DegradationLimits:
 
 
 class Degradation:
-    """On which level every class is. `shed` tells that the last level did not help."""
+    """The level of every class. `shed`: the last level did not help."""
 
     def __init__(self, levels: tuple[Level, ...], now: float, limits: DegradationLimits | None = None) -> None:
         self._levels = levels
         self._limits = limits or DegradationLimits()
-        # Every move there is, in the order in which they are made: so that a class goes down one level.
+        # All moves in the order in which they are made. A move takes one class down one level.
         first_hold = next((depth for depth, level in enumerate(levels) if level.hold), len(levels))
         self._moves = sorted(
             (
@@ -92,7 +95,7 @@ class Degradation:
             key=lambda move: (min(move[1], first_hold) + _HEAD_START[move[0]], -move[0], move[1]),
         )
         self._made = 0
-        self._spared: set[int] = set()  # of the moves that are made, those that hold a class of which nobody is there
+        self._spared: set[int] = set()  # moves that were made but do not apply: holds of a class without sessions
         self._noted: deque[tuple[float, int, float]] = deque()
         self._windows, self._late = 0, 0.0
         self._settled_at = now
@@ -104,7 +107,7 @@ class Degradation:
         self.shed = False
 
     def level(self, priority: Priority) -> Level:
-        """Where a class is."""
+        """The level of a class."""
         return self._levels[self.depth(priority)]
 
     def depth(self, priority: Priority) -> int:
@@ -115,9 +118,9 @@ class Degradation:
         )
 
     def note_windows(self, now: float, windows: int, late: float) -> None:
-        """So many windows were due. late: for how long their frames were not there, in the time that a window plays.
+        """Windows were due. late: how long their frames were missing, in units of the time that a window plays.
 
-        Who waits for a window by a twentieth of that time misses a twentieth of its frames, not all of them.
+        A client that waits for a window for a twentieth of that time misses a twentieth of its frames, not all of them.
         """
         if windows:
             self._noted.append((now, windows, late))
@@ -126,7 +129,7 @@ class Degradation:
 
     @property
     def missed_share(self) -> float:
-        """Of the frames of the windows of the last miss_window_s, those that were late; 0 where too few are known."""
+        """The share of frames that were late in the windows of the last miss_window_s; 0 if there were too few."""
         return self._late / self._windows if self._windows >= self._limits.min_windows else 0.0
 
     def update(
@@ -137,13 +140,13 @@ class Degradation:
         busy: float = 1.0,
         demand: Demand | None = None,
     ) -> Iterable[Priority]:
-        """Go down, or up a level, if it is time; returns the classes that moved.
+        """Go down, or up a level, if it is time. Returns the classes that moved.
 
-        load: share of the machine that is in use. present: sessions of each class; those without any are passed over.
-        busy: share of the time in which anything was computed, however well its steps were filled. demand: of all who
-        are there, None where that is not known.
+        load: share of the machine in use. present: sessions of each class; classes without any are passed over. busy:
+        share of the time in which anything was computed, however full the steps were. demand: of all sessions present,
+        None if not known.
 
-        A class of which nobody is there holds no pose: whoever comes next is made frames, if at a lower level.
+        A class without sessions is not held: the next session that opens in it gets frames, though at a lower level.
         """
         moved = self._move(now, load, present, busy, demand)
         self._spared |= {
@@ -175,24 +178,24 @@ class Degradation:
         if pressed and settled and now - self._unpressed_at >= self._pressed_s(load, demand):
             self._learn_patience(now)
             self._settled_at = now
-            self._forget_windows()  # what was late before says nothing about the level that comes
+            self._forget_windows()  # earlier lateness says nothing about the next level
             return self._down(present, demand)
         fits = demand is not None and demand.fits(limits.fits_load) and self._trusts_asked
         if self._made and now - max(self._well_since, self._settled_at) >= (limits.back_s if fits else self._wait_s):
             self._settled_at = self._went_up_at = now
             self._went_up_by_asked = fits
-            self._wait_s = max(limits.well_s, self._wait_s / 2)  # if this one holds, the next comes sooner
+            self._wait_s = max(limits.well_s, self._wait_s / 2)  # if this level holds, the next one up comes sooner
             return self._up(present, fits)
         return ()
 
     def _pressed_s(self, load: float, demand: Demand | None) -> float:
-        """For how long windows may be late, or the load too high, before anybody gets less."""
+        """How long windows must be late, or the load too high, before anybody gets less."""
         limits = self._limits
         is_enough = load <= limits.high_load and demand is not None and demand.fits(limits.enough_load)
         return limits.lasting_s if is_enough else limits.pressed_s
 
     def _forget(self, now: float) -> None:
-        """Nobody is there: what was too much for the machine has gone."""
+        """No sessions are left, so what was too much for the machine has gone."""
         self._made, self._wait_s, self._trusts_asked = 0, self._limits.well_s, True
         self._spared.clear()
         self._settled_at = self._unpressed_at = now
@@ -203,7 +206,7 @@ class Degradation:
         self._windows, self._late = 0, 0.0
 
     def _learn_patience(self, now: float) -> None:
-        """The last level up did not hold for long: wait longer before the next, and so stop going up and down."""
+        """If the last level up did not hold for long, wait longer before the next, so as not to oscillate."""
         limits = self._limits
         if now - self._went_up_at < limits.well_s:
             self._wait_s = min(4 * self._wait_s, limits.patience * limits.well_s)
@@ -225,7 +228,7 @@ class Degradation:
         return tuple(moved)
 
     def _up(self, present: Mapping[Priority, int], fits: bool) -> Iterable[Priority]:
-        """fits: all that is there would; then nobody of a class stands any longer, not only fewer."""
+        """fits: the full demand does; then all holds of a class end at once rather than one level."""
         moved: Priority | None = None
         while self._made:
             priority, depth = self._moves[self._made - 1]

@@ -1,4 +1,4 @@
-"""Device: what the engines of one process share. They take turns on it, and each knows what the others use of it."""
+"""Device: shared by the engines of one process. They take turns on it, and each knows how much the others use."""
 
 from __future__ import annotations
 
@@ -14,24 +14,28 @@ from motiongen_server.engine.scheduling.quota_share import QuotaAccount
 from motiongen_server.engine.types import Float32Array, ModelFacts, RowStatus, WindowJob, WindowResult
 
 BACKGROUND_SHARE = 0.2
-"""What an engine whose windows are all in the background may take of the device beside others: such a share of what the
-turns of those take that have windows somebody waits for. In one engine the background makes a step as much longer.
+"""The share of the device that an engine with background windows only may use beside engines with others.
+
+It is a share of the time of turns with windows that somebody waits for. Within one engine, the background lengthens a
+step by as much.
 """
 MOST_OWED_S = 1.0
-"""The most that the background makes up for, however long a call of it stood still."""
+"""The most time that the background makes up for, however long one of its calls was delayed."""
 
 
 class Device:
-    """Gives turns in the order in which they were asked for: an engine waits for one step of each other at most.
+    """Gives turns in the order in which they were asked for, so an engine waits for at most one step of each other.
 
-    The background of one engine takes what is left by the windows of all others that somebody waits for, not of its own
-    engine only. It is told by its lease how much that is; where it took more, as a step takes that cannot be smaller,
-    it has none until that is made up for.
+    The background of an engine takes what is left by the windows that somebody waits for in all engines, not only its
+    own. Its lease says how much that is. If it took more, as a step that cannot be smaller may, it gets nothing until
+    that is made up for.
     """
 
     def __init__(self, quota: QuotaAccount | None = None, *, counts_own: bool = False) -> None:
-        """quota: of the processor, None where there is none or nobody tells what is used of it. counts_own: what
-        engines do themselves counts as use of it, for it stands still meanwhile; on a processor it is a thirtieth.
+        """quota: the processor's, None if there is none or its use is not known.
+
+        counts_own: engines' own work counts as use of the device, which stands still meanwhile. On a processor it does
+        not count: there it is only a thirtieth of all.
         """
         self.quota = quota
         self.counts_own = counts_own
@@ -39,10 +43,10 @@ class Device:
         self._taken = False
         self._waiting: deque[threading.Lock] = deque()
         self._seats: list[DeviceLease] = []
-        self._spare_s = 0.0  # of the background beside others; only who has the turn touches it
+        self._spare_s = 0.0  # left for the background beside others; only changed by the engine whose turn it is
 
     def lease(self) -> DeviceLease:
-        """A place for one more engine, to be left at its end."""
+        """A place for one more engine, which must give it up when it ends."""
         lease = DeviceLease(self)
         with self._lock:
             self._seats.append(lease)
@@ -50,7 +54,7 @@ class Device:
 
     @property
     def load(self) -> float:
-        """The share of the device that all engines together use."""
+        """The share of the device that all engines use together."""
         return sum(lease.load for lease in tuple(self._seats))
 
     @property
@@ -59,15 +63,15 @@ class Device:
 
     @property
     def num_waiting(self) -> int:
-        """How many wait for a turn."""
+        """How many engines wait for a turn."""
         return len(self._waiting)
 
     def is_waited_for(self, but: DeviceLease) -> bool:
-        """Whether another engine has windows under way that somebody waits for."""
+        """Whether another engine than `but` is working on windows that somebody waits for."""
         return any(seat.num_waited_for and seat is not but for seat in tuple(self._seats))
 
     def has_background(self, but: DeviceLease) -> bool:
-        """Whether another engine has windows in the background under way."""
+        """Whether another engine than `but` is working on background windows."""
         return any(seat.num_background and seat is not but for seat in tuple(self._seats))
 
     def spare_s(self, lease: DeviceLease) -> float:
@@ -75,10 +79,10 @@ class Device:
         return max(0.0, self._spare_s) if self.is_waited_for(lease) else inf
 
     def settle(self, lease: DeviceLease, waited_for_s: float, background_s: float) -> None:
-        """At the end of a turn: note what calls in it took, by whom they were for."""
+        """End of a turn: account for the time of its calls, by the kind of window they were for."""
         if waited_for_s:
             share_s = BACKGROUND_SHARE * (waited_for_s + background_s)
-            self._spare_s = min(self._spare_s + share_s, share_s)  # what was not taken is not kept
+            self._spare_s = min(self._spare_s + share_s, share_s)  # unused time is not saved up
         elif background_s and self.is_waited_for(lease):
             self._spare_s = max(self._spare_s - background_s, -MOST_OWED_S)
         elif background_s:
@@ -91,7 +95,7 @@ class Device:
                 self._seats.remove(lease)
 
     def take(self) -> float:
-        """Wait for a turn. Returns the seconds that it took."""
+        """Wait for a turn. Returns the seconds that this took."""
         with self._lock:
             if not self._taken:
                 self._taken = True
@@ -104,7 +108,7 @@ class Device:
         return time.monotonic() - asked_at
 
     def pass_on(self) -> None:
-        """End a turn; the next begins at once, for whoever has waited longest."""
+        """End a turn; the engine that has waited longest gets the next one at once."""
         with self._lock:
             if self._waiting:
                 self._waiting.popleft().release()
@@ -115,8 +119,8 @@ class Device:
 class DeviceLease:
     """One engine's place at the device. `with lease:` is a turn.
 
-    load: the share of the device that this engine uses; num_waited_for, num_background: its windows under way. It tells
-    these itself. waited_s: how long it has waited for its turns.
+    load: the share of the device that this engine uses; num_waited_for, num_background: its windows under way; the
+    engine sets these itself. waited_s: how long it has waited for its turns in total.
     """
 
     def __init__(self, device: Device) -> None:
@@ -137,26 +141,26 @@ class DeviceLease:
         self._device.pass_on()
 
     def note_call(self, seconds: float, background: float) -> None:
-        """A call of the runner in this turn took so long. background: the share of it that is the background's."""
+        """A call of the runner in this turn took this long. background: the background's share of it."""
         self._waited_for_s += (1.0 - background) * seconds
         self._background_s += background * seconds
 
     @property
     def spare_s(self) -> float:
-        """How long a step may take now that is for the background alone; 0 where there is to be none.
+        """How long a step for the background alone may take now; 0: there must be none.
 
-        Infinity where no other engine has windows under way that somebody waits for. Asked in a turn.
+        Infinity if no other engine is working on windows that somebody waits for. To be asked during a turn.
         """
         return self._device.spare_s(self)
 
     @property
     def quota(self) -> QuotaAccount | None:
-        """As of the device."""
+        """The device's."""
         return self._device.quota
 
     @property
     def counts_own(self) -> bool:
-        """As of the device."""
+        """The device's."""
         return self._device.counts_own
 
     @property
@@ -166,23 +170,23 @@ class DeviceLease:
 
     @property
     def stretch(self) -> float:
-        """How many times longer than its own steps a window takes: turns of the others come between them.
+        """By what factor turns of the other engines lengthen a window beyond its own steps.
 
-        1 where nobody else is busy; at most the number of engines, since the turns go round.
+        1 if the others are idle; at most the number of engines, since the turns go round.
         """
         most = max(1, self._device.num_seats)
         beside = BACKGROUND_SHARE if self._device.has_background(self) else 0.0
         return min(most, beside + 1.0 / max(1.0 - self.elsewhere, 1.0 / most))
 
     def leave(self) -> None:
-        """The engine has ended."""
+        """Give up the place, as the engine has ended."""
         self.load = 0.0
         self.num_waited_for = self.num_background = 0
         self._device.leave(self)
 
 
 class InTurns:
-    """A runner each of whose calls takes a turn, for calls that are made outside of an engine's steps."""
+    """A runner each of whose calls takes a turn, for calls outside of an engine's steps."""
 
     def __init__(self, runner: Runner, lease: DeviceLease) -> None:
         self._runner = runner

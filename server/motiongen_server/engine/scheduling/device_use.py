@@ -1,4 +1,4 @@
-"""DeviceUse: what an engine has taken of its device."""
+"""DeviceUse: how much of its device an engine has used."""
 
 from __future__ import annotations
 
@@ -6,11 +6,11 @@ from typing import NamedTuple
 
 
 class DeviceUse(NamedTuple):
-    """Seconds in calls of the runner since the start, the background's share left out.
+    """Seconds in calls of the runner since the start, without the background's share.
 
-    busy_s: as they were; spent_s: of the processor, by the threads of the engine, where that is counted. work_s: had
-    all been as large as they are under a backlog, at the pace of late; what single calls took is no measure where the
-    processor is taken away now and then: the few that it is taken from took more, and all others less.
+    busy_s: as measured. spent_s: processor time of the engine's threads, where that is counted. work_s: what the calls
+    would have taken at the sizes of a backlog and the current pace; the times of single calls are no measure if the
+    processor is taken away now and then, as the few calls that this hits take more and all others less.
     """
 
     work_s: float = 0.0
@@ -18,9 +18,9 @@ class DeviceUse(NamedTuple):
     spent_s: float = 0.0
 
     def rates(self, before: DeviceUse, seconds: float) -> DeviceUse:
-        """Of a second, since `before`, so many seconds ago."""
+        """The use per second since `before`, which was this many seconds ago."""
         return DeviceUse(*((now - then) / seconds for now, then in zip(self, before, strict=True)))
 
     def toward(self, other: DeviceUse, weight: float) -> DeviceUse:
-        """The mean of both, in which the other has this weight."""
+        """The weighted mean of both, in which the other has this weight."""
         return DeviceUse(*(mine + weight * (theirs - mine) for mine, theirs in zip(self, other, strict=True)))

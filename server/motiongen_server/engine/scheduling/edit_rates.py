@@ -1,4 +1,4 @@
-"""EditRates: how many windows a second edits begin, by the owner of the sessions that they change."""
+"""EditRates: how many windows per second edits begin, by the owner of the edited sessions."""
 
 from __future__ import annotations
 
@@ -6,25 +6,25 @@ from collections.abc import Mapping
 
 from motiongen_server.engine.types import Owner
 
-# What was seen counts half as much after so long.
+# What was seen counts half as much after this time.
 _HALF_LIFE_S = 4.0
-# Less than so many windows a second are forgotten.
+# Rates below this are forgotten.
 _LEAST_HZ = 1e-3
 
 
 class EditRates:
-    """Windows a second that edits of each owner's sessions have begun of late. Time comes in as an argument."""
+    """Windows per second that edits of each owner's sessions have begun lately. Time is passed as an argument."""
 
     def __init__(self) -> None:
         self._begun: dict[str, float] = {}
         self.by_owner: Mapping[str, float] = {}
 
     def note(self, owner: Owner, share: float) -> None:
-        """A window was begun for an edit. share: of a whole window's steps, below 0 for one that was let go of."""
+        """A window was begun for an edit. share: of a full window's steps; negative for a window that was discarded."""
         self._begun[owner.name] = self._begun.get(owner.name, 0.0) + share
 
     def update(self, elapsed_s: float) -> None:
-        """Take in what was begun in the last elapsed_s; `by_owner` is another mapping from then on."""
+        """Include what was begun in the last elapsed_s; `by_owner` becomes a new mapping."""
         kept = 0.5 ** (elapsed_s / _HALF_LIFE_S)
         rates = {}
         for name in self.by_owner.keys() | self._begun.keys():

@@ -1,4 +1,4 @@
-"""Levels: how windows are made, from everything that was asked for down to none at all."""
+"""Levels: how windows are made under load, from everything that was asked for down to none at all."""
 
 from __future__ import annotations
 
@@ -8,7 +8,7 @@ from dataclasses import dataclass, replace
 from motiongen_server.engine.scheduling.prices import Prices
 from motiongen_server.engine.types import ModelFacts, ServiceTier
 
-# Of the sessions of a class, the shares that are made to stand one after another.
+# The shares of a class's sessions that are held, level by level.
 _HELD_SHARES = (0.15, 0.3, 0.5, 0.75, 1.0)
 
 
@@ -16,10 +16,10 @@ _HELD_SHARES = (0.15, 0.3, 0.5, 0.75, 1.0)
 class Level:
     """How windows are made from the next one on.
 
-    steps: most denoising steps of a window, None for as many as the session asked for. drop_guidance: one evaluation a
-    step. full_stride: a window that runs is finished, not begun again for an edit. replan_cap_scale: on how many
-    replans a second are made for edits. hold: no windows are made, the character stands. others: what those sessions of
-    a class get that need not stand, None where all stand; held_share: of the class, those that do.
+    steps: most denoising steps of a window, None for as many as the session asked for. drop_guidance: one evaluation
+    per step. full_stride: a running window is finished rather than restarted for an edit. replan_cap_scale: scales the
+    most replans per second. hold: no windows are made, the character stands. others: the level of those sessions of a
+    class that are not held, None if all are; held_share: the share that is held.
     """
 
     tier: ServiceTier
@@ -33,16 +33,16 @@ class Level:
 
     @property
     def of_newcomers(self) -> Level:
-        """What a session gets that comes while its class is on this level: nobody stands for it alone."""
+        """The level of a session opened while its class is on this one: it is held only if all others are."""
         return self.others or self
 
     def of_class(self, sessions: int) -> list[Level]:
-        """What each of so many sessions of a class gets, the oldest first: the newest stand."""
+        """The level of each session of a class, the oldest first: the newest are held."""
         held = math.ceil(self.held_share * sessions)
         return [self.of_newcomers] * (sessions - held) + [self] * held if self.hold else [self] * sessions
 
     def kept(self, facts: ModelFacts, prices: Prices) -> float:
-        """Of what a class takes of the machine in full, what it takes on this level, 0 to 1. Replans count alike."""
+        """The share of a class's full use of the machine that remains on this level, 0 to 1, replans included."""
         steps = facts.default_steps if self.steps is None else min(self.steps, facts.default_steps)
         in_full = prices.whole_s(facts.default_steps)
         if not in_full:
@@ -55,7 +55,7 @@ FULL = Level(ServiceTier.FULL)
 
 
 def levels_of(facts: ModelFacts) -> tuple[Level, ...]:
-    """The levels for a model, most first: fewer steps twice, then no guidance, then ever more sessions stand."""
+    """The levels for a model, most first: fewer steps twice, then no guidance, then more and more sessions held."""
     steps = [max(facts.min_steps, math.ceil(share * facts.default_steps)) for share in (0.6, 0.4)]
     levels = [FULL, Level(ServiceTier.FULL, full_stride=True, replan_cap_scale=0.5)]
     levels += [

@@ -1,4 +1,4 @@
-"""LoadMonitor: how loaded the machine is, and what follows from it for those who come in and those who are there."""
+"""LoadMonitor: measures how loaded the machine is, and adapts admission and service levels to it."""
 
 from __future__ import annotations
 
@@ -20,9 +20,9 @@ _MEASURED_OVER_S = 2.0
 
 
 class LoadMonitor:
-    """Measures the load a few times a second, tells the admission, and moves classes from level to level.
+    """Measures the load a few times per second, informs the admission, and moves classes from level to level.
 
-    degrade False: levels stay where they are, and sessions get all they asked for, late if need be.
+    degrade False: levels do not change, and sessions get everything they asked for, late if necessary.
     """
 
     def __init__(self, facts: ModelFacts, admission: Admission, now: float, degrade: bool, lease: DeviceLease) -> None:
@@ -44,41 +44,43 @@ class LoadMonitor:
 
     @property
     def load(self) -> float:
-        """Share of the machine that was in use of late, counted as if all steps had been full, by other engines too.
+        """The share of the machine used lately, other engines included, counted as if all steps had been full.
 
-        Of a quota, only what engines themselves used counts: this tells whether they keep up, not who may come in.
+        Under a quota, only what engines themselves used counts: this says whether they keep up, not whom to admit.
         """
         return self._of_late.work_s + self._lease.elsewhere
 
     @property
     def spoken_for(self) -> float:
-        """The share of the machine by which sessions are let in or refused: of a quota, all that goes with theirs."""
+        """The load by which sessions are admitted; under a quota, with what others use because of the sessions."""
         return self._admission.load
 
     @property
     def shed(self) -> bool:
-        """Whether all that could be given up was, and it did not help."""
+        """Whether everything that could be given up was, and it did not help."""
         return self._degradation is not None and self._degradation.shed
 
     def level(self, priority: Priority) -> Level:
-        """Where a class is."""
+        """The level of a class."""
         return self._degradation.level(priority) if self._degradation is not None else FULL
 
     def note_replan(self, priority: Priority, owner: Owner, share: float) -> None:
-        """A session's window was begun that changes what it would show. share: of a whole window's steps, below 0 for
-        one that was let go of."""
+        """A window was begun that changes what a session would show.
+
+        share: of a full window's steps; negative for a window that was discarded.
+        """
         self._rates.note_replan(priority, share)
         self._edits.note(owner, share)
 
     def note_windows(self, now: float, windows: int, late: float) -> None:
-        """So many windows were due, and so late were they, in windows: see `Degradation.note_windows`."""
+        """Windows were due, and were late by this much, in windows: see `Degradation.note_windows`."""
         if self._degradation is not None:
             self._degradation.note_windows(now, windows, late)
 
     def measure(
         self, now: float, use: DeviceUse, prices: Prices, present: Mapping[Priority, int]
     ) -> Iterable[Priority]:
-        """Take stock; returns the classes that are on another level now. use: of the device since the start."""
+        """Measure the load. Returns the classes whose level changed. use: of the device since the start."""
         elapsed_s = now - self._at
         if elapsed_s > 0:
             self._rates.update(elapsed_s, present)
@@ -98,5 +100,5 @@ class LoadMonitor:
         yielding = self._admission.yielding()
         kept = [level.kept(self._facts, prices) for level in self._levels]
         demand = Demand(self._admission.asked_by_class, kept, times * elsewhere - yielding)
-        load = self.load - yielding / times  # both of the machine as engines themselves use it
+        load = self.load - yielding / times  # both as shares of what the engines themselves use
         return self._degradation.update(now, load, present, self._of_late.busy_s + elsewhere, demand)

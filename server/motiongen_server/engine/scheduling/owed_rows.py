@@ -1,4 +1,4 @@
-"""OwedRows: what parties are owed of the rows of denoising steps, by their shares (deficit round robin)."""
+"""OwedRows: how many rows of denoising steps parties are owed by their shares (deficit round robin)."""
 
 from __future__ import annotations
 
@@ -7,31 +7,31 @@ from typing import Generic, TypeVar
 
 Party = TypeVar("Party", bound=Hashable)
 
-# Nobody is ever owed more than its share of a step and so many rows of the steps before: what it did not ask for in
-# time is not kept. They are what whole rows leave of shares: a part of one in each step, and where several are owed a
-# whole one at once, more than a step has.
+# A party is never owed more than its share of a step plus this many rows of earlier steps: rows that it did not ask for
+# in time are lost. Those rows are remainders, since rows are whole: a fraction in each step, and more when several
+# parties are owed whole rows at once and the step has too few.
 _MOST_KEPT = 2.0
 
 
 class OwedRows(Generic[Party]):
-    """Counts while a party waits for rows; who does not wait is owed nothing."""
+    """Accumulates for a party while it waits for rows; a party that does not wait is owed nothing."""
 
     def __init__(self) -> None:
         self._owed: dict[Party, float] = {}
 
     def whole(self) -> list[tuple[Party, int]]:
-        """Who is owed whole rows, and how many: the most owed first."""
+        """The parties that are owed whole rows, and how many: the most owed first."""
         owed = sorted(self._owed.items(), key=lambda entry: -entry[1])
         return [(party, int(rows)) for party, rows in owed if rows >= 1.0]
 
     def forget(self) -> None:
-        """Nobody is owed anything."""
+        """Forget all that is owed."""
         self._owed.clear()
 
     def settle(
         self, rows: int, shares: Mapping[Party, float], taken: Mapping[Party, int], waiting: Collection[Party]
     ) -> None:
-        """A step of so many rows was given out. shares: of 1, for all who wait; taken: rows that parties got."""
+        """Account for a step. rows: its size; shares: of 1, of all waiting parties; taken: rows that parties got."""
         owed: dict[Party, float] = {}
         for party in waiting:
             share = shares[party] * rows

@@ -1,8 +1,8 @@
-"""OwnerParts: what edits of owners take of the machine beyond those owners' parts of it.
+"""OwnerParts: how much of the machine owners' edits take beyond those owners' parts of it.
 
-An owner's part goes by its weight among those who have sessions or ask for one. What its sessions take to play on is
-its own, however much that is: they were let in for it. What its edits take beyond the part gives way, in every step
-(`owner_shares`), so it is no reason to send another owner away, or to give anybody less.
+An owner's part follows from its weight among the owners that have sessions or ask for one. What its sessions take to
+play on is its own, however much it is, since they were admitted for that. What its edits take beyond its part gives way
+in every step (`owner_shares`), so it is no reason to refuse another owner or to give anybody less.
 """
 
 from __future__ import annotations
@@ -16,7 +16,7 @@ from motiongen_server.engine.types import ModelFacts, Owner, SessionSpec
 
 @dataclass(slots=True)
 class _Held:
-    """Of one owner: its sessions, and their denoising steps a window together. weight: as its latest session has it."""
+    """One owner's sessions, and the sum of their denoising steps per window. weight: as of its latest session."""
 
     weight: float
     sessions: int = 0
@@ -24,7 +24,7 @@ class _Held:
 
 
 class OwnerParts:
-    """Counts sessions that are played by owner. Not thread-safe: its owner holds a lock."""
+    """Counts playing sessions by owner. Not thread-safe: the caller holds a lock."""
 
     def __init__(self, facts: ModelFacts) -> None:
         self._playing_hz = facts.fps / facts.horizon  # windows of a session that is never edited
@@ -41,9 +41,9 @@ class OwnerParts:
             del self._held[owner.name]
 
     def yielding(self, prices: Prices, edits_hz: Mapping[str, float], asks: Owner | None = None) -> float:
-        """The share of the machine that edits take beyond the parts of their owners; of the owner that asks, none.
+        """The share of the machine that edits take beyond their owners' parts.
 
-        edits_hz: as of `EditRates`. asks: who wants more, and has a part too; None: nobody.
+        edits_hz: as of `EditRates`. asks: an owner that wants more: it has a part too, and its own edits are left out.
         """
         total = sum(held.weight for held in self._held.values())
         if asks is not None and asks.name not in self._held:

@@ -1,8 +1,8 @@
-"""OwnerShares: which rows of the next step owners must have, whatever classes and deadlines others' jobs have.
+"""OwnerShares: reserves rows of the next step for owners, regardless of the classes and deadlines of others' jobs.
 
-An owner has a share of the rows of every step, by its weight among those who have jobs. While there is more to do than
-can be done in good time it gets no less, if it asks for as much; within its rows its own jobs go by class and deadline.
-What one does not ask for is the others'.
+An owner has a share of the rows of every step, by its weight among the owners that have jobs. While there is more work
+than can be done in good time, it gets at least that, if it has enough jobs; among its own jobs, class and deadline
+decide. What an owner does not use goes to the others.
 """
 
 from __future__ import annotations
@@ -19,7 +19,7 @@ from motiongen_server.engine.scheduling.scheduled_job import ScheduledJob
 
 @dataclass(slots=True)
 class _Account:
-    """One owner's jobs, in order of class and deadline. weight: as its latest session has it."""
+    """One owner's jobs; queue: their ranks in order of class and deadline. weight: as of its latest job."""
 
     weight: float
     jobs: dict[int, ScheduledJob] = field(default_factory=dict)
@@ -27,7 +27,7 @@ class _Account:
 
 
 class OwnerShares:
-    """Knows every job that somebody plays; those in the background take what is left, whoever owns them."""
+    """Knows all jobs that somebody plays; background jobs take what is left, whoever owns them."""
 
     def __init__(self) -> None:
         self._accounts: dict[str, _Account] = {}
@@ -35,7 +35,7 @@ class OwnerShares:
 
     @property
     def are_several(self) -> bool:
-        """Whether anybody has somebody to share with."""
+        """Whether more than one owner has jobs."""
         return len(self._accounts) > 1
 
     def add(self, held: ScheduledJob) -> None:
@@ -56,7 +56,7 @@ class OwnerShares:
                 del self._accounts[job.owner.name]
 
     def reserved(self, may_run: Callable[[ScheduledJob], bool]) -> Iterator[ScheduledJob]:
-        """The jobs that owners must have in this step: as many as the whole rows they are owed, the most owed first."""
+        """The jobs reserved for this step: as many as the whole rows that owners are owed, the most owed first."""
         for name, rows in self._owed.whole():
             account = self._accounts.get(name)
             if account is not None:
@@ -64,12 +64,12 @@ class OwnerShares:
                 yield from islice(ready, rows)
 
     def settle(self, chosen: Iterable[ScheduledJob], strained: bool) -> None:
-        """Keep the books of a step that was given out. strained: there is more to do than can be done in good time."""
+        """Update what is owed after a step. strained: there is more work than can be done in good time."""
         if not (strained and self.are_several):
             self._owed.forget()
             return
         taken = Counter(held.job.owner.name for held in chosen if not held.job.background)
         total = sum(account.weight for account in self._accounts.values())
         shares = {name: account.weight / total for name, account in self._accounts.items()}
-        # Also who got all it asked for: its jobs need more steps than one.
+        # Owners that got all they asked for are included too: their jobs need further steps.
         self._owed.settle(taken.total(), shares, taken, shares)

@@ -1,4 +1,4 @@
-"""What the engine needs of whatever decides which windows are in the next denoising step."""
+"""SchedulingPolicy: what the engine needs of a scheduler."""
 
 from __future__ import annotations
 
@@ -13,8 +13,7 @@ from motiongen_server.engine.types import Priority, RowStatus, WindowJob
 class SchedulingPolicy(Protocol):
     """Decides which jobs are in the next denoising step. Holds every job from `add` to `remove`; never waits.
 
-    Called from the engine's thread alone. `Scheduler` is the one that is served with; others can be measured in its
-    place.
+    Called from the engine's thread only. The server uses `Scheduler`; others can be measured in its place.
     """
 
     @property
@@ -27,28 +26,28 @@ class SchedulingPolicy(Protocol):
         ...
 
     def add(self, job: WindowJob, passes: int) -> None:
-        """Take in a job. passes: what `Runner.num_passes` says of it."""
+        """Add a job. passes: the result of `Runner.num_passes` for it."""
         ...
 
     def remove(self, job_id: int) -> None:
-        """Let go of a job that is held, at any stage."""
+        """Remove a job at any stage."""
         ...
 
     def exchange(self, job: WindowJob, passes: int) -> None:
-        """Hold a job in place of the one with its number, which is not prepared; it may be of another class."""
+        """Replace the job with the same number, which is not prepared yet; the class may differ."""
         ...
 
     def schedule(self, now: float) -> Sequence[ScheduledJob]:
-        """The jobs of the next step, most urgent first. Empty: none before `wake_at`, unless more comes."""
+        """The jobs of the next step, most urgent first. Empty: none before `wake_at`, unless a job is added."""
         ...
 
     @property
     def largest_step(self) -> int:
-        """Evaluations of the largest step that it makes, however much there is to do."""
+        """Evaluations of the largest step that it makes, however much work there is."""
         ...
 
     def wake_at(self) -> float:
-        """When to ask again though nothing has come; infinity: no need to."""
+        """When to ask again although nothing came; infinity: no need to."""
         ...
 
     def mark_prepared(self, job_ids: Iterable[int]) -> None:
@@ -56,13 +55,13 @@ class SchedulingPolicy(Protocol):
         ...
 
     def commit(self, statuses: Iterable[RowStatus]) -> list[int]:
-        """Note the steps that were done; returns the jobs that have done all of theirs."""
+        """Record the steps that were done. Returns the jobs that have done all of theirs."""
         ...
 
     def predict_s(self, priority: Priority, deadline: float, num_steps: int, passes: int) -> float:
-        """Seconds until a job that is added now would be finished, as things stand."""
+        """Seconds until a job added now would be finished, judged by the current state."""
         ...
 
     def left_s(self, held: ScheduledJob) -> float:
-        """Seconds until a job that is in the next step will be finished, as things stand."""
+        """Seconds until a job of the next step will be finished, judged by the current state."""
         ...

@@ -1,6 +1,6 @@
-"""Profile: what calls of the runner cost at start-up, measured with windows that are thrown away.
+"""Profile: measures what calls of the runner cost at start-up, with windows that are thrown away.
 
-It also proves, before anyone depends on it, that the model gives finite frames and that the device has the memory.
+It also shows, before sessions depend on it, that the model makes finite frames and that the device has the memory.
 """
 
 from __future__ import annotations
@@ -18,20 +18,20 @@ from motiongen_server.engine.scheduling.costs import CostTable
 from motiongen_server.engine.scheduling.trial_jobs import plain_job, trial_job
 from motiongen_server.engine.types import Float32Array, ModelFacts, WindowJob, WindowResult
 
-# Each size once to allocate and to build what is built for a size, then as often to time it. The least time counts:
-# what others on the machine add to a call is no property of the call, and what it really costs is tracked later on.
+# Each size runs once untimed, to allocate memory and build what is built per size, then this often to be timed. The
+# least time counts: delays by others on the machine are no property of the call; the real cost is tracked later.
 _TIMES = 2
 
 _MakeJob = Callable[[ModelFacts, int, Float32Array], WindowJob]
 
 
 class UnsoundModel(ValueError):
-    """The model cannot be served: it gives frames that are not finite, or does not fit the device even alone."""
+    """The model cannot be served: its frames are not finite, or it does not fit the device even with one window."""
 
 
 @dataclass(frozen=True, slots=True)
 class Profile:
-    """costs: the table. max_rows: the most windows of a step that the device has memory for, within what was asked."""
+    """costs: the table. max_rows: the most windows in a step that fit the device's memory, up to what was asked for."""
 
     costs: CostTable
     max_rows: int
@@ -47,11 +47,12 @@ def profile(
 ) -> Profile:
     """Measure calls of 1, 2, 4, ... max_rows windows, as many of these sizes as budget_s allows.
 
-    Steps of fewer evaluations than one of the dearest windows takes are measured with windows that take one each: what
-    a lone character needs would have to be learned from its first step, however long that stood still.
+    Steps with fewer evaluations than one of the dearest windows takes are measured with windows that take one
+    evaluation each: otherwise the cost of a lone character would be learned from its first step, even if that was
+    delayed.
 
-    turn: entered for every call of the runner, where others are at work; what they do before it is no part of the call.
-    Raises UnsoundModel.
+    turn: entered for every call of the runner, where others use the device too; waiting for it is not measured. Raises
+    UnsoundModel.
     """
     costs = CostTable.assumed(0.0)
     timer = _Timer(clock, turn or nullcontext())
@@ -120,13 +121,13 @@ class _Least:
 
 @dataclass(frozen=True, slots=True)
 class _Timer:
-    """Makes calls in turns, and measures them from when their turn has come."""
+    """Makes calls in turn with others, and measures them from when the turn has come."""
 
     clock: Clock
     turn: AbstractContextManager[object]
 
     def __call__(self, call: Callable[[], object]) -> float:
-        """Seconds of a call."""
+        """Seconds that a call took."""
         with self.turn:
             begun_at = self.clock.now()
             call()
@@ -134,7 +135,7 @@ class _Timer:
 
 
 def _windows(runner: Runner, jobs: list[WindowJob], timer: _Timer, least: _Least) -> list[WindowResult]:
-    """Take the jobs through all their steps, and note what the calls took."""
+    """Compute the jobs from start to end, and record the times of the calls."""
     job_ids = [job.job_id for job in jobs]
     results: list[WindowResult] = []
     try:

@@ -1,4 +1,4 @@
-"""QuotaShare: what an engine's own calls stand for under a quota of processor time."""
+"""QuotaShare: how much of a quota of processor time an engine's own calls account for."""
 
 from __future__ import annotations
 
@@ -6,7 +6,7 @@ from collections.abc import Callable
 from dataclasses import dataclass
 
 _OVER_S = 2.0
-# Of a processor that has hardly anything to do, what others use says nothing of what sessions will make them use.
+# Below this load, what the rest of the server uses says nothing about what sessions will make it use.
 _LEAST_BUSY = 0.05
 _MOST = 4.0
 _GATEWAY = 1.1
@@ -15,12 +15,13 @@ _LEARNED_S = 16.0
 
 @dataclass(frozen=True, slots=True)
 class QuotaAccount:
-    """cores: the quota, for each thread of an engine: 1.5 where engines of two threads have three cores.
+    """A quota of processor time, and what has been used of it.
 
-    engines: that share it. used_s: seconds of the whole quota that everything in it has used so far; a second of three
-    cores is three seconds of processor time. spent_s: of this process, seconds of all its engine's threads; one that
-    keeps two of them busy for a second spends a second, which is two of processor time. So what an engine spends of a
-    second is its load, as everywhere else, 1 at the most.
+    cores: the quota per thread of an engine: 1.5 if engines of two threads have three cores. engines: how many share
+    it. used_s: seconds of the whole quota that all processes in it have used so far; a second of three cores is three
+    seconds of processor time. spent_s: of this process, seconds of all its engine's threads; an engine that keeps two
+    threads busy for a second spends one second, which is two of processor time. So what an engine spends per second is
+    its load, at most 1, as everywhere else.
     """
 
     cores: float
@@ -30,14 +31,16 @@ class QuotaAccount:
 
 
 class QuotaShare:
-    """How much of a quota goes with each second that an engine's own calls spend, by what was used of late.
+    """How much of a quota is used for each second that an engine's own calls spend, judged by recent use.
 
-    Under a quota, calls are as fast as ever until its part of a period is used up, by whoever: other engines and the
-    gateway use of it too. So an engine that goes by its own clock alone sees room until the moment in which all stand
-    still. factor: of the quota, so many times what its calls take of its threads; never less than they take themselves.
+    Under a quota, calls run at full speed until the quota of a period is used up, by other engines and the gateway as
+    well. An engine that went by its own clock alone would therefore see room until the moment at which everything
+    stops. factor: the share of the quota that goes with the engine's calls, as a multiple of their load of its threads;
+    never less than what the calls themselves use.
 
-    Sessions that open cost the gateway more than those that play. So what is seen counts little by little, and an
-    engine begins with others as busy as itself, and with a gateway that takes what it was seen to take for a crowd.
+    Opening sessions costs the gateway more than playing ones. So observations count gradually, and an engine starts
+    from the assumption that the others are as busy as itself, and that the gateway takes what it was seen to take for a
+    crowd.
     """
 
     def __init__(self, account: QuotaAccount) -> None:
@@ -48,7 +51,7 @@ class QuotaShare:
         self.factor = self._bounded(_GATEWAY * account.engines * self._alone)
 
     def update(self, elapsed_s: float, spent: float) -> None:
-        """spent: of a second, what the engine's calls spent of late, looked back as far as here."""
+        """spent: seconds that calls of the engines here spent per second lately, averaged over _OVER_S."""
         now_s = self._account.used_s()
         self._used += min(1.0, elapsed_s / _OVER_S) * ((now_s - self._before_s) / elapsed_s - self._used)
         self._before_s = now_s

@@ -1,4 +1,4 @@
-"""ScheduledJob: a window in the scheduler's care."""
+"""ScheduledJob: a window that the scheduler holds."""
 
 from __future__ import annotations
 
@@ -10,7 +10,7 @@ from motiongen_server.engine.types import RowStatus, WindowJob
 
 @dataclass(slots=True)
 class ScheduledJob:
-    """passes: evaluations of a step. prepared: the runner holds it."""
+    """A window and its progress. passes: evaluations per step. prepared: whether the runner holds it."""
 
     job: WindowJob
     passes: int = 1
@@ -18,22 +18,22 @@ class ScheduledJob:
     steps_done: int = 0
 
     def note(self, status: RowStatus) -> bool:
-        """Note the steps that were done; returns whether those were all."""
+        """Record the steps that were done. Returns whether those were all."""
         self.steps_done = status.steps_done
         return self.steps_done >= self.job.num_steps
 
     @property
     def dueness(self) -> tuple[float, int]:
-        """What orders the jobs of a class."""
+        """Sort key of the jobs within a class."""
         return (self.job.deadline, self.job.job_id)
 
     def rank(self) -> tuple[int, float, int]:
-        """What orders all jobs."""
+        """Sort key of all jobs."""
         return (self.job.priority, *self.dueness)
 
     @property
     def urgency(self) -> tuple[float, int]:
-        """What orders the jobs whose frames clients would run out of."""
+        """Sort key of the jobs with frames that clients would run out of."""
         return (self.job.runs_out_at, self.job.job_id)
 
     @property

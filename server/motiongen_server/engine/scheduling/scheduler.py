@@ -1,18 +1,18 @@
-"""Scheduler: which jobs are in the next denoising step. Pure: time comes in as an argument.
+"""Scheduler: chooses the jobs of the next denoising step. Pure: time is passed as an argument.
 
-Frames that a client would run out of come before anything that only changes frames: a window without which somebody's
-frames end soon is taken first, whatever its class and whatever it was begun for. Then classes go in order of priority,
-but each has a share of all rows reserved: while jobs of a class are left over, it gets a row at the latest when it is
-owed a whole one, so that no class starves. Within a class those that have begun go first, then the earliest deadline.
-Owners have shares of the same kind (`owner_shares`). Jobs in the background are behind all classes, whatever class they
-have themselves, and have a share like one: nobody waits for them, and none of them waits for ever.
+Frames that a client would run out of precede anything that only changes frames: a window without which a client's
+frames end soon comes first, whatever its class and cause. Then classes go in order of priority, but each has a reserved
+share of all rows: while jobs of a class are left over, it gets a row at the latest when it is owed a whole one, so that
+no class starves. Within a class, windows that have begun go first, then the earliest deadline. Owners have shares of
+the same kind (`owner_shares`). Background jobs come after all classes, whatever class they have themselves, and have a
+share like a class: nobody waits for them, and none of them waits for ever.
 
-Preparing and decoding cost little more for several windows than for one. So newcomers gather: where the windows of
-their class that are under way will soon be done, or these and those of more urgent classes, they wait for them, and
-begin together.
+Preparing and decoding cost little more for several windows than for one. So new windows gather: if the running windows
+of their class, or these and those of more urgent classes, will soon be done, they wait for them and begin together.
 
-A step is as large as the caps and the tightest deadline allow; windows of that deadline's class that have begun go
-along all the same, since a group that falls apart is decoded in parts. Jobs pause and go on between steps, at no cost.
+A step is as large as the limits and the tightest deadline allow; windows of that deadline's class that have begun are
+included even beyond that, since a group that falls apart is decoded in parts. Jobs pause and continue between steps at
+no cost.
 """
 
 from __future__ import annotations
@@ -32,27 +32,27 @@ from motiongen_server.engine.types import Priority, RowStatus, WindowJob
 
 DEFAULT_SHARES = (0.0, 0.15, 0.1, 0.05)
 DEFAULT_BACKGROUND_STEP_S = 0.025
-# Jobs in the background make a step that has others in it at most so much longer.
+# Background jobs make a step with other jobs at most this many times as long.
 _BACKGROUND_DRAG = 1.2
-# Frames are endangered where no more than so many times the time is left that their window still takes, one of the
-# largest steps after another. Under a quota the processor may stand still meanwhile (ADR 90).
+# Frames are endangered if the time left is at most this many times what their window still takes in steps of the
+# largest size. More under a quota, where the processor may stand still meanwhile (ADR 90).
 _ENDANGERED, _ENDANGERED_UNDER_QUOTA = 2.0, 4.0
-# Newcomers wait for others of their class to be done at most so long, and such a share of it where more urgent classes
-# have some under way: of these some may at all times be soon done.
+# New windows wait at most this long for running ones of their class to be done, and only this share of it for these and
+# those of more urgent classes together, some of which may be nearly done at all times.
 DEFAULT_GATHER_S = 0.12
 _BEHIND_OTHERS = 0.5
-# The place of the background, behind those of all classes.
+# The background's place, after those of all classes.
 _BACKGROUND = len(Priority)
 
 
 class Scheduler:
     """Holds every window job from `add` to `remove`.
 
-    max_rows, max_evaluations: of one step. max_step_s: a step is not made larger than what this time allows, so that
-    whoever comes meanwhile need not wait longer; background_step_s: the same for a step that has jobs in the background
-    only; shares: of all rows, reserved for each class, most urgent first, and the last of them for the background too;
-    gather_s: how long newcomers wait for others of their class at most. under_quota: of processor time, without which
-    all calls stand still.
+    max_rows, max_evaluations: of one step. max_step_s: no step is made longer than this, so that a job that arrives
+    meanwhile need not wait longer; background_step_s: the same for a step with background jobs only. shares: of all
+    rows, reserved for each class, most urgent first; the last one also applies to the background. gather_s: how long
+    new windows wait for others of their class at most. under_quota: processor time is limited by a quota, without which
+    all calls stop.
     """
 
     def __init__(
@@ -75,12 +75,12 @@ class Scheduler:
         self._gather_s = gather_s
         self._endangered_times = _ENDANGERED_UNDER_QUOTA if under_quota else _ENDANGERED
         self._jobs: dict[int, ScheduledJob] = {}
-        # Of each class, and after them of the background: numbers of places in these are what `_place` says.
+        # One queue per class, and the background's after them, indexed by `_place`.
         self._queues: tuple[list[tuple[float, int]], ...] = tuple([] for _ in range(_BACKGROUND + 1))
         self._evaluations = [0 for _ in self._queues]
         self._played: list[tuple[float, int]] = []
-        self._played_steps: Counter[int] = Counter()  # how many windows of those have so many steps
-        self._cap = self._limits.max_evaluations  # of the step that was last given out
+        self._played_steps: Counter[int] = Counter()  # how many of these windows have each num_steps
+        self._cap = self._limits.max_evaluations  # most evaluations of the last step
         self._owed: OwedRows[int] = OwedRows()
         self._owners = OwnerShares()
 
@@ -130,7 +130,7 @@ class Scheduler:
         self._cap = most
         chosen = self._reserved(most, strained)
         evaluations = sum(held.passes for held in chosen.values())
-        room_s: float | None = None  # for the step, once jobs in the background are looked at
+        room_s: float | None = None  # how long the step may become by background jobs; set once one is considered
         for held in self._candidates(now):
             if held.job.job_id in chosen:
                 continue
@@ -143,15 +143,15 @@ class Scheduler:
             if held.job.background:
                 room_s = self._background_room_s(chosen.values(), evaluations) if room_s is None else room_s
                 if chosen and step_s > room_s:
-                    break  # all behind it are in the background, too
+                    break  # all after it are background jobs, too
             allowed_s = self._allowed_step_s(held, now)
-            if step_s <= allowed_s < budget_s:  # else it is late whatever is done, and nobody need make room for it
+            if step_s <= allowed_s < budget_s:  # else it will be late anyway, and the step need not be smaller for it
                 budget_s, budget_of = allowed_s, held.job.priority
             chosen[held.job.job_id], evaluations = held, larger
         return self._commit_rows(chosen, strained)
 
     def _candidates(self, now: float) -> Iterator[ScheduledJob]:
-        """Who may be in the next step, in the order in which they are taken; some come twice."""
+        """The jobs that may be in the next step, in the order in which they are considered; some come twice."""
         yield from self._endangered(now)
         for place, queue in enumerate(self._queues):
             if queue:
@@ -159,7 +159,7 @@ class Scheduler:
                 yield from (held for held in self._at(place) if held.prepared or not gathers)
 
     def _at(self, place: int) -> list[ScheduledJob]:
-        """Those of a class, or of the background: that have begun, then the others, each in order of deadline."""
+        """The jobs of a class, or of the background: first those that have begun; each part in order of deadline."""
         held = (self._jobs[job_id] for _, job_id in self._queues[place])
         return sorted(held, key=lambda one: not one.prepared)
 
@@ -167,8 +167,8 @@ class Scheduler:
         """Windows whose frames clients are about to run out of, in order of class and deadline."""
         step_s = self.costs.step.seconds(self.largest_step)
         window_s = self.costs.prepare.seconds(1) + self.costs.decode.seconds(1)
-        # Who runs out later than a window of the most steps would be endangered need not be looked at, nor who comes
-        # after; but one of few steps may well come before one of many that is endangered, and is not.
+        # The search ends at the first job that would not be endangered even with the most steps of all. Before that, a
+        # job of few steps may be safe although a later one of many is endangered: each is checked with its own.
         most_s = window_s + step_s * max(self._played_steps, default=0)
         endangered = []
         for runs_out_at, job_id in self._played:
@@ -181,7 +181,7 @@ class Scheduler:
         return sorted(endangered, key=ScheduledJob.rank)
 
     def gathers(self, priority: Priority) -> bool:
-        """Whether newcomers of a class wait for windows, of it or of more urgent ones too, that will soon be done."""
+        """Whether new windows of a class wait for running ones, of it or more urgent ones, that will soon be done."""
         return self._gathers(priority - 1)
 
     def _gathers(self, place: int) -> bool:
@@ -193,7 +193,7 @@ class Scheduler:
         return self._are_done_in(own, self._gather_s) or self._are_done_in(ahead, _BEHIND_OTHERS * self._gather_s)
 
     def _are_done_in(self, begun: Sequence[ScheduledJob], seconds: float) -> bool:
-        """Whether there are windows, and all of them will be done in so long."""
+        """Whether there are windows and all of them will be done within this time."""
         if not begun:
             return False
         step_s = self.costs.step.seconds(sum(held.passes for held in begun))
@@ -201,17 +201,17 @@ class Scheduler:
         return rounds * step_s + self.costs.decode.seconds(len(begun)) <= seconds
 
     def _background_room_s(self, chosen: Iterable[ScheduledJob], evaluations: int) -> float:
-        """How long a step may become by jobs in the background: others wait for its end, or for each of their own."""
+        """How long background jobs may make a step: its other jobs wait for it, or else those that arrive meanwhile."""
         if any(not held.job.background for held in chosen):
             return _BACKGROUND_DRAG * self.costs.step.seconds(evaluations)
         return self._background_step_s
 
     def wake_at(self) -> float:
-        """Jobs that are held are never made to wait."""
+        """Infinity: jobs are never held back."""
         return inf
 
     def _reserved(self, most: int, strained: bool) -> dict[int, ScheduledJob]:
-        """The jobs that classes and the background, then owners, must have in this step, of so many evaluations."""
+        """The jobs reserved in this step for classes and the background, then for owners, up to `most` evaluations."""
         chosen: dict[int, ScheduledJob] = {}
         evaluations = 0
         of_classes = (held for place, rows in self._owed.whole() for held in self._at(place)[:rows])
@@ -225,14 +225,14 @@ class Scheduler:
         return chosen
 
     def _of_owners(self) -> Iterable[ScheduledJob]:
-        """The jobs that owners must have."""
+        """The jobs reserved for owners."""
         if not self._owners.are_several:
             return ()
         gathering = {priority: self.gathers(priority) for priority in Priority}
         return self._owners.reserved(lambda held: held.prepared or not gathering[held.job.priority])
 
     def _commit_rows(self, chosen: dict[int, ScheduledJob], strained: bool) -> list[ScheduledJob]:
-        """Keep the books of what is owed, and give out the rows in order of class and deadline."""
+        """Update what is owed, and return the rows in order of class and deadline."""
         taken = Counter(_place(held.job) for held in chosen.values())
         waiting = [place for place, queue in enumerate(self._queues) if len(queue) > taken[place]]
         self._owed.settle(len(chosen), self._shares, taken, waiting)
@@ -241,7 +241,7 @@ class Scheduler:
 
     @property
     def largest_step(self) -> int:
-        """Evaluations of a step under a backlog."""
+        """Evaluations of a step when there is a backlog."""
         return self._limits.most_evaluations(strained=True)
 
     def _strained(self, now: float) -> bool:
@@ -249,7 +249,7 @@ class Scheduler:
         return self._limits.are_strained(held, now)
 
     def _allowed_step_s(self, held: ScheduledJob, now: float) -> float:
-        """How long each step of a job may take for it to make its deadline."""
+        """How long each step of a job may take for the job to meet its deadline."""
         costs = self.costs
         rest_s = costs.decode.seconds(1) + (0.0 if held.prepared else costs.prepare.seconds(1))
         return (held.job.deadline - now - rest_s) / max(1, held.job.num_steps - held.steps_done)
@@ -259,11 +259,11 @@ class Scheduler:
             self._jobs[job_id].prepared = True
 
     def commit(self, statuses: Iterable[RowStatus]) -> list[int]:
-        """Note the steps that were done; returns the jobs that have done all of theirs."""
+        """Record the steps that were done. Returns the jobs that have done all of theirs."""
         return [status.job_id for status in statuses if self._jobs[status.job_id].note(status)]
 
     def predict_s(self, priority: Priority, deadline: float, num_steps: int, passes: int) -> float:
-        """Seconds until a job that is added now would be finished, as things stand."""
+        """Seconds until a job added now would be finished, judged by the current state."""
         queue = self._queues[priority - 1]
         in_class = self._evaluations[priority - 1]
         ahead = sum(self._evaluations[: priority - 1]) + passes
@@ -284,5 +284,5 @@ class Scheduler:
 
 
 def _place(job: WindowJob) -> int:
-    """Where a job waits."""
+    """The index of the queue in which a job waits."""
     return _BACKGROUND if job.background else job.priority - 1

@@ -1,6 +1,7 @@
-"""StepExecutor: a denoising step and all that belongs to it: prepare newcomers, step, decode who is done; its cost.
+"""StepExecutor: makes a denoising step: prepares new jobs, steps, decodes finished ones; measures what this costs.
 
-Failures of the runner end here: calls are made in parts, jobs that cannot be done are named. Only DeviceLost goes on.
+Failures of the runner are handled here: calls are repeated in parts, and jobs that fail are reported. Only DeviceLost
+is raised.
 """
 
 from __future__ import annotations
@@ -25,9 +26,9 @@ from motiongen_server.engine.types.report import StepReport
 
 _log = logging.getLogger(__name__)
 
-# How fast the mean number of evaluations of a step follows what is seen, for every row.
+# How fast the mean number of evaluations per row and step follows what is seen, for every row.
 _PASSES_RATE = 1 / 4096
-# How long a background that is held back waits before it asks again. It asks in turn with those it is held back for.
+# How long a background that is held back waits before it asks again, in turn with the engines it is held back for.
 _HELD_BACK_S = 0.005
 _NOT_FINITE = "the model made numbers that are not finite for this session; open a new session"
 _NO_ROOM = "the device has no memory left for this session's window; open a new session"
@@ -35,11 +36,11 @@ _FAILED = "the model failed for this session's window; open a new session"
 
 
 class StepExecutor:
-    """Takes jobs through the runner, as the policy says.
+    """Takes jobs through the runner, in the policy's order.
 
-    failed: told of every job that the model cannot do, and why, in words for the client; it is to call `discard`.
-    begins: asked of every job before it is prepared, with the seconds that it will take, for one to take its place.
-    lease: the engine's place at the device, whose turn it is whenever something is called here.
+    failed: called for every job that the model cannot do, with the reason in words for the client; it must call
+    `discard`. begins: called for every job before it is prepared, with the seconds that it will take; it may return a
+    job to replace it. lease: the engine's place at the device; all calls here are made during its turn.
     """
 
     def __init__(
@@ -80,26 +81,26 @@ class StepExecutor:
         self._passes = float(runner.facts.guidance_passes)
         if spent is not None:
             policy.costs.follow_processor()
-        self._left_at: float | None = None  # when a call of the round before ended, without the waits for turns
-        self._own_s = 0.0  # between calls since windows were last decoded
+        self._left_at: float | None = None  # when the last call ended, minus all waits for turns; None after idling
+        self._own_s = 0.0  # the engine's own time between calls, since windows were last decoded
         self._decoded_at = -inf
         self.use = DeviceUse()
         self.held_until = inf
-        """When to ask again for the next step, where the background is held back for other engines."""
+        """When to ask again for the next step, while the background is held back for other engines."""
 
     def __len__(self) -> int:
         """Jobs under way."""
         return len(self._policy)
 
     def add(self, job: WindowJob) -> None:
-        """Take in a window. What is done for one in the background does not count as work: it takes what is left."""
+        """Add a window. Time spent on background windows does not count as load, since they take what is left."""
         if job.background:
             self._background.add(job.job_id)
         self._policy.add(job, self._runner.num_passes(job))
         self._tell_others()
 
     def finish(self, job_id: int) -> None:
-        """Let go of a job whose window has been decoded."""
+        """Remove a job whose window was decoded."""
         self._background.discard(job_id)
         self._policy.remove(job_id)
         self._tell_others()
@@ -109,11 +110,11 @@ class StepExecutor:
         self._background.discard(job_id)
         self._policy.remove(job_id)
         self._tell_others()
-        # Also where `prepare` has not succeeded: it may have got half way, and an unknown id is no error.
+        # Even if `prepare` failed: it may have got half way, and an unknown id is no error.
         self._runner.discard([job_id])
 
     def step(self, report: StepReport) -> tuple[list[RowStatus], list[int]]:
-        """One denoising step for those who are most urgent: how far they are, and which are ready to be decoded."""
+        """One denoising step for the most urgent jobs. Returns their statuses, and the jobs ready to be decoded."""
         batch = self._batch()
         if not batch:
             self._left_at = None
@@ -143,7 +144,7 @@ class StepExecutor:
         return statuses, finished
 
     def _batch(self) -> Sequence[ScheduledJob]:
-        """Who is in the next step; where all are in the background, only as far as other engines leave time for it."""
+        """The jobs of the next step; if all are background jobs, only as many as other engines leave time for."""
         self.held_until = inf
         if not self._background or len(self._background) < len(self._policy):
             return self._policy.schedule(self._now())
@@ -157,12 +158,12 @@ class StepExecutor:
         return batch[: max(1, sum(each <= most for each in evaluations))]
 
     def _tell_others(self) -> None:
-        """What the other engines of the device are to know of this one's windows."""
+        """Publish what the device's other engines need to know of this one's windows."""
         self._lease.num_background = len(self._background)
         self._lease.num_waited_for = len(self._policy) - len(self._background)
 
     def _settle_starts(self, new: Sequence[ScheduledJob]) -> None:
-        """Only now is it known who goes along, so how long jobs will take; some do better from another frame on."""
+        """Now that the batch is known, and so how long jobs will take, let some begin at another frame."""
         for held in new:
             job = self._begins(held.job.job_id, self._policy.left_s(held))
             if job is not None:
@@ -188,7 +189,7 @@ class StepExecutor:
         return sound
 
     def _take_own(self, finished: Sequence[int], now: float) -> None:
-        """Note what the engine took itself since windows were last decoded, for these."""
+        """Record the engine's own time since windows were last decoded, for the windows decoded now."""
         costs = self._policy.costs
         costs.observe_own(len(finished), self._own_s, now - self._decoded_at)
         self._decoded_at = now
@@ -200,12 +201,12 @@ class StepExecutor:
         self._own_s = 0.0
 
     def _count_own(self, begun_at: float) -> None:
-        """The engine's own time since the last call, unless it was idle; other engines' turns are not its own."""
+        """Add the engine's own time since the last call, unless it was idle; without other engines' turns."""
         if self._left_at is not None:
             self._own_s += begun_at - self._lease.waited_s - self._left_at
 
     def features(self, rows: Float32Array) -> Float32Array | None:
-        """The features (H, D) of a client's frames (H, row_width); None where the model can make none of them."""
+        """The features (H, D) of a client's frames (H, row_width); None if the model fails on them."""
         try:
             features = self._runner.features(rows)
         except DeviceLost:
@@ -216,7 +217,7 @@ class StepExecutor:
         return features if np.isfinite(features).all() else None
 
     def outputs(self, names: Sequence[str], rows: Float32Array) -> Float32Array | None:
-        """As `Runner.outputs`; None where the model can make none of these."""
+        """As `Runner.outputs`; None if the model fails."""
         try:
             made = self._runner.outputs(names, rows)
         except DeviceLost:
@@ -227,7 +228,7 @@ class StepExecutor:
         return made if np.isfinite(made).all() else None
 
     def prices(self) -> Prices:
-        """What a step and a window cost by now, where steps are full, with as many evaluations as steps have had."""
+        """The present cost of a step and a window if steps are full, with the mean number of evaluations so far."""
         costs, turnover = self._policy.costs, self._turnover
         window_s = costs.prepare.spent_each_s(turnover) + costs.decode.spent_each_s(turnover)
         window_s += costs.own_each_s if self._lease.counts_own else 0.0
@@ -235,7 +236,7 @@ class StepExecutor:
 
     @property
     def _turnover(self) -> int:
-        """Windows that begin and end together where steps are full: half of a step's, as crowds were seen to."""
+        """Windows that begin and end together when steps are full: half of those in a step, as observed with crowds."""
         return max(1, ceil(self._policy.largest_step / (2 * self._passes)))
 
     # ---- calls of the runner ----------------------------------------------------------------------------------------
@@ -268,7 +269,7 @@ class StepExecutor:
         self._count(took, counted / len(job_ids), counted * costs.spent_each_s(self._turnover))
 
     def _count(self, took: CallTime, share: float, work_s: float) -> None:
-        """share: of the call that is not the background's."""
+        """share: of the call, without the background's part."""
         self._lease.note_call(took.seconds, 1.0 - share)
         use = self.use
         self.use = DeviceUse(use.work_s + work_s, use.busy_s + share * took.seconds, use.spent_s + share * took.spent_s)

@@ -1,12 +1,12 @@
-"""StepQuotas: owners that may have so many rows of denoising steps a second, and what they have had.
+"""StepQuotas: owners' quotas of rows of denoising steps per second, and what they have used of them.
 
-Steps are saved up for a second. Windows of frames that a client would run out of are charged and never wait, so an
-owner may overdraw by a second too; its replans and clips wait until it has steps again. A window is charged when it is
-started, before it waits for its turn, so that not more of them wait than there are steps for; one that is let go of
-before its first step took none, and what it was charged is given back.
+Steps are saved up for a second. Windows with frames that a client would run out of are charged but never wait, so an
+owner may also overdraw by a second; its replans and clips wait until it has steps again. A window is charged when it is
+started, before it waits for its turn, so that no more windows wait than there are steps for; if it is discarded before
+its first step, the charge is given back.
 
-A quota is that of all engines together: each counts for itself, tells what the windows take that begin, and is told
-what those of the others did. A session on one engine alone may use all of it.
+A quota applies to all engines together: each counts its own use, reports the steps of the windows that begin, and is
+told those of the others. Sessions on one engine alone may use all of it.
 """
 
 from __future__ import annotations
@@ -18,7 +18,7 @@ from math import isfinite
 from motiongen_server.engine.types import Owner, StepsOf
 
 _SAVED_S = 1.0
-# Accounts of owners that have not been heard of are looked for once there are so many.
+# From this many accounts on, those that are full again are dropped.
 _MANY = 256
 
 
@@ -29,39 +29,41 @@ class _Account:
     at: float
 
     def update(self, owner: Owner, now: float) -> None:
-        """owner: with the quota that it has by now."""
+        """owner: with its current quota."""
         most = _SAVED_S * owner.steps_per_s
         self.left = min(most, self.left + max(0.0, now - self.at) * owner.steps_per_s)
         self.owner, self.at = owner, now
 
 
 class StepQuotas:
-    """What each owner that has a quota may still have. Time comes in as an argument."""
+    """What each owner that has a quota may still use. Time is passed as an argument."""
 
     def __init__(self) -> None:
         self._accounts: dict[str, _Account] = {}
-        self._taken: Counter[Owner] = Counter()  # since it was last told
+        self._taken: Counter[Owner] = Counter()  # since the last report
         self._elsewhere: deque[StepsOf] = deque()
 
     @property
     def num_accounts(self) -> int:
-        """Owners whose steps are kept count of."""
+        """The number of owners whose steps are counted."""
         return len(self._accounts)
 
     def note_elsewhere(self, taken: StepsOf) -> None:
-        """Other engines' windows have taken so many steps. May be called from any thread."""
+        """Other engines' windows have taken these steps. May be called from any thread."""
         self._elsewhere.append(taken)
 
     def take_taken(self, now: float) -> StepsOf:
-        """What windows take that began here since the last call, of owners that have a quota. Called in every round."""
+        """The steps of windows begun here since the last call, of owners with a quota. Must be called every round."""
         self._charge_elsewhere(now)
         taken = tuple(self._taken.items())
         self._taken.clear()
         return taken
 
     def charge(self, owner: Owner, steps: int, now: float) -> float:
-        """A window of so many steps is started for one of its sessions. Returns what it was charged: the rest it owed
-        already, as much as anybody may."""
+        """Charge an owner for a window of this many steps. Returns what was charged.
+
+        That is less than the steps if the owner already owes as much as it may.
+        """
         if not isfinite(owner.steps_per_s):
             return 0.0
         account = self._account(owner, now)
@@ -70,13 +72,13 @@ class StepQuotas:
         return before - account.left
 
     def give_back(self, owner: Owner, charged: float) -> None:
-        """The window that was charged so much will not take its first step."""
+        """A window for which this much was charged was discarded before its first step."""
         account = self._accounts.get(owner.name)
-        if account is not None:  # else it was full, and has been forgotten
-            account.left += charged  # beyond what may be saved up only until it is looked at
+        if account is not None:  # else it was full and was dropped
+            account.left += charged  # may exceed what can be saved up until the next update
 
     def note_begun(self, owner: Owner, steps: int) -> None:
-        """A window of so many steps begins: the other engines are to know."""
+        """A window of this many steps begins: report it to the other engines."""
         if isfinite(owner.steps_per_s):
             self._taken[owner] += steps
 
@@ -88,7 +90,7 @@ class StepQuotas:
         return now if account.left > 0.0 else now + (1.0 - account.left) / owner.steps_per_s
 
     def _charge_elsewhere(self, now: float) -> None:
-        """In full, however much it is: else an owner at many engines would have so many seconds' worth for nothing."""
+        """Charge what other engines reported, without a limit: else an owner on many engines could exceed its quota."""
         while self._elsewhere:
             for owner, steps in self._elsewhere.popleft():
                 self._account(owner, now).left -= steps
@@ -103,7 +105,7 @@ class StepQuotas:
         return account
 
     def _forget(self, now: float) -> None:
-        """Drop the accounts that are full again: they say nothing that a new one would not."""
+        """Drop the accounts that are full again: they hold nothing that a new one would not."""
         for account in self._accounts.values():
             account.update(account.owner, now)
         self._accounts = {

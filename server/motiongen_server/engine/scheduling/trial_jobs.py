@@ -1,4 +1,4 @@
-"""Windows of nobody's, by which a runner is tried before it serves."""
+"""Jobs that belong to no session, to try a runner before it serves."""
 
 from __future__ import annotations
 
@@ -20,14 +20,14 @@ from motiongen_server.engine.types import (
     WindowJob,
 )
 
-_DEAREST = Guidance(1.5, 2.5)  # both weights ask for evaluations of their own
+_DEAREST = Guidance(1.5, 2.5)  # both weights need evaluations of their own
 _CHEAPEST = Guidance(1.0, 0.0)  # without constraints, one evaluation in every mode of guidance
 
 
 def trial_job(facts: ModelFacts, job_id: int, history: Float32Array, *, is_steered: bool = True) -> WindowJob:
-    """A window like those of a session: with a prompt, and a history (H, D) once there is one.
+    """A window like a session's: with a prompt, and with a history (H, D) if that is not empty.
 
-    is_steered: with a waypoint, and as many evaluations a step as there may be; else as the model would have it.
+    is_steered: with a waypoint and the most evaluations per step; else with the model's own guidance.
     """
     first_frame = len(history)
     waypoint: tuple[Constraint, ...] = (Waypoint(1, first_frame + facts.horizon - 1, 0.0, 1.0),)
@@ -51,11 +51,11 @@ def trial_job(facts: ModelFacts, job_id: int, history: Float32Array, *, is_steer
 
 
 def usual_passes(runner: Runner) -> int:
-    """Evaluations of a step of a window with a prompt and nothing else, as the model would have it."""
+    """Evaluations per step of a window with a prompt only, at the model's own guidance."""
     nothing: Float32Array = np.zeros((0, runner.facts.feature_dim), np.float32)
     return runner.num_passes(trial_job(runner.facts, -1, nothing, is_steered=False))
 
 
 def plain_job(facts: ModelFacts, job_id: int, history: Float32Array) -> WindowJob:
-    """The same with as few evaluations a step as there may be: with a prompt, without constraints."""
+    """The same with the fewest evaluations per step: with a prompt, without constraints."""
     return replace(trial_job(facts, job_id, history, is_steered=False), guidance=_CHEAPEST)

@@ -1,4 +1,4 @@
-"""Warm-up: sizes of batches that a runner builds something for are played once before anybody waits for them."""
+"""Warm-up: computes windows in the batch sizes for which a runner builds something, before anybody waits for them."""
 
 from __future__ import annotations
 
@@ -11,15 +11,15 @@ from motiongen_server.engine.ports import OutOfMemory, Runner
 from motiongen_server.engine.scheduling.trial_jobs import trial_job
 from motiongen_server.engine.types import Float32Array, WindowJob
 
-# Windows of fewer frames of history are those of clients who change their minds at once: few are together.
+# Windows with a shorter history are those of clients that edit right after opening: few come together.
 _MOST_SHORT = 8
 
 
 def warm_up(runner: Runner, sizes: Iterable[int], history_frames: int) -> int:
-    """Play first windows, and windows that go on, so many of each together, in each of the rising sizes.
+    """Compute this many first windows, and windows that continue, together, for each of the rising sizes.
 
-    Small sizes are played with each shorter history, too. Returns the largest size that there was memory for, 0 for
-    none; what is wrong with a model, `profile` finds out.
+    Small sizes are computed with each shorter history, too. Returns the largest size for which there was memory, 0 for
+    none; problems with the model are left to `profile` to find.
     """
     job_ids = itertools.count(-1, -1)  # never those of an engine
     nothing: Float32Array = np.zeros((0, runner.facts.feature_dim), np.float32)
@@ -42,7 +42,7 @@ def warm_up(runner: Runner, sizes: Iterable[int], history_frames: int) -> int:
 
 
 def _played(runner: Runner, jobs: Sequence[WindowJob]) -> Float32Array:
-    """The first one's features."""
+    """Compute windows from start to end. Returns the first one's features."""
     ids = [job.job_id for job in jobs]
     try:
         runner.prepare(jobs)

@@ -1,4 +1,4 @@
-"""Aiming: what a window is told of constraints of several frames, of far places, and of joints without a root."""
+"""Aiming: how a window is told of constraints with spans, of far places, and of joint targets with a free root."""
 
 from __future__ import annotations
 
@@ -29,7 +29,7 @@ FASTEST_LEAD_M_S = 3.0
 
 @dataclass(frozen=True, slots=True)
 class Aiming:
-    """One window's. window: the frames that it sees, from its first new one on. root_before: of a frame."""
+    """For one window. window: the frames that it sees, from its first new one on. root_before: the root's state."""
 
     rig: RigLayout
     fps: int
@@ -38,9 +38,10 @@ class Aiming:
     root_before: Callable[[int], RootState]
 
     def aimed(self, constraints: Iterable[Constraint]) -> tuple[Constraint, ...]:
-        """The constraints at the frames that they are aimed at now; without those that are met already.
+        """The constraints, each with the frame that it is aimed at now; without those that are met already.
 
-        One whose frame has passed and that may be met later is aimed at the next frame at which a person is there.
+        One that may be met later than at its frame, which has passed, is aimed at the next frame at which a person can
+        be there.
         """
         found: list[Constraint] = []
         root: RootState | None = None
@@ -52,14 +53,14 @@ class Aiming:
                 continue
             begin = max(item.first_frame, first)
             if begin < start and nearest_frame(item, begin, posed.part(begin - first, start - first)).excess <= 1.0:
-                continue  # it is met
+                continue  # already met
             root = root or self.root_before(start)
             anchor = Anchor(start, root, self.fps, self.rig, item.span.last)
             found.append(replace(item, frame=anchor.first_possible(*goal_of(item, root, self.rig))))
         return tuple(found)
 
     def lead(self, constraints: Iterable[Constraint], end: int) -> RootTrajectory | None:
-        """The way, up to a frame, to the first of the places that are to be walked to and lie beyond the window."""
+        """A path, up to frame `end`, to the first of the places that are led to and lie beyond the window."""
         far = [
             item
             for item in constraints
@@ -74,7 +75,7 @@ class Aiming:
         root = self.root_before(start)
         x, z, _ = goal_of(goal, root, self.rig)
         away = math.hypot(x - root.x, z - root.z)
-        # Half a second of what is left goes for turning and stopping.
+        # Half a second of the time left is needed for turning and stopping.
         left_s = max((goal.frame - start) / self.fps - 0.5, 0.5)
         speed = min(max(away / left_s, WALK_M_S), FASTEST_LEAD_M_S)
         asked = (x - root.x) / max(away, 1e-6) * speed, (z - root.z) / max(away, 1e-6) * speed
@@ -85,10 +86,10 @@ class Aiming:
         return RootTrajectory(VELOCITY_ID, start, way.ground.astype(np.float32), heading)
 
     def free_roots(self, constraints: Sequence[Constraint], lead: RootTrajectory | None = None) -> tuple[Waypoint, ...]:
-        """A place of the root for each of the joint targets that leave it free, where nothing else gives it then.
+        """A place of the root for each joint target that leaves it free, if nothing else gives one at that frame.
 
-        It is where the character is taken to go, brought to where the joints can reach their places. lead: the way that
-        a velocity, or a far place, leads; while it does, the joints reach for their places from there.
+        It is where the character is expected to go, moved to where the joints can reach their places. lead: the path of
+        a velocity or to a far place; while it leads, the joints reach for their places from the path.
         """
         free = [item for item in constraints if isinstance(item, JointTargets) and 0 not in item.joints]
         if not free:
@@ -102,7 +103,7 @@ class Aiming:
             if frame in given or any(path.first_frame <= frame <= path.last_frame for path in paths):
                 continue
             x, z = course.at(frame)
-            if not course.is_led_at(frame):  # a single place beside a lead would be a jump aside and back
+            if not course.is_led_at(frame):  # a single place off the lead would make the root jump aside and back
                 x, z = root_for(item, x, z, self.rig)
             course.add(frame, x, z)
             found.append(Waypoint(VELOCITY_ID, frame, x, z))

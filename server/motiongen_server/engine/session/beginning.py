@@ -1,4 +1,4 @@
-"""What an Open begins: a new session, or one that another engine had."""
+"""Begins the session of an Open: a new one, or one that another engine had."""
 
 from __future__ import annotations
 
@@ -13,11 +13,11 @@ from motiongen_server.engine.types.refusals import prior_frames_failed
 from motiongen_server.engine.types.report import StepReport
 
 MakeFeatures = Callable[[Float32Array], Float32Array | None]
-"""Rows (T, row_width) as features (T, D); None where the model can make nothing of them."""
+"""Makes features (T, D) of rows (T, row_width); None if the model fails on them."""
 
 
 def begun(event: Open, opening: Opening, features_of: MakeFeatures) -> SessionState:
-    """The session. Raises EventRefused where it cannot be gone on with."""
+    """The session of an Open. Raises EventRefused if it cannot be opened or continued."""
     asked = event.going_on
     if asked is not None:
         check_usable(asked, opening.facts)
@@ -33,7 +33,7 @@ def begun(event: Open, opening: Opening, features_of: MakeFeatures) -> SessionSt
 
 
 def first_words(state: SessionState, event: Open, now: float, report: StepReport) -> list[Output]:
-    """What its client is told first; that of a session that is gone on with, as if it had resumed it here."""
+    """The first outputs for its client; a session from another engine continues as if it had been resumed here."""
     asked = event.going_on
     if asked is None:
         return [state.greeting()]

@@ -1,4 +1,4 @@
-"""Conditions: the prompts, constraints and velocity of a session, and what they say of a frame."""
+"""Conditions: a session's prompts, constraints and velocity, and which of them apply to a frame."""
 
 from __future__ import annotations
 
@@ -16,7 +16,7 @@ from motiongen_server.engine.types import Constraint, Gait, Prompt
 class Conditions:
     """What steers a session. Both tuples are in the order in which their items were set.
 
-    gait: whose prompt holds at the frames that the velocity leads; None: the session's own do.
+    gait: the source of the prompt for frames that the velocity leads; None: the session's own prompts apply.
     """
 
     prompts: tuple[Prompt, ...] = ()
@@ -25,14 +25,14 @@ class Conditions:
     gait: Gait | None = None
 
     def gait_at(self, frame: int) -> Gait | None:
-        """The gait that holds at a frame. A velocity that leads no frame yet is taken to begin there."""
+        """The gait in force at a frame. A velocity that leads no frame yet is assumed to begin there."""
         ends = self.velocity is None or self.velocity.end_if_from(frame) <= frame
         return None if ends else self.gait
 
     def prompt_at(self, frame: int) -> Prompt | None:
-        """The prompt that holds at a frame: that of a velocity that leads there, else the session's own.
+        """The prompt in force at a frame: that of a velocity that leads there, else the session's own.
 
-        Of its own that cover the frame it is the one that starts last, then the one set last.
+        Of its own prompts that cover the frame, it is the one that starts last, then the one set last.
         """
         gait = self.gait_at(frame)
         return self._own_prompt_at(frame) if gait is None else gait_prompt(gait)
@@ -46,10 +46,10 @@ class Conditions:
         return best
 
     def prompt_change_after(self, frame: int, end: int) -> int:
-        """The first frame after `frame` whose prompt is another one than at `frame`; `end` if there is none before.
+        """The first frame after `frame`, and before `end`, whose prompt differs from that at `frame`; else `end`.
 
-        A velocity that ends soon counts from half way to `end` on: one that is renewed many times a second would else
-        leave a client with a few frames at a time.
+        The end of a velocity counts from half way to `end` on at the earliest: a client that renews its velocity many
+        times per second would otherwise get a few frames at a time.
         """
         from_here = self.led_from(frame)
         held = from_here.prompt_at(frame)
@@ -62,16 +62,17 @@ class Conditions:
         return end
 
     def led_from(self, frame: int) -> Conditions:
-        """The same with a velocity that leads from a frame on, where it leads none yet."""
+        """The same conditions, with the velocity leading from `frame` on if it leads no frame yet."""
         velocity = self.velocity
         if velocity is None or velocity.steers_from is not None:
             return self
         return replace(self, velocity=replace(velocity, steers_from=frame))
 
     def first_change(self, before: Conditions, floor: int, changed_at: int | None) -> int | None:
-        """The first frame from floor on that is led elsewhere, at changed_at, or has another prompt than before.
+        """The first frame from floor on whose prompt differs from before, or changed_at, where the lead differs.
 
-        None where neither is so. Both are taken to be led from floor on by a velocity that leads no frame yet.
+        Of both the earlier, None if there is neither. A velocity that leads no frame yet is assumed, before and after,
+        to begin at floor.
         """
         before, after = before.led_from(floor), self.led_from(floor)
         for frame in sorted({floor, *before._boundaries(floor), *after._boundaries(floor)}):
@@ -87,7 +88,7 @@ class Conditions:
         return sorted({*_boundaries(self.prompts), *(() if led_to is None else (led_to,))})
 
     def _led_to(self, frame: int) -> int | None:
-        """Where a velocity with a gait ends; None where there is none. frame: as for `_boundaries`."""
+        """Where a velocity with a gait ends; None without one. frame: as for `_boundaries`."""
         return None if self.velocity is None or self.gait is None else self.velocity.end_if_from(frame)
 
     def constraints_within(self, begin: int, end: int) -> tuple[Constraint, ...]:
@@ -99,15 +100,15 @@ class Conditions:
         return any(begin <= item.last_frame < end for item in self.constraints)
 
     def without_told(self, told: Collection[Constraint]) -> Conditions:
-        """Forget constraints that have been answered before their last frame: they were met at an earlier one."""
+        """Remove constraints that have been answered before their last frame, as they were met at an earlier one."""
         gone = {id(item) for item in told}
         left = tuple(item for item in self.constraints if id(item) not in gone)
         return self if len(left) == len(self.constraints) else replace(self, constraints=left)
 
     def with_velocity_landed(self, obeyed: Velocity | None, frame: int) -> Conditions:
-        """A window from `frame` on that obeys a velocity has landed: if the newest asks for the same, it begins there.
+        """A window from `frame` on that obeys a velocity has landed; the newest begins there if it asks for the same.
 
-        That may be another event's: a stick that is held says the same again before a window can land.
+        The newest may be another event's: a client that holds a stick repeats its velocity before a window can land.
         """
         held = self.velocity
         if obeyed is None or held is None or held.steers_from is not None or not held.leads_as(obeyed):
@@ -115,7 +116,7 @@ class Conditions:
         return replace(self, velocity=held.landed(frame))
 
     def without_past(self, frame: int) -> Conditions:
-        """Forget what ends before `frame`."""
+        """Remove what ends before `frame`."""
         prompts = tuple(item for item in self.prompts if item.end_frame is None or item.end_frame > frame)
         constraints = tuple(item for item in self.constraints if item.last_frame >= frame)
         velocity = self.velocity

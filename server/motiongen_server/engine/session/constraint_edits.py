@@ -1,4 +1,4 @@
-"""What an edit of constraints makes of a session's conditions, and where those that leave it open are put."""
+"""Applies edits of constraints to a session's conditions, and places the constraints that leave that to the engine."""
 
 from __future__ import annotations
 
@@ -17,11 +17,11 @@ Named = TypeVar("Named", Asked, Constraint, Placement)
 def edit_constraints(
     held: Conditions, event: SetConstraints, floor: int, limit: int, most_frames: int, anchor: Callable[[], Anchor]
 ) -> tuple[Conditions, tuple[Constraint, ...], tuple[Placement, ...]]:
-    """Apply an edit of constraints. floor: the first frame that can still change; anchor: for what asks "from here".
+    """Apply an edit of constraints. floor: the first frame that can still change; anchor: the state to place them from.
 
-    Returns the new conditions, every constraint that came, went or was replaced, and where those that left it open
-    were put. Raises EventRefused for an unknown id, a target that has passed, more than `limit` constraints, or
-    trajectories of more than most_frames together.
+    Returns the new conditions, every constraint that was added, removed or replaced, and the placements of those that
+    left them to the engine. Raises EventRefused for an unknown id, a target that has passed, more than `limit`
+    constraints, or trajectories of more than most_frames together.
     """
     constraints = {item.constraint_id: item for item in held.constraints}
     changed: list[Constraint] = []
@@ -34,7 +34,7 @@ def edit_constraints(
         changed.append(constraints.pop(constraint_id))
     upserts, placements = place_all(event.upsert, anchor, "edit_constraints.upsert", most_frames)
     for index, item in enumerate(upserts):
-        # Of several frames at which it may be met one that still can be is enough.
+        # If it may be met at any of several frames, one that can still change is enough.
         latest = item.first_frame if isinstance(item, RootTrajectory) else item.last_frame
         if latest < floor:
             field = f"edit_constraints.upsert[{index}].frame"
@@ -50,7 +50,7 @@ def edit_constraints(
 
 
 def by_last(items: Iterable[Named]) -> tuple[Named, ...]:
-    """Those that hold of items with ids, in the order in which they came: of several with one id the last."""
+    """Of items with the same id only the last, in the order in which these came."""
     held: dict[int, Named] = {}
     for item in items:
         held.pop(item.constraint_id, None)
@@ -59,7 +59,7 @@ def by_last(items: Iterable[Named]) -> tuple[Named, ...]:
 
 
 def of_last(placements: Iterable[Placement], asked: Iterable[Asked]) -> tuple[Placement, ...]:
-    """The placements of what holds of all that was asked for."""
+    """The placements of those constraints that remain of all that were asked for."""
     left_open = {item.constraint_id for item in by_last(asked) if isinstance(item, Unplaced)}
     return tuple(each for each in by_last(placements) if each.constraint_id in left_open)
 
@@ -67,15 +67,15 @@ def of_last(placements: Iterable[Placement], asked: Iterable[Asked]) -> tuple[Pl
 def place_all(
     asked: Sequence[Asked], anchor: Callable[[], Anchor], field: str, most_frames: int
 ) -> tuple[tuple[Constraint, ...], tuple[Placement, ...]]:
-    """Constraints as they are asked for, in frames and in the world; and where those were put that left it open.
+    """The constraints in absolute frames and world coordinates, and placements of those that left them to the engine.
 
-    field: the path of their list. Raises EventRefused for one that cannot be placed, and for trajectories of more than
-    most_frames together, before any more of them are worked out.
+    field: the path of their list. Raises EventRefused for one that cannot be placed, and, before any more are placed,
+    once the trajectories have more than most_frames together.
     """
     constraints: list[Constraint] = []
     frames = 0
     placements: list[Placement] = []
-    here: Anchor | None = None  # most edits need none, and it costs a pose
+    here: Anchor | None = None  # made on demand: most edits need none, and it costs a pose
     for index, item in enumerate(asked):
         if isinstance(item, Unplaced):
             here = here or anchor()
@@ -91,5 +91,5 @@ def place_all(
 
 
 def _trajectory_frames(constraint: Constraint) -> int:
-    """That it says a place for, each of its own; other constraints take no more memory the longer they hold."""
+    """The frames of a trajectory, each of which has a place; other constraints need no more memory for more frames."""
     return len(constraint.xz) if isinstance(constraint, RootTrajectory) else 0

@@ -1,4 +1,4 @@
-"""Course: where a character is taken to go through a window, as far as constraints and a lead tell."""
+"""Course: where a character is expected to go during a window, as far as constraints and a lead determine it."""
 
 from __future__ import annotations
 
@@ -12,19 +12,19 @@ from motiongen_ardy.locomotion.velocity import RootState
 from motiongen_server.engine.types import Constraint, JointTargets, Keyframe, RootTrajectory, Waypoint
 
 EXPECTED_S = 1.0
-"""Nobody is taken to go straight on for longer."""
+"""The longest time for which a character is expected to go straight on."""
 
 
 class Course:
-    """Places of the root by frame: between two of them it goes straight, behind the last of them it stands.
+    """Places of the root by frame: straight lines between them, and standing still after the last.
 
-    Only who is asked for no place goes straight on for a while, and so does one whom a lead has led last.
+    A character without any places goes straight on for a while instead, and so does one whose last place is a lead's.
     """
 
     def __init__(
         self, window: range, fps: int, root: RootState, lead: RootTrajectory | None, constraints: Iterable[Constraint]
     ) -> None:
-        """window: the frames it sees. root: what the root does just before. constraints: the later ones hold."""
+        """window: the frames it sees. root: the root's state just before. constraints: later ones win."""
         start = window.start
         self._places: dict[int, tuple[float, float]] = {}
         self._most_frames = EXPECTED_S * fps
@@ -54,13 +54,13 @@ class Course:
         return frame <= self._led_to
 
     def add(self, frame: int, x: float, z: float) -> None:
-        """One place more, in metres."""
+        """Add a place, in metres."""
         if frame not in self._places:
             insort(self._frames, frame)
         self._places[frame] = x, z
 
     def at(self, frame: int) -> tuple[float, float]:
-        """Where the root is taken to be at a frame of the window, x and z in metres."""
+        """Where the root is expected at a frame of the window, x and z in metres."""
         index = bisect_left(self._frames, frame)
         if index == len(self._frames):
             last = self._frames[-1]
@@ -77,7 +77,7 @@ class Course:
 
 
 def place_given(item: Constraint) -> tuple[float, float] | None:
-    """Where a constraint of a single frame asks the root to be, x and z in metres; None where it leaves that free."""
+    """Where a constraint on a single frame asks the root to be, x and z in metres; None if it does not."""
     match item:
         case Waypoint():
             return item.x, item.z
@@ -93,9 +93,9 @@ def place_given(item: Constraint) -> tuple[float, float] | None:
 def behind_places(
     lead: RootTrajectory | None, constraints: Iterable[Constraint], window: range
 ) -> RootTrajectory | None:
-    """What is left of a lead where the root is asked to be at places in a window: it goes on from the last of them.
+    """What remains of a lead after the last place in a window that constraints ask of the root, moved to start there.
 
-    To these the character goes by itself. window: the frames that it sees. None where no lead was given, or is left.
+    To these places the character goes without a lead. window: the frames that it sees. None if nothing remains.
     """
     if lead is None:
         return None

@@ -1,4 +1,4 @@
-"""Cut: what a character that is put elsewhere goes on from, in place of the frames before: others, or older ones."""
+"""Cut: what a character continues from after it was put elsewhere: other frames, older ones, or a start pose."""
 
 from __future__ import annotations
 
@@ -12,14 +12,14 @@ from motiongen_server.engine.types import Code, EventRefused, Float32Array, Mode
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Cut:
-    """start_pose: where it stands. rows, features: of the frames that it goes on from, if not from a stand."""
+    """start_pose: where it stands. rows, features: the frames that it continues from, None if it begins standing."""
 
     start_pose: StartPose
     rows: Float32Array | None = None
     features: Float32Array | None = None
 
     def timeline_at(self, frame: int, facts: ModelFacts) -> Timeline:
-        """What is held before a window that begins with the cut at a frame."""
+        """The timeline of a window that begins with this cut at a frame."""
         rows, features = self.rows, self.features
         if rows is None or features is None:
             rows = np.empty((0, facts.row_width), np.float32)
@@ -32,10 +32,10 @@ class Cut:
 def own_frames(
     timeline: Timeline, frame: int, sent_to: int, most: int, patch: int
 ) -> tuple[Float32Array, Float32Array]:
-    """What a session goes on from that is to go on from a frame of its own: rows (H, row_width) and features (H, D).
+    """The rows (H, row_width) and features (H, D) from which a session continues at an earlier frame of its own.
 
-    They are the frames just before that one, whole patches of them, `most` unless that is less than one. sent_to: the
-    first frame that its client was not sent. Raises EventRefused where not even a patch of them is held.
+    They are the frames just before that one, whole patches of them, at most `most` but at least one patch. sent_to: the
+    first frame not sent to the client. Raises EventRefused if not even a patch of them is held.
     """
     could = []
     for begin, end in timeline.stretches:
@@ -45,6 +45,6 @@ def own_frames(
             return timeline.rows_between(frame - length, frame), timeline.features_before(frame, length)
         if low <= high:
             could.append(f"{low} to {high}")
-    given = f"the session cannot go on from its frame {frame}: what was before that one is not held"
+    given = f"the session cannot continue from its frame {frame}: the frames before it are not held"
     allowed = f"frames {', '.join(could)}" if could else f"a frame once {patch} frames before it were sent"
     raise EventRefused(Code.FAILED_PRECONDITION, "FRAME_NOT_HELD", given, "seek.frame", allowed)

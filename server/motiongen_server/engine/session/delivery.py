@@ -1,4 +1,4 @@
-"""Delivery: what a client was sent, may be sent, and was promised not to lose again."""
+"""Delivery: which frames a client was sent, may be sent, and was promised not to change again."""
 
 from __future__ import annotations
 
@@ -11,15 +11,15 @@ from motiongen_server.engine.session.playback import PlaybackClock, RoundTrip
 from motiongen_server.engine.session.timeline import Timeline
 from motiongen_server.engine.types import Chunk, Output, PlanCause, PlanNotice, Playhead, Resume, Resumed, SessionKey
 
-# A wake-up computed in floating point may come a hair early; the tolerance keeps it from being asked for again.
+# A wake-up computed in floating point may come slightly early; the tolerance avoids another one for the same frame.
 _FRAME_TOLERANCE = 1e-3
 
 
 @dataclass(slots=True)
 class Delivery:
-    """The way of one session's frames to its client. sent_to, committed_to: exclusive frame bounds.
+    """The delivery of one session's frames to its client. sent_to, committed_to: exclusive frame bounds.
 
-    far_frames: by how many frames the client is further away than was assumed. num_frames, late_frames: how many frames
+    far_frames: how many frames further away the client is than was assumed. num_frames, late_frames: how many frames
     were sent, each counted once, and how many of them after they were due.
     """
 
@@ -40,12 +40,12 @@ class Delivery:
 
     @property
     def delivery_s(self) -> float:
-        """Seconds by which a notice sent now may trail what the client shows."""
+        """How long a notice takes to reach the client's screen, in seconds."""
         return self.round_trip.seconds + self.config.flush_s
 
     @property
     def commit_s(self) -> float:
-        """Seconds beyond the playhead that are promised not to change."""
+        """How far beyond the playhead frames are committed, in seconds."""
         return self.round_trip.seconds + self.config.flush_s + self.config.margin_s
 
     @property
@@ -58,7 +58,7 @@ class Delivery:
         return planned_to - self.clock.estimate(now, self.sent_to)
 
     def runs_low(self, now: float, planned_to: int, frames: int) -> bool:
-        """Whether the client has no more than so many frames left to play."""
+        """Whether the client has at most this many frames left to play."""
         return self.unplayed(now, planned_to) <= frames + _FRAME_TOLERANCE
 
     def unplayed_at_pace(self, now: float, planned_to: int) -> float:
@@ -71,7 +71,7 @@ class Delivery:
         return math.ceil(self.clock.estimate(now, self.sent_to) + self.clock.fps * lead_s) + 1
 
     def reaches_at(self, frame: int) -> float:
-        """When the playhead reaches a frame; infinity where it takes an event for that: it stops at sent_to."""
+        """When the playhead reaches a frame; infinity if it does not without an event: it stops at sent_to."""
         return self.clock.reaches_at(frame) if frame <= self.sent_to else math.inf
 
     def sends_at(self, planned_to: int) -> float:
@@ -80,7 +80,7 @@ class Delivery:
             return math.inf
         return self.clock.reaches_at(self.sent_to - self._low_frames)
 
-    # ---- what happens to it -----------------------------------------------------------------------------------------
+    # ---- changes ----------------------------------------------------------------------------------------------------
 
     def report(self, event: Playhead) -> None:
         self.clock.report(event.frame, event.received_at, self.sent_to)
@@ -99,13 +99,13 @@ class Delivery:
         return void
 
     def resume(self, event: Resume, plan: int, first_held: int) -> list[Output]:
-        """Go on where a client is that lost its transport, with one notice for all the plans that it missed.
+        """Continue with a client that lost its connection, with one notice for all the plans that it missed.
 
-        plan: the newest. first_held: the first frame that can still be sent. A client that cannot be where it says is
-        told that its frames are not held.
+        plan: the newest plan. first_held: the first frame that can still be sent. If the client's state is not
+        possible, it is told that its frames are not held.
         """
         replaced_from, event_seqs = self.plan_log.missed(event.plan, event.next_frame)
-        # What it has shown it has shown, also where a plan that it never heard of had replaced it.
+        # Frames that it has shown stay valid, even if a plan that it never heard of replaced them.
         valid_from = max(replaced_from, self.clock.reported)
         start = min(event.next_frame, valid_from)
         if event.plan > plan or not first_held <= start <= self.sent_to:
@@ -120,15 +120,14 @@ class Delivery:
         self.committed_to = max(self.committed_to, frame)
 
     def promised(self, now: float, planned_to: int, promise_to: float) -> int:
-        """The end of what the next chunk promises: what no replan could change, because it would come too late; nothing
-        from promise_to on."""
+        """The end of what the next chunk promises: frames that no replan could change in time; at most promise_to."""
         return int(min(self.unshown_from(now, self.commit_s), self._limit(planned_to), promise_to))
 
     def waits(self, now: float, planned_to: int) -> bool:
-        """Whether there are frames that the credit allows, and that had better wait for more of their plan.
+        """Whether frames that the credit allows should wait until more of the plan can be sent with them.
 
-        Each report of a playhead earns a few, and a message of few costs as much as one of many. A client that runs low
-        gets what there is, and so does one whose playhead stands.
+        Each playhead report earns a few frames, and a message of few costs as much as one of many. A client that runs
+        low, or whose playhead stands, gets what there is.
         """
         num_frames = self._limit(planned_to) - self.sent_to
         if num_frames <= 0 or self.first_chunk_due or not self.clock.running:
@@ -137,9 +136,9 @@ class Delivery:
         return num_frames < enough and not self.runs_low(now, self.sent_to, self._low_frames)
 
     def chunks(self, now: float, timeline: Timeline, plan: int, promise_to: float) -> list[Chunk]:
-        """Send what the credit allows: a short chunk first where a plan is new, then of up to steady_chunk frames.
+        """Send what the credit allows: a short chunk first if a plan is new, then chunks of up to steady_chunk frames.
 
-        Promises what no replan could change any more, because it would come too late; nothing from promise_to on.
+        Promises the frames that no replan could change in time, but none from promise_to on.
         """
         limit, begin = self._limit(timeline.end), self.sent_to
         if limit <= begin:
@@ -165,6 +164,8 @@ class Delivery:
 
     @property
     def _low_frames(self) -> int:
-        """Frames left to play below which a client is sent what there is; fewer than are left where reports come often
-        enough to earn a whole chunk."""
+        """Frames left to play below which a client is sent what there is.
+
+        Reports that come often enough earn a whole chunk before so few are left.
+        """
         return min(3 * self.config.steady_chunk // 4, self.lookahead // 2)

@@ -1,9 +1,8 @@
-"""DriftGuard and DriftState: whether a character still stands as one should, and what rights it if it does not.
+"""DriftGuard and DriftState: whether a character's posture is sound, and how to correct it if it is not.
 
-A model that feeds on its own motion for minutes may come to lean further and further, to sink, or to fly off. A shorter
-history lets it forget the lean; one that is lost altogether starts anew where it was. Lost, too, is one that was led
-faster than it can step: it floats along behind its root, and does so when it is led slowly again, since that is its
-history.
+A model that continues its own motion for minutes may lean further and further, sink, or fly off. A shorter history lets
+it forget a lean; a character that is lost altogether starts afresh where it was. A character also counts as lost if it
+was led faster than it can step: it floats behind its root, and keeps doing so when led slowly, as that is its history.
 """
 
 from __future__ import annotations
@@ -18,11 +17,11 @@ from motiongen_server.engine.session.pose import PoseReader
 from motiongen_server.engine.types import Float32Array, StartPose
 
 WORLD_MARGIN = 2.0
-"""Who was sent to the edge of where coordinates go may walk on beyond it; only who is twice as far has flown off."""
+"""A character sent to the largest coordinates may walk on beyond them; at this multiple of them it has flown off."""
 
 
 class Correction(IntEnum):
-    """SHORT_HISTORY: the next window sees one patch of history. FRESH_START: none, and is made at once."""
+    """SHORT_HISTORY: the next window sees one patch of history. FRESH_START: it sees none, and is made at once."""
 
     SHORT_HISTORY = 1
     FRESH_START = 2
@@ -32,7 +31,7 @@ class Correction(IntEnum):
 class DriftGuard:
     """Judges the rows of a window; shared by all sessions of a rig and a configuration.
 
-    longest_flight: frames without a foot on the ground after which a character is lost; 0: it may fly for ever.
+    longest_flight: frames without a foot on the ground after which a character counts as lost; 0: no limit.
     """
 
     reader: PoseReader
@@ -40,7 +39,7 @@ class DriftGuard:
     longest_flight: int = 0
 
     def correction(self, rows: Float32Array) -> Correction | None:
-        """What the rows of a window call for. A lean counts on average, so that bending down is no drift."""
+        """The correction that a window's rows call for. Lean is averaged, so that bending down is no drift."""
         if not self.config.guard_drift:
             return None
         config, positions = self.config, self.reader.positions(rows)
@@ -55,13 +54,13 @@ class DriftGuard:
         return None
 
     def flight(self, rows: Float32Array) -> int | None:
-        """The first of the rows from which on it floats; None where it does not for long."""
+        """The first of the rows from which on the character floats; None if it does not for long enough."""
         if not (self.config.guard_drift and self.longest_flight):
             return None
         return self.reader.flight(rows, self.longest_flight)
 
     def fresh_start(self, row: Float32Array) -> StartPose:
-        """Where a character that shows this row starts anew: there, or as near as coordinates go."""
+        """The start pose of a fresh start: where this row is, or as near as coordinates allow."""
         limit = WORLD_MARGIN * self.config.max_coordinate_m
         x, _, z = np.clip(self.reader.positions(row[None])[0], -limit, limit)
         return StartPose(float(x), float(z), self.reader.heading(row))
@@ -69,9 +68,9 @@ class DriftGuard:
 
 @dataclass(slots=True)
 class DriftState:
-    """How one character stands. correction: what its next window is to put right, in one that began at lost_from.
+    """The soundness of one character. correction: what its next window must correct; lost_from: where that began.
 
-    tried: whether that one was to put something right already.
+    tried: whether the window judged last was itself to correct something.
     """
 
     guard: DriftGuard
@@ -81,13 +80,13 @@ class DriftState:
 
     @property
     def lost(self) -> bool:
-        """Whether it must be righted at once."""
+        """Whether the character must be corrected at once."""
         return self.correction is Correction.FRESH_START
 
     def judge(self, rows: Float32Array, first_frame: int, before: Float32Array, *, again: bool = False) -> None:
-        """Look at the rows of a window that has landed, from first_frame on. before: up to as many as one may float.
+        """Judge the rows of a window that has landed, from first_frame on.
 
-        again: the window was to right what those before it did.
+        before: the rows before it, as many as a character may float. again: the window was to correct earlier ones.
         """
         self.correction, self.lost_from, self.tried = self.guard.correction(rows), first_frame, again
         if self.correction is not Correction.FRESH_START:
@@ -96,5 +95,5 @@ class DriftState:
                 self.correction, self.lost_from = Correction.FRESH_START, first_frame - len(before) + floats_from
 
     def correction_from(self, first_frame: int) -> Correction | None:
-        """What a window from first_frame on needs: before the frames where it was lost the character is sound."""
+        """What a window from first_frame on must correct; before the frame where it was lost, a character is sound."""
         return Correction.SHORT_HISTORY if self.lost and first_frame <= self.lost_from else self.correction

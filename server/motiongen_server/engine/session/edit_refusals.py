@@ -1,4 +1,4 @@
-"""Why an edit of prompts or constraints is refused."""
+"""The refusals of edits of prompts or constraints."""
 
 from __future__ import annotations
 
@@ -8,7 +8,7 @@ from motiongen_server.engine.types import Code, EventRefused
 
 
 def unknown(what: str, given: int, index: int, held: Iterable[int]) -> EventRefused:
-    """An edit removes one that is not set. what: "prompt" or "constraint"; index: of it in `remove`."""
+    """An edit removes an id that is not set. what: "prompt" or "constraint"; index: its position in `remove`."""
     listed = ", ".join(map(str, sorted(held)[:16])) or "none"
     return EventRefused(
         Code.NOT_FOUND,
@@ -20,8 +20,9 @@ def unknown(what: str, given: int, index: int, held: Iterable[int]) -> EventRefu
 
 
 def passed(what: str, given: int, frame: int, floor: int, field: str, least: int) -> EventRefused:
-    """What an edit asks for lies before floor. given: the id; frame: the last that it asks for; least: what the field
-    may be instead.
+    """An edit asks for frames before floor, which cannot change any more.
+
+    given: the id; frame: the last frame that it asks for; least: the least value that the field may have instead.
     """
     return EventRefused(
         Code.FAILED_PRECONDITION,
@@ -33,7 +34,7 @@ def passed(what: str, given: int, frame: int, floor: int, field: str, least: int
 
 
 def too_many(what: str, given: int, limit: int) -> EventRefused:
-    """A session would hold more than its limit. what: "prompts" or "constraints"."""
+    """A session would have more than its limit. what: "prompts" or "constraints"."""
     return EventRefused(
         Code.RESOURCE_EXHAUSTED,
         f"TOO_MANY_{what.upper()}",

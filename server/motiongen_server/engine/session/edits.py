@@ -1,4 +1,4 @@
-"""Edits: what an event asks to be changed, and the queue of the edits that wait for the plan that answers them."""
+"""Edits: what an event changes, and the queue of edits that wait for the plan that answers them."""
 
 from __future__ import annotations
 
@@ -30,17 +30,17 @@ from motiongen_server.engine.types import (
 from motiongen_server.engine.types.refusals import too_many_pending
 
 SEEK = "seek"
-"""The kind of an edit that puts the character elsewhere."""
+"""The kind of edit that puts the character elsewhere."""
 
 EditEvent: TypeAlias = SetPrompts | SetConstraints | SetVelocity
 
 
 @dataclass(frozen=True, slots=True)
 class PendingEdit:
-    """An edit that waits for the plan that answers it. dirty_from: the first frame it wants changed.
+    """An edit that waits for the plan that answers it. dirty_from: the first frame it changes.
 
-    left_open: its constraints that left to the engine where they are put, each with what it became; placements: where.
-    prolongs: whether all that it asks for is that a velocity in force goes on.
+    left_open: its constraints that left their placing to the engine, each with its placed form; placements: where they
+    were placed. prolongs: all it does is to prolong a velocity in force.
     """
 
     event_seq: int
@@ -52,17 +52,17 @@ class PendingEdit:
     prolongs: bool = False
 
     def with_open_of(self, held: Container[int]) -> PendingEdit:
-        """The same without what it left open and is not held any more. held: the id() of each constraint that is."""
+        """The same edit, without left_open items that are no longer set. held: the id() of each constraint set."""
         left = tuple(each for each in self.left_open if id(each[1]) in held)
         return self if len(left) == len(self.left_open) else replace(self, left_open=left)
 
     def done(self, session: SessionKey, frame: int) -> Outcome:
-        """The answer that it is in effect from a frame on."""
+        """The answer: in effect from `frame` on."""
         return Outcome(session, self.event_seq, Code.OK, frame, placements=self.placements)
 
 
 class Edited(NamedTuple):
-    """What an event makes of conditions. kind: of edit; dirty_from: the first frame to change, None for none.
+    """The conditions after an event. kind: the kind of edit; dirty_from: the first frame to change, None for none.
 
     placements, left_open, prolongs: as in PendingEdit.
     """
@@ -85,10 +85,12 @@ def edited(
     anchor: Callable[[], Anchor],
     gaits: Sequence[Gait] = (),
 ) -> Edited:
-    """Apply an event. floor: the first frame that can still change; reach: the frames a window from there on sees;
-    anchor: for constraints that ask "from here"; gaits: prompts that hold while a velocity leads.
+    """Apply an event to conditions.
 
-    Raises EventRefused for what cannot be done.
+    floor: the first frame that can still change; reach: how many frames a window that starts there sees; anchor: for
+    constraints relative to the character; gaits: prompts in force while a velocity is.
+
+    Raises EventRefused if the event cannot be applied.
     """
     match event:
         case SetPrompts():
@@ -103,11 +105,11 @@ def edited(
             conditions, changed, placements = edit_constraints(
                 held, event, floor, config.max_constraints, config.max_held_trajectory_frames, anchor
             )
-            # What lies beyond the reach waits until a later window sees it.
+            # Constraints beyond the reach take effect with the later window that sees them.
             first = min((item.first_frame for item in changed if item.last_frame >= floor), default=None)
             dirty_from = None if first is None else max(floor, first - reach + 1)
             by_id = {item.constraint_id: item for item in conditions.constraints}
-            # Of several with one id the last holds, and only that one may be put elsewhere later.
+            # Of several with one id the last is set, and only that one may be placed again later.
             asked = [item for item in by_last(event.upsert) if isinstance(item, Unplaced)]
             left_open = tuple((item, by_id[item.constraint_id]) for item in asked)
             return Edited(conditions, "constraints", dirty_from, placements, left_open)
@@ -115,12 +117,12 @@ def edited(
 
 @dataclass(slots=True)
 class EditQueue:
-    """The edits of one session that no window has been started for, and when the next one may be started for them.
+    """The edits of one session for which no window has started yet, and when the next one may start for them.
 
-    not_before: no window is started for an edit before this time, so that they share one; minus infinity: at once.
-    turn_at: when the next replan would have its turn if all were a period apart, which is ahead of the clock by as much
-    as they came closer together.
-    unseen: edits whose plan has landed, and the frame they took effect at, until that frame is sent.
+    not_before: the earliest start of a window for an edit, so that edits share windows; minus infinity: at once.
+    turn_at: when the next replan would start if all were a period apart; it is ahead of the clock by as much as they
+    came closer together. unseen: edits whose plan has landed, each with the frame at which it takes effect, until that
+    frame is sent.
     """
 
     most: int
@@ -131,21 +133,21 @@ class EditQueue:
 
     @property
     def are_left_open(self) -> bool:
-        """Whether any that waits left to the engine where a constraint is put."""
+        """Whether a waiting edit has constraints whose placing it left to the engine."""
         return any(edit.left_open for edit in self.waiting)
 
     @property
     def only_prolong(self) -> bool:
-        """Whether all that is asked for is that a velocity in force goes on; there must be some that wait."""
+        """Whether all waiting edits merely prolong a velocity; true if none wait."""
         return all(edit.prolongs for edit in self.waiting)
 
     def apart_by_cuts(self) -> tuple[tuple[PendingEdit, ...], tuple[PendingEdit, ...], tuple[PendingEdit, ...]]:
-        """Those that wait: before the first cut among them, from that to the last one, and behind it."""
+        """The waiting edits in three parts: before the first cut, from the first to the last one, and after that."""
         cuts = [index for index, edit in enumerate(self.waiting) if edit.kind == SEEK] or [len(self.waiting)]
         return self.waiting[: cuts[0]], self.waiting[cuts[0] : cuts[-1] + 1], self.waiting[cuts[-1] + 1 :]
 
     def require_room(self) -> None:
-        """Raise EventRefused where too many edits wait already."""
+        """Raise EventRefused if too many edits wait already."""
         if len(self.waiting) >= self.most:
             raise too_many_pending("edits", self.most)
 
@@ -153,27 +155,27 @@ class EditQueue:
         self.waiting = (*self.waiting, edit)
 
     def forget_replaced(self, held: Iterable[Constraint]) -> None:
-        """Of constraints that were left open only those that are held can still be put elsewhere: keep no others."""
+        """Drop left-open constraints that are no longer set from waiting edits, as they cannot be placed again."""
         if self.are_left_open:
             there = {id(item) for item in held}
             self.waiting = tuple(edit.with_open_of(there) for edit in self.waiting)
 
     def take(self) -> tuple[PendingEdit, ...]:
-        """All that wait, for a window that starts now."""
+        """Remove and return all waiting edits, for a window that starts now."""
         taken, self.waiting = self.waiting, ()
         return taken
 
     def wait_until(self, at: float) -> None:
-        """No window that can wait, a replan's or a clip's, is started before this time."""
+        """Start no window that can wait, that is, a replan's or a clip's, before this time."""
         self.not_before = max(self.not_before, at)
 
     def space_replans(self, now: float, period_s: float, rest_s: float) -> None:
-        """A window starts for the edits that wait, or rights a body: the next one may not before its time.
+        """A window starts for the waiting edits, or to correct the character: set the earliest start of the next one.
 
-        That is rest_s later, and of many one in period_s. Of edits a turn that a quiet time has left over is kept, so
-        that who says two things one after the other is answered twice. Counted from when this one might have started,
-        one period ago at the most: who comes as often as is allowed would else fall behind a little with every wait,
-        and never catch up.
+        That is rest_s later, and on average one per period_s. Edits may save up one turn in a quiet time, so that two
+        edits in quick succession are answered by two windows. Times count from when this window could have started, at
+        most one period ago: otherwise a client that edits as often as allowed would fall behind a little with every
+        wait and never catch up.
         """
         asked_at = min((edit.received_at for edit in self.waiting), default=now)
         rested_at = max(self.not_before, asked_at, now - rest_s) + rest_s
@@ -182,14 +184,14 @@ class EditQueue:
         self.not_before = max(rested_at, turn_at if self.waiting else self.turn_at)
 
     def put_back(self, edits: tuple[PendingEdit, ...]) -> None:
-        """The window that was to answer these will not: the next one may start at once."""
+        """The window for these edits was dropped: they wait again, and the next window may start at once."""
         self.waiting = (*edits, *self.waiting)
         self.not_before = self.turn_at = -math.inf
 
     def settle(self, untouched_from: int) -> list[PendingEdit]:
-        """Take out the edits of frames that no window has touched yet: they will be there when one comes.
+        """Remove and return the edits of frames that no window covers yet: the one that does will include them.
 
-        A seek is not: its plan is no continuation, and says whose it is.
+        Not a seek: its plan does not continue the motion, and must say which event caused it.
         """
         if untouched_from <= 0:
             return []
@@ -200,12 +202,12 @@ class EditQueue:
         return settled
 
     def landed(self, edits: Sequence[PendingEdit], first_frame: int, sent_to: int) -> list[tuple[PendingEdit, int]]:
-        """A plan from first_frame on answers these edits. Returns each with the frame it takes effect at.
+        """A plan from first_frame on answers these edits. Returns each with the frame at which it takes effect.
 
-        sent_to: the end of what was sent and still holds; edits beyond it that nobody saw were overtaken.
+        sent_to: the end of the frames sent that are still valid; unseen edits from there on were superseded.
         """
         answered = [(edit.with_open_of(()), max(edit.dirty_from, first_frame)) for edit in edits]
-        # Nobody waits for what only goes on: how long it took says nothing of how soon edits are answered.
+        # Nobody waits for a prolonged velocity, so its delay is not counted as the latency of an edit.
         shows = [(edit, frame) for edit, frame in answered if not edit.prolongs]
         self.unseen = [(edit, frame) for edit, frame in self.unseen if frame < sent_to] + shows
         return answered

@@ -1,4 +1,4 @@
-"""What a session sends: frames as far as the credit goes, constraints that were reached, a held pose."""
+"""Emission: what a session sends: frames as far as its credit allows, results of constraints, a held pose."""
 
 from __future__ import annotations
 
@@ -20,7 +20,7 @@ def emit(state: SessionState, now: float, report: StepReport, outputs_of: MakeOu
     outputs: list[Output] = _hold(state, now, report) if state.level.hold else []
     if state.spec.is_clip:
         state.delivery.promise(state.planned_to)
-    # The window that runs may still land where it starts; a promise beyond that would only make it void.
+    # The running window may still land where it starts; promising frames beyond that would make it useless.
     promise_to = math.inf if state.running is None else state.running.first_frame
     if state.delivery.waits(now, state.planned_to):
         promise = state.delivery.promised(now, state.planned_to, promise_to)
@@ -48,7 +48,7 @@ def emit(state: SessionState, now: float, report: StepReport, outputs_of: MakeOu
 
 
 def _hold(state: SessionState, now: float, report: StepReport) -> list[Output]:
-    """Repeat the last pose where the client would run out and no window may be made for it."""
+    """Repeat the last pose if the client would run out of frames and no window may be made for it."""
     held_from, delivery = state.planned_to, state.delivery
     if state.running is not None or held_from == 0 or not state.clock.running:
         return []
@@ -67,9 +67,9 @@ def _hold(state: SessionState, now: float, report: StepReport) -> list[Output]:
 
 
 def _trim(state: SessionState) -> None:
-    """Let go of what can neither be sent, nor replaced, nor be history, nor gone back to; and of what has passed."""
+    """Drop frames that can no longer be sent, replaced, in a history or rewound to; and conditions that are over."""
     committed_to = state.delivery.committed_to
-    # A client that loses its transport may have to be sent again all that lies beyond its last report.
+    # A client that loses its connection may need everything beyond its last report again.
     missed_from = math.inf if state.spec.is_clip else state.clock.reported
     rewind_frames = 0 if state.spec.is_clip else math.ceil(state.config.rewind_s * state.facts.fps)
     needed_from = int(min(committed_to, state.delivery.sent_to, missed_from)) - history_crop(state.spec, state.config)

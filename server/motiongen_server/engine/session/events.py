@@ -1,4 +1,4 @@
-"""What an event changes in a session: at once, in the window that runs, or in the next one."""
+"""What an event changes in a session: at once, in the running window, or in the next one."""
 
 from __future__ import annotations
 
@@ -30,7 +30,7 @@ from motiongen_server.engine.types.report import StepReport
 def apply(
     state: SessionState, event: EditEvent | Playhead | SetPlayState | Resume | SaveAgain, now: float, report: StepReport
 ) -> list[Output]:
-    """Take in one event. If this ends the running window (`running` becomes None), its job is to be discarded."""
+    """Apply an event. If this ends the running window (`running` becomes None), the caller must discard its job."""
     if isinstance(event, Playhead):
         _report_playhead(state, event, now, report)
         return []
@@ -55,7 +55,7 @@ def _report_playhead(state: SessionState, event: Playhead, now: float, report: S
         state.delivery.grant(min(event.frame, state.spec.clip_frames - state.spec.lookahead))
         return
     clock, reported = state.clock, state.clock.reported
-    # One in every frame at most, whatever the client counts.
+    # At most one underrun per frame is believed, whatever the client reports.
     most = math.ceil((now - state.last_playhead_at) * state.facts.fps) + 1
     if event.underruns > state.underruns:
         report.client_underruns.append((state.spec.priority, min(event.underruns - state.underruns, most)))
@@ -107,8 +107,10 @@ def cut(
     now: float,
     report: StepReport,
 ) -> list[Output]:
-    """Put the character elsewhere. features_of: those (H, D) of rows that a client gives, None where the model can make
-    none of them. As for `apply`."""
+    """Put the character elsewhere; otherwise as `apply`.
+
+    features_of: makes features (H, D) of a client's rows, None if the model fails on them.
+    """
     rows, features = event.prior_rows, None
     try:
         state.edits.require_room()
@@ -127,7 +129,7 @@ def cut(
 
 
 def _queue(state: SessionState, edit: PendingEdit, report: StepReport) -> list[Output]:
-    """Have the next window answer an edit; the one that runs is begun again where that is worth it."""
+    """Have the next window answer an edit; restart the running one if that is worthwhile."""
     state.edits.add(edit)
     running = state.running
     if running is not None and edit.dirty_from < running.accept_to and _worth_restarting(state, running):
@@ -138,9 +140,9 @@ def _queue(state: SessionState, edit: PendingEdit, report: StepReport) -> list[O
 
 
 def _anchor(state: SessionState, now: float) -> Anchor:
-    """Where the character will be when an edit of now takes effect: where the window for it is likely to start.
+    """Where the character will be when an edit made now takes effect, that is, where its window will probably start.
 
-    A cut that was asked for before comes before: then it is where that puts it.
+    A cut that was asked for earlier takes effect before it, so the character is then where the cut puts it.
     """
     frame = state.replaceable_from(now, max(state.predicted_s, state.extra_lead_s) + state.delivery.commit_s)
     running_cut = None if state.running is None else state.running.cut
@@ -148,9 +150,9 @@ def _anchor(state: SessionState, now: float) -> Anchor:
 
 
 def _worth_restarting(state: SessionState, running: RunningWindow) -> bool:
-    """Whether to begin a window again for an edit that came meanwhile, rather than let another one follow it.
+    """Whether to restart the running window for a new edit, rather than let another window follow it.
 
-    One that has not begun costs nothing. One that answers edits is finished: these were first, and more may come.
+    A window that has not begun costs nothing. One that answers edits is finished: these came first, and more may come.
     """
     if not running.steps_done:
         return True

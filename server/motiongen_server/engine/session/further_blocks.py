@@ -1,4 +1,4 @@
-"""Further blocks: what a session asked to have in its frame rows besides those of the rig."""
+"""Further blocks: those that a session asked to have in its frame rows besides the rig's."""
 
 from __future__ import annotations
 
@@ -13,18 +13,18 @@ from motiongen_server.engine.session.timeline import Timeline
 from motiongen_server.engine.types import Chunk, Float32Array
 
 MakeOutputs: TypeAlias = Callable[[Sequence[str], Float32Array], Float32Array | None]
-"""As `Runner.outputs`; None where the model can make none of them."""
+"""As `Runner.outputs`; None if the model fails."""
 
 
 class OutputsFailed(RuntimeError):
-    """What a session asked for cannot be made of its frames. The message is for its client."""
+    """The blocks that a session asked for cannot be made of its frames. The message is for its client."""
 
 
 def with_outputs(chunk: Chunk, names: Sequence[str], timeline: Timeline, make: MakeOutputs) -> Chunk:
-    """The chunk with the blocks behind its rows. timeline: holds its frames. Raises OutputsFailed.
+    """The chunk with the blocks appended to its rows. timeline: holds its frames. Raises OutputsFailed.
 
-    Speeds of a frame are from the one before it, so that a chunk needs nothing that is not decided. The first frame
-    has none, nor the first after a cut.
+    Velocities at a frame are relative to the frame before it, so that a chunk depends only on frames that are decided.
+    The first frame has none before it, nor has the first after a cut.
     """
     end = chunk.first_frame + len(chunk.rows)
     cuts = timeline.cuts

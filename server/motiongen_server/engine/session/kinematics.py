@@ -1,4 +1,4 @@
-"""Forward kinematics with numpy: where the joints of frames are that go over the wire."""
+"""Forward kinematics with numpy: joint positions and rotations of frame rows."""
 
 from __future__ import annotations
 
@@ -13,9 +13,9 @@ Float64 = NDArray[np.float64]
 
 
 class Posed:
-    """Rows as poses. Where joints are is worked out once, when it is first asked for.
+    """Rows as poses. Joint positions are computed once, when they are first asked for.
 
-    Many constraints are measured on the same frames, of which each part (`part`) knows what the whole does.
+    Many constraints are measured on the same frames; a `part` shares the result of the whole.
     """
 
     def __init__(self, rig: RigLayout, rows: Float32Array) -> None:
@@ -26,17 +26,17 @@ class Posed:
         self._whole: tuple[Posed, slice] | None = None
 
     def __len__(self) -> int:
-        """How many frames there are."""
+        """The number of frames."""
         return len(self._rows)
 
     def part(self, begin: int, end: int) -> Posed:
-        """The frames from `begin` up to, not including, `end`, counted from the first of these."""
+        """The frames from `begin` up to, but not including, `end`, counted from the first of these."""
         part = Posed(self.rig, self._rows[begin:end])
         part._whole = self, slice(begin, end)
         return part
 
     def root(self) -> Float64:
-        """(T, 3) metres: where the root is."""
+        """(T, 3) metres: the root's positions."""
         start = _column(self.rig, ROOT_BLOCK)
         return self._rows[:, start : start + 3].astype(np.float64)
 
@@ -65,7 +65,7 @@ class Posed:
         return positions, rotations
 
     def heading(self) -> Float64:
-        """(T) radians about the up axis, 0 toward +Z: from the line of the hips, or of the root."""
+        """(T) radians about the up axis, 0 toward +Z: from the line between the hips, or without hips from the root."""
         positions, rotations = self.joints()
         if self.rig.hip_joints is None:
             return np.arctan2(rotations[:, 0, 0, 2], rotations[:, 0, 2, 2])
@@ -79,7 +79,7 @@ class Posed:
 
 
 def _column(rig: RigLayout, name: str) -> int:
-    """Where a block begins in a row."""
+    """The column at which a block begins in a row."""
     start = 0
     for block in rig.blocks:
         if block.name == name:
@@ -89,16 +89,16 @@ def _column(rig: RigLayout, name: str) -> int:
 
 
 def heading_across(right: Float64, left: Float64) -> Float64:
-    """(...) radians: where hips at right and left, (..., 3) metres, face: their line turned by 90 degrees."""
+    """(...) radians: the heading of hips at right and left, (..., 3) metres: the line between them, turned by 90°."""
     across = right - left
     return np.arctan2(across[..., 2], -across[..., 0])
 
 
 def continued(rig: RigLayout, rows: Float32Array, before: Float32Array) -> Float32Array:
-    """Rows (T, row_width) with the signs of their quaternions such that they go on from those of a row (row_width).
+    """Rows (T, row_width) with quaternion signs chosen to continue those of the row before (row_width).
 
-    q and -q are one rotation; who interpolates the numbers needs neighbours to be near. Within the rows each joint is
-    of one sign already, so that it is turned in all of them or in none.
+    q and -q are the same rotation, but a client that interpolates the numbers needs neighbours to be near. Within the
+    rows each joint's signs are consistent already, so they are flipped in all rows or in none.
     """
     start = _column(rig, ROTATION_BLOCK)
     columns = slice(start, start + 4 * len(rig.joint_names))

@@ -1,4 +1,4 @@
-"""How a session begins."""
+"""Opens a session, and changes its options later."""
 
 from __future__ import annotations
 
@@ -25,9 +25,10 @@ from motiongen_server.engine.types import Float32Array, ModelFacts, SessionSpec
 
 @dataclass(frozen=True, slots=True)
 class Opening:
-    """What an engine brings to a session that begins.
+    """What the engine contributes to a new session.
 
-    ordinal: how many were opened before it; it spreads the start times of later windows. now: on the engine's clock.
+    ordinal: how many sessions were opened before; it spreads the start times of later windows. now: on the engine's
+    clock.
     """
 
     ordinal: int
@@ -41,8 +42,8 @@ def open_session(
 ) -> SessionState:
     """A new session.
 
-    prior_features: (H, D), those of spec.prior_rows, None where there are none. Raises EventRefused for a constraint
-    that cannot be placed.
+    prior_features: (H, D), the features of spec.prior_rows, None if there are none. Raises EventRefused for a
+    constraint that cannot be placed.
     """
     facts, config = opening.facts, opening.config
     timeline = first_timeline(facts, spec.prior_rows, prior_features)
@@ -55,7 +56,7 @@ def open_session(
         "open.constraints",
         config.max_held_trajectory_frames,
     )
-    if not spec.is_clip:  # which answers each of its constraints, also those that share an id
+    if not spec.is_clip:  # a clip keeps all its constraints, and answers each, even those that share an id
         constraints, placements = by_last(constraints), of_last(placements, spec.constraints)
     clock = PlaybackClock(facts.fps, rate=config.playback_rate, slack=spec.lookahead)
     stride = spread(opening.ordinal) * (config.stride_jitter // facts.patch + 1)
@@ -80,7 +81,7 @@ def open_session(
 
 
 def change_options(state: SessionState, changed: SessionSpec) -> None:
-    """Go on with other options from the next window on. Frames that were sent beyond a shorter look-ahead stay sent."""
+    """Use other options from the next window on. Frames already sent beyond a shorter look-ahead are not taken back."""
     before, facts, config = state.spec, state.facts, state.config
     state.spec = changed
     state.continue_threshold += _continue_threshold(changed, facts, config) - _continue_threshold(before, facts, config)
@@ -89,5 +90,5 @@ def change_options(state: SessionState, changed: SessionSpec) -> None:
 
 
 def _continue_threshold(spec: SessionSpec, facts: ModelFacts, config: EngineConfig) -> int:
-    """Frames ahead of the client below which the next window is made: a longer lookahead is to be filled."""
+    """Unplayed frames below which the next window is made: a longer look-ahead must be filled."""
     return max(config.continue_threshold, spec.lookahead - facts.horizon)

@@ -1,4 +1,4 @@
-"""Placing: constraints that ask for "there, from here" or "as soon as can be" become ones of frames and the world."""
+"""Placing: turns constraints "from here" or "as soon as possible" into ones with frames and world coordinates."""
 
 from __future__ import annotations
 
@@ -30,19 +30,21 @@ from motiongen_server.engine.types import (
 )
 
 LATE_S = 2.0
-"""A place to be reached as soon as can be is tried for so long after the time at which a person would be there."""
+"""How long after the time at which a person would be there a place "as soon as possible" may still be reached."""
 MOST_FRAME = 1 << 53
-"""Up to which doubles, and so the numbers of some languages, count every frame."""
+"""The largest frame number that doubles, and so the numbers of some languages, represent exactly."""
 MOST_PATH_S = 600.0
-"""Of walking along one path."""
+"""The longest time to walk along one path."""
 REACH = 0.25
-"""So much of the length of its chain from the root, over the ground, a joint comes without a step."""
+"""How far a joint reaches over the ground without a step, as a share of the length of its chain from the root."""
 
 
 @dataclass(frozen=True, slots=True)
 class Anchor:
-    """When a constraint takes effect, and what the root does just before. last_frame: the last that will ever be made,
-    None where there is none."""
+    """When a constraint takes effect, and the root's state just before.
+
+    last_frame: the last that will ever be made, None if there is no end.
+    """
 
     frame: int
     root: RootState
@@ -57,15 +59,15 @@ class Anchor:
         return here == (placement.anchor_frame, placement.x, placement.z, placement.heading)
 
     def first_possible(self, x: float, z: float, heading: float | None) -> int:
-        """The frame at which a person who walks is at a place, facing somewhere."""
+        """The frame at which a walking person can be at a place, with a heading if one is given."""
         frame = self.frame + math.ceil(self.fps * walking_s(self.root, (x, z), heading)) - 1
         return frame if self.last_frame is None else min(frame, self.last_frame)
 
 
 def placed(asked: Unplaced, anchor: Anchor, field: str) -> tuple[Constraint, Placement]:
-    """The constraint in frames and in the world, and where that is. field: where the event has it.
+    """The constraint in absolute frames and world coordinates, and its placement. field: its path in the event.
 
-    Raises EventRefused for a path that takes too long to walk, and for frames that are too far away to be counted.
+    Raises EventRefused for a path that takes too long to walk, and for frame numbers that are too large.
     """
     target = moved(asked.target, anchor.root) if asked.is_relative else asked.target
     if isinstance(target, RootPath):
@@ -100,7 +102,7 @@ def _placement(found: Constraint, arrival_frame: int, anchor: Anchor) -> Placeme
 
 
 def goal_of(target: Constraint, root: RootState, rig: RigLayout) -> tuple[float, float, float | None]:
-    """Where the root is to go for a constraint, and where to face; where it is, if it asks for no place."""
+    """Where a constraint asks the root to go and to face; where it is now, if the constraint asks for no place."""
     match target:
         case Waypoint():
             return target.x, target.z, target.heading
@@ -115,7 +117,7 @@ def goal_of(target: Constraint, root: RootState, rig: RigLayout) -> tuple[float,
 
 
 def root_for(target: JointTargets, x: float, z: float, rig: RigLayout) -> tuple[float, float]:
-    """Where the root is for joints to be at their places: as asked, or no farther from x, z than they need."""
+    """Where the root must be for joints to reach their places: as asked, or as near x, z as they allow."""
     if 0 in target.joints:
         root = target.positions[target.joints.index(0)]
         return float(root[0]), float(root[2])
@@ -141,13 +143,13 @@ def _chain_m(joint: int, rig: RigLayout) -> float:
 def _walked_path(path: RootPath, anchor: Anchor, field: str) -> RootTrajectory:
     places = np.concatenate([[[anchor.root.x, anchor.root.z]], path.corners])
     try:
-        # At full speed all the way first, which costs little to know.
+        # First the time at full speed all the way, which is cheap to compute.
         if (seconds := float(np.hypot(*np.diff(places, axis=0).T).sum()) / path.speed_mps) > MOST_PATH_S:
             raise WayTooLong(seconds)
         ground = walked(path.corners, path.speed_mps, path.smoothing_m, anchor.root, anchor.fps, MOST_PATH_S)
     except WayTooLong as error:
         given = f"it takes {error.seconds:.0f} s to walk it at {path.speed_mps:g} m/s, slower in bends"
-        allowed = f"a way of up to {MOST_PATH_S:g} s; send the rest when this one nears its end"
+        allowed = f"a path of up to {MOST_PATH_S:g} s; send the rest when this one nears its end"
         raise EventRefused(Code.INVALID_ARGUMENT, "PATH_TOO_LONG", given, f"{field}.root_path", allowed) from error
     if anchor.last_frame is not None:
         ground = ground[: max(1, anchor.last_frame + 1 - anchor.frame)]
@@ -157,7 +159,7 @@ def _walked_path(path: RootPath, anchor: Anchor, field: str) -> RootTrajectory:
 
 
 def moved(target: Constraint | RootPath, seen_from: RootState | StartPose) -> Constraint | RootPath:
-    """A target whose places and angles are seen from a root, in the world. Heights stay."""
+    """A target relative to a root, in world coordinates. Heights stay."""
     x, z, heading = seen_from.x, seen_from.z, seen_from.heading
     cos, sin = math.cos(heading), math.sin(heading)
     turn = np.array([[cos, 0.0, sin], [0.0, 1.0, 0.0], [-sin, 0.0, cos]])

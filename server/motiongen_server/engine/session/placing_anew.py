@@ -1,8 +1,8 @@
-"""Placing anew: what was asked "from here" is put where the window that answers it does start.
+"""Placing anew: constraints relative to the character are placed where the window that answers them really starts.
 
-When an event comes, that window is only predicted. It may start later: another one is finished first, replans are
-spaced, or it came too late and is made again. Meanwhile the character has gone on, or its frames before that window are
-others.
+When an event comes, the start of that window is only predicted. It may be later, because another window is finished
+first, replans are spaced, or the window came too late and is made again. Meanwhile the character has moved on, or its
+frames before that window have changed.
 """
 
 from __future__ import annotations
@@ -18,9 +18,9 @@ from motiongen_server.engine.types import Constraint, EventRefused, Placement
 def placed_anew(
     conditions: Conditions, edits: tuple[PendingEdit, ...], anchor: Anchor
 ) -> tuple[Conditions, tuple[PendingEdit, ...]]:
-    """The conditions, and the edits that a window from anchor.frame on answers, with what they left open put there.
+    """The conditions and edits for a window from anchor.frame on, with the edits' left-open constraints placed there.
 
-    What another event has replaced or removed since, and what cannot be put there, stays as it is.
+    Constraints that another event has replaced or removed since, or that cannot be placed there, stay as they are.
     """
     held = {id(item): item for item in conditions.constraints}
     moved: dict[int, Constraint] = {}
@@ -32,7 +32,7 @@ def placed_anew(
             if id(before) in held and not anchor.is_of(placements[asked.constraint_id]):
                 try:
                     found, placement = placed(asked, anchor, "")
-                except EventRefused:  # a way that has become too long in these few frames
+                except EventRefused:  # a path that has become too long to walk in these few frames
                     placement = placements[asked.constraint_id]
                 placements[asked.constraint_id] = placement
                 moved[id(before)] = found

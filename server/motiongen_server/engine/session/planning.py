@@ -1,4 +1,4 @@
-"""Which window a session needs next and when, and what becomes of the one that is finished."""
+"""Planning: which window a session needs next and when, and what becomes of a finished one."""
 
 from __future__ import annotations
 
@@ -19,15 +19,18 @@ from motiongen_server.engine.types import (
 from motiongen_server.engine.types.report import StepReport
 
 _REST_SHARE = 1.3
-"""From one replan's edit to the next replan of a session, of what the first is expected to take: others have a turn."""
+"""The least time from one replan's edit to a session's next replan, which gives others a turn.
+
+As a multiple of the time that the first one is expected to take.
+"""
 _LEAST_PROLONGING_S = 0.25
-"""For a window that prolongs a velocity, however quick windows are."""
+"""The least time planned for a window that prolongs a velocity, however quick windows are."""
 _MOST_WAIT_S = 0.5
-"""For the answer to an edit that only prolongs a velocity."""
+"""The longest wait for the answer to an edit that only prolongs a velocity."""
 
 
 def wake_at(state: SessionState) -> float:
-    """When the session is to be looked at if nothing happens before; infinity if then, too, nothing happens."""
+    """When the session must be looked at if no event comes before; infinity: not because of time alone."""
     if state.running is not None or state.spec.is_clip:
         return math.inf
     planned_to, delivery = state.timeline.end, state.delivery
@@ -38,7 +41,7 @@ def wake_at(state: SessionState) -> float:
 
 
 def window_due(state: SessionState, now: float) -> bool:
-    """Whether a window is to be started: for an edit, or because the client will have played what there is."""
+    """Whether to start a window: for an edit, or because the client will soon have played all frames."""
     if state.running is not None:
         return False
     planned_to = state.timeline.end
@@ -57,10 +60,10 @@ def window_due(state: SessionState, now: float) -> bool:
 
 
 def _replan_at(state: SessionState) -> float:
-    """From when on a window may start for what waits; something does.
+    """When a window may start for the edits or the correction that wait; one of these must.
 
-    Who keeps a velocity up says it again long before it ends. Until the playhead comes near that end, what is planned
-    is what was asked for; a window for each time that it is said would be shown for the frames between two of them.
+    A client that keeps a velocity up repeats it long before it ends. Until the playhead comes near that end, the plan
+    is already what was asked for, and a window for each repetition would be shown only until the next.
     """
     edits, delivery = state.edits, state.delivery
     if state.drift_state.lost or not state.clock.running or not edits.only_prolong:
@@ -91,10 +94,10 @@ def next_window(state: SessionState, now: float, predicted_s: float, job_id: int
 
 
 def begin_elsewhere(state: SessionState, now: float, predicted_s: float) -> WindowJob | None:
-    """The running window, from another frame on, where that is better now that it is known how long it will take.
+    """Move the running window to another first frame, if that is better now that its duration is known.
 
-    For windows of edits, before their first step. One that would be too late begins later, and one that may be there
-    sooner by a patch begins sooner. None where it stays as it is.
+    For windows of edits, before their first step. One that would come too late starts later, and one that can come at
+    least a patch earlier starts earlier. None if it stays as it is.
     """
     running = state.running
     assert running is not None
@@ -115,7 +118,7 @@ def begin_elsewhere(state: SessionState, now: float, predicted_s: float) -> Wind
 
 
 def _begin(state: SessionState, first_frame: int, cause: PlanCause, due: Due) -> WindowJob:
-    """Have a window from first_frame on run, for all edits that wait."""
+    """Start a window from first_frame on, for all edits that wait."""
     if state.edits.are_left_open:
         _place_anew(state, first_frame)
     cut, spec, timeline = state.cut, state.spec, state.timeline
@@ -138,10 +141,10 @@ def _begin(state: SessionState, first_frame: int, cause: PlanCause, due: Due) ->
 
 
 def _place_anew(state: SessionState, first_frame: int) -> None:
-    """Put what the edits that wait left open where a window from first_frame on finds the character.
+    """Place left-open constraints of waiting edits again, from where a window from first_frame on finds the character.
 
-    What came behind a cut that waits too is asked from where that puts it. Between two of them it was seen from where
-    the first would have put it, and stays so.
+    Those after a cut that waits too are placed from where the cut puts the character. Those between two cuts were
+    placed from where the first one would have put it, and stay there.
     """
     before, between, behind = state.edits.apart_by_cuts()
     conditions, before = placed_anew(state.conditions, before, anchor_at(state, first_frame))
@@ -164,8 +167,8 @@ def _next_start(state: SessionState, now: float, predicted_s: float) -> tuple[in
         goes_on_sooner = state.edits.only_prolong and on_grid >= earliest
         return min(on_grid if goes_on_sooner else wanted, planned_to), PlanCause.EDIT
     if state.cut is None and earliest - state.replanned_from < state.config.align_within:
-        # Bodies glide where plans that are replaced after a few frames each begin anywhere: histories are pieces of
-        # tokens then, encoded again and again.
+        # Characters glide if plans that are replaced after a few frames each begin anywhere: their histories are parts
+        # of tokens then, encoded again and again.
         on_grid = min(earliest + (grid - earliest) % patch, planned_to)
         if not state.conditions.ends_within(earliest, on_grid):
             earliest = on_grid
@@ -173,8 +176,10 @@ def _next_start(state: SessionState, now: float, predicted_s: float) -> tuple[in
 
 
 def deadline(state: SessionState, now: float) -> float:
-    """When the window that is due is to be done: its class target after an edit may be answered, or before frames
-    run out."""
+    """When the window that is due must be done.
+
+    That is its class target after its edit may be answered, or before the client runs out of frames.
+    """
     if state.spec.is_clip:
         return state.opened_at + state.config.clip_target_s
     if state.planned_to == 0:
@@ -186,7 +191,7 @@ def deadline(state: SessionState, now: float) -> float:
 
 
 def runs_out_at(state: SessionState, now: float) -> float:
-    """When frames of a window have to be there, whatever it is made for, for the client not to run out of them."""
+    """When the window's frames must be there for the client not to run out of frames, whatever the window is for."""
     is_played = state.planned_to > 0 and not state.spec.is_clip and state.clock.running
     return _planned_until(state, now) if is_played else math.inf
 
@@ -197,7 +202,7 @@ def _planned_until(state: SessionState, now: float) -> float:
 
 
 def accept(state: SessionState, result: WindowResult, now: float, report: StepReport) -> list[Output]:
-    """Append the finished running window to the plan, or discard it where it came too late."""
+    """Append the finished running window to the plan, or discard it if it came too late."""
     running = state.running
     assert running is not None
     assert running.job.job_id == result.job_id
@@ -209,7 +214,7 @@ def accept(state: SessionState, result: WindowResult, now: float, report: StepRe
         return []
     state.running = None
     first_frame, num_frames = running.first_frame, running.accept_to - running.first_frame
-    # A runner may give fewer: from the next frame on it would tell the model something else.
+    # A runner may return fewer frames, if from the next one on the model is to be told something else.
     rows = result.frames[:num_frames]
     if len(rows) and first_frame > state.timeline.first:
         rows = continued(state.facts.rig, rows, state.timeline.rows_between(first_frame - 1, first_frame)[0])
@@ -244,7 +249,7 @@ def _note_deadline(state: SessionState, running: RunningWindow, now: float, repo
     if state.spec.is_clip:
         return
     report.deadlines.append(state.spec.priority)
-    # A client that stands cannot run out of frames.
+    # A paused client cannot run out of frames.
     counts = state.clock.running or running.job.cause is PlanCause.EDIT or state.planned_to == 0
     if counts and now > running.job.deadline:
         report.deadline_misses.append(state.spec.priority)

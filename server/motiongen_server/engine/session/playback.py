@@ -1,4 +1,4 @@
-"""PlaybackClock: which frame the client is showing; RoundTrip: how long the way to it and back takes."""
+"""PlaybackClock: which frame the client is showing; RoundTrip: how long a message takes to the client and back."""
 
 from __future__ import annotations
 
@@ -7,27 +7,27 @@ from dataclasses import dataclass
 
 from motiongen_server.engine.types import PlayState
 
-# A round trip counts for as long as this before half of it is forgotten; none is believed to be longer than a second.
+# After this time a measured round trip counts half; none is believed to be longer than a second.
 _HALF_LIFE_S = 10.0
 _LONGEST_S = 1.0
 PACE = 1.05
-"""Playback a little faster than the frame rate is no jump: reports come unevenly, and clocks differ."""
+"""Playback slightly faster than the frame rate is no jump: reports come unevenly, and clocks differ."""
 START_FRAMES = 10
-"""A first report may be so many frames late: it is half a second's worth."""
+"""A first report may be this many frames late, which is half a second's worth."""
 
 
 @dataclass(slots=True)
 class RoundTrip:
-    """The longest round trip of late: a measured one counts at once, and from then on slowly falls.
+    """The longest round trip of late: a longer measurement counts at once, and then decays slowly.
 
-    seconds: what was assumed until the first measurement.
+    seconds: initially the assumed round trip.
     """
 
     seconds: float
     measured_at: float = -math.inf
 
     def report(self, measured_s: float | None, at: float) -> None:
-        """Take a measurement; None and what is not a number count as none."""
+        """Take a measurement; None and NaN are ignored."""
         if measured_s is None or math.isnan(measured_s):
             return
         measured_s = min(max(measured_s, 0.0), _LONGEST_S)
@@ -40,15 +40,15 @@ class RoundTrip:
 class PlaybackClock:
     """The client's playhead between its reports.
 
-    Until the first report the client stands at frame 0, not yet playing. From then on the playhead moves at fps from
-    the newest report, up to what was sent and no further, unless paused.
+    Until the first report the client is at frame 0, not yet playing. From then on the playhead moves at fps from the
+    newest report, up to what was sent, unless paused.
 
-    What a client says need not be true, so three things are told apart. `reported` is its newest report; no frame
-    before it is replaced. `credited` is how far it may have come who plays at `rate` times the frame rate, and may once
-    be `slack` frames ahead of that: frames are sent from there on, not from the estimate, so that a silent client gets
-    a lookahead of frames and no more, and so does one that jumps ahead. `paced` is where it is who has not jumped, and
-    who stands while paused: deadlines are counted from there, because what a jump makes late the machine is not late
-    with.
+    A client's reports may be false, so three values are kept apart. `reported` is its newest report; no frame before it
+    is replaced. `credited` is how far a client can have come that plays at `rate` times the frame rate, and may get
+    ahead of that by `slack` frames once. Frames are sent up to a lookahead from there, not from the estimate, so that a
+    client that is silent or jumps ahead gets a lookahead of frames and no more. `paced` is where the playhead would be
+    without jumps, and standing while paused: deadlines count from there, because the machine is not late if a jump
+    makes frames late.
     """
 
     fps: int
@@ -69,7 +69,7 @@ class PlaybackClock:
         return self.started and self.state is PlayState.PLAYING
 
     def unheld(self, now: float) -> float:
-        """Where the playhead would be had no frame ever been missing."""
+        """Where the playhead would be if no frame had ever been missing."""
         if not self.started or self.state is not PlayState.PLAYING or now <= self.anchor_at:
             return self.anchor_frame
         return self.anchor_frame + (now - self.anchor_at) * self.fps
@@ -83,10 +83,10 @@ class PlaybackClock:
         return self.anchor_at + (frame - self.anchor_frame) / self.fps if self.running else math.inf
 
     def report(self, frame: int, at: float, sent_to: int) -> None:
-        """Take a report. A frame beyond what was sent is taken as sent_to; one below an earlier report is ignored.
+        """Take a report. A frame beyond what was sent counts as sent_to; one below an earlier report is ignored.
 
-        Nobody can show a frame that was never sent: such a client waits at the end of what it has, and the motion goes
-        on from there without a gap.
+        No client can show a frame that was never sent: it waits at the end of what it has, and the motion continues
+        from there without a gap.
         """
         if frame < self.reported:
             return
@@ -114,13 +114,13 @@ class PlaybackClock:
         return self._paced_frame + max(0.0, now - self._paced_at) * self.fps * PACE
 
     def _keep_pace(self, frame: float, at: float) -> None:
-        """Count pace and allowance on from here. frame: the one shown, or believed to be."""
+        """Continue pace and allowance from here. frame: the one shown, or believed to be."""
         self._paced_frame = min(self._paced_to(at), frame)
         self._allowance = min(self.slack, self._allowance + max(0.0, at - self._paced_at) * self.fps * self.rate)
         self._paced_at = max(at, self._paced_at)
 
     def go_on(self, frame: int, at: float) -> None:
-        """The client shows this frame, as it says itself, and no clock here has followed it there."""
+        """The client of a session from another engine shows this frame, by its own report."""
         self.reported = self.credited = frame
         self.anchor_frame = self._paced_frame = float(frame)
         self.anchor_at = self._paced_at = at
@@ -128,7 +128,7 @@ class PlaybackClock:
         self.started = True
 
     def set_state(self, state: PlayState, at: float, sent_to: int) -> None:
-        """The client plays or stands from now on. What it could have played meanwhile it has not, while it stood."""
+        """The client plays or pauses from now on. While paused, it earns no frames."""
         frame = self.estimate(at, sent_to)
         if self.started:
             self._keep_pace(frame, at)
@@ -136,7 +136,7 @@ class PlaybackClock:
         self.state = state
 
     def resume_from(self, sent_to: int, now: float) -> None:
-        """Before more is sent: a client that had run out plays on from where it waited, not from where it would be."""
+        """Called before more is sent: a client that had run out continues from where it waited."""
         if self.unheld(now) > sent_to:
             self.anchor_frame = float(sent_to)
             self.anchor_at = now

@@ -1,4 +1,4 @@
-"""PoseReader: what the engine needs to know of frame rows: where the root is and faces, its lean, feet in the air."""
+"""PoseReader: what the engine reads from frame rows: the root's position and heading, its lean, feet in the air."""
 
 from __future__ import annotations
 
@@ -15,7 +15,7 @@ from motiongen_server.engine.types.facts import CONTACT_BLOCK, ROOT_BLOCK, ROTAT
 class PoseReader:
     """Reads rows of one rig. root, rotation: the first column of the root's position and of its world quaternion.
 
-    contacts: the columns that say whether feet are on the ground.
+    contacts: the columns that tell whether feet are on the ground.
     """
 
     root: int | None
@@ -33,20 +33,20 @@ class PoseReader:
         return cls(first.get(ROOT_BLOCK), first.get(ROTATION_BLOCK), columns.get(CONTACT_BLOCK))
 
     def positions(self, rows: Float32Array) -> Float32Array:
-        """(T, 3) metres: the root of each row; the origin where the rig's rows do not tell."""
+        """(T, 3) metres: the root in each row; the origin if the rig's rows have no root position."""
         if self.root is None:
             return np.zeros((len(rows), 3), np.float32)
         return rows[:, self.root : self.root + 3]
 
     def heading(self, row: Float32Array) -> float:
-        """Where the root faces, radians about the up axis, 0 toward +Z; 0 where the rig's rows do not tell."""
+        """The root's heading, radians about the up axis, 0 toward +Z; 0 if the rig's rows have no rotations."""
         if self.rotation is None:
             return 0.0
         w, x, y, z = (float(value) for value in row[self.rotation : self.rotation + 4])
         return math.atan2(2 * (x * z + w * y), 1 - 2 * (x * x + y * y))
 
     def lean(self, rows: Float32Array) -> float:
-        """Radians between the vertical and the up axis of the root, whose height is averaged over the rows."""
+        """Radians between the vertical and the root's up axis, of which the vertical part is averaged over the rows."""
         if self.rotation is None:
             return 0.0
         x, z = rows[:, self.rotation + 1], rows[:, self.rotation + 3]
@@ -54,7 +54,7 @@ class PoseReader:
         return math.acos(min(max(up, -1.0), 1.0))
 
     def flight(self, rows: Float32Array, num_frames: int) -> int | None:
-        """The first of num_frames or more rows in which no foot is on the ground; None where there are not so many."""
+        """The first of at least num_frames rows in which no foot is on the ground; None if there are not that many."""
         if self.contacts is None:
             return None
         grounded = np.flatnonzero((rows[:, self.contacts] > 0.5).any(axis=1))

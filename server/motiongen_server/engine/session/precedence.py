@@ -1,4 +1,4 @@
-"""Precedence: which of the constraints that a window sees hold, where they contradict each other."""
+"""Precedence: which of a window's constraints hold if they contradict each other."""
 
 from __future__ import annotations
 
@@ -11,17 +11,18 @@ from motiongen_server.engine.session.kinematics import Float64
 from motiongen_server.engine.types import Constraint, JointTargets, Keyframe, RootTrajectory, Waypoint
 
 FASTEST_M_S = 4.0
-"""Nobody is asked to run faster from the place of one constraint to that of another."""
+"""No character is asked to run faster than this from the place of one constraint to that of another."""
 _NEAR_M = 0.05
 _ANGLES = np.arange(32) * (2 * np.pi / 32)
 _DIRECTIONS = np.stack([np.cos(_ANGLES), np.sin(_ANGLES)], axis=1)
 
 
 def in_force(constraints: Sequence[Constraint], window: range, fps: int) -> tuple[Constraint, ...]:
-    """The constraints of a window in the order in which they are laid on one another: the lighter first, then as set.
+    """The constraints of a window in the order in which they are applied over one another: lighter first, then as set.
 
-    One whose place nobody could come to from that of a heavier one, or go to it from there, is left out. It takes time
-    in proportion to their number: a client may send hundreds, each of its own weight, and every window asks anew.
+    A constraint is left out if nobody could get from a heavier one's place to its own, or back, in time. The effort is
+    proportional to the number of constraints: a client may send hundreds, each with its own weight, and every window
+    asks again.
     """
     if len({item.weight for item in constraints}) < 2:
         return tuple(constraints)
@@ -38,13 +39,13 @@ def in_force(constraints: Sequence[Constraint], window: range, fps: int) -> tupl
 
 
 class _HeavierPlaces:
-    """Ground places at frames, and whether a person who keeps to one place can have been at all others.
+    """Ground places at frames, and whether a person who is at another place in some frame can be at all of them.
 
-    What is farthest is looked for in _DIRECTIONS: a distance counts for up to half a percent less than it is.
+    The farthest place is searched for in _DIRECTIONS only, so a distance counts as up to half a percent too short.
     """
 
     def __init__(self, frames: Float64, step_m: float) -> None:
-        """frames: (F) all that will be asked for, rising. step_m: as far as a person comes from one to the next."""
+        """frames: (F) all that will be asked for, rising. step_m: how far a person gets from one frame to the next."""
         self._frames = frames
         self._run_m = ((frames - frames[0]) * step_m)[:, None] if len(frames) else np.empty((0, 1))
         self._farthest = np.full((len(frames), len(_DIRECTIONS)), -np.inf)  # (F, D) of the places at each frame
@@ -57,7 +58,7 @@ class _HeavierPlaces:
         self._needed = None
 
     def are_too_far_from(self, places: Float64) -> bool:
-        """Whether a person would have to be too fast anywhere. At one frame the weight says which holds."""
+        """Whether a person would have to be too fast anywhere. Within one frame the weight alone decides."""
         if not len(places):
             return False
         if self._needed is None:
@@ -66,7 +67,7 @@ class _HeavierPlaces:
         return bool((self._needed[at] - places[:, 1:] @ _DIRECTIONS.T > _NEAR_M).any())
 
     def _least_along(self) -> Float64:
-        """(F, D) how far along each direction one has to be at a frame to come to, and from, the places at others."""
+        """(F, D): how far along each direction one must be at a frame to get from and to the places at other frames."""
         needed = np.full_like(self._farthest, -np.inf)
         before = np.maximum.accumulate(self._farthest + self._run_m)
         after = np.maximum.accumulate((self._farthest - self._run_m)[::-1])[::-1]
@@ -76,7 +77,7 @@ class _HeavierPlaces:
 
 
 def _places(item: Constraint, window: range) -> Float64:
-    """(K, 3) frames and ground places that it asks of the root, of a trajectory those in the window; none, for none."""
+    """(K, 3): frames and ground places asked of the root, those of a trajectory within the window; may be empty."""
     match item:
         case Waypoint():
             return np.array([[item.frame, item.x, item.z]], np.float64)

@@ -1,4 +1,4 @@
-"""What an edit of prompts makes of a session's conditions, and from which frame on."""
+"""Applies edits of prompts to a session's conditions."""
 
 from __future__ import annotations
 
@@ -13,13 +13,13 @@ from motiongen_server.engine.types import Prompt, SetPrompts
 def edit_prompts(held: Conditions, event: SetPrompts, floor: int, limit: int) -> tuple[Conditions, int | None]:
     """Apply an edit of prompts. floor: the first frame that can still change.
 
-    Returns the new conditions and the first frame from floor on whose prompt differs, None if none does. A prompt that
-    holds already goes on until the one that takes its place begins: no frame between is without text. Before floor
-    nothing changes, since a window may still be made there: the client, once it reports, may turn out not to be as far
-    as was thought. Raises EventRefused for an unknown id, a span that has passed, or more than `limit` prompts.
+    Returns the new conditions and the first frame from floor on whose prompt differs, None if none does. A prompt in
+    force stays so until the one that replaces it begins, so that no frame in between is without text. Before floor
+    nothing changes, since a window may still be made there: the next report may show that the client is less far than
+    estimated. Raises EventRefused for an unknown id, a span that has passed, or more than `limit` prompts.
     """
-    # Several may have one id: those before the last are what is left of those in whose place it came. What is left
-    # stays where it was in the order, since of equal starts the one set last wins.
+    # Several prompts may have one id: all but the last are remainders of those that it replaced. Remainders keep their
+    # place in the order, since of equal starts the one set last wins.
     prompts: Sequence[Prompt] = held.prompts
     for index, prompt_id in enumerate(event.remove):
         if prompt_id not in (ids := _ids_from(floor, prompts)):
@@ -39,7 +39,7 @@ def edit_prompts(held: Conditions, event: SetPrompts, floor: int, limit: int) ->
 
 
 def upserted(held: Sequence[Prompt], upsert: Sequence[Prompt], floor: int) -> tuple[Prompt, ...]:
-    """Prompts with others put beside them, or in the place of those of their ids, one after the other."""
+    """The prompts after each of `upsert`, in order, was added or replaced those of its id."""
     prompts = list(held)
     for prompt in upsert:
         begin = max(floor, prompt.begin)
@@ -50,29 +50,29 @@ def upserted(held: Sequence[Prompt], upsert: Sequence[Prompt], floor: int) -> tu
 
 
 def _ids_from(floor: int, prompts: Sequence[Prompt]) -> set[int]:
-    """The ids of those that hold at floor or after it: the others have been removed or replaced."""
+    """The ids of prompts in force at floor or later; the others were removed or replaced."""
     return {each.prompt_id for each in prompts if each.end_frame is None or each.end_frame > floor}
 
 
 def _with_left(prompts: Sequence[Prompt], prompt_id: int, left: Sequence[Prompt | None]) -> list[Prompt]:
-    """Prompts with what is left of each of an id, in the order of all of them; None: nothing is."""
+    """The prompts with those of one id replaced by their remainders, in the same order; None: nothing remains."""
     of_its_id = iter(left)
     edited = [next(of_its_id) if each.prompt_id == prompt_id else each for each in prompts]
     return [each for each in edited if each is not None]
 
 
 def _left_for(begin: int, floor: int, held: Sequence[Prompt]) -> list[Prompt | None]:
-    """What is left of each of the prompts of an id, in their order, where another takes their place at `begin`."""
+    """The remainder of each prompt of an id, in order, if another one replaces them at `begin`."""
     if not held or held[-1].begin <= floor:
         return [_until(begin, each) for each in held]
     *earlier, never_begins = held
-    if earlier and earlier[-1].end_frame == never_begins.begin:  # it was cut for that one
+    if earlier and earlier[-1].end_frame == never_begins.begin:  # it was shortened for the one that never begins
         earlier[-1] = replace(earlier[-1], end_frame=begin)
     return [*(_until(begin, each) for each in earlier), None]
 
 
 def _until(frame: int, prompt: Prompt) -> Prompt | None:
-    """A prompt that ends at a frame at the latest; None where it would not have begun."""
+    """The prompt, shortened to end at a frame at the latest; None if it would not have begun."""
     if prompt.begin >= frame:
         return None
     ends_before = prompt.end_frame is not None and prompt.end_frame <= frame

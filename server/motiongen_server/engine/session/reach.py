@@ -1,4 +1,4 @@
-"""ReachWatch: what became of constraints, told when the last frame that they ask for cannot change any more."""
+"""ReachWatch: measures how well constraints were met, and reports it when their last frame cannot change any more."""
 
 from __future__ import annotations
 
@@ -23,8 +23,8 @@ from motiongen_server.engine.types import (
 class ReachWatch:
     """Measures the constraints of one session, each frame once, as frames are committed.
 
-    measured_to: frames below it have been measured. partial: the constraints of which only the first frames have been,
-    with the errors there: later their rows may not be held any more. nearest: those that may be met at one of several
+    measured_to: frames below it have been measured. partial: constraints of which only the first frames have been, with
+    the errors there, as their rows may not be held later. nearest: constraints that may be met at one of several
     frames, with the frame that came nearest so far.
     """
 
@@ -34,7 +34,7 @@ class ReachWatch:
     nearest: list[tuple[Constraint, Nearest]] = field(default_factory=list)
 
     def is_due(self, conditions: Conditions, committed_to: int) -> bool:
-        """Whether `reached` may tell of a constraint once the frames below committed_to are promised."""
+        """Whether `reached` may report a constraint once the frames below committed_to are promised."""
         if committed_to <= self.measured_to:
             return False
         return any(_told_after(constraint) < committed_to for constraint in conditions.constraints)
@@ -42,10 +42,10 @@ class ReachWatch:
     def reached(
         self, rig: RigLayout, conditions: Conditions, timeline: Timeline, committed_to: int
     ) -> list[tuple[Constraint, ConstraintReached]]:
-        """The constraints whose last frame is below committed_to and was not before, in the order of their ends.
+        """The constraints whose last frame is newly below committed_to, in the order of their ends.
 
-        One that may be met at several frames is told of once the frame that it aims for is committed, if it was met at
-        any until then.
+        One that may be met at several frames is reported as soon as the frame that it aims for is committed, if it was
+        met by then.
         """
         begin, self.measured_to = self.measured_to, max(committed_to, self.measured_to)
         if not conditions.constraints or committed_to <= begin:
@@ -59,12 +59,12 @@ class ReachWatch:
     def _ended(
         self, seen: tuple[Constraint, ...], posed: Posed, begin: int, committed_to: int
     ) -> Iterator[tuple[Constraint, ConstraintReached]]:
-        """Those of whose frames each counts. posed: the frames from begin up to committed_to."""
+        """Results of constraints that apply to all of their frames. posed: the frames from begin up to committed_to."""
         before, self.partial = self.partial, []
         for constraint in seen:
             if _is_of_any_frame(constraint):
                 continue
-            # By identity, not by id: one that took the place of another is measured anew.
+            # By identity, not by id: a constraint that replaced another is measured anew.
             residual = next((errors for held, errors in before if held is constraint), None) or Residual()
             first, end = max(constraint.first_frame, begin), min(constraint.last_frame + 1, committed_to)
             residual.add(constraint, first, posed.part(first - begin, end - begin))
@@ -76,8 +76,8 @@ class ReachWatch:
     def _met(
         self, seen: tuple[Constraint, ...], posed: Posed, begin: int
     ) -> Iterator[tuple[Constraint, ConstraintReached]]:
-        """Those of whose frames one is enough. posed: as for the others."""
-        # By identity, as above; by a dictionary, since there may be hundreds.
+        """Results of constraints that may be met at one of several frames. posed: as in `_ended`."""
+        # By identity, as above; in a dictionary, since there may be hundreds.
         before, self.nearest = {id(held): nearest for held, nearest in self.nearest}, []
         for constraint, now in self._nearest(seen, posed, begin):
             held = before.get(id(constraint), now)
@@ -89,7 +89,7 @@ class ReachWatch:
                 self.nearest.append((constraint, best))
 
     def _nearest(self, seen: tuple[Constraint, ...], posed: Posed, begin: int) -> Iterator[tuple[Constraint, Nearest]]:
-        """Which of these frames comes nearest, for each of those of whose frames one is enough, in their order."""
+        """For each constraint that may be met at one of several frames, in order, the frame that comes nearest."""
         waypoints = [each for each in seen if isinstance(each, Waypoint) and each.span and each.heading is None]
         together = zip(waypoints, nearest_by_waypoint(waypoints, begin, posed), strict=True) if waypoints else ()
         by_waypoint = {id(waypoint): nearest for waypoint, nearest in together}
@@ -113,7 +113,7 @@ def _is_of_any_frame(constraint: Constraint) -> bool:
 
 
 def _told_after(constraint: Constraint) -> int:
-    """The first frame with whose promise a constraint may be told of."""
+    """The frame whose commitment allows a constraint to be reported."""
     if isinstance(constraint, RootTrajectory) or constraint.span is None:
         return constraint.last_frame
     return constraint.frame

@@ -1,4 +1,4 @@
-"""How far frames are from what a constraint asks of them: metres, and radians of heading and of rotation."""
+"""Residuals: how far frames are from what a constraint asks: metres, and radians of heading and of rotation."""
 
 from __future__ import annotations
 
@@ -23,16 +23,16 @@ from motiongen_server.engine.types import (
 )
 
 _GROUND = (0, 2)  # x and z
-_LIFTED_EXCESS = 1e-3  # not met, but only just: a frame that is farther away comes after it
+_LIFTED_EXCESS = 1e-3  # just not met, so that frames with larger errors rank behind it
 
 
 @dataclass(slots=True)
 class Residual:
-    """The errors of one constraint, gathered over the frames that have been measured so far.
+    """The errors of one constraint, accumulated over the frames measured so far.
 
-    Each list holds one array for each call of `add`: position in metres, of the root, over the ground where no height
-    is asked for, and of joints; heading and rotation in radians, 0 to pi. Empty: nothing of that kind is asked for.
-    lifted: at which frames a foot that is to be on the ground is not.
+    Each list has one array per call of `add`: positions in metres, of the root (on the ground if no height is asked
+    for) and of joints; headings and rotations in radians, 0 to pi. Empty: nothing of that kind is asked for. lifted:
+    the frames at which a foot that should be on the ground is not.
     """
 
     num_frames: int = 0
@@ -42,7 +42,7 @@ class Residual:
     lifted: list[NDArray[np.bool_]] = field(default_factory=list)
 
     def add(self, constraint: Constraint, first_frame: int, posed: Posed) -> None:
-        """Measure the frames from first_frame on, all of which the constraint asks for."""
+        """Measure the frames from first_frame on; the constraint must apply to all of them."""
         self.num_frames += len(posed)
         match constraint:
             case Waypoint():
@@ -70,7 +70,7 @@ class Residual:
                 rig = posed.rig
                 joints = tuple(range(len(rig.joint_names)))
                 self._off_points(posed, joints, constraint.positions)
-                if rig.hip_joints is not None:  # else a pose of positions alone does not say where it faces
+                if rig.hip_joints is not None:  # without hips, positions alone give no heading
                     right, left = constraint.positions[list(rig.hip_joints)].astype(np.float64)
                     self.headings.append(_turned(posed.heading(), heading_across(right, left)))
 
@@ -86,7 +86,7 @@ class Residual:
         self.rotations.append(_angles(found, goals))
 
     def at(self, index: int) -> Residual:
-        """The errors of one frame, of what a single call of `add` has measured."""
+        """The errors of one frame, for a residual with a single call of `add`."""
         here = slice(index, index + 1)
         kinds = (self.positions, self.headings, self.rotations)
         positions, headings, rotations = ([each[here] for each in kind] for kind in kinds)
@@ -118,7 +118,7 @@ class Residual:
 
 @dataclass(frozen=True, slots=True)
 class Nearest:
-    """The frame of several that comes nearest to a constraint. excess: its worst error in tolerances, met up to 1."""
+    """The frame that comes nearest to a constraint. excess: its worst error in tolerances; up to 1 is met."""
 
     frame: int
     excess: float
@@ -126,7 +126,7 @@ class Nearest:
 
 
 def nearest_frame(constraint: Constraint, first_frame: int, posed: Posed) -> Nearest:
-    """Of the frames from first_frame on, one at least, the one that comes nearest."""
+    """The frame that comes nearest to a constraint among those from first_frame on, of which there must be one."""
     every, tolerance = Residual(), constraint.tolerance
     every.add(constraint, first_frame, posed)
     excess = np.zeros(len(posed))
@@ -145,9 +145,9 @@ def nearest_frame(constraint: Constraint, first_frame: int, posed: Posed) -> Nea
 
 
 def nearest_by_waypoint(waypoints: Sequence[Waypoint], first_frame: int, posed: Posed) -> list[Nearest]:
-    """`nearest_frame` of each of several, of whose frames one at least is among those from first_frame on.
+    """`nearest_frame` for several waypoints without heading, each with a frame among those from first_frame on.
 
-    None asks for a heading. All are measured together: one by one, two hundred take longer than a frame lasts.
+    All are measured together: one by one, two hundred would take longer than a frame lasts.
     """
     goals = np.array([(each.x, each.z) for each in waypoints])
     errors = np.linalg.norm(posed.root()[:, _GROUND] - goals[:, None], axis=-1)  # (N, T)
@@ -162,7 +162,7 @@ def nearest_by_waypoint(waypoints: Sequence[Waypoint], first_frame: int, posed: 
 
 
 def _excess(errors: Float64, most: np.float64 | Float64) -> Float64:
-    """Errors in tolerances. No error is within a tolerance of none."""
+    """Errors in tolerances. With a tolerance of 0, only an error of 0 counts as met."""
     return np.where(errors <= most, errors / np.maximum(most, 1e-9), 1.0 + errors - most)
 
 
@@ -172,7 +172,7 @@ def _turned(found: Float64, asked: NDArray[np.floating]) -> Float64:
 
 
 def _angles(found: Float64, asked: NDArray[np.floating]) -> Float64:
-    """Angles between rotations (..., 3, 3), exact also where they are almost equal."""
+    """Angles between rotations (..., 3, 3), exact even if these are almost equal."""
     between = np.swapaxes(asked.astype(np.float64), -1, -2) @ found
     axis = np.stack(
         [

@@ -1,4 +1,4 @@
-"""Snapshots of a session, taken and gone on from."""
+"""Takes snapshots of a session, and continues a session from one."""
 
 from __future__ import annotations
 
@@ -32,9 +32,10 @@ from motiongen_server.engine.types.going_on import check_going_on, unusable
 
 
 def news_of(state: SessionState) -> list[SnapshotTaken]:
-    """A snapshot, where one is wanted and the client was told of a plan or an answer that the last one lacks.
+    """A snapshot, if snapshots are on and the client was told of a plan or an answer that the last one lacks.
 
-    None while a cut waits for its window: frames that it goes on from are in no snapshot, and its client says it again.
+    None while a cut waits for its window: the frames that it continues from are in no snapshot; the client repeats the
+    cut.
     """
     if state.cut is not None or (state.running is not None and state.running.cut is not None):
         return []
@@ -48,10 +49,10 @@ def news_of(state: SessionState) -> list[SnapshotTaken]:
 
 
 def snapshot_of(state: SessionState) -> SessionSnapshot:
-    """All of a session. Its arrays are the session's own, which never change."""
+    """All of a session's state. The arrays are shared with the session, which never changes them."""
     delivery, conditions, timeline = state.delivery, state.conditions, state.timeline
     clock, velocity, drift = delivery.clock, conditions.velocity, state.drift_state
-    # What a client may lack begins with its last report; the history of the next window may lie before that.
+    # A client may lack frames from its last report on; the history of the next window may lie before that.
     needed_from = min(delivery.committed_to, delivery.sent_to, clock.reported) - history_crop(state.spec, state.config)
     first_frame = max(timeline.first, needed_from)
     return SessionSnapshot(
@@ -90,16 +91,17 @@ def _held(velocity: Velocity) -> HeldVelocity:
 
 
 def check_usable(asked: GoingOn, facts: ModelFacts) -> None:
-    """Raise EventRefused where the model, this engine, or the client cannot go on with a snapshot."""
+    """Raise EventRefused if the model, this engine, or the client cannot continue from a snapshot."""
     check_going_on(asked, facts)
     if asked.snapshot.correction not in (0, *Correction):
-        raise unusable("a window is to put something right that is not known here")
+        raise unusable("its next window is to make a correction that is not known here")
 
 
 def going_on(event: Open, asked: GoingOn, opening: Opening, features: Float32Array) -> SessionState:
-    """The session of an Open that goes on from a snapshot; the client's Resume is to be applied next.
+    """The session of an Open that continues from a snapshot; the caller must apply the client's Resume next.
 
-    features: (T, D), those of the snapshot's rows. What unanswered edits asked for holds, and a plan will answer them.
+    features: (T, D), those of the snapshot's rows. Conditions include what unanswered edits asked for, and a plan will
+    answer these.
     """
     held, facts, now = asked.snapshot, opening.facts, opening.now
     end = held.end_frame
@@ -140,7 +142,7 @@ def going_on(event: Open, asked: GoingOn, opening: Opening, features: Float32Arr
 
 
 def _measured(constraint: Constraint, held: SessionSnapshot, posed: Posed) -> Residual:
-    """How far a constraint that has begun was missed so far, as far as its frames are held. posed: all of these."""
+    """The errors so far of a constraint that has begun, as far as its frames are held. posed: all frames held."""
     residual = Residual()
     first = max(constraint.first_frame, held.first_frame)
     if first < held.measured_to:

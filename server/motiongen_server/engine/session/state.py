@@ -1,4 +1,4 @@
-"""SessionState: all that is known of one character, and what does not depend on events, windows or frames."""
+"""SessionState: all that is known of one character, with operations that involve no events, jobs or results."""
 
 from __future__ import annotations
 
@@ -34,18 +34,19 @@ from motiongen_server.engine.types.refusals import session_closed
 from motiongen_server.engine.types.report import StepReport
 
 NOTHING_SAVED = (0, 0)
-"""What a snapshot holds that never was: no plan, and no answer."""
+"""`saved` before the first snapshot: no plan and no answer."""
 
 
 @dataclass(slots=True)
 class SessionState:
-    """All that is known of a session. plan: the newest plan's number; holding: it repeats a pose.
+    """All that is known of one session. plan: the newest plan's number; holding: the session repeats a pose.
 
-    cut_frames: by which the first window that is made while the client plays is cut, so that sessions spread out.
-    replanned_from: where the last plan began that an edit changed. restarts, extra_lead_s: of windows in a row that did
-    not land. predicted_s: how long the last one was to take.
-    placements: of the constraints that it was opened with. cut: what its next window goes on from, if not from itself.
-    last_seq: of the last event that was taken. saved: what the last snapshot holds, see `snapshot.news_of`.
+    cut_frames: how many frames to cut from the first window made while the client plays, so that sessions spread out.
+    replanned_from: where the last plan began that an edit changed. restarts: how often in a row a running window was
+    restarted; extra_lead_s: the longer lead after windows that landed too late. predicted_s: how long the last window
+    was expected to take. placements: of the constraints that it was opened with. cut: what its next window continues
+    from, if not from its own frames. last_seq: the last event taken. saved: what the last snapshot holds, see
+    `snapshot.news_of`.
     """
 
     spec: SessionSpec
@@ -90,7 +91,7 @@ class SessionState:
 
     @property
     def complete(self) -> bool:
-        """Whether it is a clip that was sent to its last frame."""
+        """Whether this is a clip of which the last frame has been sent."""
         return self.spec.clip_frames is not None and self.delivery.sent_to >= self.spec.clip_frames
 
     @property
@@ -99,10 +100,10 @@ class SessionState:
         return steps_at(self.level, self.spec, self.facts)
 
     def num_replan_steps(self, frame: int) -> int:
-        """The same of one for the edits that wait, from a frame on.
+        """Denoising steps of the next window if it starts at `frame` for the edits that wait.
 
-        A stick's windows that follow one another closely are shown for a few frames each; the model may do with fewer
-        steps there. All else that a session asks for, its own prompts too, gets all of them.
+        Under a velocity that is renewed often, each window is shown for a few frames only; the model may need fewer
+        steps there. Everything else that a session asks for, its own prompts included, gets all of them.
         """
         conditions, most = self.conditions, self.num_steps
         follows = self.cut is None and frame - self.replanned_from < self.config.align_within
@@ -112,15 +113,18 @@ class SessionState:
 
     @property
     def idle_at(self) -> float:
-        """When the session is to be closed if its playhead neither is reported nor moves until then."""
+        """When the session must be closed if its playhead is not reported, or does not move, until then."""
         config = self.config
         still_s = config.idle_timeout_s if self.clock.state is PlayState.PLAYING else config.still_timeout_s
         return min(self.last_playhead_at + config.idle_timeout_s, self.moved_at + still_s)
 
     @property
     def replan_wanted(self) -> bool:
-        """Whether edits wait, or a lost character does: once where nothing moves on meanwhile, for it would be lost
-        at the same frame again and again."""
+        """Whether edits wait, or a lost character waits to be corrected.
+
+        The latter just once while the playhead stands, as the character would be lost at the same frame again and
+        again.
+        """
         drift = self.drift_state
         return bool(self.edits.waiting) or (drift.lost and (self.clock.running or not drift.tried))
 
@@ -141,14 +145,14 @@ class SessionState:
         )
 
     def close(self, reason: CloseReason, code: Code, message: str) -> list[Output]:
-        """Answer every edit that still waits, then say goodbye. The session must not be used again."""
+        """Answer every edit that still waits, then report the end. The session must not be used afterwards."""
         waiting = (*(self.running.answers if self.running else ()), *self.edits.waiting)
         outputs: list[Output] = [session_closed().outcome(self.key, edit.event_seq) for edit in waiting]
         self.running, self.edits.waiting = None, ()
         return [*outputs, Closed(self.key, reason, code, message, self.delivery.num_frames, self.delivery.late_frames)]
 
     def set_tier(self, level: Level) -> list[Output]:
-        """Put the session on a level of service, from its next window on; tells the client what changes for it."""
+        """Set the session's level of service from its next window on. Returns the notice to the client, if any."""
         before = self.level.tier, self.num_steps
         self.level = level
         given = level.tier, self.num_steps
@@ -157,30 +161,30 @@ class SessionState:
     # ---- leads ------------------------------------------------------------------------------------------------------
 
     def replaceable_from(self, now: float, lead_s: float) -> int:
-        """The first frame that the client cannot be showing lead_s from now, nor was promised; at most planned_to."""
+        """The first frame not promised that the client cannot be showing lead_s from now; at most planned_to."""
         delivery = self.delivery
-        # Fewer frames than a patch make no history, and a window without history would start from the start pose. A cut
-        # may take the place of the last one: who goes back and forth would else be farther ahead with each.
+        # Fewer frames than a patch make no history, and a window without history would begin at the start pose. A cut
+        # may replace the previous one: with frequent cuts each would otherwise begin further ahead than the last.
         cuts = self.cut is not None or (self.running is not None and self.running.cut is not None)
         least = self.timeline.motion_from + (0 if cuts else self.facts.patch)
         return min(max(delivery.committed_to, delivery.unshown_from(now, lead_s), least), self.planned_to)
 
     def least_start(self, running: RunningWindow) -> int:
-        """The first frame at which a window may follow the running one: there must be a patch of motion before it."""
+        """The first frame at which a window may follow the running one: a patch of motion must precede it."""
         return (running.first_frame if running.fresh else self.timeline.motion_from) + self.facts.patch
 
     # ---- edits and their window -------------------------------------------------------------------------------------
 
     def settle(self) -> list[Output]:
-        """Answer the edits that ask for frames which no window has touched yet: they will be there when it comes."""
+        """Answer the edits of frames that no window covers yet: the window that does will take them into account."""
         if self.level.hold:
-            return []  # it may hold its pose right over those frames
+            return []  # the held pose may extend over those frames
         untouched_from = max(self.planned_to, self.running.accept_to if self.running else 0)
         settled = self.edits.settle(untouched_from)
         return [edit.done(self.key, edit.dirty_from) for edit in settled]
 
     def withdraw(self, running: RunningWindow, report: StepReport) -> None:
-        """Forget the running window; its edits wait again."""
+        """Drop the running window; its edits wait again."""
         report.steps_discarded += running.steps_done
         self.edits.put_back(running.answers)
         self.drift_state.correction = running.correction
@@ -188,13 +192,13 @@ class SessionState:
         self.running = None
 
     def advance(self, steps_done: int) -> None:
-        """Note how far the running window has come."""
+        """Record the progress of the running window."""
         if self.running is not None:
             self.running.steps_done = steps_done
 
 
 def anchor_at(state: SessionState, frame: int, cut: Cut | None = None) -> Anchor:
-    """What the character does just before a frame that is held, or the end; of a cut there, what it goes on from."""
+    """The character's state just before a frame that is held, or the end; with a cut there, the cut's."""
     facts, reader, timeline, start = state.facts, state.drift_state.guard.reader, state.timeline, state.spec.start_pose
     if cut is not None:
         timeline, start = cut.timeline_at(frame, facts), cut.start_pose

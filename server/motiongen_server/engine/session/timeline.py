@@ -1,4 +1,4 @@
-"""Timeline: the frames a session holds, as rows for the wire, as features and as tokens for histories."""
+"""Timeline: the frames that a session holds, as rows for the wire, and as features and tokens for histories."""
 
 from __future__ import annotations
 
@@ -22,10 +22,10 @@ class TokenRun:
         return self.first + len(self.tokens) * self.patch
 
     def spliced(self, frame: int, tokens: Float32Array | None, num_frames: int) -> TokenRun:
-        """Keep the tokens of frames below `frame`, and put after them those of num_frames new frames.
+        """Keep the tokens of frames below `frame`, and append those of num_frames new frames.
 
-        Where `frame` is not on the grid of what is held, or nothing is held up to it, a new run begins there. A token
-        of which not every frame is used is left out; tokens None: nothing is known of the new frames.
+        If `frame` is not on the grid of the tokens held, or these do not reach it, a new run begins there. A token of
+        which not every frame is used is left out. tokens None: those of the new frames are not known.
         """
         new = self.tokens[:0] if tokens is None else tokens[: num_frames // self.patch]
         keep, off_grid = divmod(frame - self.first, self.patch)
@@ -39,7 +39,7 @@ class TokenRun:
         return TokenRun(self.first + drop * self.patch, self.tokens[drop:], self.patch)
 
     def before(self, frame: int, num_frames: int) -> Float32Array | None:
-        """The tokens of exactly the num_frames frames that end just before `frame`; None where they are not held."""
+        """The tokens of exactly the num_frames frames that end just before `frame`; None if they are not held."""
         stop, off_grid = divmod(frame - self.first, self.patch)
         count, ragged = divmod(num_frames, self.patch)
         if off_grid or ragged or not count <= stop <= len(self.tokens):
@@ -49,12 +49,12 @@ class TokenRun:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Timeline:
-    """Consecutive frames from `first` on; a new value for every change, so that views of an old one stay true.
+    """Consecutive frames from `first` on. Every change makes a new value, so that views of an old one stay valid.
 
     rows: (T, row_width) float32, for the wire. features: (T, D) float32, normalized, for histories. motion_from: the
-    first frame that a history may reach back to. cut_at: the first that goes on from none before it. older: the motion
-    before earlier cuts, each (begin, end). held_to: the end of the last held pose, up to which features are not those
-    of the rows.
+    first frame to which a history may reach back. cut_at: the first frame that does not continue the one before it.
+    older: the motion before earlier cuts, each (begin, end). held_to: the end of the last held pose; below it, features
+    are not those of the rows.
     """
 
     first: int
@@ -77,17 +77,17 @@ class Timeline:
 
     @property
     def end(self) -> int:
-        """The first frame that is not held."""
+        """The first frame after those held."""
         return self.first + len(self.rows)
 
     @property
     def cuts(self) -> tuple[int, ...]:
-        """The frames that are held and go on from none before them, ascending."""
+        """The frames held that do not continue the one before, ascending."""
         return tuple(sorted({self.cut_at, *(end for _, end in self.older)}))
 
     @property
     def stretches(self) -> tuple[tuple[int, int], ...]:
-        """The motion that is held, cut by cut, each (begin, end): a history may be of any frames within one."""
+        """The motion held, split at cuts, each part (begin, end): a history may be any frames within one part."""
         return tuple((max(begin, self.first), end) for begin, end in (*self.older, (self.motion_from, self.end)))
 
     def spliced(
@@ -98,9 +98,9 @@ class Timeline:
         tokens: Float32Array | None = None,
         anew: bool = False,
     ) -> Timeline:
-        """Keep the frames below `frame`, which is held or is the end, and put new ones after them.
+        """Keep the frames below `frame`, which must be held or the end, and append new ones.
 
-        anew: they do not go on from the old ones, so no history is to span both.
+        anew: they do not continue the old ones, so no history may span both.
         """
         keep = frame - self.first
         return Timeline(
@@ -115,10 +115,10 @@ class Timeline:
         )
 
     def held(self, num_frames: int) -> Timeline:
-        """Repeat the last row num_frames times. Histories do not see it: at the new end they are as at the old one.
+        """Repeat the last row num_frames times. Histories skip these frames: at the new end they are as at the old one.
 
-        A still pose in a history would be motion that the model has to explain, and features of it would be wrong: they
-        hold velocities.
+        A still pose in a history would be motion that the model has to explain, and its features, which include
+        velocities, would be wrong.
         """
         return Timeline(
             self.first,
@@ -131,7 +131,7 @@ class Timeline:
         )
 
     def trimmed(self, frame: int) -> Timeline:
-        """Drop the frames below `frame`; their memory is let go at the next splice, which makes new arrays anyway."""
+        """Drop the frames below `frame`; their memory is freed by the next splice, which makes new arrays anyway."""
         drop = max(0, frame - self.first)
         return Timeline(
             self.first + drop,
@@ -153,17 +153,17 @@ class Timeline:
         return self.features[stop - num_frames : stop]
 
     def made_before(self, frame: int, most: int) -> Float32Array:
-        """Up to so many rows just before a frame: none from before a cut, a held pose, or the session."""
+        """Up to `most` rows just before a frame: none from before a cut, a held pose, or the start of the session."""
         begin = max(0, self.first, self.motion_from, self.held_to, frame - most)
         return self.rows_between(min(begin, frame), frame)
 
     def tokens_before(self, frame: int, num_frames: int) -> Float32Array | None:
-        """The tokens of the same frames; None where whole tokens do not cover them exactly, or there are none."""
+        """The tokens of the same frames; None if whole tokens do not cover them exactly, or there are none."""
         return self.run.before(frame, num_frames) if num_frames else None
 
 
 def first_timeline(facts: ModelFacts, prior_rows: Float32Array | None, prior_features: Float32Array | None) -> Timeline:
-    """What a session begins with: nothing, or the frames just before frame 0, which count from -H."""
+    """A session's first timeline: empty, or the frames just before frame 0, which count from -H."""
     if prior_rows is None or prior_features is None:
         return Timeline.empty(facts.row_width, facts.feature_dim, facts.token_width, facts.patch)
     run = TokenRun(0, np.empty((0, facts.token_width), np.float32), facts.patch)

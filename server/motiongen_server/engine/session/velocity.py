@@ -1,4 +1,4 @@
-"""Velocity: a speed and direction that steers a character for a while, as a root trajectory inside each window."""
+"""Velocity: a speed and direction that steers a character for a while, as a root trajectory in each window."""
 
 from __future__ import annotations
 
@@ -15,8 +15,8 @@ from motiongen_server.engine.types import VELOCITY_ID, RootTrajectory, SetVeloci
 class Velocity:
     """A velocity in force. steers_from: the first frame that it steers, None until a window that obeys it has landed.
 
-    x, z: metres a second in the world. heading: radians, None for any. It ends hold_frames after steers_from.
-    asked_from: the first frame that could still change when it was said, before which it never steers.
+    x, z: metres per second in the world. heading: radians, None for any. It ends hold_frames after steers_from.
+    asked_from: the first frame that could still change when it was asked for, before which it never steers.
     """
 
     x: float
@@ -27,24 +27,24 @@ class Velocity:
     asked_from: int = 0
 
     def landed(self, frame: int) -> Velocity:
-        """The same once a window from a frame on has landed that obeys it, or an earlier word that said the same."""
+        """The velocity after a window from `frame` on has landed that obeys it, or one that asks for the same."""
         return replace(self, steers_from=max(frame, self.asked_from))
 
     def end_if_from(self, frame: int) -> int:
-        """The first frame that it no longer steers, if it first steers `frame` where that is not known yet."""
+        """The first frame that it no longer steers. frame: where it starts if that is not known yet."""
         return (frame if self.steers_from is None else self.steers_from) + self.hold_frames
 
     def leads_as(self, other: Velocity) -> bool:
-        """Whether it asks for the same motion, for however long."""
+        """Whether it asks for the same motion, for any duration."""
         return (self.x, self.z, self.heading) == (other.x, other.z, other.heading)
 
     @property
     def slowing_frames(self) -> int:
-        """Frames after its end that it still leads, to a stand."""
+        """Frames after its end during which it still leads, until the character stands."""
         return slowing_frames(self.x, self.z)
 
     def path(self, begin: int, end: int, root: RootState, fps: int) -> RootTrajectory | None:
-        """The trajectory of frames begin <= frame < end, on from where the root is; None where it has run out."""
+        """The trajectory for begin <= frame < end, starting where the root is; None if the velocity has run out."""
         held = self.end_if_from(begin) - begin
         lead = lead_by((self.x, self.z), self.heading, held, end - begin, root, fps)
         if lead is None:
@@ -56,7 +56,7 @@ class Velocity:
 class Steered(NamedTuple):
     """A velocity after an event. dirty_from: the first frame that the event changes, None for none.
 
-    prolongs: whether it only says again what holds, which is to go on where it would have ended.
+    prolongs: the event only repeats the velocity in force, which thus ends later.
     """
 
     velocity: Velocity

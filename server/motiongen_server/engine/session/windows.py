@@ -1,4 +1,4 @@
-"""Windows: the job that is handed to the runner for the window that is due, and what is known of it while it runs."""
+"""Windows: builds the runner's job for a session's next window, and keeps what is known of it while it runs."""
 
 from __future__ import annotations
 
@@ -34,7 +34,8 @@ from motiongen_server.engine.types import (
 class RunningWindow:
     """The window being denoised. accept_to: its frames from there on will be dropped. answers: the edits it is for.
 
-    velocity: the one it obeys. correction: what the session asked of it. cut: what it goes on from, if not from there.
+    velocity: the one that it obeys. correction: what it corrects. cut: what it continues from, if not from the frames
+    before it.
     """
 
     job: WindowJob
@@ -51,18 +52,18 @@ class RunningWindow:
         return self.job.first_frame
 
     def late_share(self, now: float) -> float:
-        """How much of the playing time of its own frames its client would have to wait for it that is done only now."""
+        """How long the client has waited for this window, relative to the playing time of its frames; at most 1."""
         length_s = max(1, self.accept_to - self.first_frame) / self.fps
         return min(1.0, max(0.0, now - self.job.deadline) / length_s)
 
     @property
     def fresh(self) -> bool:
-        """Whether it goes on from no frames before it."""
+        """Whether it does not continue the frames before it."""
         return self.job.start_pose is not None or self.cut is not None
 
 
 class Due(NamedTuple):
-    """A window's number, its steps, and when it is to be done; as in `WindowJob`."""
+    """A window's job number, its steps, and when it must be done; fields as in `WindowJob`."""
 
     job_id: int
     num_steps: int
@@ -73,7 +74,7 @@ class Due(NamedTuple):
 
 @dataclass(frozen=True, slots=True)
 class WindowSite:
-    """What a session's next window is made from."""
+    """What a session's next window is built from."""
 
     spec: SessionSpec
     facts: ModelFacts
@@ -111,14 +112,14 @@ class WindowSite:
             created_at=due.created_at,
             history_tokens=self.timeline.tokens_before(first_frame, length) if self.config.reuse_tokens else None,
             background=self.spec.is_clip,
-            # a velocity has chosen its prompt already
+            # a velocity's prompt was chosen to fit it
             keep_prompt=self.spec.keep_prompts or any(each is path for each in constraints),
             owner=self.spec.owner,
             runs_out_at=due.runs_out_at,
         )
 
     def _start_pose(self, first_frame: int, correction: Correction | None) -> StartPose | None:
-        """Where a window without history starts; None for one that goes on from the frames before it."""
+        """Where a window without history starts; None for one that continues the frames before it."""
         if first_frame == self.timeline.first:  # nothing is held before it
             return self.spec.start_pose
         if correction is not Correction.FRESH_START:
@@ -128,7 +129,7 @@ class WindowSite:
     def _constraints(
         self, first_frame: int, history_length: int, path: RootTrajectory | None
     ) -> tuple[Constraint, ...]:
-        """The constraints that a window sees. Those of the client hold over a velocity, heavier over lighter ones."""
+        """The constraints that a window sees. The client's win over a velocity, and heavier over lighter ones."""
         end = first_frame - history_length + self.facts.max_window_frames
         held = self.conditions.constraints_within(first_frame, end)
         if not held:
@@ -140,7 +141,7 @@ class WindowSite:
         return (*(() if leads is None else (leads,)), *aiming.free_roots(seen, leads), *seen)
 
     def _velocity_path(self, first_frame: int) -> RootTrajectory | None:
-        """Where a velocity leads through a window; None where none does."""
+        """The path of a velocity through a window; None if none leads there."""
         velocity = self.conditions.velocity
         if velocity is None:
             return None
@@ -148,12 +149,12 @@ class WindowSite:
         return velocity.path(first_frame, end, self.root_before(first_frame), self.facts.fps)
 
     def root_before(self, frame: int) -> RootState:
-        """What the root does just before a frame that is held, or the end; before the first it is in the start pose."""
+        """The root's state just before a frame that is held, or the end; without frames, that of the start pose."""
         return root_before(frame, self.timeline, self.guard.reader, self.spec.start_pose, self.facts.fps)
 
 
 def root_before(frame: int, timeline: Timeline, reader: PoseReader, start: StartPose, fps: int) -> RootState:
-    """What the root does just before a frame; where nothing is held before it, it stands at `start`."""
+    """The root's state just before a frame; it stands at `start` if nothing is held before the frame."""
     begin = max(timeline.first, min(timeline.motion_from, frame - 1), frame - STATE_FRAMES)  # not across a cut
     rows = timeline.rows_between(begin, frame)
     if not len(rows):
@@ -169,15 +170,16 @@ def history_crop(spec: SessionSpec, config: EngineConfig) -> int:
 def history_frames(frame: int, timeline: Timeline, crop: int, patch: int) -> int:
     """Frames of history of a window that starts at `frame`: whole patches, at most `crop`.
 
-    Less than that is held where a session has only just asked for a longer one.
+    Fewer than `crop` are held for a while after a session has asked for a longer history.
     """
     return min(crop, (frame - max(timeline.motion_from, timeline.first)) // patch * patch)
 
 
 def guidance_at(level: Level, asked: Guidance, has_constraints: bool, facts: ModelFacts) -> Guidance:
-    """The guidance of a window at a level: weights that let evaluations of the denoiser vanish where it drops them.
+    """The guidance of a window at a level; if that drops guidance, weights that need fewer evaluations per step.
 
-    Text and constraints that are guided apart cannot both be told in one evaluation; half of each takes two of three.
+    Text and constraints that are guided separately cannot both be given in one evaluation; half of each takes two of
+    three.
     """
     if not level.drop_guidance:
         return asked

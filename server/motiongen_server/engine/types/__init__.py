@@ -1,8 +1,8 @@
-"""The values that cross the engine's border: what a session is, what it is told, what the runner gets, what comes out.
+"""The values that cross the engine's border: a session's spec and events, the runner's jobs and results, and outputs.
 
-Plain frozen dataclasses of numpy arrays and numbers. Units: metres, radians, seconds; right-handed, +Y up, +Z forward.
-A frame is an absolute index since the session began, at the model's fps. Times (`_at`, `deadline`) are monotonic
-seconds of one clock. Shapes: T frames, J joints, D features, K joints of one constraint, E width of an embedding.
+Frozen dataclasses of numpy arrays and numbers. Units: metres, radians, seconds; right-handed, +Y up, +Z forward. A
+frame is an absolute index since the session began, at the model's fps. Times (`_at`, `deadline`) are monotonic seconds
+of one clock. Shapes: T frames, J joints, D features, K joints of one constraint, E width of an embedding.
 """
 
 from motiongen_server.engine.types.arrays import (

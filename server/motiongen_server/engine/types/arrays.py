@@ -1,4 +1,4 @@
-"""The array type of every number that crosses the engine's border."""
+"""The array type of all arrays that cross the engine's border."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Blocks: what a frame row is made of."""
+"""The blocks that a frame row consists of."""
 
 from __future__ import annotations
 
@@ -7,7 +7,7 @@ from dataclasses import dataclass
 
 @dataclass(frozen=True, slots=True)
 class ChannelBlock:
-    """A named run of floats in a frame row, such as ("root_translation_m", 3)."""
+    """A named group of consecutive floats in a frame row, such as ("root_translation_m", 3)."""
 
     name: str
     width: int

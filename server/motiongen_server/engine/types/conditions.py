@@ -7,18 +7,18 @@ from typing import Protocol, TypeAlias
 
 from motiongen_server.engine.types.arrays import Float32Array
 
-# Numbers that clients choose start at 1, so this one can name no constraint of theirs.
+# Not an id that a client can choose: those start at 1.
 VELOCITY_ID = 0
-"""The constraint that a velocity becomes in a window: it leads the root, and nobody asked for its places."""
+"""The id of a window's constraints that stem from a velocity: they lead the root, but no client asked for the place."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Prompt:
-    """A text that holds from start_frame up to, not including, end_frame (None: open-ended).
+    """A text in force from start_frame up to, but not including, end_frame (None: open-ended).
 
-    start_frame None means "from the first frame that can still be replaced", and so does a frame below that.
-    embedding: (E,) or (L, E) float32, as the runner's text encoder gave it. Where spans overlap, the one that starts
-    last wins; of equal starts, the one set last.
+    start_frame None, or a frame that can no longer be replaced, means "from the first frame that can". embedding: (E,)
+    or (L, E) float32, as the text encoder made it. Where spans overlap, the one that starts last wins; of equal starts,
+    the one set last.
     """
 
     prompt_id: int
@@ -29,13 +29,13 @@ class Prompt:
 
     @property
     def begin(self) -> int:
-        """start_frame, where it has one; else the first there is."""
+        """start_frame, or 0 if it has none."""
         return self.start_frame or 0
 
 
 @dataclass(frozen=True, slots=True)
 class Tolerance:
-    """How far a constraint may be missed and still count as met: metres, and radians of heading and rotations."""
+    """How far a constraint may be missed and still count as met: metres; radians for heading and rotations."""
 
     position_m: float = 0.1
     angle_rad: float = 0.25
@@ -46,7 +46,7 @@ DEFAULT_TOLERANCE = Tolerance()
 
 @dataclass(frozen=True, slots=True)
 class Span:
-    """The frames at any of which a constraint may be met. is_led: its place is walked to from however far away."""
+    """The frames at any of which a constraint may be met. is_led: the character is led there from any distance."""
 
     first: int
     last: int
@@ -62,9 +62,10 @@ class _Spanned(Protocol):
 
 @dataclass(frozen=True, slots=True, eq=False)
 class AtFrame:
-    """A constraint of a single frame, or of any one within a span; then `frame` is the one that is aimed for.
+    """A constraint on a single frame, or on any one frame of a span; `frame` is then the one aimed for.
 
-    weight, of every constraint: of two that give the same feature at a frame the heavier one holds, then the later one.
+    weight, of every constraint: where two ask the same feature of a frame, the heavier one wins; of equals, the later
+    one.
     """
 
     constraint_id: int
@@ -81,7 +82,7 @@ class AtFrame:
 
 @dataclass(frozen=True, slots=True)
 class Waypoint(AtFrame):
-    """A waypoint: the root's ground position at one frame, heading optional."""
+    """The root's ground position at one frame, heading optional."""
 
     x: float
     z: float
@@ -93,7 +94,7 @@ class Waypoint(AtFrame):
 
 @dataclass(frozen=True, slots=True, eq=False)
 class RootTrajectory:
-    """A root trajectory: ground positions at consecutive frames. xz: (T, 2); heading: (T,) or None."""
+    """Ground positions of the root at consecutive frames. xz: (T, 2); heading: (T,) or None."""
 
     constraint_id: int
     first_frame: int
@@ -109,11 +110,11 @@ class RootTrajectory:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class JointTargets(AtFrame):
-    """World targets of some joints at one frame, the root among them or free.
+    """World targets of some joints at one frame; the root is among them or left free.
 
-    positions: (K, 3); rotations: (K, 3, 3) global matrices, or None.
-    rotated: which of the joints the rotations count for, all of them unless given; the other matrices say nothing.
-    contacts: of the numbers of a frame's contact block, one of which is to be on the ground; none: nothing is asked.
+    positions: (K, 3); rotations: (K, 3, 3) global matrices, or None. rotated: which of the joints have a rotation to
+    reach, by default all; the matrices of the others are ignored. contacts: columns of the frame's contact block, at
+    least one of which must be on the ground; empty: none need be.
     """
 
     joints: tuple[int, ...]
@@ -127,14 +128,14 @@ class JointTargets(AtFrame):
 
     @property
     def turns(self) -> list[int]:
-        """Which of its joints, counted from 0, have a rotation to reach."""
+        """The indices, within `joints`, of the joints that have a rotation to reach."""
         count = 0 if self.rotations is None else len(self.joints)
         return [index for index in range(count) if self.rotated is None or self.rotated[index]]
 
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Keyframe(AtFrame):
-    """A keyframe: the world positions of all joints at one frame. positions: (J, 3)."""
+    """The world positions of all joints at one frame. positions: (J, 3)."""
 
     positions: Float32Array
     tolerance: Tolerance = DEFAULT_TOLERANCE
@@ -144,7 +145,7 @@ class Keyframe(AtFrame):
 
 @dataclass(frozen=True, slots=True, eq=False)
 class HeadingTarget(AtFrame):
-    """Where the root faces at one frame, wherever it is: radians, 0 toward +Z."""
+    """The root's heading at one frame, wherever it is: radians, 0 toward +Z."""
 
     heading: float
     tolerance: Tolerance = DEFAULT_TOLERANCE
@@ -154,7 +155,7 @@ class HeadingTarget(AtFrame):
 
 @dataclass(frozen=True, slots=True, eq=False)
 class JointRotations(AtFrame):
-    """How some joints are turned at one frame, wherever they are. rotations: (K, 3, 3) global matrices."""
+    """The rotations of some joints at one frame, wherever they are. rotations: (K, 3, 3) global matrices."""
 
     joints: tuple[int, ...]
     rotations: Float32Array
@@ -168,7 +169,7 @@ Constraint: TypeAlias = Waypoint | RootTrajectory | JointTargets | Keyframe | He
 
 @dataclass(frozen=True, slots=True, eq=False)
 class RootPath:
-    """Corners (N, 2) of a way over the ground, walked at a speed, off its straight lines by smoothing_m at most."""
+    """Corners (N, 2) of a path over the ground, walked at a speed; it leaves straight lines by smoothing_m at most."""
 
     constraint_id: int
     corners: Float32Array
@@ -182,8 +183,9 @@ class RootPath:
 class Unplaced:
     """A constraint whose frames or places depend on where the character is when it takes effect.
 
-    frames_from_effect: its frames count from then. last_frame: it may be met at any frame up to this one; at_any_frame:
-    as soon as a person can be there. is_relative: its places and angles are seen from the character.
+    frames_from_effect: its frames count from then. last_frame: it may be met at any frame up to this one. at_any_frame:
+    it is to be met as soon as a person could be there. is_relative: its places and angles are relative to the
+    character.
     """
 
     target: Constraint | RootPath
@@ -199,9 +201,9 @@ class Unplaced:
 
 @dataclass(frozen=True, slots=True)
 class Placement:
-    """Where an `Unplaced` was put: the frames at which it may be met, and the one that is aimed for.
+    """Where an `Unplaced` was put: the frames at which it may be met, and arrival_frame, the one aimed for.
 
-    anchor_frame, x, z, heading: when it takes effect, and where the root is just before.
+    anchor_frame: when it takes effect; x, z, heading: the root just before.
     """
 
     constraint_id: int

@@ -1,9 +1,9 @@
 """Events: what the service tells the engine.
 
-event_seq rises within a session and names the event in its Outcome; 0 means not sequenced. received_at is when the
-service read the event. SetPrompts, SetConstraints, SetVelocity, SetPlayState, SetOptions and Seek get exactly one
-Outcome each; Open gets Opened, or an Outcome that refuses it; Resume gets Resumed, or a Closed crosses it; Close gets
-Closed, or an Outcome where no session is open; Playhead and SaveAgain get no answer.
+event_seq rises within a session and identifies the event in its Outcome; 0 means not sequenced. received_at is when the
+service read the event. Answers: SetPrompts, SetConstraints, SetVelocity, SetPlayState, SetOptions and Seek get exactly
+one Outcome each; Open gets Opened, or an Outcome that refuses it; Resume gets Resumed, unless the session closes first;
+Close gets Closed, or an Outcome if no session is open; Playhead and SaveAgain get none.
 """
 
 from __future__ import annotations
@@ -20,7 +20,7 @@ from motiongen_server.engine.types.spec import Guidance, SessionSpec, StartPose
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Open:
-    """going_on: with a session that another engine had, of which `spec` is that of then; None: a new one.
+    """Open a session. going_on: what it continues from if another engine had it, with `spec` then as it was there.
 
     Opened is then followed by Resumed, as if a Resume had been sent.
     """
@@ -37,7 +37,7 @@ class Open:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class _OfSession:
-    """What the module's docstring says of every event."""
+    """The fields that every event but Open has; the module's docstring explains them."""
 
     session: SessionKey
     event_seq: int
@@ -46,7 +46,7 @@ class _OfSession:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class SetPrompts(_OfSession):
-    """Change prompts as one edit: `remove` first, then `upsert`, which adds or replaces by id."""
+    """Change prompts as one edit: first `remove`, then `upsert`, which adds or replaces by id."""
 
     upsert: tuple[Prompt, ...] = ()
     remove: tuple[int, ...] = ()
@@ -54,7 +54,7 @@ class SetPrompts(_OfSession):
 
 @dataclass(frozen=True, slots=True, eq=False)
 class SetConstraints(_OfSession):
-    """Change constraints as one edit: `clear` first removes all that stand, then `remove`, then `upsert`."""
+    """Change constraints as one edit: first `clear`, which removes all that are set, then `remove`, then `upsert`."""
 
     upsert: tuple[Asked, ...] = ()
     remove: tuple[int, ...] = ()
@@ -63,10 +63,10 @@ class SetConstraints(_OfSession):
 
 @dataclass(frozen=True, slots=True)
 class SetVelocity(_OfSession):
-    """Move so fast for so long: x, z in metres a second in the world, heading in radians or None for any.
+    """Steer the character: x, z in metres per second in the world; heading in radians, None for any.
 
-    Replaces the velocity before it, and ends hold_frames after the first frame that it steers; x = z = 0 is to stand.
-    keep_prompt: the session's own prompts hold meanwhile, not the gaits of its model.
+    Replaces the previous velocity, and ends hold_frames after the first frame that it steers; x = z = 0 means stand.
+    keep_prompt: the session's own prompts stay in force meanwhile, instead of the model's gaits.
     """
 
     x: float
@@ -77,12 +77,12 @@ class SetVelocity(_OfSession):
 
 
 class Playhead(NamedTuple):
-    """The client's report: the frame being shown, frames held up to (exclusive), underruns so far. The newest wins.
+    """The client's report: the frame being shown, the end of the frames held (exclusive), underruns so far.
 
-    A frame below an earlier report's is ignored; one beyond what was sent is taken as the end of what was sent.
-    rtt_s: the stream's measured round trip, None while it is not known.
+    The newest report wins. A frame below an earlier report's is ignored; one beyond what was sent counts as the end of
+    what was sent. rtt_s: the stream's measured round trip, None if unknown.
 
-    Of all events these are almost all, and a tuple is made in a third of the time.
+    A named tuple because most events are of this kind, and it takes a third of the time to make.
     """
 
     session: SessionKey
@@ -101,10 +101,10 @@ class SetPlayState(_OfSession):
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Seek(_OfSession):
-    """Cut: the character stands at start_pose from the first frame that can still change, or goes on from prior_rows.
+    """Cut: from the first frame that can still change, the character stands at start_pose or goes on from other frames.
 
-    prior_rows: (H, row_width) float32, whole patches of them; start_pose counts only where there are none. frame: one
-    of the session's own, and those before it are what it goes on from; 0 for none.
+    These are prior_rows, (H, row_width) float32, whole patches of them, or the session's own frames before `frame`, if
+    that is not 0. start_pose counts only if there are neither.
     """
 
     start_pose: StartPose
@@ -114,7 +114,7 @@ class Seek(_OfSession):
 
 @dataclass(frozen=True, slots=True)
 class SetOptions(_OfSession):
-    """Change what the session was opened with, from its next window on; None leaves it."""
+    """Change options that the session was opened with, from its next window on; None leaves one as it is."""
 
     priority: Priority | None = None
     lookahead: int | None = None
@@ -123,7 +123,7 @@ class SetOptions(_OfSession):
     history_frames: int | None = None
 
     def changed(self, spec: SessionSpec) -> SessionSpec:
-        """What the session is from then on."""
+        """The session's spec with the new options."""
         names = ("priority", "lookahead", "denoise_steps", "guidance", "history_frames")
         given = {name: getattr(self, name) for name in names if getattr(self, name) is not None}
         return replace(spec, **given)
@@ -131,7 +131,7 @@ class SetOptions(_OfSession):
 
 @dataclass(frozen=True, slots=True)
 class Resume(_OfSession):
-    """Go on with a client that lost its transport: it holds frames below next_frame, of plans up to `plan`.
+    """Continue with a client that lost its connection: it holds frames below next_frame, of plans up to `plan`.
 
     Answered by `Resumed` with the same attempt, which the service counts.
     """
@@ -143,12 +143,12 @@ class Resume(_OfSession):
 
 @dataclass(frozen=True, slots=True)
 class SaveAgain(_OfSession):
-    """What was saved of the session is lost: let a SnapshotTaken follow, though nothing is new. The service's own."""
+    """The saved session was lost: make a SnapshotTaken although nothing changed. Sent by the service on its own."""
 
 
 @dataclass(frozen=True, slots=True)
 class Close(_OfSession):
-    """End the session. The service also sends it for every session of a stream that broke or reads too slowly."""
+    """End the session. The service also sends this for every session of a stream that broke or reads too slowly."""
 
     reason: CloseReason = CloseReason.CLIENT
 
@@ -167,4 +167,4 @@ Event: TypeAlias = (
     | Close
 )
 UNTOLD: TypeAlias = Playhead | Resume | SaveAgain
-"""Events of which nothing is said where no session is open; what a Resume asks for is told by a Closed."""
+"""Events that get no answer if no session is open; the client of a Resume is told by a Closed."""

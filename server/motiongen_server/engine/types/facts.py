@@ -1,4 +1,4 @@
-"""What the engine knows of the model: its rates, its limits, the layout of a frame."""
+"""What the engine knows of a model: its rates, its limits, the layout of a frame row."""
 
 from __future__ import annotations
 
@@ -10,7 +10,7 @@ from motiongen_server.engine.types.spec import Guidance
 
 RELEASED_GUIDANCE = Guidance(2.0, 2.0)
 
-# the names of blocks that the server itself reads
+# Names of the blocks that the server itself reads.
 ROOT_BLOCK = "root_translation_m"
 ROTATION_BLOCK = "joint_rotation_quat_wxyz"
 CONTACT_BLOCK = "foot_contact"
@@ -18,7 +18,7 @@ CONTACT_BLOCK = "foot_contact"
 
 @dataclass(frozen=True, slots=True)
 class Limb:
-    """A part of the body by the name that motion tools give it: a chain of joints."""
+    """A part of the body, under the name that motion tools give it: a chain of joints."""
 
     name: str
     joints: tuple[int, ...]
@@ -26,12 +26,12 @@ class Limb:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class RigLayout:
-    """What a client needs to read a frame row and to do forward kinematics alone.
+    """What a client needs to read a frame row and to do forward kinematics by itself.
 
-    parents: the parent of each joint, -1 for the root (joint 0); parents precede their children.
-    neutral_offsets: (J, 3) float32, metres, each joint relative to its parent; the root's is its neutral position.
-    blocks: the row's layout in order; the widths sum to `row_width`. hip_joints: right and left, whose line a pose's
-    heading is read from; None: it is the root's rotation that tells. limbs: that constraints of motion tools name.
+    parents: the parent of each joint, -1 for the root (joint 0); parents precede their children. neutral_offsets: (J,
+    3) float32, metres, each joint relative to its parent; the root's is its neutral position. blocks: the row's layout
+    in order; the widths sum to `row_width`. hip_joints: right and left; the line between them gives a pose's heading;
+    None: the root's rotation does. limbs: those that motion tools' constraints refer to.
     """
 
     rig_id: str
@@ -52,13 +52,13 @@ class ModelFacts:
     """The rates and limits of the loaded model.
 
     horizon: frames that one window generates. patch: frames of one token. row_width: floats of one frame on the wire.
-    feature_dim: D. max_window_frames: history, horizon and future together. Steps are denoising steps per window.
-    token_width: floats of one token, root and latent. guidance_passes: most evaluations of the denoiser in one step,
-    with the model's own guidance, the weights of a session that does not say. guidance_joint: one
-    evaluation can be told text and constraints. steered_share: of a session's steps, what a stick's window takes that
-    follows closely on another. longest_flight: frames without a foot in contact after which a character is lost;
-    0: any number is sound. num_parameters: of all networks together. outputs: further blocks of a frame row, that a
-    session may ask for.
+    feature_dim: D. max_window_frames: history, horizon and future together. min_steps, max_steps, default_steps:
+    denoising steps per window. token_width: floats of one token, root and latent. guidance: the weights of a session
+    that gives none; guidance_passes: most evaluations of the denoiser in one step with these; guidance_joint: whether
+    one evaluation can take both text and constraints. steered_share: the share of a session's steps that a window gets
+    if it follows closely on another one under the same velocity control. longest_flight: frames without a foot in
+    contact after which a character counts as lost; 0: no limit. num_parameters: of all networks together. outputs:
+    further blocks of a frame row, which a session may ask for.
     """
 
     model_id: str
@@ -86,7 +86,7 @@ class ModelFacts:
         return self.rig.row_width
 
     def whole_patches(self, frames: int) -> int:
-        """The frames of the whole patches in so many frames, one patch at least."""
+        """That many frames, rounded down to whole patches, but at least one patch."""
         return max(1, frames // self.patch) * self.patch
 
     @property

@@ -1,7 +1,7 @@
-"""Whether a session can be gone on with: its state fits the model here, and its client is where that knows it to be.
+"""Checks whether a session can continue from a snapshot: that it fits the model here and the client's state.
 
-The edge asks before it takes a session from who serves it, and the engine before it begins: what does not fit would be
-found by the model only, in the middle of a step of other sessions.
+The edge checks before it takes a session over from another server, and the engine before it opens it: otherwise only
+the model would find the mistake, in the middle of a step of other sessions.
 """
 
 from __future__ import annotations
@@ -16,11 +16,11 @@ from motiongen_server.engine.types.snapshot import GoingOn, SessionSnapshot
 
 
 def check_going_on(asked: GoingOn, facts: ModelFacts) -> None:
-    """Raise EventRefused where the model, or the client, cannot go on with a snapshot."""
+    """Raise EventRefused if the model, or the client, cannot continue from a snapshot."""
     held = asked.snapshot
     if why := _misfit(held, facts):
-        raise unusable(f"it is not of the model that is served here: {why}")
-    # A plan that the snapshot does not know of may have replaced what it holds: those frames can never be made again.
+        raise unusable(f"it does not fit the model served here: {why}")
+    # A plan newer than the snapshot may have replaced frames that it holds, and its own can never be made again.
     if asked.plan > held.plan or not held.first_frame <= asked.next_frame <= held.end_frame:
         raise unusable(
             f"it holds frames {held.first_frame} to {held.end_frame - 1} of plans up to {held.plan}, and the client is "
@@ -29,7 +29,7 @@ def check_going_on(asked: GoingOn, facts: ModelFacts) -> None:
 
 
 def check_told(told: Opened, facts: ModelFacts) -> None:
-    """Raise EventRefused where the frames here are others than the client was told when its session was opened."""
+    """Raise EventRefused if frames here differ from what the client was told when its session was opened."""
     if (told.rig_id, told.fps) != (facts.rig.rig_id, facts.fps):
         raise unusable(
             f"its frames are of the rig {told.rig_id[:80]!r}, {told.fps} a second, and those of {facts.model_id} here "
@@ -37,21 +37,21 @@ def check_told(told: Opened, facts: ModelFacts) -> None:
         )
     for block in told.outputs:
         if block not in facts.outputs:
-            raise unusable(f"its frames have {block.width} numbers {block.name[:80]!r}, which are not made here")
+            raise unusable(f"its frames have {block.width} numbers of {block.name[:80]!r}, which are not made here")
 
 
 def unusable(why: str) -> EventRefused:
-    """A resume came of a session whose saved state is of no use here, or not to this client."""
-    given = f"the session's snapshot cannot be gone on with: {why}"
-    allowed = "a new session that goes on from the frames held: open.prior_frames"
+    """The refusal of a resume whose saved state cannot be used here, or not by this client."""
+    given = f"the session cannot be continued from its snapshot: {why}"
+    allowed = "a new session that continues from the frames held: open.prior_frames"
     return EventRefused(Code.FAILED_PRECONDITION, "SNAPSHOT_UNUSABLE", given, "open.resume_token", allowed)
 
 
 def _misfit(held: SessionSnapshot, facts: ModelFacts) -> str:
-    """What of it does not fit, "" where all does. A model of the same name may be another one on another server."""
+    """What in a snapshot does not fit the model, "" if all fits. Servers may have different models under one name."""
     spec, rows = held.spec, held.rows
     if spec.model_id != facts.model_id:
-        return f"it is of {spec.model_id[:80]!r}"
+        return f"it is of the model {spec.model_id[:80]!r}"
     if rows.ndim != 2 or rows.shape[1] != facts.row_width or len(rows) < facts.patch:
         return f"its frames are of shape {rows.shape}"
     if not np.isfinite(rows).all():

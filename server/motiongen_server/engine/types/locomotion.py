@@ -1,4 +1,4 @@
-"""Gaits: the prompts that a model has for moving at a speed, in a direction."""
+"""Gaits: a model's prompts for moving at a speed in a direction."""
 
 from __future__ import annotations
 
@@ -9,7 +9,7 @@ from motiongen_server.engine.types.arrays import Float32Array
 
 
 class Direction(IntEnum):
-    """Where a character moves, seen from where it faces."""
+    """The direction of movement relative to the character's heading."""
 
     FORWARD = 0
     LEFT = 1
@@ -19,7 +19,7 @@ class Direction(IntEnum):
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Gait:
-    """A prompt for moving in a direction at from_mps metres a second or more. embedding: (E,) float32."""
+    """A prompt for moving in a direction at from_mps metres per second or more. embedding: (E,) float32."""
 
     name: str
     text: str
@@ -29,5 +29,5 @@ class Gait:
 
     @property
     def quarter(self) -> int:
-        """The direction as `motiongen_ardy.locomotion` counts it."""
+        """The direction as a quarter turn, as `motiongen_ardy.locomotion` counts them."""
         return int(self.direction)

@@ -1,4 +1,4 @@
-"""Who is spoken of, and the words with numbers: the enums that the protocol and the engine share."""
+"""A session's key, and the enums that the protocol and the engine share."""
 
 from __future__ import annotations
 
@@ -9,8 +9,8 @@ from typing import NamedTuple
 class SessionKey(NamedTuple):
     """One session's address: the stream that carries it, and the client's handle for it on that stream.
 
-    The service may use a key again after the engine has delivered `Closed` for it; nothing of the old session can reach
-    the new one.
+    The service may reuse a key once the engine has delivered `Closed` for it: nothing of the old session can reach the
+    new.
     """
 
     stream: int
@@ -18,7 +18,7 @@ class SessionKey(NamedTuple):
 
 
 class Priority(IntEnum):
-    """Class of a session, most urgent first; the numbers are those of the protocol."""
+    """The class of a session, most urgent first; the numbers are those of the protocol."""
 
     HERO = 1
     NEAR = 2
@@ -27,9 +27,10 @@ class Priority(IntEnum):
 
 
 class PlanCause(IntEnum):
-    """Why a plan was made; the numbers are those of the protocol. FALLBACK: the server held or righted a character.
+    """Why a plan was made; the numbers are those of the protocol.
 
-    RESUME: all that a client missed while its transport was lost. CUT: the character is elsewhere from here on.
+    FALLBACK: the server held or corrected a character. RESUME: everything that a client missed while its connection was
+    lost. CUT: the character is elsewhere from here on.
     """
 
     CONTINUE = 1
@@ -60,7 +61,7 @@ class CloseReason(IntEnum):
 
 
 class ServiceTier(IntEnum):
-    """How much a session gets of what it asked for, most first; the numbers are those of the protocol."""
+    """How much of what it asked for a session gets, most first; the numbers are those of the protocol."""
 
     FULL = 1
     FEWER_STEPS = 2
@@ -70,7 +71,7 @@ class ServiceTier(IntEnum):
 
 
 class Code(IntEnum):
-    """The google.rpc.Code numbers that the engine answers with."""
+    """The google.rpc.Code numbers with which the engine answers."""
 
     OK = 0
     CANCELLED = 1

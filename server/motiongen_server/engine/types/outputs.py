@@ -15,9 +15,10 @@ from motiongen_server.engine.types.tracing import WindowTiming
 
 @dataclass(frozen=True, slots=True)
 class Warned:
-    """What was taken but may not come out as asked. The engine warns of nothing; what knows the model's training does.
+    """A request that was accepted but may not turn out as asked. Given by the edge, which knows the model's training.
 
-    reason: an UPPER_SNAKE word a program can act on; field: the path of the field it is about, in the protocol's words.
+    reason: an UPPER_SNAKE word that a program can act on; field: the path of the field it concerns, in the protocol's
+    terms.
     """
 
     reason: str
@@ -29,8 +30,8 @@ class Warned:
 class Opened:
     """The first output of a session. committed_horizon: least frames from the playhead to what an edit can change.
 
-    placements: of the constraints that it came with. warnings, session_id, session_token and
-    scalar_type, outputs: the service fills them in.
+    placements: of the constraints that it was opened with. The service fills in warnings, session_id, session_token,
+    scalar_type and outputs.
     """
 
     session: SessionKey
@@ -50,12 +51,12 @@ class Opened:
     outputs: tuple[ChannelBlock, ...] = ()
 
 
-@dataclass(slots=True)  # frozen, one takes six times as long to make
+@dataclass(slots=True)  # not frozen: that would take six times as long to make
 class PlanNotice:
-    """Precedes the chunks of a plan: what the client holds of older plans at frames >= valid_from is void.
+    """Precedes the chunks of a plan: frames >= valid_from that the client holds of older plans are void.
 
-    event_seqs: the edits that first take effect in this plan, in the order they came. timing: of the window that it
-    is made of, where traces are asked for.
+    event_seqs: the edits that first take effect in this plan, in order of arrival. timing: of the plan's window, if
+    traces are on.
     """
 
     session: SessionKey
@@ -66,11 +67,11 @@ class PlanNotice:
     timing: WindowTiming | None = None
 
 
-@dataclass(slots=True, eq=False)  # frozen, one takes six times as long to make
+@dataclass(slots=True, eq=False)  # not frozen: that would take six times as long to make
 class Chunk:
     """Consecutive frames of the newest plan. Frames below committed_to never change.
 
-    rows: (T, row_width) float32, and with the outputs that the session asked for (T, row_width + theirs).
+    rows: (T, row_width) float32, wider by the widths of the outputs that the session asked for.
     """
 
     session: SessionKey
@@ -84,10 +85,10 @@ class Chunk:
 class Outcome:
     """The answer to one event. code OK: in effect from effective_frame on. Otherwise the event changed nothing.
 
-    effective_frame: None when refused, or when no frame is altered. reason: an UPPER_SNAKE word a program can act on;
-    field: the path of the field at fault, in the protocol's words; allowed: what may stand there. All empty when OK.
-    retry_after_s: when to ask again, where that may help; None otherwise. placements: of constraints that left their
-    frames or places to the engine.
+    effective_frame: None if refused, or if no frame changes. reason: an UPPER_SNAKE word that a program can act on;
+    field: the path of the field at fault, in the protocol's terms; allowed: what it may contain. All empty if OK.
+    retry_after_s: when to ask again, None if that does not help. placements: of constraints that left their frames or
+    places to the engine.
     """
 
     session: SessionKey
@@ -105,7 +106,7 @@ class Outcome:
 
 @dataclass(frozen=True, slots=True)
 class Deviation:
-    """The mean and the greatest of some errors."""
+    """The mean and the largest of some errors."""
 
     mean: float
     worst: float
@@ -113,11 +114,11 @@ class Deviation:
 
 @dataclass(frozen=True, slots=True)
 class ConstraintReached:
-    """What became of a constraint, told once, after the chunk that promises its last frame.
+    """How well a constraint was met, reported once, after the chunk that commits its last frame.
 
-    met: every error is within its tolerance. frame: the last that it asks for, or of a span the one that came nearest.
-    num_frames: those that were measured.
-    position_m: metres; heading_rad, rotation_rad: radians, 0 to pi. None: it asks for nothing of that kind.
+    met: every error is within its tolerance. frame: the last frame of the constraint, or of a span the one that came
+    nearest. num_frames: frames that were measured. position_m: metres; heading_rad, rotation_rad: radians, 0 to pi;
+    None if the constraint asks for nothing of that kind.
     """
 
     session: SessionKey
@@ -132,7 +133,7 @@ class ConstraintReached:
 
 @dataclass(frozen=True, slots=True)
 class ServiceLevel:
-    """The session's windows are made at this tier from now on, with so many denoising steps each."""
+    """From now on the session's windows are made at this tier, with this many denoising steps each."""
 
     session: SessionKey
     tier: ServiceTier
@@ -141,9 +142,9 @@ class ServiceLevel:
 
 @dataclass(frozen=True, slots=True)
 class Resumed:
-    """What follows is for a client that resumes. start_frame: the next frame sent; None: it is not held any more.
+    """Precedes what a resuming client is sent. start_frame: the next frame sent; None: the frames are no longer held.
 
-    notice: in place of all the plans that the client missed, None where it missed none.
+    notice: stands for all plans that the client missed; None if it missed none.
     """
 
     session: SessionKey
@@ -154,7 +155,7 @@ class Resumed:
 
 @dataclass(frozen=True, slots=True)
 class Closed:
-    """The last output of a session. num_frames: frames sent; late_frames: frames that came after they were due."""
+    """The last output of a session. num_frames: frames sent; late_frames: frames sent after they were due."""
 
     session: SessionKey
     reason: CloseReason
@@ -166,9 +167,9 @@ class Closed:
 
 @dataclass(frozen=True, slots=True)
 class Durable:
-    """What of the session outlives the server: every event up to durable_seq. The service says it, no engine.
+    """Every event up to durable_seq is in the stored snapshot. Made by the service, not by an engine.
 
-    is_kept: later ones will too; False: nothing more is saved at present, and clients are told.
+    is_kept: later events will be stored too; False: nothing more is stored at present, and clients are told so.
     """
 
     session: SessionKey

@@ -1,4 +1,4 @@
-"""Owner: whose a session is, for the shares that the scheduler gives out."""
+"""Owner: the party that sessions belong to, for the scheduler's shares."""
 
 from __future__ import annotations
 
@@ -9,10 +9,11 @@ from typing import TypeAlias
 
 @dataclass(frozen=True, slots=True)
 class Owner:
-    """A tenant, or the address that a client calls from where nobody is asked who calls.
+    """A tenant, or, without tenants, the address that a client calls from.
 
-    name: equal for all of its sessions. weight: of its share in denoising steps beside other owners, where they ask for
-    more than there is time for. steps_per_s: rows of denoising steps that it may have a second, of all engines.
+    name: the same for all of its sessions. weight: its share of denoising steps relative to other owners', when they
+    ask for more than there is time for. steps_per_s: rows of denoising steps that it may use per second, on all engines
+    together.
     """
 
     name: str = ""
@@ -22,4 +23,4 @@ class Owner:
 
 NOBODY = Owner()
 StepsOf: TypeAlias = tuple[tuple[Owner, int], ...]
-"""Owners, and rows of denoising steps that each has had."""
+"""Rows of denoising steps that each owner has used."""

@@ -1,4 +1,4 @@
-"""EventRefused: why an event is not taken, whichever room says so; and the refusals that several rooms give."""
+"""EventRefused: why an event is refused, in any room; and the refusals that several rooms give."""
 
 from __future__ import annotations
 
@@ -7,10 +7,10 @@ from motiongen_server.engine.types.outputs import Outcome
 
 
 class EventRefused(Exception):
-    """One event that is answered with an outcome and has changed nothing; its stream and other sessions go on.
+    """An event is answered with an outcome and has changed nothing; its stream and other sessions continue.
 
-    reason: an UPPER_SNAKE word a program can act on; field: the path of the field at fault; allowed: what may be there;
-    retry_after_s: when the same would be taken, None where waiting does not help.
+    reason: an UPPER_SNAKE word that a program can act on; field: the path of the field at fault; allowed: what it may
+    contain; retry_after_s: when the same event would be accepted, None if waiting does not help.
     """
 
     def __init__(
@@ -30,7 +30,7 @@ class EventRefused(Exception):
         self.retry_after_s = retry_after_s
 
     def outcome(self, session: SessionKey, event_seq: int) -> Outcome:
-        """The answer to the event of that number."""
+        """The answer to the event with this number."""
         said = self.reason, str(self), self.field, self.allowed, self.retry_after_s
         return Outcome(session, event_seq, self.code, None, *said)
 
@@ -43,40 +43,40 @@ def session_not_open(handle: int) -> EventRefused:
 
 
 def handle_in_use(handle: int) -> EventRefused:
-    """An Open came for a handle that an open session has."""
+    """The handle of an Open belongs to an open session."""
     given = f"handle {handle} carries an open session"
     allowed = "a handle that is not in use, or this one after its SessionClosed"
     return EventRefused(Code.ALREADY_EXISTS, "HANDLE_IN_USE", given, "session", allowed)
 
 
 def prior_frames_failed(field: str) -> EventRefused:
-    """The model cannot read the frames that a session is to go on from."""
-    given, allowed = "the model can make nothing of the prior frames", "other frames, or none"
+    """The model cannot read the frames that a session is to continue from."""
+    given, allowed = "the model cannot read the prior frames", "other frames, or none"
     return EventRefused(Code.INTERNAL, "PRIOR_FRAMES_FAILED", given, field, allowed)
 
 
 def session_closed() -> EventRefused:
-    """The event's session closed before it, or found it waiting."""
+    """The session closed before the event took effect."""
     given = "the session closed before the event took effect"
     return EventRefused(Code.CANCELLED, "SESSION_CLOSED", given, "session", "open a new session after SessionClosed")
 
 
 def draining() -> EventRefused:
-    """An Open came once no more sessions are taken."""
+    """The server shuts down and takes no more sessions."""
     given = "the server is shutting down and opens no more sessions"
     allowed = "open on another server, or here after a restart"
     return EventRefused(Code.UNAVAILABLE, "DRAINING", given, "open", allowed)
 
 
 def session_limit(most: int, retry_after_s: float) -> EventRefused:
-    """An Open came while as many sessions are open as may be."""
+    """As many sessions are open as allowed."""
     allowed = f"at most {most} sessions at once"
     code, given = Code.RESOURCE_EXHAUSTED, "the server is full; try again later"
     return EventRefused(code, "SESSION_LIMIT", given, "open", allowed, retry_after_s)
 
 
 def too_many_pending(what: str, most: int) -> EventRefused:
-    """As many events of the session wait as may. what: they are, as in "edits"."""
+    """As many events of the session wait as allowed. what: their kind, such as "edits"."""
     given = f"{most} {what} of this session wait already; send again when one has been answered"
     return EventRefused(
         Code.RESOURCE_EXHAUSTED, "TOO_MANY_PENDING_EVENTS", given, allowed=f"at most {most} {what} that wait"

@@ -1,4 +1,4 @@
-"""StepReport: what one engine step did, for `app` to turn into metrics."""
+"""StepReport: what one engine step did; `ops` turns it into metrics."""
 
 from __future__ import annotations
 
@@ -20,18 +20,18 @@ class EventLatency:
 
 @dataclass(slots=True)
 class StepReport:
-    """What one engine step did; `app` turns it into metrics. Lists hold a value for each occurrence in the step.
+    """What one engine step did. Lists hold one value per occurrence in the step.
 
-    rows: rows in the denoising step, 0 when there was none; bucket: the size it counts as in the cost table.
-    windows: those accepted. slacks: seconds of frames that a client held when it reported its playhead.
-    client_underruns: how many a client has newly reported. memory_splits: calls made smaller for want of memory.
-    steps_discarded: those done for windows that were restarted or came too late. soft_resets: windows that righted a
-    character. frames_held: frames that repeat a pose for want of a window. quota_steps: begun of late, by owners that
-    have a quota.
-    Where they were taken: sessions, how many there are; load, the share of the machine that is spoken for, by which
-    others are let in; asked, what sessions of this engine are expected to ask for of it; tiers, what each class gets;
-    places, how many more sessions of each class would be let in with the default steps, 0 where not even one with the
-    fewest.
+    rows: rows in the denoising step, 0 if there was none; bucket: its size in the cost table. windows: those accepted.
+    slacks: seconds of frames that a client held when it reported its playhead. client_underruns: underruns that clients
+    newly reported. memory_splits: calls made smaller for lack of memory. steps_discarded: those done for windows that
+    were restarted or came too late. soft_resets: windows that corrected a character. frames_held: frames that repeat a
+    pose for lack of a window. quota_steps: steps that owners with a quota have begun since the last report.
+
+    Only in steps that measured these: sessions, the number of open ones; load, the share of the machine that is in use
+    or spoken for, by which sessions are admitted; asked, the share that this engine's sessions are expected to ask for;
+    tiers, what each class gets; places, how many more sessions of each class would be admitted with the default steps,
+    0 if not even one with the fewest steps.
     """
 
     rows: int = 0

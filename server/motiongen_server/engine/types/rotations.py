@@ -1,4 +1,4 @@
-"""Quaternions as matrices: those of messages and of frame rows."""
+"""Quaternions of messages and frame rows as rotation matrices."""
 
 from __future__ import annotations
 
@@ -8,7 +8,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 FEW = 8
-"""Quaternions of which each is worked out for itself sooner than numpy begins with all."""
+"""Up to this many quaternions are converted one by one, which is faster than a call of numpy for all."""
 
 
 def rotation_matrices(quaternions: NDArray[np.float64]) -> NDArray[np.float64]:
@@ -23,7 +23,7 @@ def rotation_matrices(quaternions: NDArray[np.float64]) -> NDArray[np.float64]:
 
 
 def rotation_matrices_of_few(quaternions: NDArray[np.float64]) -> NDArray[np.float64]:
-    """(K, 4) quaternions w x y z of finite length, none 0 -> (K, 3, 3), to the bit what `rotation_matrices` makes."""
+    """(K, 4) quaternions w x y z of finite length but zero -> (K, 3, 3), bit for bit as from `rotation_matrices`."""
     if len(quaternions) > FEW:
         return rotation_matrices(quaternions)
     return np.array([_entries(*each) for each in quaternions.tolist()]).reshape(-1, 3, 3)

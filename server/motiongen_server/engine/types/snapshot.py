@@ -1,4 +1,4 @@
-"""SessionSnapshot: all that a session is, for an engine elsewhere to go on with it. Plain data."""
+"""SessionSnapshot: the state that an engine elsewhere needs to continue a session. Plain data."""
 
 from __future__ import annotations
 
@@ -13,9 +13,9 @@ from motiongen_server.engine.types.spec import SessionSpec
 
 @dataclass(frozen=True, slots=True)
 class UnansweredEdit:
-    """An edit that no plan has answered yet; the conditions hold it already. dirty_from: the first frame it changes.
+    """An edit that no plan has answered yet, although the conditions include it. dirty_from: the first frame to change.
 
-    placements: where its constraints were put that left that to the engine.
+    placements: of those of its constraints that left them to the engine.
     """
 
     event_seq: int
@@ -26,7 +26,7 @@ class UnansweredEdit:
 
 @dataclass(frozen=True, slots=True)
 class AnnouncedPlan:
-    """A plan that the client may not have heard of, and those before it that it has outdone.
+    """A plan that the client may not have heard of, merged with earlier ones that it replaced entirely.
 
     sent_to: the end of all frames sent before it, exclusive. event_seqs: the edits that first take effect in it.
     """
@@ -39,7 +39,7 @@ class AnnouncedPlan:
 
 @dataclass(frozen=True, slots=True)
 class HeldVelocity:
-    """A velocity in force: metres a second, radians or None. steers_from: None while no window that obeys it landed."""
+    """A velocity in force: metres per second, radians or None. steers_from: None until a window that obeys it lands."""
 
     x: float
     z: float
@@ -52,12 +52,13 @@ class HeldVelocity:
 class SessionSnapshot:
     """A session as of the end of one step.
 
-    spec: what it was opened with, without what the rest holds as it is now, and without its model's gaits. plan: the
-    newest. last_seq: the last event that the engine had taken; unanswered: those up to it without an answer.
-    rows: (T, row_width) float32, the frames from first_frame on that can be sent, replaced, or be history; those below
-    motion_from are no history. committed_to, num_frames, late_frames: of its delivery. is_started: whether its
-    client had begun to play. plans: see AnnouncedPlan. measured_to: constraints were measured below that frame.
-    correction: what the next window is to put right in the one that began at lost_from, as a number; 0: nothing.
+    spec: with its current options, without its model's gaits and without what the other fields hold in its current
+    state. plan: the newest plan. last_seq: the last event that the engine had taken; unanswered: edits up to it without
+    an answer. rows: (T, row_width) float32, the frames from first_frame on that can be sent, replaced, or be history;
+    those below motion_from cannot be history. committed_to, num_frames, late_frames: of its delivery. is_started:
+    whether its client had begun to play. plans: see AnnouncedPlan. measured_to: constraints were measured below that
+    frame. correction: the number of the correction that the next window makes, for the window that began at lost_from;
+    0: none.
     """
 
     spec: SessionSpec
@@ -84,13 +85,13 @@ class SessionSnapshot:
 
     @property
     def end_frame(self) -> int:
-        """The first frame that it does not hold."""
+        """The first frame after those held."""
         return self.first_frame + len(self.rows)
 
 
 @dataclass(frozen=True, slots=True, eq=False)
 class SnapshotTaken:
-    """The session as of the outputs before this one."""
+    """The session's state after the outputs before this one."""
 
     session: SessionKey
     snapshot: SessionSnapshot
@@ -98,8 +99,10 @@ class SnapshotTaken:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class GoingOn:
-    """What an Open goes on from, and where its client is: it shows the frame playhead, holds those below next_frame, of
-    plans up to `plan`, and was promised those below committed_to. attempt: as in Resume.
+    """What an Open continues from, and the client's state.
+
+    The client shows the frame playhead, holds the frames below next_frame, of plans up to `plan`, and was promised the
+    frames below committed_to. attempt: as in Resume.
     """
 
     snapshot: SessionSnapshot

@@ -1,4 +1,4 @@
-"""What a session starts with."""
+"""What a session is opened with."""
 
 from __future__ import annotations
 
@@ -30,15 +30,15 @@ class StartPose:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class SessionSpec:
-    """Everything a session starts with. lookahead: frames that may be sent beyond the playhead.
+    """Everything a session is opened with. lookahead: frames that may be sent beyond the playhead.
 
-    history_frames: most frames of history that a window sees, a multiple of the patch; None for the engine's number.
+    history_frames: most frames of history that a window sees, a multiple of the patch; None for the engine's default.
     prior_rows: (H, row_width) float32, the frames just before frame 0, whole patches of them; start_pose counts only
-    where there are none. clip_frames: not None makes the session a clip: that many frames, as fast as there is room
-    beside the sessions, with all that was asked for; it has no playhead, and closes itself after its last frame.
-    gaits: the prompts that hold while a velocity leads; none: the session's own do. keep_prompts: its own hold also
-    where constraints ask the root for a pace that they contradict. owner: whose share of the machine it uses.
-    outputs: of `ModelFacts.outputs` by name, which each row has besides, in this order.
+    without them. clip_frames: not None makes the session a clip of that many frames, made as fast as there is room
+    beside the sessions and never degraded; it has no playhead, and closes itself after its last frame. gaits: the
+    prompts in force while a velocity is; none: the session's own are. keep_prompts: its own prompts stay in force even
+    where constraints ask the root for a pace that contradicts them. owner: whose share of the machine it uses. outputs:
+    names from `ModelFacts.outputs`; these blocks follow those of the rig in each row, in this order.
     """
 
     session: SessionKey

@@ -1,4 +1,4 @@
-"""When a window was asked for, made and sent: what a trace tells of it. Seconds of the machine's monotonic clock."""
+"""When a window was asked for, made and sent, for traces. Seconds of the machine's monotonic clock."""
 
 from __future__ import annotations
 
@@ -9,7 +9,7 @@ from motiongen_server.engine.types.names import PlanCause
 
 @dataclass(frozen=True, slots=True)
 class WindowTiming:
-    """What an engine tells of a window. asked_at: when the first of the edits that it answers came, or when it was due.
+    """What an engine knows of a window. asked_at: when the first of its edits arrived, or when the window became due.
 
     created_at: it was given to the scheduler; begun_at: its first denoising step began; landed_at: its frames became
     the plan. num_steps: denoising steps. engine: the process that made it.
@@ -25,10 +25,10 @@ class WindowTiming:
 
 @dataclass(frozen=True, slots=True)
 class WindowTrace:
-    """A window from event to frame, as the gateway knows it. session, model_id, request_id: as the client is told.
+    """A window from event to frame, as the gateway knows it. session, model_id, request_id: as the client is told them.
 
-    sent_at: when the first of its frames was written to the client, or is not to be any more, since a later plan
-    replaced them or the client has gone; is_sent: which of both. num_events: edits that first take effect in it.
+    is_sent: whether its frames were written to the client; sent_at: when the first of them was, or, if not, when a
+    later plan replaced them or the client left. num_events: edits that first take effect in it.
     """
 
     timing: WindowTiming

@@ -1,1 +1,1 @@
-"""What clients may use up, alone and together: messages, calls, the event loop's time, memory. Charged before work."""
+"""Budgets for what clients use, singly and together: messages, calls, event loop time and memory."""

@@ -1,4 +1,4 @@
-"""CallPlaces: how many calls there may be at once, of all callers and of one."""
+"""CallPlaces: limits how many calls are open at once, of all callers together and of each."""
 
 from __future__ import annotations
 
@@ -9,12 +9,12 @@ from functools import partial
 from motiongen_server.rpc.errors.too_many_calls import too_many_calls_open
 
 FIRST_ONES = 2
-"""Times as many of one address, where the connection has none yet: clients behind one proxy have one. A tenant's quota
-stands: it knows its clients."""
+"""An address may have this many times its limit, for calls on connections that have none open: clients behind one proxy
+share an address. A tenant's quota is not extended: a tenant knows its clients."""
 
 
 class CallPlaces:
-    """A place is held until gRPC is done with its call, also where the client does not take the answer.
+    """A place is held until gRPC is done with its call, even if the client does not take the answer.
 
     Lives on one event loop.
     """
@@ -25,9 +25,9 @@ class CallPlaces:
         self._of_connection: Counter[str] = Counter()
 
     def take(self, name: str, connection: str, most_of_one: int, kind: str = "address") -> Callable[[], None]:
-        """A place for a call of that caller; returns what gives it back. kind: of caller, "address" or "tenant".
+        """Take a place for a call of the named caller; returns the function that gives it back.
 
-        Raises StreamRefused where there is none.
+        kind: of caller, "address" or "tenant". Raises StreamRefused if no place is free.
         """
         is_first = kind == "address" and not self._of_connection[connection]
         most = FIRST_ONES * most_of_one if is_first else most_of_one

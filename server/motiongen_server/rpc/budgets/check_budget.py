@@ -1,8 +1,8 @@
-"""CheckBudget: how many signed tokens that are not known yet are read and checked, and over which connections.
+"""CheckBudget: limits how many unknown signed tokens each connection may have checked.
 
-Anybody can write a token that does not hold, and it takes a check to see that. So a check is paid before the token is
-read, by the connection that it came over, and given back where the token holds. Nobody else pays: behind a proxy all
-clients have one address, and what some of them owe for calls must not keep out those who bring a token that holds.
+Anybody can make up an invalid token, and only a check shows that it is one. So the check is charged to the token's
+connection before the token is read, and refunded if the token is valid. Nobody else pays: clients behind a proxy share
+an address, and what some of them owe for calls must not keep out those with a valid token.
 """
 
 from __future__ import annotations
@@ -17,15 +17,15 @@ from motiongen_server.rpc.budgets.token_bucket import Bucket, Share, TokenBucket
 from motiongen_server.rpc.errors.too_many_calls import too_many_bad_tokens
 
 CHECKS_PER_SECOND = 1_000.0
-"""That fail, of all connections together: 7 % of a Zen 5's core, whatever the length of the tokens."""
+"""Failed checks, of all connections together. They take 7 % of a Zen 5 core, whatever the length of the tokens."""
 CHARACTERS_A_CHECK = 1024.0
-"""A token counts for one more with so many: to read 8 KB takes six times what its signature does."""
+"""A token costs one more check for each so many characters: reading 8 KB takes six times as long as the signature."""
 FORGET_AFTER_S = 2.0
-"""A connection that has shown no new token for so long has no part any more, and its debt is over."""
+"""A connection that has sent no new token for this long loses its share, and its debt is forgotten."""
 
 
 class _Part:
-    """Of the checks: an address's, or of that a connection's."""
+    """An address's share of the checks, or a connection's share of its address's."""
 
     def __init__(self, of: Bucket, num_users: Callable[[], int], now: float) -> None:
         self.share = Share(of, num_users, now)
@@ -34,9 +34,9 @@ class _Part:
 
 
 class CheckBudget:
-    """Addresses have equal parts, and of an address its connections: one that keeps to its part is never refused.
+    """Addresses have equal shares, which their connections share equally; a connection within its share is not refused.
 
-    A new connection has a part, too: what it costs to begin one is more than a check. Lives on one event loop.
+    A new connection has a share at once: opening one costs more than a check does. Lives on one event loop.
     """
 
     def __init__(self, clock: Callable[[], float] = time.monotonic) -> None:
@@ -47,9 +47,9 @@ class CheckBudget:
         self._swept_at = clock()
 
     def charge(self, peer: str, num_characters: int) -> Callable[[], None]:
-        """Charge the check of a token of that length; returns what gives it back. peer: as gRPC names it.
+        """Charge the check of a token of that length; returns the function that refunds it. peer: as gRPC names it.
 
-        Raises StreamRefused while the connection owes for tokens that did not hold.
+        Raises StreamRefused while the connection owes for invalid tokens.
         """
         now, cost = self._clock(), 1.0 + num_characters / CHARACTERS_A_CHECK
         share = self._part(peer, now).share

@@ -1,4 +1,4 @@
-"""GatewayLag: how long what is to be read and written waits for the event loop that does it."""
+"""GatewayLag: how long messages to be read or written wait for the event loop."""
 
 from __future__ import annotations
 
@@ -12,13 +12,13 @@ from typing import NamedTuple
 LOOK_EVERY_S = 0.1
 OVER_S = 1.0
 MOST_LAG_S = 0.05
-"""A message waits so long several times on its way. Pauses of a quota are shorter, on the median."""
+"""A message waits this long several times on its way. The median pause that a CPU quota causes is shorter."""
 LEAST_WRITES_HZ = 1000.0
-"""Fewer messages fill no core: where those wait, it is for a processor that others use."""
+"""Fewer messages do not fill a core: if they wait, it is because other programs use the processor."""
 
 
 class Look(NamedTuple):
-    """at: on the loop's clock. lag_s: how late it was then. writes: messages that were written since the last one."""
+    """One measurement. at: on the loop's clock. lag_s: how late it was. writes: messages written since the last one."""
 
     at: float
     lag_s: float
@@ -26,11 +26,11 @@ class Look(NamedTuple):
 
 
 class GatewayLag:
-    """Looks several times a second, while there are streams. Lives on the event loop.
+    """Measures the lag several times a second while there are streams. Lives on the event loop.
 
-    An engine that has all the time in the world does not see that those who read and write for it have none: one event
-    loop serves every stream, and thousands of messages a second fill it. What it has not got round to waits as timers
-    of its own, or in gRPC's threads, which want the same cores: that wait is part of every write.
+    An engine with time to spare cannot see that the event loop that reads and writes for it has none: one loop serves
+    all streams, and thousands of messages a second fill it. Its backlog shows as late timers, and as longer writes:
+    these include the wait for gRPC's threads, which compete for the same cores.
     """
 
     def __init__(self, is_needed: Callable[[], bool], loop: asyncio.AbstractEventLoop | None = None) -> None:
@@ -43,15 +43,15 @@ class GatewayLag:
 
     @property
     def lag_s(self) -> float:
-        """The median of the last second: a single pause, or many clients at one moment, is not what it tells.
+        """The median over the last second, which a single pause or a burst of clients does not change.
 
-        From any thread.
+        May be read from any thread.
         """
         return statistics.median([look.lag_s for look in self._of_late] or [0.0])
 
     @property
     def is_too_long(self) -> bool:
-        """Whether the messages of one session more would make those later that are served already."""
+        """Whether the messages of one more session would delay those of sessions that are already served."""
         writes = sum(look.writes for look in self._of_late)
         return writes > LEAST_WRITES_HZ * OVER_S and self.lag_s > MOST_LAG_S
 
@@ -61,13 +61,13 @@ class GatewayLag:
         return [look for look in tuple(self._seen) if look.at >= since]
 
     def begin(self) -> None:
-        """There is a stream."""
+        """A stream has begun: measure from now on."""
         if not self._is_looking:
             self._is_looking = True
             self._look_at(self._loop.time() + LOOK_EVERY_S)
 
     def note_write(self, seconds: float) -> None:
-        """A message was written within so many. The shortest counts: those of clients that do not read take longer."""
+        """Note how long writing a message took. The shortest counts: writes to clients that do not read take longer."""
         self._writes += 1
         if seconds < self._shortest_write_s:
             self._shortest_write_s = seconds

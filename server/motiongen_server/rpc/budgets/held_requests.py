@@ -1,9 +1,9 @@
-"""HeldRequests: the messages of a peer's streams that were read, and wait in memory until their events are paid for.
+"""HeldRequests: messages of a peer's streams that were read, and stay in memory until their events are paid for.
 
-And the requests of its other calls that have come, while their clients have not ended their side.
+Requests of the peer's other calls count as well, as long as their clients have not closed their side.
 
-A stream that owes is not read on, but one that waits for its client is handed what comes next, whatever the others of
-its peer owe. So a thousand streams could each have a message of a megabyte held, for minutes.
+A stream in debt is not read further, but a stream that waits for its client is handed the next message, whatever the
+peer's other streams owe. So a thousand streams could each have a message of a megabyte held, for minutes.
 """
 
 from __future__ import annotations
@@ -18,26 +18,26 @@ from motiongen_server.rpc.errors.streams import too_much_unpaid
 
 
 class Ended(Exception):
-    """The stream of a message is ended: nothing more of it is taken.
+    """The stream of a message was ended: the rest of the message is dropped.
 
-    Not the reason itself, which lives on with the stream: what it was raised through would keep the message with it.
+    Raised instead of the stream's refusal, which lives as long as the stream: its traceback would keep the message.
     """
 
 
 class Holder(Protocol):
-    """A stream, or a request of another call."""
+    """A stream, or the request of another call."""
 
     refusal: StreamRefused | None
 
     def owed_s(self, now: float) -> float:
-        """Seconds until it may be read on."""
+        """Seconds until more of it may be read."""
 
     def refuse(self, refusal: StreamRefused) -> None:
         """End it."""
 
 
 class HeldRequests:
-    """Of one peer, by stream; none has more than one. num_bytes: of all. Lives on the event loop."""
+    """The held messages of one peer, at most one per stream. num_bytes: of all. Lives on the event loop."""
 
     __slots__ = ("_bytes", "num_bytes")
 
@@ -46,15 +46,15 @@ class HeldRequests:
         self.num_bytes = 0
 
     def of(self, stream: object) -> int:
-        """What is held of one stream."""
+        """Bytes that are held of one stream."""
         return self._bytes.get(cast(Holder, stream), 0)
 
     @contextmanager
     def holding(self, holder: Holder, num_bytes: int, most: int, kind: str) -> Iterator[None]:
-        """A message of a stream is in memory for the time of the block; where all take more than `most` then, those of
-        the streams that owe most are ended: who keeps to an equal part owes nothing, and is left alone.
+        """Count a stream's message as held for the time of the block. If the peer's messages then take more than `most`
+        bytes, the streams that owe the most are ended; one that keeps to an equal share owes nothing, and is spared.
 
-        kind: of the peer. Raises Ended where the stream itself is one of them.
+        kind: of the peer. Raises Ended if the stream itself was ended.
         """
         self._bytes[holder] = num_bytes
         self.num_bytes += num_bytes
@@ -67,14 +67,14 @@ class HeldRequests:
             self._release(holder)
 
     def bound(self, most: int, kind: str) -> None:
-        """End the streams that owe most, as far as all take more than `most`. Messages that came at one moment owe only
-        once they are counted, so this is asked at their turns, too."""
+        """End the streams that owe the most until all messages take no more than `most` bytes. To be called again when
+        a message is charged: messages that came at the same moment owe nothing until then."""
         while self.num_bytes > most and (debtor := self._debtor()) is not None:
             self._release(debtor)
             debtor.refuse(too_much_unpaid(most, kind))
 
     def _debtor(self) -> Holder | None:
-        """Who owes most, if anybody does; one alone may have a message as long as messages may be."""
+        """The holder that owes the most, if any does. A single one may have a message as long as messages may be."""
         now = time.monotonic()
         debtor = max(self._bytes, key=lambda each: (each.owed_s(now), self._bytes[each]))
         return debtor if len(self._bytes) > 1 and debtor.owed_s(now) > 0 else None

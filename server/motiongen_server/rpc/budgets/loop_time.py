@@ -1,14 +1,14 @@
-"""What clients' messages take of the gateway's event loop: measured, so that it holds on every machine.
+"""Event loop time that clients' messages take in the gateway: measured, so that the limit holds on every machine.
 
-Budgets of events and bytes count what is sent, and know nothing of what that takes: an edit of 256 rotations is the
-work of a hundred small ones, and on a slow processor of two hundred. So the time of all that is done for a stream's
-messages is charged to it once it is done, and paid before more of the stream is read. Frames are not charged: who plays
-on has asked for nothing.
+Budgets for events and bytes count what is sent, not the work that it causes: an edit of 256 rotations is as much work
+as a hundred small edits, and on a slow processor as two hundred. So the time spent on a stream's messages is charged to
+it once they are processed, and must be paid before more of the stream is read. Frames are not charged: a client that
+only plays has asked for nothing.
 
-It is the loop's time, not the processor's: that is what streams share, one loop has a second of it in each second, and
-where others use the processor too, all that the loop does takes longer alike. But a short message that happens to be
-interrupted for long, or a machine that stands still, is not to be paid for by who was being served: no more is charged
-than some times the processor time.
+The loop's time is charged and not the processor's, because it is what streams share: a loop has one second of it per
+second, and if other programs use the processor too, everything that the loop does takes longer alike. But no client is
+to pay because its short message was interrupted for long, or the machine stood still: the charge is limited to a
+multiple of the processor time.
 """
 
 from __future__ import annotations
@@ -23,17 +23,17 @@ from typing import Any, Generic, NamedTuple, TypeVar
 from motiongen_server.rpc.budgets.token_bucket import TokenBucket
 
 UNLIMITED = 1e9
-"""A share that nothing comes near."""
+"""A share that is never used up."""
 REFUSED_TIMES = 4.0
-"""What the loop does for an event that is refused counts so often. Nobody needs it, and what gRPC does to carry it and
-its answer, on threads that want the cores of the engines, takes several times as long.
+"""Time spent on a refused event counts this many times. Nobody needs that work, and gRPC takes several times as long to
+carry the event and its answer, on threads that compete with the engines for cores.
 """
 MOST_TIMES = 8.0
-"""The processor time of a stretch of work, that is charged for it; a loop that gets a fifth of a core takes five."""
+"""At most this multiple of the processor time is charged; a loop with a fifth of a core takes five times as long."""
 
 
 class Clocks(NamedTuple):
-    """By which work is measured, both in seconds. elapsed_s: since any moment; processor_s: of the calling thread."""
+    """The clocks that measure work, in seconds. elapsed_s: since any moment; processor_s: of the calling thread."""
 
     elapsed_s: Callable[[], float] = time.perf_counter
     processor_s: Callable[[], float] = time.thread_time
@@ -45,15 +45,15 @@ T = TypeVar("T")
 
 
 class LoopTime:
-    """The time of one event loop that clients' messages may take. Lives on that loop.
+    """How much of one event loop's time clients' messages may take. Lives on that loop.
 
-    Tokens of its bucket are seconds. While all together take more than their share of the loop, peers have equal parts
-    of it, and of a peer its streams; who takes no more than that is not held back. taken_s: so far. num_held: times
-    that a stream was not read on for what it had taken.
+    The tokens of its bucket are seconds. While clients together take more than their share of the loop, peers have
+    equal parts of it, and the streams of a peer equal parts of the peer's; a stream within its part is not held back.
+    taken_s: so far. num_held: how often the next read of a stream waited because of the time it had taken.
     """
 
     def __init__(self, share: float = UNLIMITED, now: float = 0.0, clocks: Clocks = CLOCKS) -> None:
-        """share: of the loop's time, seconds a second."""
+        """share: of the loop's time, in seconds per second."""
         self.bucket = TokenBucket(share, now)
         self._used_by: Counter[Hashable] = Counter()
         self.taken_s = 0.0
@@ -62,15 +62,15 @@ class LoopTime:
 
     @property
     def num_peers(self) -> int:
-        """With streams, or calls whose requests are worked for."""
+        """The number of peers with open streams, or with calls whose requests are being processed."""
         return len(self._used_by)
 
     def serves(self, peer: Hashable) -> bool:
-        """Whether it is one of them."""
+        """Whether the peer is counted in `num_peers`."""
         return peer in self._used_by
 
     def enter(self, peer: Hashable) -> None:
-        """A stream or call of a peer begins."""
+        """A stream or call of the peer begins."""
         self._used_by[peer] += 1
 
     def leave(self, peer: Hashable) -> None:
@@ -81,16 +81,16 @@ class LoopTime:
 
 
 class Work:
-    """What the event loop does for one stream or call: `with work:` around all of it that does not await.
+    """Measures the event loop's work for one stream or call: `with work:` encloses all of it that does not await.
 
-    Blocks may lie in each other: the outermost counts. `end` and `begin` leave out a wait within one. num_events,
-    num_refused: of the present block, counted by who takes them.
+    Blocks may be nested: the outermost one is measured. `end` and `begin` leave out a wait within a block. num_events,
+    num_refused: events in the current block, counted by the code that takes them.
     """
 
     __slots__ = ("_began_s", "_charge", "_computed_s", "_depth", "_loop_time", "num_events", "num_refused")
 
     def __init__(self, loop_time: LoopTime, charge: Callable[[float], None]) -> None:
-        """charge: takes what a block took, seconds."""
+        """charge: is given the seconds that each block took."""
         self._loop_time = loop_time
         self._charge = charge
         self._depth = 0
@@ -98,14 +98,14 @@ class Work:
         self._began_s = self._computed_s = 0.0
 
     def begin(self) -> None:
-        """What follows is done for the stream."""
+        """Work for the stream begins."""
         if not self._depth:
             elapsed_s, processor_s = self._loop_time.clocks
             self._began_s, self._computed_s = elapsed_s(), processor_s()
         self._depth += 1
 
     def end(self) -> None:
-        """It is done, or waits."""
+        """The work is done, or is about to wait."""
         self._depth -= 1
         if not self._depth:
             elapsed_s, processor_s = self._loop_time.clocks
@@ -117,7 +117,7 @@ class Work:
             self._charge(taken_s)
 
     async def of(self, begin: Callable[[], Coroutine[Any, Any, T]]) -> T:
-        """What a coroutine gives: what the loop does for it counts, and what it waits for does not."""
+        """Await a coroutine and return its result: its steps on the loop are measured, its waits are not."""
         return await _Steps(self, begin())
 
     def __enter__(self) -> None:
@@ -128,7 +128,7 @@ class Work:
 
 
 class _Steps(Generic[T]):
-    """A coroutine from one wait to the next, each step of which is work: as `yield from` does it (PEP 380)."""
+    """Drives a coroutine as `yield from` does (PEP 380), and measures each step between two waits as work."""
 
     def __init__(self, work: Work, coroutine: Coroutine[Any, Any, T]) -> None:
         self._work = work
@@ -148,5 +148,5 @@ class _Steps(Generic[T]):
             except GeneratorExit:
                 self._coroutine.close()
                 raise
-            except BaseException as error:  # a cancellation most of all
+            except BaseException as error:  # above all a cancellation
                 step = partial(self._coroutine.throw, error)

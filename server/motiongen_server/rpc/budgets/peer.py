@@ -1,4 +1,4 @@
-"""Peer: what all streams and calls of one tenant, or from one address where nobody is asked, may have together."""
+"""Peer: what all streams and calls of one tenant, or of one address if there is no tenant, may have together."""
 
 from __future__ import annotations
 
@@ -15,22 +15,22 @@ from motiongen_server.rpc.errors.too_many_calls import too_many_calls
 from motiongen_server.rpc.limits import PeerLimits
 
 SESSION_WEIGHTS = {Priority.HERO: 4, Priority.NEAR: 2, Priority.CROWD: 1, Priority.BATCH: 1}
-"""What a session of each class counts for: a hero is planned anew far more often."""
+"""What a session of each class counts for: a hero is replanned far more often."""
 CLASS_QUOTAS = {
     Priority.HERO: "heroes",
     Priority.NEAR: "nears",
     Priority.CROWD: "crowds",
     Priority.BATCH: "batches",
 }
-"""The field of `PeerLimits` that says how many sessions of a class there may be."""
+"""The field of `PeerLimits` that limits the sessions of each class."""
 _Held = tuple[Priority, float]
 _Asked = tuple[Priority | None, float | None]
 
 
 class Peer:
-    """One address, or one tenant. tenant: its name, "" for an address. name: no other peer's.
+    """One address, or one tenant. tenant: its name, "" for an address. name: unique among peers.
 
-    loop: the time of the event loop that serves it; without a limit where it is left out. loop_part: its part of that.
+    loop: the time of the event loop that serves it; unlimited by default. loop_part: the peer's share of it.
     """
 
     def __init__(
@@ -53,17 +53,17 @@ class Peer:
         self.loop_part = Share(self.loop.bucket, lambda: self.loop.num_peers, now)
 
     def begin_stream(self) -> None:
-        """One of its streams begins."""
+        """A stream of the peer begins."""
         self.num_streams += 1
         self.loop.enter(self)
 
     def end_stream(self) -> None:
-        """One of them has ended."""
+        """A stream of the peer has ended."""
         self.num_streams -= 1
         self.loop.leave(self)
 
     def adopt(self, limits: PeerLimits, now: float) -> None:
-        """Take these limits from now on; what is open stays open, and what is owed is owed."""
+        """Apply these limits from now on; what is open stays open, and debts remain."""
         if limits != self.limits:
             self.limits = limits
             self.events.set_rate(limits.events_per_second, now)
@@ -73,42 +73,42 @@ class Peer:
 
     @property
     def kind(self) -> str:
-        """What it is, for messages."""
+        """What the peer is called in messages."""
         return "tenant" if self.tenant else "address"
 
     @property
     def owner(self) -> Owner:
-        """What the engines know it as."""
+        """What engines know of the peer."""
         return Owner(self.name, self.limits.share, self.limits.steps_per_second)
 
     @property
     def session_weight(self) -> int:
-        """Of the sessions that it has."""
+        """The weight of the peer's sessions together."""
         return sum(SESSION_WEIGHTS[priority] * count for priority, count in self._sessions.items())
 
     def is_idle(self, now: float) -> bool:
-        """Whether nothing would be lost if it were forgotten."""
+        """Whether the peer can be forgotten: it has nothing open, and its budgets are full again."""
         is_open = self.loop.serves(self) or self._clip_samples or self._sessions.total()
         buckets = (self.events, self.bytes, self.prompts, self.calls, self.loop_part)
         return not is_open and all(each.is_full(now) for each in buckets)
 
     @property
     def num_sessions(self) -> int:
-        """That it has open, of all classes."""
+        """Open sessions of all classes."""
         return self._sessions.total()
 
     def charge_call(self, cost: float, now: float) -> None:
-        """Charge a call. Raises StreamRefused while calls are owed for: there is nothing to be read later."""
+        """Charge a call. Raises StreamRefused while the peer owes for calls: a call cannot be delayed like a stream."""
         if (owed_s := self.calls.owed_s(now)) > 0:
             raise too_many_calls(owed_s, self.kind)
         self.calls.charge(cost, now)
 
     def prompts_share(self, now: float) -> Share:
-        """A session's part of the prompts."""
+        """A session's share of the peer's prompts."""
         return Share(self.prompts, lambda: self.num_sessions, now)
 
     def place(self, priority: Priority, now: float) -> Place:
-        """A place for a session, held until it is released. Raises EventRefused where there is none."""
+        """Take a place for a session, held until it is released. Raises EventRefused if none is free."""
         limits = self.limits
         quota = CLASS_QUOTAS[priority]
         if self._sessions[priority] >= getattr(limits, quota):
@@ -119,15 +119,15 @@ class Peer:
         return Place(self, priority, now)
 
     def leave(self, priority: Priority, steps_hz: float) -> None:
-        """A session of that class is over, which took so many denoising steps a second to play on."""
+        """A session of that class, which needed that many denoising steps per second to keep playing, is over."""
         self._sessions[priority] -= 1
-        # What rounding has left goes with the last.
+        # The last session takes the rounding error with it.
         self._steps_hz = self._steps_hz - steps_hz if self.num_sessions else 0.0
 
     def begin_steps(self, steps_hz: float, field: str = "open.denoise_steps") -> None:
-        """Note what a session takes to play on. Raises EventRefused where that is more than may be.
+        """Note the denoising steps that a session needs to keep playing. Raises EventRefused beyond the quota.
 
-        field: which asks for that.
+        field: the field that asks for them.
         """
         most, asked = self.limits.steps_per_second, self._steps_hz + steps_hz
         if asked > most:
@@ -135,9 +135,9 @@ class Peer:
         self._steps_hz = asked
 
     def change(self, before: Priority, after: Priority, steps_hz: float) -> None:
-        """A session takes another class, and so many more steps a second. Raises EventRefused where it may not.
+        """Change a session's class, and add that many steps per second. Raises EventRefused beyond a quota.
 
-        Who asks for no more than before is refused nothing, also where its quota was made smaller than what is open.
+        A change that asks for no more than before is never refused, even if a smaller quota is exceeded already.
         """
         limits, quota = self.limits, CLASS_QUOTAS[after]
         if after is not before and self._sessions[after] >= getattr(limits, quota):
@@ -151,19 +151,19 @@ class Peer:
         self.take_back(before, after, steps_hz)
 
     def take_back(self, before: Priority, after: Priority, steps_hz: float) -> None:
-        """A session is of its earlier class again, or of one that asks for no more; nothing is refused."""
+        """Change a session back to its earlier class, or to one that asks for no more. Never refused."""
         self._steps_hz += steps_hz
         self._sessions[before] -= 1
         self._sessions[after] += 1
 
     def check_waiting(self, num_bytes: int) -> None:
-        """Raises EventRefused where no event of that size may wait besides those that do."""
+        """Raises EventRefused if an event of that size may not wait in addition to those that do."""
         most = self.limits.waiting_bytes
         if self.waiting_bytes + num_bytes > most:
             raise peer_waiting(most, self.kind)
 
     def holding(self, stream: Holder, num_bytes: int) -> AbstractContextManager[None]:
-        """A message of one of its streams is held for a block; see `HeldRequests.holding`. Raises Ended."""
+        """Count a message of one of the peer's streams for a block; see `HeldRequests.holding`. Raises Ended."""
         return self.held.holding(stream, num_bytes, self.limits.held_bytes, self.kind)
 
     def bound_held(self) -> None:
@@ -171,20 +171,20 @@ class Peer:
         self.held.bound(self.limits.held_bytes, self.kind)
 
     def begin_clip(self, num_samples: int) -> None:
-        """Note samples that are about to be made. Raises EventRefused where it has as many as it may."""
+        """Note samples that are about to be generated. Raises EventRefused beyond the quota."""
         if self._clip_samples + num_samples > self.limits.clip_samples:
             raise peer_clips(self.limits.clip_samples, self.kind)
         self._clip_samples += num_samples
 
     def end_clip(self, num_samples: int) -> None:
-        """They are made, or given up."""
+        """The samples are finished or abandoned."""
         self._clip_samples -= num_samples
 
 
 class Place:
     """A session's place among those of its peer.
 
-    Options may be asked for while the engine has not answered earlier ones; it answers in order.
+    Changes of options may be requested before the engine has answered earlier ones; it answers them in order.
     """
 
     __slots__ = ("_asked", "_is_held", "_settled", "peer", "prompts")
@@ -197,15 +197,15 @@ class Place:
         self._is_held = True
 
     def begin_steps(self, steps_hz: float) -> None:
-        """The session begins, and takes so many denoising steps a second to play on. Raises EventRefused."""
+        """The session begins, and needs that many denoising steps per second to keep playing. Raises EventRefused."""
         if self._is_held:
             self.peer.begin_steps(steps_hz)
             self._settled = self._settled[0], steps_hz
 
     def change(self, priority: Priority | None, steps_hz: float | None) -> Callable[[bool], None]:
-        """The session is to be of another class, or to take other steps a second; None: as before.
+        """Request another class or number of steps per second for the session; None: as before.
 
-        Returns what is to be told whether the engine took that. Raises EventRefused where its peer may not have it.
+        Returns a function to be told whether the engine took the change. Raises EventRefused beyond the peer's quotas.
         """
         asked = priority, steps_hz
         if self._is_held:
@@ -216,7 +216,7 @@ class Place:
 
     @property
     def _present(self) -> _Held:
-        """What the session counts for: also what the engine has not answered yet."""
+        """What the session counts for, including changes that the engine has not answered yet."""
         held = self._settled
         for asked in self._asked:
             held = _changed(held, asked)
@@ -233,7 +233,7 @@ class Place:
         self.peer.take_back(before, after, after_hz - before_hz)
 
     def release(self) -> None:
-        """The session is over. May be called again."""
+        """The session is over. May be called more than once."""
         if self._is_held:
             self._is_held = False
             self.peer.leave(*self._present)

@@ -1,4 +1,4 @@
-"""Peers: who has something open or owes something, by tenant, or by address where nobody is asked."""
+"""Peers: finds the peer whose budgets a call uses: its tenant, or its address if it has none."""
 
 from __future__ import annotations
 
@@ -15,11 +15,11 @@ from motiongen_server.rpc.budgets.loop_time import LoopTime
 from motiongen_server.rpc.budgets.peer import Peer
 from motiongen_server.rpc.limits import PeerLimits
 
-_IPV6 = "ipv6:"  # begins the name that gRPC gives such a peer
-_TENANT = "tenant:"  # begins the name of its peer, as no address does
+_IPV6 = "ipv6:"  # how gRPC's names of IPv6 peers begin
+_TENANT = "tenant:"  # how names of tenants' peers begin; those of addresses never do
 MOST_IDLE = 1024
-"""Peers that have nothing open are remembered for what they owe, up to so many, and those of the last moment."""
-LOOK_EVERY_S = 1.0  # at all of them: for each new address it took a second where 2,000 came back at one moment
+"""Beyond this many peers, idle ones (`Peer.is_idle`) are forgotten, at most once in LOOK_EVERY_S."""
+LOOK_EVERY_S = 1.0  # a search for each new address took a second where 2,000 came back at the same moment
 
 
 class Peers:
@@ -31,8 +31,8 @@ class Peers:
         loop: LoopTime | None = None,
         note_owner: Callable[[Owner], None] = lambda owner: None,
     ) -> None:
-        """loop: the time of the event loop; without a limit where it is left out. note_owner: is told what a tenant is
-        known as by now, whenever that may be another than before.
+        """loop: the time of the event loop; unlimited by default. note_owner: is given a tenant's `Owner` whenever it
+        may have changed.
         """
         self._note_owner = note_owner
         self._limits = limits or PeerLimits()
@@ -45,7 +45,7 @@ class Peers:
         return self._find(address_of(peer), "", self._limits, now)
 
     def of(self, caller: Caller, address: Peer, now: float) -> Peer:
-        """Who a caller's streams and calls are counted for: its tenant, by its quota, or the address it calls from."""
+        """The peer for which a caller's streams and calls count: its tenant, with its quota, or else its address."""
         if not caller.tenant:
             return address
         limits = self._limits_by(caller.quota)
@@ -54,7 +54,7 @@ class Peers:
         return found
 
     def renew(self, quotas: Mapping[str, Mapping[str, float]], now: float) -> None:
-        """The quotas of tenants are these from now on, also of those that only play on. quotas: by tenant."""
+        """Apply new quotas, also to tenants that send nothing at present. quotas: by tenant."""
         for tenant, quota in quotas.items():
             if (found := self._peers.get(_TENANT + tenant)) is not None:
                 self._adopt(found, self._limits_by(quota), now)
@@ -75,14 +75,14 @@ class Peers:
                 self._looked_at = now
                 self._peers = {name: held for name, held in self._peers.items() if not held.is_idle(now)}
             found = self._peers[name] = Peer(limits, now, tenant, name, self._loop)
-            if tenant:  # the engines may remember what it had before it was forgotten here
+            if tenant:  # engines may remember an older quota from before the peer was forgotten here
                 self._note_owner(found.owner)
         return found
 
 
 def address_of(peer: str) -> str:
-    """What a peer is counted as: its address without its port, ipv4:10.0.0.7:55000 -> ipv4:10.0.0.7, of IPv6 its
-    network (`network_of`), ipv6:%5B2001:db8::7%5D:55000 -> ipv6:2001:db8::/64; those on unix sockets are one.
+    """The address by which a call is counted: without its port, ipv4:10.0.0.7:55000 -> ipv4:10.0.0.7; for IPv6 the
+    network (`network_of`), ipv6:%5B2001:db8::7%5D:55000 -> ipv6:2001:db8::/64; all unix sockets count as one.
     """
     if peer.startswith("unix"):
         return "unix"

@@ -1,11 +1,11 @@
-"""StreamBudget: everything that a stream sends is charged, to the stream and to its peer, before it is looked at.
+"""StreamBudget: charges everything that a stream sends to the stream and to its peer, before looking at it.
 
-Nothing is refused for being too much: a stream that owes is not read on until it has paid, and gRPC's flow control
-passes the wait to the client. Tokens are events: at the default rates a stream has 5,000 a second. Where all that an
-address may send is used up, its streams have equal parts of it, so that one of them cannot starve the others.
+Nothing is refused for exceeding the budget: a stream in debt is not read further until it has paid, and gRPC's flow
+control passes the back-pressure on to the client. Tokens are events: at the default rates a stream has 5,000 a second.
+When an address has used up what it may send, its streams have equal shares, so that none can starve the others.
 
-Tokens are what is known beforehand. What a message really took of the event loop is charged besides, once it is done
-(`loop_time`), and is paid before the next is read.
+Tokens cover what is known beforehand. The event loop time that a message really took is charged as well, once it has
+been processed (`loop_time`), and is paid before the next message is read.
 """
 
 from __future__ import annotations
@@ -17,21 +17,21 @@ from motiongen_server.rpc.budgets.token_bucket import Share, TokenBucket
 MESSAGE_COST = 1.0
 EVENT_COST = 1.0
 REFUSAL_COST = 9.0
-"""More, for an event that is refused: its answer costs the server several times what taking it does."""
+"""Added for a refused event: its answer costs the server several times as much as taking the event does."""
 CONSTRAINT_COST = 3.0
-"""More, for each constraint that is set: what converts it here, and places it in an engine, takes the time of so many
+"""Added for each constraint that is set: converting it here and placing it in an engine takes as long as this many
 other events."""
 PATH_COST = 50.0
-"""More, for each path: the engine works out where it leads, in the time of so many other events."""
+"""Added for each path: working out where it leads takes the engine as long as this many other events."""
 FREE = (Code.OK, Code.INTERNAL, Code.UNAVAILABLE)
 """Answers that are not charged: the client is not at fault."""
 BYTES_A_TOKEN = 256.0
 CALL_COST = 1.0
-"""Of a call, of those that a peer may make in a second; a clip's costs more by its bytes."""
+"""One call, out of the peer's calls_per_second; a clip's request costs more by its bytes."""
 CONSTRAINT_CALLS = 0.01
-"""More, for each constraint of each sample of a clip."""
+"""Added for each constraint of each sample of a clip."""
 PATH_CALLS = 0.25
-"""More, for each path of them."""
+"""Added for each such constraint that is a path."""
 BYTES_A_CALL = 16_384.0
 
 
@@ -47,30 +47,30 @@ class StreamBudget:
         self._loop = Share(peer.loop_part, lambda: peer.num_streams, now)
 
     def charge(self, tokens: float, now: float) -> None:
-        """Use tokens, of the stream and of its peer."""
+        """Charge tokens to the stream and to its peer."""
         self.charged += tokens
         self._bucket.charge(tokens, now)
         self._share.charge(tokens, now)
 
     def give_back(self, tokens: float, now: float) -> None:
-        """What was charged beforehand, for a refusal, was none."""
+        """Refund tokens that were charged in case of a refusal that did not come."""
         self._bucket.give_back(tokens, now)
         self._share.give_back(tokens, now)
 
     def charge_message(self, num_bytes: int, now: float) -> None:
-        """A message has come; its events are charged as they are counted."""
+        """Charge a message that has come; its events are charged as they are counted."""
         self.charge(MESSAGE_COST + num_bytes / BYTES_A_TOKEN, now)
         self._bytes.charge(num_bytes, now)
 
     def charge_loop(self, seconds: float, now: float) -> None:
-        """What the stream has sent has taken so much of the event loop's time."""
+        """Charge the event loop time that the stream's messages took."""
         self._loop.charge(seconds, now)
 
     def loop_owed_s(self, now: float) -> float:
-        """Seconds until what was taken of the event loop's time is paid."""
+        """Seconds until the event loop time that the stream took is paid."""
         return self._loop.ahead_s(now)
 
     def owed_s(self, now: float) -> float:
-        """Seconds until the stream may be read on."""
+        """Seconds until more of the stream may be read."""
         sent_s = max(self._bucket.owed_s(now), self._share.owed_s(now), self._bytes.owed_s(now))
         return max(sent_s, self._loop.ahead_s(now))

@@ -26,29 +26,29 @@ class TokenBucket:
         return True
 
     def charge(self, amount: float, now: float) -> None:
-        """Use so many tokens, whether they are there or not: what is owed must come back before `owed_s` is 0 again."""
+        """Use tokens, whether they are there or not: `owed_s` is above 0 until the missing ones have come back."""
         self._refill(now)
         self._tokens -= amount
 
     def give_back(self, amount: float, now: float) -> None:
-        """So many tokens of those that were charged were not used."""
+        """Refund tokens that were charged but not used."""
         self._refill(now)
         self._tokens = min(self._rate, self._tokens + amount)
 
     def owed_s(self, now: float) -> float:
-        """Seconds until what was charged is paid, 0 where it is."""
-        if self._tokens >= 0:  # as it is for most of what is asked, which comes with every message
+        """Seconds until all that was charged is paid; 0 if it is."""
+        if self._tokens >= 0:  # the usual case; asked for every message
             return 0.0
         self._refill(now)
         return max(0.0, -self._tokens) / self._rate
 
     def left(self, now: float) -> float:
-        """What can be used at once, 0 or more."""
+        """The tokens that can be used now, 0 or more."""
         self._refill(now)
         return max(0.0, self._tokens)
 
     def is_full(self, now: float) -> bool:
-        """Whether nothing was taken of late."""
+        """Whether all that was taken has come back."""
         self._refill(now)
         return self._tokens >= self._rate
 
@@ -64,7 +64,7 @@ class TokenBucket:
         return self._rate
 
     def set_rate(self, rate: float, now: float) -> None:
-        """Tokens come back at another rate from now on."""
+        """Change the rate from now on; the burst changes with it."""
         self._refill(now)
         self._rate = rate
         self._tokens = min(self._tokens, rate)
@@ -76,36 +76,36 @@ class TokenBucket:
 
 
 class Bucket(Protocol):
-    """What several may use: a `TokenBucket`, or a `Share` of one."""
+    """A bucket that several users share: a `TokenBucket`, or a `Share` of one."""
 
     @property
     def rate(self) -> float:
         """Tokens that come back in a second."""
 
     def charge(self, amount: float, now: float) -> None:
-        """Use so many tokens, whether they are there or not."""
+        """Use tokens, whether they are there or not."""
 
     def give_back(self, amount: float, now: float) -> None:
-        """So many tokens of those that were charged were not used."""
+        """Refund tokens that were charged but not used."""
 
     def owed_s(self, now: float) -> float:
-        """Seconds until what was charged is paid, 0 where it is."""
+        """Seconds until all that was charged is paid; 0 if it is."""
 
     def left(self, now: float) -> float:
-        """What can be used at once, 0 or more."""
+        """The tokens that can be used now, 0 or more."""
 
 
 class Share:
-    """One user's part of a bucket that several use: who keeps to an equal part never waits for the others.
+    """One user's share of a bucket that several use: a user who keeps to an equal share never waits for the others.
 
-    It begins with a part of what the bucket has left: who comes again and again gets no more by that. What is used
-    while the bucket owes nothing is owed to nobody, so that who had much then is not behind once others come.
+    A share begins with its part of what the bucket has left, so coming back again and again gains nothing. What is used
+    while the bucket owes nothing makes no debt: a user who had much then is not behind once others come.
     """
 
     __slots__ = ("_bucket", "_num_users", "_refilled_at", "_tokens")
 
     def __init__(self, bucket: Bucket, num_users: Callable[[], int], now: float) -> None:
-        """num_users: how many use the bucket now."""
+        """num_users: returns how many use the bucket now."""
         self._bucket = bucket
         self._num_users = num_users
         self._tokens = bucket.left(now) / max(1, num_users())
@@ -117,7 +117,7 @@ class Share:
         return self._bucket.rate / max(1, self._num_users())
 
     def charge(self, amount: float, now: float) -> None:
-        """Use so many tokens of the bucket, whether they are there or not."""
+        """Use tokens of the bucket, whether they are there or not."""
         self._refill(now)
         self._bucket.charge(amount, now)
         self._tokens -= amount
@@ -125,30 +125,30 @@ class Share:
             self._tokens = 0.0
 
     def give_back(self, amount: float, now: float) -> None:
-        """So many tokens of those that were charged were not used."""
+        """Refund tokens that were charged but not used."""
         self._refill(now)
         self._bucket.give_back(amount, now)
         self._tokens = min(self.rate, self._tokens + amount)
 
     def left(self, now: float) -> float:
-        """What can be used at once, 0 or more."""
+        """The tokens that can be used now, 0 or more."""
         self._refill(now)
         return max(0.0, self._tokens)
 
     def is_full(self, now: float) -> bool:
-        """Whether nothing was taken of late."""
+        """Whether all that was taken has come back."""
         self._refill(now)
         return self._tokens >= self.rate
 
     def owed_s(self, now: float) -> float:
-        """Seconds until this user may go on: 0 while the bucket owes nothing, or this one has had only its part."""
+        """Seconds until this user may go on: 0 while the bucket owes nothing, or the user has had only its share."""
         of_all_s = self._bucket.owed_s(now)
         return min(of_all_s, self.ahead_s(now)) if of_all_s else 0.0
 
     def ahead_s(self, now: float) -> float:
-        """Seconds until this user has had no more than its part; 0 while the bucket owes nothing.
+        """Seconds until this user has had no more than its share; 0 while the bucket owes nothing.
 
-        Who waits for that, and not only until the bucket is paid, does not come back at one moment with all others.
+        Users who wait for this, and not only until the bucket is paid, do not all come back at the same moment.
         """
         if not self._bucket.owed_s(now):
             return 0.0

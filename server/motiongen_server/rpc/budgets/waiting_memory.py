@@ -1,4 +1,4 @@
-"""WaitingMemory: one account of all that the process holds until clients read, confirm or pay, and who ends for it."""
+"""WaitingMemory: limits the memory for what clients have not read, confirmed or paid for, of all clients together."""
 
 from __future__ import annotations
 
@@ -10,11 +10,12 @@ from motiongen_server.errors import StreamRefused
 from motiongen_server.rpc.errors.streams import no_memory_left
 
 LEAST_ROOM = 64
-"""Part of the budget that may come before it is looked at again, however little is left: a look visits everybody."""
+"""1/64 of the budget may always come before the next look, however little is left: a look visits all holders."""
 
 
 class Debtor(Protocol):
-    """A stream, a call for clips, or a request that is not ended. num_waiting_bytes: held for its client, about."""
+    """A stream, a clip call, or a request whose client has not closed its side. num_waiting_bytes: roughly what is held
+    for its client."""
 
     refusal: StreamRefused | None
 
@@ -22,14 +23,14 @@ class Debtor(Protocol):
     def num_waiting_bytes(self) -> int: ...
 
     def refuse(self, refusal: StreamRefused) -> None:
-        """End it, and let go of what waits."""
+        """End it, and free what waits."""
 
     def fail(self, error: Exception) -> None:
-        """End it for a fault of the server's own."""
+        """End it because of a fault of the server's own."""
 
 
 class Parked(Protocol):
-    """The sessions that nobody hears of at present."""
+    """Sessions that have no stream at present."""
 
     @property
     def num_parked(self) -> int: ...
@@ -38,49 +39,49 @@ class Parked(Protocol):
     def num_waiting_bytes(self) -> int: ...
 
     def let_go(self, num_bytes: int) -> None:
-        """Free so many bytes, if there are as many."""
+        """Free that many bytes, or all if there are fewer."""
 
 
 class WaitingMemory:
-    """What clients have sent and the engine has said, and waits: of streams, calls and parked sessions.
+    """Accounts for clients' messages and engines' output that wait in memory: of streams, calls and parked sessions.
 
-    Where it is more than may be, sessions that wait for their client give theirs up first, then those who hold most are
-    ended. Lives on the event loop, but for num_bytes. on_begin: called when somebody begins to hold anything.
+    Beyond the budget, parked sessions give up theirs first, then the streams and calls that hold the most are ended.
+    Lives on the event loop, except num_bytes. on_begin: called when a holder that may hold memory begins.
     """
 
     def __init__(self, most: int, streams: Mapping[int, Debtor], parked: Parked | None = None) -> None:
-        """most: bytes of all together."""
+        """most: the budget in bytes, of all together."""
         self.on_begin: Callable[[], object] = lambda: None
         self._most = most
         self._streams = streams
         self._calls: dict[int, Debtor] = {}
         self._requests: list[Debtor] = []
         self._parked = parked
-        self._room = most  # left, as of the last look, less what has come since as far as it is noted
+        self._room = most  # what the last look left, less what has been noted since
 
     @property
     def num_bytes(self) -> int:
-        """Of all, also of those that are being ended. From any thread."""
+        """Of all, including those that are being ended. May be read from any thread."""
         return self._num_parked_bytes + sum(each.num_waiting_bytes for each in self._debtors())
 
     @property
     def is_idle(self) -> bool:
-        """Whether there is nobody who could hold anything."""
+        """Whether there is no holder at all."""
         held = self._streams or self._calls or self._requests
         return not (held or (self._parked is not None and self._parked.num_parked))
 
     def begin(self, number: int, call: Debtor) -> None:
-        """A call counts too from now on. number: no other call's."""
+        """Count a call from now on. number: unique among calls."""
         self._calls[number] = call
         self.on_begin()
 
     def end(self, number: int) -> None:
-        """It is over."""
+        """The call is over."""
         del self._calls[number]
 
     @contextmanager
     def holding(self, request: Debtor) -> Iterator[None]:
-        """A request that has come counts too, for the time of the block: its client has not ended its side yet."""
+        """Count a request for the time of the block: it has come, but its client has not closed its side yet."""
         self._requests.append(request)
         self.on_begin()
         self.note(request.num_waiting_bytes)
@@ -91,13 +92,13 @@ class WaitingMemory:
             self.note(-request.num_waiting_bytes)
 
     def note(self, num_bytes: int) -> None:
-        """So many more bytes wait, or fewer: what comes fast is bounded at once, and not at the next look."""
+        """Note that more bytes wait, or fewer: bounds what comes fast at once, before the next regular look."""
         self._room -= num_bytes
         if self._room < 0:
             self.bound()
 
     def bound(self) -> None:
-        """Look at all, and end those who hold most, as far as it is more than may be."""
+        """Look at all holders, and end those that hold the most until the rest fits into the budget."""
         live = [each for each in self._debtors() if each.refusal is None]
         parked, held = self._num_parked_bytes, sum(each.num_waiting_bytes for each in live)
         if parked + held > self._most and self._parked is not None:
@@ -121,7 +122,7 @@ class WaitingMemory:
 
 @contextmanager
 def alone(debtor: Debtor) -> Iterator[None]:
-    """A fault of the server's own ends the one that it is about, and the others are looked at all the same."""
+    """Let a fault of the server's own end only the debtor it concerns, so that the others are still looked at."""
     try:
         yield
     except Exception as error:

@@ -1,1 +1,1 @@
-"""Calls of gRPC: who may make one, how long its request is waited for, and the small services beside the motion."""
+"""gRPC calls: who may make them, how long their requests may take, and the health and reflection services."""

@@ -1,4 +1,4 @@
-"""CallAdmission: who calls, found out and charged before anything that is sent is looked at."""
+"""CallAdmission: identifies the caller and charges the call before looking at anything that is sent."""
 
 from __future__ import annotations
 
@@ -29,7 +29,7 @@ Context: TypeAlias = "grpc.aio.ServicerContext[Any, Any]"
 
 
 class CallAdmission:
-    """Of the calls of a service. Lives on one event loop."""
+    """Admits the calls of a service. Lives on one event loop."""
 
     def __init__(
         self,
@@ -39,9 +39,9 @@ class CallAdmission:
         role: Role = Role.MOTION,
         memory: WaitingMemory | None = None,
     ) -> None:
-        """peers: whom calls are charged to. most_calls: that have one request. role: that callers must have.
+        """peers: whom calls are charged to. most_calls: open calls that take one request. role: required of callers.
 
-        memory: in which counts what is held of requests, besides among what their peers hold; None: there is none.
+        memory: accounts for held requests of all peers together; None: only each peer's own account counts them.
         """
         self._callers = callers
         self._quotas = NO_QUOTAS
@@ -52,15 +52,15 @@ class CallAdmission:
         self._memory = memory
 
     def renew_quotas(self) -> None:
-        """Have tenants go by what their file says, as of the last look at it. Asked a few times a second."""
+        """Apply the tenants' file as last read to the tenants' quotas. Called a few times a second."""
         if (quotas := self._callers.quotas) is not self._quotas:
             self._quotas = quotas
             self._peers.renew(quotas, time.monotonic())
 
     async def charge(self, context: Context | CallContext) -> tuple[Peer, Caller]:
-        """Find out who calls, and charge the call to its tenant, or its address where it has none or may not call.
+        """Identify the caller, and charge the call to its tenant, or to its address if it has none or may not call.
 
-        Raises StreamRefused for who may not call, and while that owes: there is nothing to be read later.
+        Raises StreamRefused if the caller may not call, or owes for calls: a call cannot be delayed like a stream.
         """
         address = self._peers.find(context.peer(), time.monotonic())
         try:
@@ -77,7 +77,7 @@ class CallAdmission:
         return peer, caller
 
     async def _identify(self, context: Context | CallContext) -> Caller:
-        """Who calls. A token that has to be read and checked is paid for by its connection unless it holds."""
+        """Identify the caller. The connection pays for the check of an unknown token unless the token is valid."""
         metadata, give_back = context.invocation_metadata() or (), None
         if num_characters := self._callers.num_unchecked(metadata):
             give_back = self._checks.charge(context.peer(), num_characters)
@@ -88,9 +88,9 @@ class CallAdmission:
         return caller
 
     async def request(self, call: CallContext, most_bytes: int | None = SMALL_REQUEST_BYTES) -> tuple[Peer, bytes]:
-        """The request of a call, which has a place from before it comes, and who sent it. Raises StreamRefused.
+        """Take a place for a call, await its request, and return the caller's peer and the request.
 
-        most_bytes: that it may have; None: as many as the port lets through.
+        most_bytes: allowed for the request; None: as many as the port lets through. Raises StreamRefused.
         """
         peer, _ = await self.charge(call)
         call.hold(self._places.take(peer.name, call.peer(), peer.limits.calls, peer.kind))
@@ -98,9 +98,9 @@ class CallAdmission:
 
     @contextmanager
     def _arrive(self, peer: Peer, request: AwaitedRequest) -> Iterator[None]:
-        """A request has come, and is held for the time of the block, in which its client may keep its side open.
+        """Charge a request that has come, and count it as held for the block, until its client closes its side.
 
-        Raises StreamRefused where there is more held than may be, and it is one that has to go.
+        Raises StreamRefused if it is ended because too much is held.
         """
         num_bytes, now = request.num_waiting_bytes, time.monotonic()
         peer.calls.charge(num_bytes / BYTES_A_CALL, now)
@@ -110,7 +110,7 @@ class CallAdmission:
             with peer.holding(request, num_bytes), self._counted(request):
                 yield
         except Ended:
-            if request.refusal is None:  # it was ended by none but those that hold it
+            if request.refusal is None:  # cannot be: Ended is raised only once it is set
                 raise
             raise request.refusal from None
 

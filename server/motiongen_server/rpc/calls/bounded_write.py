@@ -1,4 +1,4 @@
-"""Writing a response to a client that may take nothing, in a call that has to end some time."""
+"""Writes a response to a client that may not read, with a time limit."""
 
 from __future__ import annotations
 
@@ -13,10 +13,10 @@ LAST_WRITE_S = 1.0
 
 
 async def write_within(limit_s: float, write: Coroutine[None, None, None]) -> None:
-    """Await the write of a response, in a call whose status may be told next. Raises StreamRefused after limit_s.
+    """Await the write of a response, after which the call may be ended. Raises StreamRefused after limit_s.
 
-    Whatever ends the wait, the write itself goes on for a moment: gRPC takes no status while a call's first response
-    is being written, so where that was cancelled at once the client would hear of none.
+    However the wait ends, the write itself goes on for a moment: gRPC takes no status while a call's first response
+    is being written, so if the write were cancelled at once, the client would get no status.
     """
     writing = asyncio.ensure_future(write)
     writing.add_done_callback(look_at)

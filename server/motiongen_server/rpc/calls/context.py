@@ -1,4 +1,4 @@
-"""CallContext: a call of gRPC whose request is awaited for a while, and that is counted until it is really over."""
+"""CallContext: a gRPC call whose request must come within a time limit, and that counts until it is really over."""
 
 from __future__ import annotations
 
@@ -16,16 +16,16 @@ from motiongen_server.rpc.calls.requests import SMALL_REQUEST_BYTES, Arrive, Con
 from motiongen_server.rpc.errors.streams import CLIENT_GONE
 
 SEEN_GONE_S = 0.005
-"""It takes gRPC to tell that a client has gone before its call was looked at, by cancelling what serves it. Of a status
-that nobody takes gRPC never gives back the memory (grpc/grpc#43360, ADR 87)."""
+"""How long gRPC takes to report, by cancellation, that a client was gone before its call was served. gRPC never frees
+the memory of a status that it cannot deliver (grpc/grpc#43360, ADR 87)."""
 
 
 class CallContext:
-    """What gRPC gives a method, but for what is waited for.
+    """Wraps the context that gRPC gives a method: reads and writes go on if their waits are cancelled.
 
-    A client can keep what is written to it from ever being written, by HTTP/2's flow control. gRPC then takes no status
-    either, and the call holds a place of the server's until its connection ends. So what is written is never given up
-    here, and `end` is not reached before: who holds places counts them.
+    By HTTP/2's flow control, a client can keep a write from ever completing. gRPC then takes no status either, and the
+    call occupies the server until its connection ends. So a write is never abandoned here, and `end`, which gives the
+    call's places back, is not reached before the write is done.
     """
 
     def __init__(self, context: Context, requests: Requests) -> None:
@@ -39,7 +39,7 @@ class CallContext:
         return getattr(self._context, name)
 
     def hold(self, give_back: Callable[[], None]) -> None:
-        """Give that back once the call is over."""
+        """Call give_back once the call is over."""
         self._held.callback(give_back)
 
     def end(self) -> None:
@@ -47,34 +47,34 @@ class CallContext:
         self._held.close()
 
     async def request(self, most_bytes: int | None = SMALL_REQUEST_BYTES, arrive: Arrive | None = None) -> bytes:
-        """The one request, as `Requests.only`. Raises StreamRefused where it does not come, or is too long."""
+        """The call's only request, see `Requests.only`. Raises StreamRefused if it does not come or is too long."""
         return await self._requests.only(self._context, most_bytes, arrive)
 
     async def read(self) -> Any:
-        """The next of several. It is read on where this is cancelled."""
+        """Read the next request of several. The read goes on if this is cancelled."""
         self._reading = asyncio.ensure_future(self._context.read())
         self._reading.add_done_callback(look_at)
         return await asyncio.shield(self._reading)
 
     async def write(self, message: Message) -> None:
-        """It is written on where this is cancelled."""
+        """Write a response. The write goes on if this is cancelled."""
         self._writing = asyncio.ensure_future(self._context.write(message))
         self._writing.add_done_callback(look_at)
         await asyncio.shield(self._writing)
 
     async def abort_with_status(self, status: grpc.Status) -> NoReturn:
-        """End the call, after what is being written."""
+        """End the call once the current write is done."""
         await self.abort(status.code, status.details or "", status.trailing_metadata or ())
 
     async def abort(self, code: grpc.StatusCode, details: str = "", trailing_metadata: Any = ()) -> NoReturn:
-        """End the call, after what is being written."""
+        """End the call once the current write is done."""
         if self._writing is not None:
             await asyncio.wait({self._writing})
         await end_with(self._context, code, details, trailing_metadata)
 
 
 async def end_with(context: Context, code: grpc.StatusCode, details: str, trailing_metadata: Any = ()) -> NoReturn:
-    """End a call with a status. Where its client has gone there is nobody to be told, and nothing to be logged."""
+    """End a call with a status. If its client has gone, this counts as a cancellation, and nothing is logged."""
     await asyncio.sleep(SEEN_GONE_S)
     try:
         await context.abort(code, details, trailing_metadata)
@@ -83,7 +83,7 @@ async def end_with(context: Context, code: grpc.StatusCode, details: str, traili
 
 
 async def refuse(context: Context, refusal: StreamRefused) -> NoReturn:
-    """End a call with a refusal, as `end_with`."""
+    """End a call with a refusal; see `end_with`."""
     status = refusal.status()
     await end_with(context, status.code, status.details or "", status.trailing_metadata or ())
 
@@ -91,7 +91,7 @@ async def refuse(context: Context, refusal: StreamRefused) -> NoReturn:
 def unary_method(
     answer: Callable[[CallContext], Awaitable[Message]], requests: Requests
 ) -> grpc.RpcMethodHandler[Any, Any]:
-    """A method of one request and one response. It may raise StreamRefused."""
+    """A method with one request and one response. answer may raise StreamRefused."""
 
     async def respond(call: CallContext) -> None:
         response = await answer(call)
@@ -106,7 +106,7 @@ def unary_method(
 def streaming_method(
     respond: Callable[[CallContext], Awaitable[None]], requests: Requests
 ) -> grpc.RpcMethodHandler[Any, Any]:
-    """A method that writes its responses. It may raise StreamRefused."""
+    """A method that writes its own responses. respond may raise StreamRefused."""
 
     async def serve(_messages: object, context: Context) -> None:
         call = CallContext(context, requests)
@@ -115,9 +115,9 @@ def streaming_method(
             try:
                 await respond(call)
             except StreamRefused as refusal:
-                # Without what it was raised through, which would keep the request until the status is taken.
+                # Without its traceback, which would keep the request in memory until the status is taken.
                 status = refusal.with_traceback(None).status()
-            except grpc.aio.InternalError as error:  # of a write whose client has gone meanwhile: no fault of ours
+            except grpc.aio.InternalError as error:  # a write whose client went away meanwhile: not our fault
                 raise asyncio.CancelledError from error
             if status is not None:
                 await call.abort_with_status(status)

@@ -1,9 +1,9 @@
-"""Headers: how many a call may have, looked at before anything else of it.
+"""Headers: limits a call's headers, which are checked before anything else of the call.
 
-What gRPC's servers let through of a call's headers is what they told the client, once that has said that it knows: a
-client that never says so may send 16 MiB, of a hundred thousand headers, which take the event loop half a second to
-read and hundreds of megabytes as long as the call lives. So a call with more than any client that has said so can send
-is ended, and what it took to read them is paid by its address before headers of that are read again.
+gRPC enforces the limit in the server's HTTP/2 settings only once the client has acknowledged them. A client that never
+does may send 16 MiB, or a hundred thousand headers, which take the event loop half a second to read, and hundreds of
+megabytes while the call lives. So a call with more headers than an acknowledging client could send is ended, and its
+address must pay for the time that reading them took before the server reads headers of that address again.
 """
 
 from __future__ import annotations
@@ -22,15 +22,15 @@ from motiongen_server.rpc.errors.calls import headers_too_long
 from motiongen_server.rpc.errors.too_many_calls import too_many_long_headers
 
 MOST_BYTES = 16 << 10
-"""Counted as HTTP/2 does, and as gRPC lets through of a client that knows."""
+"""Counted as in HTTP/2: what gRPC lets through from a client that has acknowledged the settings."""
 BYTES_A_HEADER = 32
-"""That one counts for besides its name and value (RFC 9113, 6.5.2)."""
+"""Overhead of each header, in addition to its name and value (RFC 9113, 6.5.2)."""
 LOOP_SHARE = 0.02
-"""Of the event loop's time, seconds a second, to read headers of which there are too many."""
+"""Event loop time for reading headers of calls that have too many, seconds per second."""
 
 
 class HeaderTime:
-    """Of the calls of a service: what reading too many headers has taken. Addresses have equal parts.
+    """Charges addresses for the time that reading too many headers takes. They have equal shares of LOOP_SHARE.
 
     Lives on one event loop.
     """
@@ -42,11 +42,11 @@ class HeaderTime:
 
     @property
     def num_addresses(self) -> int:
-        """That owe, or have lately."""
+        """Addresses that owe, or did lately."""
         return len(self._addresses)
 
     def check(self, context: Any) -> None:
-        """Raise StreamRefused where a call has too many headers, or comes from an address that owes for such."""
+        """Raise StreamRefused if a call has too many headers, or its address owes for earlier ones."""
         began_s = self._clocks.elapsed_s()
         address = address_of(context.peer())
         share = self._addresses.get(address)
@@ -56,7 +56,7 @@ class HeaderTime:
         num_bytes = sum(BYTES_A_HEADER + len(name) + len(value) for name, value in headers)
         if num_bytes <= MOST_BYTES:
             return
-        del headers  # which takes as long again
+        del headers  # freeing them takes as long as reading, and must be charged too
         self._charge(address, began_s)
         raise headers_too_long(num_bytes, MOST_BYTES)
 
@@ -70,11 +70,11 @@ class HeaderTime:
 def bounded(
     handler: grpc.RpcMethodHandler[Any, Any], header_time: HeaderTime | None = None
 ) -> grpc.RpcMethodHandler[Any, Any]:
-    """A method whose calls have so many headers at most. handler: of streams both ways, as all of ours are."""
+    """Wrap a method so that calls with too many headers are refused. handler: bidirectional, as all of ours are."""
     header_time = header_time or HeaderTime()
-    serve: Any = handler.stream_stream  # of which the stubs say that it gives an iterator
+    serve: Any = handler.stream_stream  # typed wrongly in the stubs, as returning an iterator
     if serve is None:
-        raise TypeError("a method of streams both ways is needed; serve requests as streams (calls.context)")
+        raise TypeError("a bidirectional method is needed; serve requests as streams (calls.context)")
 
     async def serve_bounded(messages: Any, context: Any) -> None:
         try:

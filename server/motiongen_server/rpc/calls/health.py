@@ -1,6 +1,6 @@
-"""Health: gRPC's health checks. No watcher can keep others from a place, or a change from being told to them.
+"""Health: gRPC's health checks. No watcher can take up all places, or delay a change of status for others.
 
-Who checks without end is answered at a pace (`health_pace`).
+Callers that check incessantly are answered at a limited pace (`health_pace`).
 """
 
 from __future__ import annotations
@@ -24,7 +24,7 @@ MOST_WATCHES = 512
 MOST_OF_AN_ADDRESS = 128
 """Watches."""
 CALLS_OF_AN_ADDRESS = 384
-"""Watches, checks that wait for their turn, and such that wait for what they ask; a check that is answered is over."""
+"""Watches, and checks that wait for their turn or for their request; a check that has been answered is over."""
 STUCK_S = 5.0
 SERVICE = health_pb2.DESCRIPTOR.services_by_name["Health"]
 SERVICE_NAME = SERVICE.full_name
@@ -41,7 +41,7 @@ class Health:
         self._pace = HealthPace()
 
     def set(self, service: str, status: int) -> None:
-        """Tell a status to all who ask or watch. Waits for none of them."""
+        """Set a status for all who check or watch. Does not wait for any of them."""
         if self._statuses.get(service) == status:
             return
         self._statuses[service] = status
@@ -49,7 +49,7 @@ class Health:
         changed.set()
 
     async def Check(self, call: CallContext) -> health_pb2.HealthCheckResponse:
-        """The status now, told at a pace to who asks for it often. Raises StreamRefused."""
+        """The status now. A caller that asks often has to wait. Raises StreamRefused."""
         request = await self._request(call)
         status = self._statuses.get(request.service)
         if status is None:
@@ -57,13 +57,13 @@ class Health:
         return health_pb2.HealthCheckResponse(status=status)
 
     async def Watch(self, call: CallContext) -> None:
-        """The status now, and each that it changes to. Raises StreamRefused."""
+        """The status now, and again whenever it changes. Raises StreamRefused."""
         request = await self._request(call)
         call.hold(self._watches.take(address_of(call.peer()), call.peer(), MOST_OF_AN_ADDRESS))
         await self._watch(request.service, call)
 
     async def _request(self, call: CallContext) -> health_pb2.HealthCheckRequest:
-        """What is asked, once it is the caller's turn. Raises StreamRefused."""
+        """The request, once it is the caller's turn. Raises StreamRefused."""
         call.hold(self._places.take(address_of(call.peer()), call.peer(), CALLS_OF_AN_ADDRESS))
         await self._pace.wait(call.peer())
         return parsed_as(health_pb2.HealthCheckRequest, await call.request())
@@ -80,7 +80,7 @@ class Health:
 
 
 def add_health(health: Health, server: grpc.aio.Server, requests: Requests | None = None) -> None:
-    """Serve it. requests: of all calls of that server."""
+    """Serve health. requests: shared by all calls of that server."""
     requests = requests or Requests()
     handlers = {"Check": unary_method(health.Check, requests), "Watch": streaming_method(health.Watch, requests)}
     serve_methods(server, SERVICE_NAME, handlers)

@@ -1,7 +1,7 @@
-"""HealthPace: how often one caller is told the health. Who asks more often waits, so that no flood is answered at once.
+"""HealthPace: limits how often health checks are answered. Callers that ask more often have to wait.
 
-Nobody's checks can be used up by others: behind a proxy, clients and the proxy's own checks have one address, so who
-keeps to its part of that address's checks never waits for them. A part is a connection's.
+No caller can use up the checks of another: behind a proxy, clients and the proxy's own checks share an address, so each
+connection has an equal share of its address's checks, and never waits as long as it keeps to that.
 """
 
 from __future__ import annotations
@@ -17,17 +17,17 @@ from motiongen_server.rpc.budgets.token_bucket import Share, TokenBucket
 from motiongen_server.rpc.errors.too_many_calls import too_many_health_checks
 
 CHECKS_PER_SECOND = 100.0
-"""Of an address; a proxy that checks a server asks once in some seconds."""
+"""Per address; a proxy that checks a server asks once every few seconds."""
 MOST_WAIT_S = 1.0
 MOST_WAITING = 512
 MOST_WAITING_OF_AN_ADDRESS = 128
 MOST_WAITING_OF_A_CONNECTION = 64
 FORGET_AFTER_S = 2.0
-"""A connection that asks nothing for so long has no part any more, and its debt is over."""
+"""A connection that asks nothing for this long loses its share, and its debt is forgotten."""
 
 
 class _Address:
-    """The checks of one address, and by how many connections they are asked for."""
+    """The checks of one address, and how many connections share them."""
 
     def __init__(self, now: float) -> None:
         self.bucket = TokenBucket(CHECKS_PER_SECOND, now)
@@ -36,7 +36,7 @@ class _Address:
 
 
 class _Connection:
-    """Its part of its address's checks, and how many of them wait."""
+    """A connection's share of its address's checks, and how many of its checks wait."""
 
     def __init__(self, address: _Address, now: float) -> None:
         address.num_connections += 1
@@ -58,10 +58,10 @@ class HealthPace:
         self._swept_at = now()
 
     async def wait(self, peer: str) -> None:
-        """Until a check of this caller may be answered. peer: as gRPC names it.
+        """Wait until a check of this caller may be answered. peer: as gRPC names it.
 
-        Raises StreamRefused, which costs its caller nothing, where too many wait already. A connection of which none
-        waits has one check a second answered at once then.
+        Raises StreamRefused, at no cost to the caller, if too many checks wait already. Even then, one check a second
+        is answered at once for a connection that has none waiting.
         """
         now = self._now()
         connection = self._connection(peer, now)

@@ -1,4 +1,4 @@
-"""Waiting, on the event loop, for the keys that a caller's token is checked with."""
+"""Waits, on the event loop, for the keys with which a caller's token is checked."""
 
 from __future__ import annotations
 
@@ -9,9 +9,9 @@ from motiongen_server.identity.key_fetch import WITHIN_S
 
 
 async def keys_for(callers: Callers, metadata: Metadata) -> None:
-    """Let keys arrive that are being fetched, where the token needs them. Without them it is decided by what is known.
+    """Wait for keys that the token needs, if they are being fetched. If none come, the known keys decide.
 
-    Others that wait for the same are not disturbed where this call is cancelled.
+    If this call is cancelled, others that wait for the same keys are not affected.
     """
     wanted = callers.wanted(metadata)
     if wanted is not None:

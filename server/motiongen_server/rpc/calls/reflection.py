@@ -1,7 +1,7 @@
-"""Server reflection, in both versions that tools ask for, and with methods that can be found by their names.
+"""Server reflection in both versions that tools use, with look-up of methods by name.
 
-The reflection library serves v1alpha alone, whose messages are those of v1, byte for byte, in another package. And the
-runtime's descriptor pool finds no method by its name, which is what `grpcurl describe` and `ghz` ask for.
+The reflection library serves v1alpha only; the messages of v1 are the same, byte for byte, in another package. And the
+runtime's descriptor pool cannot find a method by its name, which is what `grpcurl describe` and `ghz` ask for.
 """
 
 from __future__ import annotations
@@ -42,8 +42,8 @@ PACE_S = 0.005
 MOST_QUESTION_BYTES = 1024
 """Questions are names; an answer repeats its question."""
 LIMITS = PeerLimits(calls_per_second=100.0, bytes_per_second=4_000_000.0)
-"""Of an address: calls and questions, and bytes of these and of their answers. Tools ask for some ten, of 12 KB. It is
-an account of its own: who asks for reflection uses up nothing that others of his address have for streams and clips.
+"""Per address: calls and questions, and bytes of questions and answers. A tool asks some ten questions, whose answers
+have 12 KB in all. The limits are separate, so reflection uses up nothing that an address may spend on anything else.
 """
 _sleep = asyncio.sleep
 
@@ -56,10 +56,10 @@ def add_reflection(
 ) -> None:
     """Serve reflection of these services, and of itself.
 
-    services: full names. requests: of all calls of that server. limits: of an address.
+    services: full names. requests: shared by all calls of that server. limits: of an address.
     """
     names = (*services, V1ALPHA, V1)
-    # The library asks no more of a pool than these methods; the runtime's own class cannot be derived from.
+    # The library calls only these methods of a pool; the runtime's own class cannot be subclassed.
     servicer = reflection.aio.ReflectionServicer(names, pool=cast(DescriptorPool, _Descriptors()))
     requests, places, peers = requests or Requests(), CallPlaces(MOST_CALLS), Peers(limits)
 
@@ -75,7 +75,7 @@ def add_reflection(
                     await call.write(response)
                     await _sleep(max(PACE_S, _owed_s(peer, time.monotonic())))
         except TimeoutError:
-            message = f"a call for reflection lasts {CALL_S:g} s at most; begin another"
+            message = f"a call for reflection may last {CALL_S:g} s; start another"
             await call.abort(grpc.StatusCode.DEADLINE_EXCEEDED, message)
 
     handler = streaming_method(answer, requests)
@@ -84,7 +84,7 @@ def add_reflection(
 
 
 def _charged(peers: Peers, call: CallContext) -> Peer:
-    """Whose call it is, which is charged. Raises StreamRefused while something is owed for."""
+    """Charge a call to its peer, which is returned. Raises StreamRefused while the peer owes anything."""
     now = time.monotonic()
     peer = peers.find(call.peer(), now)
     if (owed_s := _owed_s(peer, now)) > 0:
@@ -94,12 +94,12 @@ def _charged(peers: Peers, call: CallContext) -> Peer:
 
 
 def _owed_s(peer: Peer, now: float) -> float:
-    """Seconds until what was asked and answered is paid."""
+    """Seconds until the peer's questions and answers are paid."""
     return max(peer.calls.owed_s(now), peer.bytes.owed_s(now))
 
 
 async def _questions(call: CallContext, peer: Peer) -> AsyncIterator[Message]:
-    """Each charged before it is looked at. Raises StreamRefused for what is none, and for one that is too long."""
+    """The questions, each charged before it is looked at. Raises StreamRefused if one is malformed or too long."""
     while isinstance(data := await call.read(), bytes):  # else grpc.aio.EOF
         now = time.monotonic()
         peer.calls.charge(CALL_COST, now)
@@ -110,7 +110,7 @@ async def _questions(call: CallContext, peer: Peer) -> AsyncIterator[Message]:
 
 
 class _Descriptors:
-    """What the program knows, and reflection v1, by the look-ups of a DescriptorPool. All raise KeyError."""
+    """The program's descriptors and those of reflection v1, with a DescriptorPool's look-ups. All raise KeyError."""
 
     def __init__(self) -> None:
         v1 = DescriptorPool()
@@ -147,7 +147,7 @@ class _Descriptors:
 
 
 def _reflection_v1() -> descriptor_pb2.FileDescriptorProto:
-    """The file of v1, which differs from that of v1alpha in its package alone."""
+    """The file of v1, which differs from that of v1alpha only in its package."""
     v1 = descriptor_pb2.FileDescriptorProto()
     reflection_pb2.DESCRIPTOR.CopyToProto(v1)
     v1.name, v1.package = "grpc/reflection/v1/reflection.proto", "grpc.reflection.v1"

@@ -1,7 +1,7 @@
-"""Requests: the one request of each call that takes one, awaited for a while, and for so many calls at once.
+"""Requests: awaits the request of calls that take one, with limits on the time and on how many calls may wait.
 
-gRPC would wait for ever: it begins a call when its headers have come, and a client may send nothing else. So methods of
-one request are served as streams of requests, of which there has to be one; on the wire that is the same.
+gRPC itself would wait for ever: it begins a call when its headers have come, and a client may send nothing else. So
+methods with one request are served as streams of exactly one request, which is the same on the wire.
 """
 
 from __future__ import annotations
@@ -27,19 +27,19 @@ M = TypeVar("M", bound=Message)
 T = TypeVar("T")
 Context: TypeAlias = "grpc.aio.ServicerContext[Any, Any]"
 WITHIN_S = 5.0
-"""A client of gRPC sends the request with the headers: it is there at once, or its client is none."""
+"""A genuine gRPC client sends the request together with the headers, so it is there at once."""
 MOST_WAITING = 512
 MOST_WAITING_OF_AN_ADDRESS = 128
 SMALL_REQUEST_BYTES = 4096
-"""That a request may have where its method says nothing else: a name, a path, and what later versions may add."""
+"""The default limit of a request: enough for a name, a path, and what later versions may add."""
 
 
 @dataclass(eq=False, slots=True)
 class AwaitedRequest:
-    """What has come of a request, and is held in memory until its client has ended its side.
+    """A request that is awaited, or has come and is held in memory until its client closes its side.
 
-    over: set once it is not waited for any longer. refusal: why, where it is not for its time. owed_s: seconds until
-    its caller has paid.
+    over: done once the wait has been ended. refusal: why, if not for lack of time. owed_s: seconds until its caller has
+    paid.
     """
 
     over: asyncio.Future[None]
@@ -49,22 +49,22 @@ class AwaitedRequest:
     owed_s: Callable[[float], float] = lambda _now: 0.0
 
     def end(self) -> None:
-        """Wait no longer."""
+        """End the wait."""
         if not self.over.done():
             self.over.set_result(None)
 
     def refuse(self, refusal: StreamRefused) -> None:
-        """End it, and count nothing more of it."""
+        """End the wait with a refusal; the request's bytes no longer count."""
         self.refusal, self.num_waiting_bytes = refusal, 0
         self.end()
 
     def fail(self, error: Exception) -> None:
-        """End it for a fault of the server's own, which is logged."""
+        """End the wait because of a fault of the server's own, which is logged."""
         self.refuse(failed_inside("a call failed", "the call failed inside the server", error))
 
     async def until(self, read: Coroutine[Any, Any, T]) -> T:
-        """What is read. Raises StreamRefused where it does not come in time, or this is ended before."""
-        # What is read is never cancelled, since gRPC would lose it: a call that is ended ends its reading.
+        """Await a read. Raises StreamRefused if nothing comes in time, or the wait is ended before."""
+        # The read is never cancelled, since gRPC would lose its message; it ends when the call ends.
         reading = asyncio.ensure_future(read)
         reading.add_done_callback(look_at)
         either: set[asyncio.Future[Any]] = {reading, self.over}
@@ -77,13 +77,14 @@ class AwaitedRequest:
 
 
 Arrive: TypeAlias = Callable[[AwaitedRequest], AbstractContextManager[None]]
-"""What a request that has come is charged to, and counted in until it is complete."""
+"""Charges a request that has come, and counts it as held until it is complete."""
 
 
 class Requests:
-    """Of the calls of a port. Where too many wait, the one that has waited longest goes: of the same address first.
+    """The awaited requests of a port. If too many wait, the oldest is refused: of the new one's address if that has too
+    many itself.
 
-    So nobody keeps others from being heard, not even those of his own address. Lives on one event loop.
+    So no client can block others, not even those of its own address. Lives on one event loop.
     """
 
     def __init__(self, within_s: float = WITHIN_S) -> None:
@@ -94,9 +95,9 @@ class Requests:
     async def only(
         self, context: Context, most_bytes: int | None = SMALL_REQUEST_BYTES, arrive: Arrive | None = None
     ) -> bytes:
-        """The request of a call. Raises StreamRefused where it does not come in time, is too long, or not the only one.
+        """The request of a call. Raises StreamRefused if it does not come in time, is too long, or not the only one.
 
-        most_bytes: that it may have; None: as many as the port lets through. arrive: where it counts; None: nowhere.
+        most_bytes: allowed for it; None: as many as the port lets through. arrive: counts it; None: it is not counted.
         """
         with self._waiting(address_of(context.peer())) as waiting:
             request = await waiting.until(_first(context))
@@ -143,13 +144,13 @@ async def _end(context: Context) -> None:
 
 
 def look_at(done: asyncio.Future[Any]) -> None:
-    """Of a task that goes on when nobody waits for it any more: else asyncio logs how it failed."""
+    """Callback for a task that may outlive its waiter: retrieves its exception, which asyncio would otherwise log."""
     if not done.cancelled():
         done.exception()
 
 
 def parsed_as(kind: type[M], request: bytes) -> M:
-    """Raises StreamRefused for what is no message of that kind."""
+    """Parse a message of that kind. Raises StreamRefused if it is malformed."""
     try:
         return kind.FromString(request)
     except DecodeError as error:

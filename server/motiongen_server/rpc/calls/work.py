@@ -1,4 +1,4 @@
-"""What the gateway's event loop does for a call of one request: measured and charged as what it does for streams is."""
+"""Measures and charges the event loop time of calls that take one request, as is done for streams."""
 
 from __future__ import annotations
 
@@ -14,8 +14,9 @@ from motiongen_server.rpc.errors.too_many_calls import too_much_loop_time
 
 
 def begin_work(peer: Peer) -> Callable[[], None]:
-    """Before anything of a request is looked at: its peer counts among those that use the loop until what is returned
-    is called. Raises StreamRefused while the peer owes for what its streams and calls took.
+    """Count a peer among those that use the loop, before looking at its request; returns the function that ends this.
+
+    Raises StreamRefused while the peer owes for the loop time that its streams and calls took.
     """
     peer.loop.enter(peer)
     if (owed_s := peer.loop_part.ahead_s(time.monotonic())) > 0:
@@ -26,7 +27,7 @@ def begin_work(peer: Peer) -> Callable[[], None]:
 
 @contextmanager
 def work_for(peer: Peer) -> Iterator[None]:
-    """Around what is done for a call without waiting. It counts `REFUSED_TIMES` where it ends with a refusal."""
+    """Encloses work for a call that does not wait. It counts `REFUSED_TIMES` if it ends with a refusal."""
     work = Work(peer.loop, lambda seconds: peer.loop_part.charge(seconds, time.monotonic()))
     with work:
         work.num_events += 1

@@ -1,4 +1,4 @@
-"""One call for clips: its samples, and what its client is told of what the engine makes of them."""
+"""One clip call: its samples, and the responses to its client for the engine's output."""
 
 from __future__ import annotations
 
@@ -33,7 +33,7 @@ OPEN_SEQ = 1
 class Call:
     """under_way: the samples that are not complete.
 
-    The engine knows the constraints by their places in the request, from 1 on: a client may give several one id.
+    The engine knows constraints by their positions in the request, counted from 1: in a clip, several may have one id.
     """
 
     def __init__(
@@ -50,7 +50,7 @@ class Call:
         self._reached: list[list[ConstraintReached]] = [[] for _ in specs]
 
     def responses(self, output: Output) -> list[service_pb2.GenerateClipResponse]:
-        """What the client is told of an output. Raises EventRefused where it ends the call."""
+        """The responses for an output. Raises EventRefused if it ends the call."""
         sample = output.session.handle
         if isinstance(output, Chunk):
             return [service_pb2.GenerateClipResponse(sample=sample, chunk=_frames(output, self._coding))]
@@ -75,7 +75,7 @@ class Call:
             self._reached[sample].append(output)
             return []
         if isinstance(output, Outcome):
-            if output.event_seq != OPEN_SEQ:  # of a Close that came after the sample's own end
+            if output.event_seq != OPEN_SEQ:  # the answer to a Close that came after the sample's own end
                 return []
             self.under_way.discard(output.session)
             raise refused(output)
@@ -88,7 +88,7 @@ class Call:
         return []
 
     def _measured(self, sample: int) -> list[service_pb2.ConstraintResidual]:
-        """The residuals of a sample that is complete, in the order of its constraints."""
+        """The residuals of a complete sample, in the order of its constraints."""
         told = {reached.constraint_id: reached for reached in self._reached[sample]}
         return [
             residual_of(replace(told[number], constraint_id=asked_id)) for number, asked_id in enumerate(self._ids, 1)
@@ -122,7 +122,7 @@ def refused(outcome: Outcome) -> EventRefused:
 
 
 def _lost(closed: Closed) -> EventRefused:
-    """The engine gave a sample up."""
+    """The error for a sample that the engine gave up."""
     code = closed.code if closed.code is not Code.OK else Code.UNAVAILABLE
     message = closed.message or f"the server ended the clip ({closed.reason.name.lower()}); ask for it again"
     return EventRefused(code, "CLIP_LOST", message)

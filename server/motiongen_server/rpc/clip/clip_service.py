@@ -1,4 +1,4 @@
-"""ClipService: takes calls for clips, has the engine make their samples, and hands the frames over as they come."""
+"""ClipService: takes clip calls, has an engine generate their samples, and sends the frames as they come."""
 
 from __future__ import annotations
 
@@ -46,9 +46,9 @@ class ClipService:
         limits: ServiceLimits | None = None,
         memory: WaitingMemory | None = None,
     ) -> None:
-        """numbers: of streams, which clips share: the engine knows a call by one.
+        """numbers: stream numbers, one of which identifies each call to the engine.
 
-        memory: in which counts what calls hold; an account of its own where it is left out.
+        memory: accounts for what calls hold; by default an account of its own.
         """
         self._models = models
         self._limits = limits or ServiceLimits()
@@ -56,25 +56,25 @@ class ClipService:
         self._stream_metrics = stream_metrics or NoStreamMetrics()
         self._memory = memory or WaitingMemory(self._limits.max_waiting_bytes, {})
         self._calls: dict[int, Call] = {}
-        self._holdings: dict[int, Holding] = {}  # of those, and of calls that are not begun yet
+        self._holdings: dict[int, Holding] = {}  # of those, and of calls that have not begun yet
         self._closing = False
         self._idle = asyncio.Event()
         self._idle.set()
 
     def take(self, number: int, outputs: Sequence[Output]) -> None:
-        """Take outputs of the engine for a call; those of one that has ended are dropped."""
+        """Take outputs of the engine for a call; those for a call that has ended are dropped."""
         holding = self._holdings.get(number)
         if holding is not None:
             holding.put(outputs)
 
     def close_all(self) -> None:
-        """End every call, and make no more."""
+        """End every call, and begin no more."""
         self._closing = True
         for call in self._calls.values():
             self._stop(call, CloseReason.DRAINED)
 
     def close_model(self, model: LoadedModel) -> None:
-        """End every call that has its samples from a model that is unloaded."""
+        """End every call whose model is being unloaded."""
         for call in self._calls.values():
             if call.model is model:
                 self._stop(call, CloseReason.MODEL_UNLOADED)
@@ -84,16 +84,16 @@ class ClipService:
         await self._idle.wait()
 
     async def generate(self, request: service_pb2.GenerateClipRequest, context: CallContext, peer: Peer) -> None:
-        """Answer one call. What it has under way stops within a step when its client or its time is gone."""
+        """Answer one call. Its samples stop within a step when its client has gone or its time is up."""
         begun_at, code, number = time.monotonic(), "CANCELLED", next(self._numbers)
         holding = self._holdings[number] = Holding(TAKEN_APART * request.ByteSize(), self._memory.note)
         self._memory.begin(number, holding)
-        remaining_s = context.time_remaining()  # a cancelled or expired call is ended by gRPC, which cancels this task
+        remaining_s = context.time_remaining()  # if the call is cancelled or expires, gRPC cancels this task
         most_s = self._models.limits.max_clip_s
         try:
             async with asyncio.timeout(most_s if remaining_s is None else min(most_s, remaining_s)) as within:
                 holding.cut = partial(_cut, within)
-                self._memory.note(holding.num_waiting_bytes)  # which may end it
+                self._memory.note(holding.num_waiting_bytes)  # may end the call
                 await self._make(request, number, context, peer)
             code = "OK"
         except TimeoutError:
@@ -109,7 +109,7 @@ class ClipService:
             code = refusal.code.name
             await context.abort_with_status(refusal.status())
         except CLIENT_GONE:
-            pass  # there is nobody to be told anything
+            pass  # there is no client to tell
         except Exception as error:
             code = "INTERNAL"
             failure = failed_inside("a clip failed", "the clip failed inside the server", error)
@@ -117,7 +117,7 @@ class ClipService:
         finally:
             del self._holdings[number]
             self._memory.end(number)
-            # Of one that is refused for its number, no more than may be: else one call outweighs all there ever were.
+            # Limited: a call that was refused for its sample count must not outweigh all others in the metrics.
             num_samples = min(request.sample_count or 1, self._models.limits.max_clip_samples)
             self._stream_metrics.end_clip(code, time.monotonic() - begun_at, num_samples)
 
@@ -133,7 +133,7 @@ class ClipService:
             peer.end_clip(request.sample_count or 1)
 
     def _admitted(self, request: service_pb2.GenerateClipRequest, peer: Peer) -> LoadedModel:
-        """The model that makes the samples, which are charged and count among those of the peer from now on.
+        """The model that generates the samples. From now on they count among the peer's, and are charged.
 
         Raises EventRefused.
         """
@@ -151,7 +151,7 @@ class ClipService:
     async def _prepared(
         self, request: service_pb2.GenerateClipRequest, number: int, model: LoadedModel, peer: Peer
     ) -> Call:
-        """The call, with all that can be wrong with it found before its prompts are encoded. Raises EventRefused."""
+        """The call. Everything that is wrong with it is found before its prompts are encoded. Raises EventRefused."""
         received_at, catalog = time.monotonic(), model.catalog
         with work_for(peer):
             event = opening_event(request)
@@ -192,12 +192,12 @@ class ClipService:
                 self._idle.set()
 
     async def _write(self, response: service_pb2.GenerateClipResponse, context: CallContext) -> None:
-        """Raises StreamRefused where the client takes nothing for too long: its samples keep others waiting."""
+        """Raises StreamRefused if the client reads nothing for too long: its samples keep others waiting."""
         await write_within(self._limits.stuck_timeout_s, context.write(response))
 
     @staticmethod
     def _grant(call: Call, chunk: Chunk) -> None:
-        """Frames were taken: as many more may be made. Those who do not read are made no more than waits for them."""
+        """The client took frames, so as many more may be made: a client that does not read gets no more made for it."""
         frame = chunk.first_frame + len(chunk.rows)
         call.model.engine.submit(Playhead(chunk.session, 0, time.monotonic(), frame, frame, 0, None))
 
@@ -211,13 +211,13 @@ class ClipService:
             call.under_way.add(spec.session)
 
     def _stop(self, call: Call, reason: CloseReason) -> None:
-        """Have the engine forget the samples that are not complete."""
+        """Have the engine drop the samples that are not complete."""
         for key in call.under_way:
             call.model.engine.submit(Close(key, 2, time.monotonic(), reason))
 
 
 def _cut(within: asyncio.Timeout) -> None:
-    """End what is awaited within that, unless its time is over already."""
+    """Let a timeout expire now, unless it has already."""
     if not within.expired():
         within.reschedule(asyncio.get_running_loop().time())
 

@@ -1,4 +1,4 @@
-"""What a client asks for in GenerateClip -> what the engine is to make, checked."""
+"""Checks a GenerateClip request, and turns it into specs for the engine."""
 
 from __future__ import annotations
 
@@ -28,26 +28,26 @@ from motiongen_server.rpc.wire_fields import CLIP, Malformed, num_fields
 
 MAX_SEED = 1 << 64
 LOOKAHEAD_WINDOWS = 4
-"""So much of a sample is made beyond what its client has taken."""
+"""How many windows of a sample are made beyond what its client has taken."""
 
 
 def check_extent(request: service_pb2.GenerateClipRequest, catalog: Catalog) -> None:
-    """Raise EventRefused for a clip that is too long, or has too many samples, or what only sessions have."""
+    """Raise EventRefused if a clip is too long, has too many samples, or sets what only sessions have."""
     limits = catalog.limits
     check_range(request.frame_count, 1, limits.max_clip_frames, "CLIP_LENGTH_OUT_OF_RANGE", "frame_count")
     check_range(request.sample_count, 0, limits.max_clip_samples, "TOO_MANY_SAMPLES", "sample_count")
     for name in ("priority", "lookahead_frames"):
         value = getattr(request.open, name)
         if value:
-            allowed = "none: clips are made in the background of sessions, and as a whole"
+            allowed = "none: a clip is generated as a whole, in the background of sessions"
             raise refuse("NOT_FOR_CLIPS", f"open.{name}", f"{name} is {value}", allowed)
     if request.open.resume_token:
         given = "there is a token of a session that is to be resumed"
-        raise refuse("NOT_FOR_CLIPS", "open.resume_token", given, "none: a clip begins anew; it may have prior_frames")
+        raise refuse("NOT_FOR_CLIPS", "open.resume_token", given, "none: a clip starts anew; it may have prior_frames")
 
 
 def clip_request(data: bytes, most_fields: int) -> service_pb2.GenerateClipRequest:
-    """The message of a call. Raises StreamRefused for what is none, and for one of more fields than it may have."""
+    """Parse the request of a call. Raises StreamRefused if it is malformed, or has too many fields."""
     try:
         if num_fields(data, 0, len(data), CLIP, most_fields) > most_fields:
             raise request_of_too_many_fields(most_fields)
@@ -57,12 +57,12 @@ def clip_request(data: bytes, most_fields: int) -> service_pb2.GenerateClipReque
 
 
 def opening_event(request: service_pb2.GenerateClipRequest) -> session_pb2.SessionEvent:
-    """The event that would open a session of this kind."""
+    """The event that would open a session like the clip."""
     return session_pb2.SessionEvent(event_seq=1, open=request.open)
 
 
 def last_frame_of(constraint: Asked) -> int:
-    """The last frame that a constraint of a clip names; one that is met as soon as can be names none."""
+    """The last frame that a constraint of a clip names; 0 if it is to be met as soon as possible, and names none."""
     if not isinstance(constraint, Unplaced):
         return constraint.last_frame
     if isinstance(constraint.target, RootPath) or constraint.at_any_frame:
@@ -78,7 +78,7 @@ def clip_specs(
     catalog: Catalog,
     owner: Owner = NOBODY,
 ) -> list[SessionSpec]:
-    """What to make, a spec for each sample. number: what the engine knows the call by; owner: whose it is.
+    """A spec for each sample. number: identifies the call to the engine; owner: whose it is.
 
     Raises EventRefused.
     """

@@ -1,4 +1,4 @@
-"""Protocol messages <-> engine values: pure, and the only room that checks what a client sent."""
+"""Protocol messages <-> engine values: pure functions, and the only room that checks the content of messages."""
 
 from motiongen_server.rpc.convert.events import engine_event, playhead_of, round_trip_s
 from motiongen_server.rpc.convert.options import asked_steps, coding_of

@@ -1,4 +1,4 @@
-"""Checks of single fields; each raises EventRefused naming the field and what may stand there."""
+"""Checks of single fields; each raises EventRefused, which names the field and the values that are allowed."""
 
 from __future__ import annotations
 
@@ -15,7 +15,7 @@ from motiongen_server.rpc.limits import MAX_COORDINATE_M, MAX_FRAME
 
 
 def refuse(reason: str, field: str, message: str, allowed: str, code: Code = Code.INVALID_ARGUMENT) -> EventRefused:
-    """The error for a field that may not be as it is."""
+    """The refusal of a field's value."""
     return EventRefused(code, reason, message, field=field, allowed=allowed)
 
 
@@ -33,14 +33,14 @@ def heading_of(
 
 
 def finite_heading(heading: float, field: str) -> float:
-    """The heading within a turn to either side: of many turns float32 numbers keep no digits. field: of its message."""
+    """The heading modulo one turn, with its sign: after many turns float32 has no precision. field: of its message."""
     if not math.isfinite(heading):
         raise refuse("NOT_FINITE", f"{field}.heading", f"the heading is {heading}", "finite radians")
     return math.fmod(heading, math.tau)
 
 
 def finite_headings(headings: Float32Array, field: str) -> Float32Array:
-    """The same of several (T). field: the path of their list."""
+    """The same for several headings (T). field: the path of their list."""
     check_finite(headings, field, "finite radians")
     return np.fmod(headings.astype(np.float64), math.tau).astype(np.float32)
 
@@ -85,7 +85,7 @@ def identifier_of(value: int, field: str) -> int:
 
 
 def identifiers_of(values: Sequence[int], most: int, reason: str, field: str) -> tuple[int, ...]:
-    """Of what is removed; more than there can be are refused."""
+    """Ids of what is to be removed; refused if there are more than a session can have."""
     check_count(values, most, reason, field)
     return tuple(identifier_of(value, f"{field}[{index}]") for index, value in enumerate(values))
 

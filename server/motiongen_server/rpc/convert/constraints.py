@@ -1,4 +1,4 @@
-"""Constraints of the protocol -> the engine's."""
+"""The protocol's constraints -> the engine's."""
 
 from __future__ import annotations
 
@@ -44,7 +44,7 @@ from motiongen_server.rpc.convert.placing import asked_of, path_of
 
 UNIT_TOLERANCE = 1e-3
 MAX_TOLERANCE_RAD = 3.15
-"""No two headings or rotations are farther apart than pi; a float32 of pi is a little more."""
+"""Headings and rotations differ by pi at most; pi as a float32 is a little more."""
 
 
 def constraints_of(messages: Sequence[motion_pb2.Constraint], field: str, catalog: Catalog) -> tuple[Asked, ...]:
@@ -91,7 +91,7 @@ def _constraint(message: motion_pb2.Constraint, field: str, catalog: Catalog) ->
 
 
 def _tolerance(message: motion_pb2.Constraint, field: str) -> Tolerance:
-    """What the message says of it, and the default of what it leaves out."""
+    """The tolerances of the message, or the defaults of those that it leaves out."""
     position_m, angle_rad = DEFAULT_TOLERANCE.position_m, DEFAULT_TOLERANCE.angle_rad
     if message.HasField("tolerance_m"):
         position_m = _within(message.tolerance_m, math.inf, f"{field}.tolerance_m", "finite metres, 0 or more")
@@ -139,7 +139,7 @@ def _joint_targets(
     if not np.all(np.abs(norms[rotated] - 1) <= UNIT_TOLERANCE):
         allowed = "1 within 0.001, or 0 for a rotation that is free"
         raise refuse("NOT_A_ROTATION", f"{field}.rotations", f"quaternion lengths are {norms[:8]}", allowed)
-    quaternions[~rotated, 0] = 1.0  # any rotation will do there
+    quaternions[~rotated, 0] = 1.0  # these joints' rotations are ignored, but must be valid
     matrices = rotation_matrices_of_few(quaternions).astype(np.float32)
     return JointTargets(
         identifier, frame, joints, positions, matrices, None if rotated.all() else tuple(rotated.tolist())
@@ -173,9 +173,9 @@ def _joints(given: Sequence[int], field: str, catalog: Catalog) -> tuple[int, ..
 def _quaternions(
     values: Sequence[float], num_joints: int, field: str, otherwise: str
 ) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
-    """(K, 4) finite numbers, and their lengths (K). otherwise: what may be given instead of them, in words."""
+    """Quaternions (K, 4) of finite numbers, and their lengths (K). otherwise: what may be given instead, in words."""
     count = 4 * num_joints
     numbers = number_array(values, count, field, f"{count} numbers (w, x, y, z a joint){otherwise}")
     check_finite(numbers, field, "finite numbers")
-    quaternions = numbers.reshape(-1, 4).astype(np.float64)  # squares of great float32 numbers fit
+    quaternions = numbers.reshape(-1, 4).astype(np.float64)  # squares of large float32 numbers fit
     return quaternions, np.linalg.norm(quaternions, axis=1)

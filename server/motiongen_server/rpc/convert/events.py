@@ -1,4 +1,4 @@
-"""A client's events -> the engine's, checked."""
+"""Checks a client's events and turns them into the engine's."""
 
 from __future__ import annotations
 
@@ -51,13 +51,13 @@ from motiongen_server.rpc.limits import MAX_FRAME, MAX_REQUEST_ID_CHARACTERS, MA
 
 MAX_ROUND_TRIP_S = 1.0
 SPEED_TOLERANCE = 1e-5
-"""Of the greatest speed: two float32 numbers of exactly that speed may come to a little more."""
+"""Relative to the greatest speed: two float32 components of exactly that speed may amount to a little more."""
 
 
 def engine_event(
     event: session_pb2.SessionEvent, key: SessionKey, received_at: float, embeddings: Embeddings, catalog: Catalog
 ) -> Event:
-    """The engine's event for a client's, Playhead aside. embeddings: one for each of `prompt_texts`.
+    """The engine's event for any of a client's but Playhead. embeddings: one for each of `prompt_texts`.
 
     Raises EventRefused.
     """
@@ -85,7 +85,7 @@ def engine_event(
             raise refuse(
                 "INVALID_PLAY_STATE",
                 "set_play_state.state",
-                f"play state {event.set_play_state.state} is not one",
+                f"play state {event.set_play_state.state} does not exist",
                 "PLAY_STATE_PLAYING or PLAY_STATE_PAUSED",
             )
         return SetPlayState(key, sequence, received_at, PlayState(event.set_play_state.state))
@@ -106,20 +106,20 @@ def engine_event(
 
 
 def playhead_of(report: session_pb2.Playhead, key: SessionKey, received_at: float, rtt_s: float | None) -> Playhead:
-    """The engine's event for a report, which has no number. Raises EventRefused."""
+    """The engine's event for a playhead report, which has no event number. Raises EventRefused."""
     frame, buffered_to = report.frame, report.buffered_to
     if frame > MAX_FRAME or buffered_to > MAX_FRAME:
         frame_number(frame, "playhead.frame")
         frame_number(buffered_to, "playhead.buffered_to")
     fields = (key, 0, received_at, frame, buffered_to, report.underruns, rtt_s)
-    return tuple.__new__(Playhead, fields)  # sooner than by Playhead's own: almost all that is read are reports
+    return tuple.__new__(Playhead, fields)  # faster than Playhead(...): nearly all that is read are reports
 
 
 def round_trip_s(ping: service_pb2.Ping) -> float | None:
-    """Seconds of the client's last round trip, None where it has measured none; moved into 0 to 1."""
+    """The client's last round trip in seconds, limited to 0 to 1; None if it has measured none."""
     if not ping.HasField("round_trip"):
         return None
-    # Not by ToTimedelta, which cannot hold every Duration that fits into a message.
+    # Not with ToTimedelta, which fails for some of the Durations that a message can hold.
     return min(max(ping.round_trip.seconds + ping.round_trip.nanos / 1e9, 0.0), MAX_ROUND_TRIP_S)
 
 
@@ -180,10 +180,10 @@ def _session_spec(
 def _seek(message: session_pb2.Seek, key: SessionKey, sequence: int, received_at: float, catalog: Catalog) -> Seek:
     is_elsewhere = message.HasField("start_pose") or message.HasField("prior_frames")
     if not message.frame and not is_elsewhere:
-        given, allowed = "it is not said where the character is", "frame, start_pose or prior_frames"
+        given, allowed = "nothing says where to seek to", "frame, start_pose or prior_frames"
         raise refuse("AMBIGUOUS_START", "seek", given, allowed)
     if message.frame and is_elsewhere:
-        given, allowed = "there is a start pose, or prior frames, too", "one of frame, start_pose and prior_frames"
+        given, allowed = "a start pose or prior frames are given too", "one of frame, start_pose and prior_frames"
         raise refuse("AMBIGUOUS_START", "seek.frame", given, allowed)
     pose, rows = _start_pose(message.start_pose, "seek"), prior_rows_of(message, catalog, "seek")
     return Seek(key, sequence, received_at, pose, rows, frame_number(message.frame, "seek.frame"))

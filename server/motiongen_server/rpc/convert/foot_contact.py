@@ -1,4 +1,4 @@
-"""A foot that stands flat: its joints' places over the ground, and its numbers of the contact block."""
+"""The protocol's foot contacts -> joint targets: where the joints of a flat foot are, and its contact channels."""
 
 from __future__ import annotations
 
@@ -12,14 +12,14 @@ from motiongen_server.engine.types.facts import CONTACT_BLOCK
 from motiongen_server.rpc.convert.checks import check_coordinates, heading_of, refuse
 
 SOLE_M = 0.0152
-"""From the lowest joint of a foot that stands to the ground below it."""
+"""Height of a standing foot's lowest joint above the ground."""
 _CONTACTS = {"LeftFoot": (0, 1), "RightFoot": (2, 3)}
 
 
 def foot_contact_of(
     message: motion_pb2.FootContact, identifier: int, frame: int, field: str, rig: RigLayout
 ) -> JointTargets:
-    """The ankle where it is asked for, and the foot's other joints ahead of it where its heading is asked for too.
+    """Targets for the ankle and, if a heading is given, for the foot's other joints ahead of it.
 
     Raises EventRefused.
     """

@@ -1,4 +1,4 @@
-"""Forms of constraints: which a constraint has, which the model was trained for, and which are refused."""
+"""Forms of constraints: which forms a constraint has, and which of them the model was trained for or refuses."""
 
 from __future__ import annotations
 
@@ -26,7 +26,7 @@ _LIMB_FORMS = {"LeftHand": "hands", "RightHand": "hands", "LeftFoot": "feet", "R
 
 
 def forms_of(item: Asked | RootPath | SetVelocity, rig: RigLayout) -> tuple[str, ...]:
-    """The forms that a constraint or a velocity has, by their names in ConstraintForm."""
+    """The forms of a constraint or a velocity, by their names in ConstraintForm."""
     match item:
         case Waypoint():
             return ("waypoint",) if item.heading is None else ("waypoint", "waypoint_heading")
@@ -49,7 +49,7 @@ def forms_of(item: Asked | RootPath | SetVelocity, rig: RigLayout) -> tuple[str,
 
 
 def check_forms(item: Asked | RootPath | SetVelocity, field: str, catalog: Catalog) -> None:
-    """Raise EventRefused where the model does not take a form."""
+    """Raise EventRefused if the model refuses one of the forms."""
     support = catalog.abilities.forms
     if not support:
         return
@@ -61,7 +61,7 @@ def check_forms(item: Asked | RootPath | SetVelocity, field: str, catalog: Catal
 
 
 def untrained_forms(items: Iterable[Asked | SetVelocity], catalog: Catalog) -> dict[str, int]:
-    """The forms that the model was not trained for and takes nevertheless, each with the first item that has it."""
+    """The forms that the model accepts without having been trained for them, each with the first item that has it."""
     support = catalog.abilities.forms
     found: dict[str, int] = {}
     for index, item in enumerate(items if support else ()):
@@ -72,7 +72,7 @@ def untrained_forms(items: Iterable[Asked | SetVelocity], catalog: Catalog) -> d
 
 
 def _joint_forms(item: JointTargets, rig: RigLayout) -> tuple[str, ...]:
-    """Hands and feet have their end's rotation in their own form; the head and other joints have one for it."""
+    """The forms of hands and feet include the rotation of their ends; rotations of other joints are separate forms."""
     chains = {limb.name: limb.joints for limb in rig.limbs if limb.name in _LIMB_FORMS}
     limb_of = {joint: _LIMB_FORMS[name] for name, joints in chains.items() for joint in joints}
     forms = [limb_of.get(joint, "joints") for joint in item.joints if joint != 0] or ["root_height"]

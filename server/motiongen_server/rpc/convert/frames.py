@@ -1,4 +1,4 @@
-"""FrameCoding: how the frames of one session are stored on their way to its client."""
+"""FrameCoding: how the frames of one session are encoded for its client."""
 
 from __future__ import annotations
 
@@ -22,25 +22,23 @@ SCALAR_TYPES = (F32, F16, QUANTISED)
 ROOT_WIDTH, NUM_CONTACTS = 3, 4
 _FARTHEST_MM = 2**31 - 1
 _LARGEST_HALF = 65504.0
-"""That is finite: a trajectory may ask for speeds beyond it, from one end of the world to the other in a frame."""
+"""The largest finite half. A trajectory may ask for speeds beyond it: across all the world within one frame."""
 _JUMP_M = 1.0
-"""From frame to frame nobody goes so far."""
+"""No character moves this far from one frame to the next."""
 
 
 @dataclass(frozen=True, slots=True)
 class FrameCoding:
-    """scalar_type: a number of the contract. num_joints: of the rig, whose rows are root, quaternions, contacts, and
-    then the outputs.
-    """
+    """scalar_type: the contract's number. num_joints: of the rig; a row has root, quaternions, contacts, outputs."""
 
     scalar_type: int
     num_joints: int
     outputs: tuple[ChannelBlock, ...] = ()
 
     def stretches(self, rows: Float32Array) -> list[tuple[int, int]]:
-        """Which rows (T, row_width) may be stored together, each (begin, end).
+        """Ranges (begin, end) of the rows (T, row_width) that may be encoded together.
 
-        Halves are of distances from the first root: behind a jump, which only a cut is, they would be metres off.
+        Halves hold distances from the first root: after a jump, which only a cut makes, they could be metres off.
         """
         if self.scalar_type != F16:
             return [(0, len(rows))]
@@ -48,7 +46,7 @@ class FrameCoding:
         return list(pairwise([0, *(np.flatnonzero(jumps) + 1).tolist(), len(rows)]))
 
     def encode(self, rows: Float32Array) -> tuple[memoryview, Float32Array | None]:
-        """The bytes of rows (T, row_width), and what their roots are relative to (3), None where to nothing."""
+        """The bytes of rows (T, row_width), and the origin (3) of their roots; None if they have none."""
         if self.scalar_type == F16:
             origin, halves = rows[0, :ROOT_WIDTH].copy(), rows.copy()
             halves[:, :ROOT_WIDTH] -= origin
@@ -60,7 +58,7 @@ class FrameCoding:
 
     @property
     def _own_width(self) -> int:
-        """Numbers of a row before the outputs."""
+        """The numbers in a row before the outputs."""
         return ROOT_WIDTH + 4 * self.num_joints + NUM_CONTACTS
 
     def _quantised(self, rows: Float32Array) -> NDArray[np.uint8]:
@@ -78,7 +76,7 @@ class FrameCoding:
 
 
 PLAIN = FrameCoding(F32, 0)
-"""As a server stores them that was not asked for anything else."""
+"""The coding of sessions that ask for nothing else."""
 
 
 def _bytes(array: NDArray[np.generic]) -> memoryview:

@@ -1,4 +1,4 @@
-"""What a session begins with: how much history its windows see, and the frames that came before its first."""
+"""What a session begins with: the length of its windows' history, and the frames before its first."""
 
 from __future__ import annotations
 
@@ -16,7 +16,7 @@ UNIT_TOLERANCE = 1e-2
 def history_frames_of(
     message: session_pb2.OpenSession | session_pb2.SetOptions, facts: ModelFacts, field: str
 ) -> int | None:
-    """The history of a session's windows, None where it is not said. field: the message's. Raises EventRefused."""
+    """The history of a session's windows, None if it is not given. field: the message's. Raises EventRefused."""
     if not message.HasField("history_frames"):
         return None
     asked, patch = message.history_frames, facts.patch
@@ -30,12 +30,12 @@ def history_frames_of(
 def prior_rows_of(
     message: session_pb2.OpenSession | session_pb2.Seek, catalog: Catalog, name: str = "open"
 ) -> Float32Array | None:
-    """The frames (H, row_width) before frame 0, None where there are none. name: the event's. Raises EventRefused."""
+    """The frames (H, row_width) before frame 0, None if there are none. name: the event's. Raises EventRefused."""
     if not message.HasField("prior_frames"):
         return None
     field, prior, facts = f"{name}.prior_frames", message.prior_frames, catalog.facts
     if message.HasField("start_pose"):
-        given, allowed = "there are prior frames too, which tell where the character is", "one of the two"
+        given, allowed = "there are prior frames too, which say where the character is", "one of the two"
         raise refuse("AMBIGUOUS_START", f"{name}.start_pose", given, allowed)
     most = catalog.limits.max_trajectory_frames
     count, patch, width = prior.frame_count, facts.patch, facts.row_width
@@ -43,7 +43,7 @@ def prior_rows_of(
         allowed = f"multiples of {patch} from {patch} to {most // patch * patch}"
         raise refuse("PRIOR_FRAMES_OUT_OF_RANGE", f"{field}.frame_count", f"there are {count} frames", allowed)
     if prior.scalar_type not in (motion_pb2.SCALAR_TYPE_UNSPECIFIED, motion_pb2.SCALAR_TYPE_F32_LE):
-        given = f"scalar type {prior.scalar_type} is not read"
+        given = f"scalar type {prior.scalar_type} is not supported here"
         raise refuse("INVALID_SCALAR_TYPE", f"{field}.scalar_type", given, "F32_LE")
     if len(prior.data) != 4 * count * width:
         allowed = f"{4 * count * width} bytes, {width} numbers of 4 bytes for each of {count} frames"
@@ -55,7 +55,7 @@ def prior_rows_of(
 
 
 def _check_rows(rows: Float32Array, num_joints: int, field: str) -> None:
-    """Make quaternions of length 1, and see that the root is somewhere. Raises EventRefused."""
+    """Check coordinates and quaternions, and normalize the quaternions in place. Raises EventRefused."""
     check_coordinates(rows[:, :ROOT_WIDTH].ravel(), field)
     end = ROOT_WIDTH + QUATERNION_WIDTH * num_joints
     quaternions = rows[:, ROOT_WIDTH:end].reshape(len(rows), num_joints, QUATERNION_WIDTH).astype(np.float64)

@@ -1,4 +1,4 @@
-"""Options that a session is opened with, and that change while it is open."""
+"""Options with which a session is opened, and which may change while it is open."""
 
 from __future__ import annotations
 
@@ -35,7 +35,7 @@ def set_options_of(
 
 
 def coding_of(message: session_pb2.OpenSession, catalog: Catalog) -> FrameCoding:
-    """What the frames of a session hold and how that is stored; what is not said is F32_LE. Raises EventRefused."""
+    """What a session's frames hold and how they are encoded; F32_LE by default. Raises EventRefused."""
     scalar_type = int(message.scalar_type) or F32
     if scalar_type not in SCALAR_TYPES:
         given = f"scalar type {scalar_type} is not offered"
@@ -49,7 +49,7 @@ def coding_of(message: session_pb2.OpenSession, catalog: Catalog) -> FrameCoding
 
 
 def outputs_named(names: Sequence[str], facts: ModelFacts) -> tuple[ChannelBlock, ...]:
-    """The blocks of these names, in their order. Raises EventRefused for one that is not offered, or comes twice."""
+    """The blocks of these names, in their order. Raises EventRefused if one is not offered, or comes twice."""
     offered = {block.name: block for block in facts.outputs}
     for index, name in enumerate(names):
         if name not in offered or name in names[:index]:
@@ -62,13 +62,13 @@ def outputs_named(names: Sequence[str], facts: ModelFacts) -> tuple[ChannelBlock
 def priority_of(priority: int, field: str) -> Priority:
     """UNSPECIFIED is NEAR."""
     if priority not in (0, *Priority):
-        given, allowed = f"priority {priority} is not one", "HERO, NEAR, CROWD or BATCH"
+        given, allowed = f"priority {priority} does not exist", "HERO, NEAR, CROWD or BATCH"
         raise refuse("INVALID_PRIORITY", f"{field}.priority", given, allowed)
     return Priority(priority or Priority.NEAR)
 
 
 def lookahead_of(frames: int, field: str, catalog: Catalog) -> int:
-    """0 is the default."""
+    """0 stands for the default."""
     lookahead, limits = frames or catalog.limits.default_lookahead_frames, catalog.limits
     name = f"{field}.lookahead_frames"
     check_range(lookahead, catalog.facts.horizon, limits.max_lookahead_frames, "LOOKAHEAD_OUT_OF_RANGE", name)
@@ -76,7 +76,7 @@ def lookahead_of(frames: int, field: str, catalog: Catalog) -> int:
 
 
 def asked_steps(message: session_pb2.OpenSession, facts: ModelFacts) -> int:
-    """Denoising steps that a session asks for, unchecked; what is absent is the model's own."""
+    """The denoising steps that a session asks for, unchecked; by default the model's own."""
     return message.denoise_steps if message.HasField("denoise_steps") else facts.default_steps
 
 
@@ -87,7 +87,7 @@ def steps_of(steps: int, field: str, catalog: Catalog) -> int:
 
 
 def guidance_of(message: session_pb2.Guidance, default: Guidance, field: str) -> Guidance:
-    """What is absent is the model's own."""
+    """Weights that are absent are the model's own."""
     weights = {}
     for name in ("text", "constraint"):
         weight = getattr(message, name) if message.HasField(name) else getattr(default, name)

@@ -1,4 +1,4 @@
-"""How the blocks that a session asked for besides are stored, where its numbers are not float32."""
+"""Encodes the additional outputs that a session asked for, if its frames are not float32."""
 
 from __future__ import annotations
 
@@ -20,7 +20,7 @@ _LARGEST = 2**15 - 1
 
 
 def is_quantised(name: str) -> bool:
-    """Whether QUANTISED has a form for an output."""
+    """Whether an output can be sent QUANTISED."""
     return name in (_POSITIONS, _ROTATIONS, _VELOCITIES)
 
 
@@ -33,18 +33,18 @@ def _parts(rows: Float32Array, blocks: Sequence[ChannelBlock]) -> Iterator[tuple
 
 
 def make_relative(rows: Float32Array, blocks: Sequence[ChannelBlock], origin: Float32Array) -> None:
-    """Take an origin (3), world metres, from the places in rows (T, W) of blocks, in place."""
+    """Subtract an origin (3), world metres, from the positions in rows (T, W) of blocks, in place."""
     for name, part in _parts(rows, blocks):
         if name == _POSITIONS:
             part -= np.tile(origin, part.shape[1] // 3)
         elif name == _QPOS:
-            part[:, :3] -= origin[[2, 0, 1]]  # forward, left, up of the robot are our z, x, y
+            part[:, :3] -= origin[[2, 0, 1]]  # the robot's forward, left and up are our z, x and y
 
 
 def quantised_outputs(
     rows: Float32Array, blocks: Sequence[ChannelBlock], roots: Float32Array
 ) -> list[NDArray[np.uint8]]:
-    """The bytes (T, N) of each block of rows (T, W), little endian. roots: (T, 3), what places are relative to."""
+    """The bytes (T, N) of each block of rows (T, W), little endian. roots: (T, 3), to which positions are relative."""
     found = []
     for name, part in _parts(rows, blocks):
         if name == _ROTATIONS:

@@ -1,4 +1,4 @@
-"""The engine's outputs -> messages; frames and plans have a way of their own, in `wire`."""
+"""The engine's outputs -> protocol messages, except frames and plans, which `wire` encodes."""
 
 from __future__ import annotations
 
@@ -21,7 +21,7 @@ from motiongen_server.replicas.hint import RefusedOpen
 
 
 def write_update(update: session_pb2.SessionUpdate, output: Output) -> None:
-    """Fill an update with any output but frames and plans; `session` and `applied_seq` are the stream's to fill in."""
+    """Fill an update with any output but frames and plans; the stream fills in `session` and `applied_seq`."""
     if isinstance(output, Outcome):
         _write_outcome(update.outcome, output)
     elif isinstance(output, ConstraintReached):
@@ -55,7 +55,7 @@ def _write_reached(message: session_pb2.ConstraintReached, output: ConstraintRea
 
 
 def residual_of(reached: ConstraintReached) -> service_pb2.ConstraintResidual:
-    """The same for the summary of a clip."""
+    """A constraint's residual for the summary of a clip."""
     residual = service_pb2.ConstraintResidual(
         constraint_id=reached.constraint_id, frame_count=reached.num_frames, met=reached.met
     )

@@ -1,4 +1,4 @@
-"""What a constraint leaves to the engine: when it is to be met, and from where it is seen; and paths."""
+"""Constraints whose frame or place the engine chooses, and root paths."""
 
 from __future__ import annotations
 
@@ -20,7 +20,7 @@ SPEED_TOLERANCE = 1e-5
 
 
 def asked_of(message: motion_pb2.Constraint, target: Constraint | RootPath, field: str) -> Asked:
-    """The constraint as it is asked for. target: what its message says of features. Raises EventRefused."""
+    """The constraint with what it leaves to the engine. target: what it says about features. Raises EventRefused."""
     is_run = isinstance(target, RootTrajectory | RootPath)
     last_frame = None
     if message.HasField("last_frame"):
@@ -32,10 +32,10 @@ def asked_of(message: motion_pb2.Constraint, target: Constraint | RootPath, fiel
             given = f"it is {last_frame}, before frame {message.frame}"
             raise refuse("EMPTY_SPAN", f"{field}.last_frame", given, f"{message.frame} or later")
     if message.at_any_frame and (isinstance(target, RootTrajectory) or message.HasField("last_frame")):
-        given = "the frames are given besides"
+        given = "frames are given as well"
         raise refuse("AMBIGUOUS_FRAMES", f"{field}.at_any_frame", given, "a target of one frame, without last_frame")
     if message.frame and (message.at_any_frame or isinstance(target, RootPath)):
-        given = f"the frame is {message.frame}, but it is met as soon as it can be"
+        given = f"the frame is {message.frame}, but the target is to be met as soon as possible"
         raise refuse("AMBIGUOUS_FRAMES", f"{field}.frame", given, "0 with at_any_frame and for a path")
     weighted = replace(target, weight=_weight(message, field))
     is_relative, from_effect = message.relative_to_character, message.frames_from_effect
@@ -59,17 +59,17 @@ def _weight(message: motion_pb2.Constraint, field: str) -> float:
 
 
 def constraints_in(event: session_pb2.SessionEvent) -> Sequence[motion_pb2.Constraint]:
-    """Those that an event sets."""
+    """The constraints that an event sets."""
     return event.open.constraints if event.WhichOneof("event") == "open" else event.edit_constraints.upsert
 
 
 def num_paths(constraints: Iterable[motion_pb2.Constraint]) -> int:
-    """How many of them are paths, whose places the engine works out."""
+    """How many of the constraints are paths, whose places the engine works out."""
     return sum(constraint.HasField("root_path") for constraint in constraints)
 
 
 def path_of(message: motion_pb2.RootPath, identifier: int, field: str) -> RootPath:
-    """A path. Raises EventRefused."""
+    """The engine's path. Raises EventRefused."""
     count = len(message.positions) // 2
     if not 1 <= count <= MAX_CORNERS or len(message.positions) % 2:
         given = f"there are {len(message.positions)} numbers"

@@ -1,4 +1,4 @@
-"""Prompt spans of a client, which come as text, as a preset's id, or encoded -> the engine's prompts."""
+"""A client's prompt spans, given as text, preset id or embedding -> the engine's prompts."""
 
 from __future__ import annotations
 
@@ -23,7 +23,7 @@ Embeddings = Mapping[str, Float32Array]
 
 
 class _Unencoded(Mapping[str, Float32Array]):
-    """Every text has an embedding of no numbers: enough to check all else of an event."""
+    """Maps every text to an empty embedding: enough to check everything else in an event."""
 
     _nothing = np.zeros(0, np.float32)
 
@@ -40,13 +40,13 @@ class _Unencoded(Mapping[str, Float32Array]):
 UNENCODED: Embeddings = _Unencoded()
 """For events that are checked before their prompts are encoded."""
 MAX_ABSOLUTE_VALUE = 1e4
-"""Of a number in an embedding; encoders stay below a hundred, and what is far beyond overflows in bfloat16 products."""
+"""Of a number in an embedding; encoders stay below a hundred, and far larger numbers overflow in bfloat16 products."""
 
 
 def prompt_texts(event: session_pb2.SessionEvent, catalog: Catalog) -> tuple[str, ...]:
     """The texts that must be encoded before `engine_event` can be called.
 
-    The only check of what prompts say, made once and before any is encoded: raises EventRefused for a bad one.
+    This is the only check of prompts' texts, made once, before any is encoded. Raises EventRefused for a bad one.
     """
     name = event.WhichOneof("event")
     if name == "open":
@@ -55,21 +55,21 @@ def prompt_texts(event: session_pb2.SessionEvent, catalog: Catalog) -> tuple[str
         spans, field = event.edit_prompts.upsert, "edit_prompts.upsert"
     else:
         return ()
-    # A message has room for a thousand times as many as a session.
+    # A message has room for a thousand times as many prompts as a session.
     check_count(spans, catalog.limits.max_prompts, "TOO_MANY_PROMPTS", field)
     texts = (_text_to_encode(span, f"{field}[{index}]", catalog) for index, span in enumerate(spans))
     return tuple(text for text in texts if text is not None)
 
 
 def _text_to_encode(span: motion_pb2.PromptSpan, field: str, catalog: Catalog) -> str | None:
-    """None for a span that comes with its embedding, or names one."""
+    """The text; None for a span that has its embedding, or names a preset."""
     most = catalog.limits.max_prompt_characters
     if len(span.text) > most:
         given = f"the prompt has {len(span.text)} characters"
         raise refuse("PROMPT_TOO_LONG", f"{field}.text", given, f"1 to {most} characters")
     if span.HasField("embedding"):
         if span.preset_id:
-            allowed = "text, preset_id or embedding; beside an embedding a text, for people"
+            allowed = "text, preset_id or embedding; an embedding may have a text too, for people to read"
             raise refuse("AMBIGUOUS_PROMPT", f"{field}.preset_id", "the prompt has an embedding too", allowed)
         return None
     if span.preset_id:
@@ -86,7 +86,7 @@ def _text_to_encode(span: motion_pb2.PromptSpan, field: str, catalog: Catalog) -
 def prompts_of(
     spans: Sequence[motion_pb2.PromptSpan], field: str, embeddings: Embeddings, catalog: Catalog
 ) -> tuple[Prompt, ...]:
-    """The engine's prompts, of spans that `prompt_texts` has passed. embeddings: one for each text that it gave.
+    """The engine's prompts for spans that `prompt_texts` has accepted. embeddings: one for each text it returned.
 
     Raises EventRefused.
     """
@@ -108,7 +108,7 @@ def prompts_of(
 
 
 def with_embeddings(prompts: Sequence[Prompt], embeddings: Embeddings) -> tuple[Prompt, ...]:
-    """Prompts that were made `UNENCODED`, as `prompts_of` would have made them with embeddings."""
+    """Fill in the embeddings of prompts that `prompts_of` made with `UNENCODED`."""
     return tuple(each if each.embedding.size else replace(each, embedding=embeddings[each.text]) for each in prompts)
 
 

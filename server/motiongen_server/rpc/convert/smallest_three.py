@@ -1,4 +1,4 @@
-"""Rotations in 32 bits each."""
+"""Encodes rotations in 32 bits each."""
 
 from __future__ import annotations
 
@@ -13,7 +13,8 @@ _HALF, _SCALE = 511.5, 511.0 * math.sqrt(2.0)
 
 
 def smallest_three(quaternions: Float32Array) -> NDArray[np.uint32]:
-    """(..., 4) unit quaternions as numbers (...), little endian: which is the greatest, and ten bits of each other."""
+    """Pack unit quaternions (..., 4) into numbers (...), little endian: the index of the component with the greatest
+    magnitude, and ten bits for each of the others."""
     greatest = np.abs(quaternions).argmax(axis=-1)
     sign = np.where(np.take_along_axis(quaternions, greatest[..., None], -1) < 0, -1.0, 1.0)
     others = np.sort((greatest[..., None] + np.arange(1, 4)) % 4, axis=-1)

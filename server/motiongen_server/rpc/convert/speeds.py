@@ -1,4 +1,4 @@
-"""Speeds that velocities and paths ask for, beside those at which a model's bodies step."""
+"""Compares the speeds that velocities and paths ask for with those up to which a model's characters step."""
 
 from __future__ import annotations
 
@@ -12,16 +12,15 @@ from motiongen_server.engine.types import Asked, Direction, RootPath, RootTrajec
 from motiongen_server.rpc.catalog import Catalog
 
 _OVER_S = 0.5
-"""Of a trajectory: two steps of a walk. Captured roots sway within them, and are faster for a frame."""
+"""A trajectory's speed is measured over two steps of a walk: within these, roots sway, and are faster for a frame."""
 _SLACK = 1.01
-"""Numbers of a trajectory are rounded, and sticks are not round."""
+"""For the rounding in trajectories, and for sticks, whose range is not quite a circle."""
 
 
 def speeds_of(item: Asked | RootPath | SetVelocity, fps: int) -> Mapping[Direction, float]:
-    """The greatest speed, metres a second, that something asks for in each direction, seen from where it faces.
+    """The greatest speed, m/s, that an item asks for in each direction, relative to the heading that it asks for.
 
-    Forward where no heading is asked for. Empty for a place to be at: how fast that is depends on where the character
-    is by then.
+    Forward if it asks for no heading. Empty for a target place: its speed depends on where the character is then.
     """
     match item:
         case SetVelocity():
@@ -37,7 +36,7 @@ def speeds_of(item: Asked | RootPath | SetVelocity, fps: int) -> Mapping[Directi
 
 
 def too_fast_for(item: Asked | SetVelocity, catalog: Catalog) -> Direction | None:
-    """The direction in which something is furthest beyond what the model's bodies step at; None where it is not."""
+    """The direction in which an item exceeds the speeds of the model's gaits most; None if it does not."""
     if not catalog.abilities.gaits:
         return None
     fastest = catalog.abilities.fastest_mps
@@ -57,5 +56,5 @@ def _of_trajectory(item: RootTrajectory, apart: int, fps: int) -> Mapping[Direct
 
 
 def _quarter(angle: Any) -> Any:
-    """Directions, as numbers, of angles from where a character faces, radians to its left: the quarter around each."""
+    """The direction, as a number, whose quarter turn has the angle: radians to the left of where a character faces."""
     return np.rint(angle / (math.pi / 2)) % len(Direction)

@@ -1,4 +1,4 @@
-"""What the contract has words for and this server does not serve yet: it is refused, never silently left out."""
+"""Refuses what the contract defines but this server does not serve yet, instead of ignoring it silently."""
 
 from __future__ import annotations
 
@@ -11,11 +11,11 @@ UNSERVED_FIELDS: dict[str, tuple[str, ...]] = {
     "OpenSession": ("snapshot",),
     "SessionEvent": ("take_snapshot",),
 }  # fmt: skip
-"""By message. Their comments in the protos begin with "Not served": a test compares."""
+"""Fields by message. Their comments in the protos begin with "Not served"; a test checks that."""
 
 
 def check_served(message: Message, field: str) -> None:
-    """Raise EventRefused if the message sets a field that is not served. field: the message's path, "" of an event."""
+    """Raise EventRefused if the message sets a field that is not served. field: the message's path, "" for an event."""
     present = {descriptor.name for descriptor, _ in message.ListFields()}
     for name in UNSERVED_FIELDS.get(message.DESCRIPTOR.name, ()):
         if name in present:

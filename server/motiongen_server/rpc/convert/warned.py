@@ -1,4 +1,4 @@
-"""What an event is taken with although the model was not trained for it."""
+"""Warnings for events that are accepted although the model was not trained for what they ask."""
 
 from __future__ import annotations
 
@@ -20,11 +20,11 @@ from motiongen_server.rpc.convert.forms import untrained_forms
 from motiongen_server.rpc.convert.speeds import too_fast_for
 
 MAX_QUOTED = 80
-"""Characters of a prompt that are repeated."""
+"""Characters of a prompt that a warning repeats."""
 
 
 def warnings_of(message: session_pb2.SessionEvent, event: Event, catalog: Catalog) -> tuple[Warned, ...]:
-    """What the client is to be told when the event is accepted. event: what `engine_event` made of the message."""
+    """Warnings to send when the event is accepted. event: what `engine_event` made of the message."""
     match event:
         case Open():
             prompts = _prompt_warnings(message.open.prompts, event.spec.prompts, "open.prompts", catalog)
@@ -42,7 +42,7 @@ def warnings_of(message: session_pb2.SessionEvent, event: Event, catalog: Catalo
 def _prompt_warnings(
     spans: Sequence[motion_pb2.PromptSpan], prompts: Sequence[Prompt], field: str, catalog: Catalog
 ) -> Iterable[Warned]:
-    """Texts alone are judged: who sends numbers, or a preset's name, knows what they are."""
+    """Only texts are judged: clients that send an embedding or a preset's id know what it is."""
     domain = catalog.abilities.domain
     if domain is None:
         return
@@ -56,14 +56,14 @@ def _prompt_warnings(
 
 
 def _target_warnings(items: Sequence[Asked | SetVelocity], field: str, catalog: Catalog) -> Iterable[Warned]:
-    """The first of each form, and of those that are too fast the first."""
+    """Warnings for the first item of each untrained form, and for the first item that is too fast."""
     for form, index in untrained_forms(items, catalog).items():
         given = f"{catalog.facts.model_id} was not trained for constraints of the form {form}, and may miss this one"
         yield Warned("UNTRAINED_CONSTRAINT", given, field.format(index))
     for index, item in enumerate(items):
         way = too_fast_for(item, catalog)
-        if way is not None:  # without the speed that was asked for: sticks say another one ten times a second
+        if way is not None:  # does not name the speed asked for, which a stick changes ten times a second
             most = f"{way.name.lower()} at up to {catalog.abilities.fastest_mps(way):g} m/s"
-            given = f"{catalog.facts.model_id} steps {most}; faster is taken, and feet may glide"
+            given = f"{catalog.facts.model_id} steps {most}; higher speeds are accepted, but feet may glide"
             yield Warned("UNTRAINED_SPEED", given, field.format(index))
             return

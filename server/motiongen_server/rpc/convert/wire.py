@@ -1,8 +1,8 @@
-"""Updates as the protocol's bytes.
+"""Encodes updates as the protocol's bytes.
 
-Frames are written without building a message of them: a message copies them in, and again when it is serialized, which
-was four fifths of what a chunk cost. So are plans, which there is one of for every chunk or two. Everything else goes
-through its message.
+Frames are encoded without building a message: a message would copy them in, and again when serialized, which was four
+fifths of the cost of a chunk. So are plans, as there is one for every chunk or two. Everything else goes through its
+message.
 """
 
 from __future__ import annotations
@@ -17,15 +17,15 @@ from motiongen_server.engine.types import Float32Array, PlanNotice
 from motiongen_server.rpc.convert.frames import F32, FrameCoding
 
 Parts: TypeAlias = list[Any]
-"""Of one message; to be joined: bytes, and arrays, which give their memory (numpy's types do not say that they can)."""
+"""Parts of one message, to be joined: bytes and arrays. (Arrays are buffers, but numpy's types do not say so.)"""
 
 _VARINT, _LENGTH_DELIMITED = 0, 2
 
 
 class FramesToSend(Protocol):
-    """What an update with a FrameChunk says.
+    """The content of an update with a FrameChunk.
 
-    handle: of the session. parts: (T, row_width) each, consecutive frames one after another, num_frames together.
+    handle: of the session. parts: (T, row_width) each, consecutive frames, num_frames together.
     """
 
     handle: int
@@ -38,7 +38,7 @@ class FramesToSend(Protocol):
 
 
 class _Varints(Protocol):
-    """Whole numbers of 0 or more, seven bits a byte, the lowest first (protobuf encoding, "Base 128 Varints")."""
+    """Encoded integers of 0 or more, seven bits per byte, lowest first (protobuf encoding, "Base 128 Varints")."""
 
     def __getitem__(self, number: int, /) -> bytes: ...
 
@@ -53,11 +53,11 @@ def _varint(number: int) -> bytes:
 
 
 _AT_HAND = [_varint(number) for number in range(1 << 16)]
-"""A chunk has nine, and to look one up here is a tenth of a call."""
+"""Encoded beforehand: a chunk has nine numbers, and a look-up takes a tenth of the time of a call."""
 
 
 class _AllVarints:
-    """Those beyond, too, made anew: there is no end of them."""
+    """All integers: those beyond `_AT_HAND` are encoded when asked for."""
 
     def __getitem__(self, number: int) -> bytes:
         return _AT_HAND[number] if number < len(_AT_HAND) else _varint(number)
@@ -67,7 +67,7 @@ VARINT: _Varints = _AllVarints()
 
 
 def _tag(message: Any, field: str, wire_type: int) -> bytes:
-    """Of a field of a message's class."""
+    """The tag of a message's field. message: its class."""
     return VARINT[message.DESCRIPTOR.fields_by_name[field].number << 3 | wire_type]
 
 
@@ -100,7 +100,7 @@ def append_update(response: Parts, update: session_pb2.SessionUpdate) -> None:
 
 
 def append_frames(response: Parts, frames: FramesToSend, coding: FrameCoding) -> None:
-    """Add an update with a FrameChunk, or several where one cannot hold all frames."""
+    """Add an update with a FrameChunk, or several if one cannot hold all frames."""
     if coding.scalar_type == F32:
         parts = [np.ascontiguousarray(part, _F32_LE) for part in frames.parts]
         _append_chunk(response, frames, (0, frames.num_frames), _AS_F32, parts)
@@ -118,9 +118,9 @@ def _append_chunk(
     stored: bytes,
     data: Sequence[Float32Array] | Sequence[memoryview],
 ) -> None:
-    """Add an update with a FrameChunk of those frames from the first of the stretch up to its end.
+    """Add an update with a FrameChunk of the frames in a stretch (begin, end).
 
-    stored: the fields that say how the data is stored.
+    stored: the fields that say how the data is encoded.
     """
     num_bytes = sum(part.nbytes for part in data)
     try:
@@ -133,7 +133,7 @@ def _append_chunk(
 def _before_data(
     frames: FramesToSend, stretch: tuple[int, int], stored: bytes, num_bytes: int, number: _Varints
 ) -> tuple[bytes, ...]:
-    """An update with a FrameChunk, up to its data of so many bytes. Raises IndexError for a number not at hand."""
+    """An update with a FrameChunk, up to its data of num_bytes. Raises IndexError for a number that `number` lacks."""
     begin, end = stretch
     chunk = b"".join(
         (
@@ -157,7 +157,7 @@ def _before_data(
 
 
 def _coded(rows: Float32Array, coding: FrameCoding) -> tuple[memoryview, bytes]:
-    """Frames as they were asked for, and the fields that say how they are stored."""
+    """Encoded frames, and the fields that say how they are encoded."""
     whole, origin = coding.encode(rows)
     stored = _SCALAR_TYPE + VARINT[coding.scalar_type]
     if origin is not None:
@@ -174,7 +174,7 @@ def append_plan(response: Parts, applied_seq: int, notice: PlanNotice) -> None:
 
 
 def _plan(applied_seq: int, notice: PlanNotice, number: _Varints) -> tuple[bytes, ...]:
-    """An update with a PlanNotice. Raises IndexError for a number not at hand."""
+    """An update with a PlanNotice. Raises IndexError for a number that `number` lacks."""
     plan = b"".join(
         (
             _NOTICE_PLAN, number[notice.plan],

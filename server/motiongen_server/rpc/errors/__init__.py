@@ -1,1 +1,1 @@
-"""Refusals: why an event, a call or a whole stream is refused, in words for programs and for people."""
+"""Refusals of events, calls and whole streams: each has a reason for programs and a message for people."""

@@ -1,4 +1,4 @@
-"""Why a call of one request is ended before it is answered, in words for programs and for people."""
+"""Refusals of calls that take one request: a reason for programs and a message for people."""
 
 from __future__ import annotations
 
@@ -8,12 +8,12 @@ from motiongen_server.errors import StreamRefused
 
 
 def request_late(waited_s: float) -> StreamRefused:
-    message = f"no whole request came within {waited_s:.3g} s; send it with the call, and end your side of it then"
+    message = f"no complete request arrived within {waited_s:.3g} s; send it with the call, then close your side"
     return StreamRefused(grpc.StatusCode.DEADLINE_EXCEEDED, "REQUEST_LATE", message)
 
 
 def one_request_expected(num: str) -> StreamRefused:
-    """num: how many came, in words."""
+    """num: how many requests came, in words."""
     message = f"{num} came; this method takes one request"
     return StreamRefused(grpc.StatusCode.UNIMPLEMENTED, "ONE_REQUEST_EXPECTED", message)
 

@@ -1,4 +1,4 @@
-"""Why a whole call is ended, in words for programs and for people."""
+"""Refusals that end a whole call: a reason for programs and a message for people."""
 
 from __future__ import annotations
 
@@ -14,7 +14,7 @@ from motiongen_server.errors import StreamRefused
 _log = logging.getLogger(__name__)
 
 CLIENT_GONE = (grpc.aio.AioRpcError, grpc.aio.InternalError, grpc.aio.UsageError, asyncio.InvalidStateError)
-"""What gRPC raises for a write to a client that has gone, whose cancellation has not been seen yet."""
+"""What gRPC raises for a write to a client that has gone, before the call is seen to be cancelled."""
 
 
 def hello_expected() -> StreamRefused:
@@ -42,25 +42,25 @@ def malformed(what: str) -> StreamRefused:
 
 
 def request_of_too_many_fields(most: int) -> StreamRefused:
-    """Of the request for a clip, which was counted and not read."""
+    """For a clip's request, whose fields were counted but which was not parsed."""
     message = f"the request has more than {most} fields; ask for fewer constraints and prompts"
     return StreamRefused(grpc.StatusCode.RESOURCE_EXHAUSTED, "TOO_MANY_FIELDS", message, field="open")
 
 
 def too_many_streams(most: int, kind: str = "") -> StreamRefused:
-    """kind: of the peer whose quota it is; "": the server's own limit."""
+    """kind: that of the peer whose quota is used up; "": the server's own limit is."""
     whose = f"your {kind} has as many streams as it may (quota streams)" if kind else "there are no more streams left"
     message = f"{whose}, {most}; carry more sessions on each, or come back later"
     return StreamRefused(grpc.StatusCode.RESOURCE_EXHAUSTED, "TOO_MANY_STREAMS", message, retry_after_s=5.0)
 
 
 def stream_empty(after_s: float) -> StreamRefused:
-    message = f"the stream has carried no session for {after_s:g} s; begin another when there is one to open"
+    message = f"the stream has carried no session for {after_s:g} s; start another when there is a session to open"
     return StreamRefused(grpc.StatusCode.DEADLINE_EXCEEDED, "STREAM_EMPTY", message)
 
 
 def reader_stuck(after_s: float) -> StreamRefused:
-    message = f"the client has taken nothing of what was written for {after_s:g} s; read the stream as it comes"
+    message = f"the client has accepted no data for {after_s:g} s; read the stream as it comes"
     return StreamRefused(grpc.StatusCode.RESOURCE_EXHAUSTED, "SLOW_READER", message)
 
 
@@ -70,21 +70,21 @@ def client_silent(after_s: float) -> StreamRefused:
 
 
 def no_memory_left(most: int) -> StreamRefused:
-    held = f"more than {most} bytes are held of what clients have not read, confirmed or paid for"
-    message = f"{held}, and most are this one's; read what comes, or ask for less at a time"
+    held = f"the server holds more than {most} bytes that clients have not read, confirmed or paid for"
+    message = f"{held}, and this client has the most of them; read what comes, or ask for less at a time"
     return StreamRefused(grpc.StatusCode.RESOURCE_EXHAUSTED, "SLOW_READER", message)
 
 
 def too_much_unpaid(most: int, kind: str) -> StreamRefused:
-    """Of messages that were read, and whose events the stream owes for, or of requests that are not ended."""
-    message = f"messages of your {kind} that are not paid for take {most} bytes, and this one owes most; send fewer"
+    """For messages held until their events are paid for, and requests whose clients have not closed their side."""
+    message = f"unpaid messages of your {kind} take more than {most} bytes, and this call owes the most; send fewer"
     return StreamRefused(grpc.StatusCode.RESOURCE_EXHAUSTED, "TOO_MUCH_UNPAID", message, retry_after_s=5.0)
 
 
 def failed_inside(what: str, told: str, error: Exception) -> StreamRefused:
-    """Of a fault of the server's own, which is logged beside the number that the client is told.
+    """A fault of the server's own, logged under the error id that the client is given.
 
-    what: failed, for the log; told: what the client is told of it.
+    what: what failed, for the log; told: the message for the client.
     """
     error_id = secrets.token_hex(4)
     _log.error("%s, error id %s", what, error_id, exc_info=error)

@@ -1,4 +1,4 @@
-"""Why a call is refused as one too many, in words for programs and for people: all of them with TOO_MANY_CALLS."""
+"""Refusals of calls that exceed a limit: all have the reason TOO_MANY_CALLS, and differ in their messages."""
 
 from __future__ import annotations
 
@@ -7,7 +7,7 @@ import grpc
 from motiongen_server.errors import StreamRefused
 
 _OPEN_FOR_S = 1.0
-"""Where nobody knows when one of those that are open will end."""
+"""The retry delay where it is not known when an open call will end."""
 _LEAST_S = 0.1
 
 
@@ -16,19 +16,19 @@ def too_many_calls(wait_s: float, kind: str) -> StreamRefused:
 
 
 def too_much_loop_time(wait_s: float, kind: str) -> StreamRefused:
-    """Of a call, whose peer owes for what its requests took of the gateway's event loop."""
-    message = f"what your {kind} asked for took more of the server than its part; ask again in {wait_s:.1f} s"
+    """The caller's peer owes for the event loop time that its requests took."""
+    message = f"requests of your {kind} took more than its share of the server's time; ask again in {wait_s:.1f} s"
     return _refused(message, wait_s)
 
 
 def too_many_health_checks(wait_s: float) -> StreamRefused:
-    message = f"too many health checks of your connection wait; ask again in {wait_s:.1f} s, or watch the health"
+    message = f"too many health checks of your connection are waiting; ask again in {wait_s:.1f} s, or use Watch"
     return _refused(message, wait_s)
 
 
 def too_many_bad_tokens(wait_s: float) -> StreamRefused:
-    """Of signed tokens, whose checks a connection owes for."""
-    message = f"too many tokens that came over your connection do not hold; show yours again in {wait_s:.1f} s"
+    """The connection owes for checks of signed tokens that turned out invalid."""
+    message = f"too many tokens sent over your connection were invalid; send yours again in {wait_s:.1f} s"
     return _refused(message, wait_s)
 
 
@@ -38,9 +38,9 @@ def too_many_long_headers(wait_s: float) -> StreamRefused:
 
 
 def too_many_calls_open(most: int, kind: str = "") -> StreamRefused:
-    """kind: of the peer whose quota it is; "": the server's own limit."""
+    """kind: that of the peer whose quota is used up; "": the server's own limit is."""
     whose = f"your {kind} has as many calls open as it may" if kind else "there are as many calls open as there may be"
-    return _refused(f"{whose}, {most}; read what earlier ones were answered, or come back later", _OPEN_FOR_S)
+    return _refused(f"{whose}, {most}; read the answers to earlier ones, or try again later", _OPEN_FOR_S)
 
 
 def too_much_reflection(wait_s: float) -> StreamRefused:

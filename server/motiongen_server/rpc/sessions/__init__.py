@@ -1,1 +1,1 @@
-"""Sessions as the edge knows them: the way of their events, and what is kept of them for a client that is lost."""
+"""Sessions as the edge knows them: the path of their events, and what is kept for clients that are disconnected."""

@@ -1,12 +1,13 @@
-"""Durability: the edge's side of snapshots: what is saved of a session, what its client is told, and taking over.
+"""Durability: the edge's side of snapshots: saves sessions, tells clients what is saved, and takes sessions over.
 
-A session's token is a secret and the fencing epoch that it was told with: `secret.epoch`. The record's name is a hash
-of the secret, so that the store gives nobody a session. Whoever takes a session over tells its client a new token; the
-one who held it before does not know that one, and so never goes on with a session that has moved on elsewhere.
+A session's token is `secret.epoch`: a secret, and the fencing epoch in which the token was issued. The record's name is
+a hash of the secret, so nobody can resume a session with what the store holds. A server that takes a session over
+issues a new token. The server that held it before does not know that token, and so never continues a session that has
+moved elsewhere.
 
-That answer may be lost, more than once, and the client comes again with the token that it has. So a token is good until
-the client was seen to have a newer one: it came with that, or has said something to who told it. One of a higher epoch
-than the record's was told nobody.
+The answer with the new token may be lost, more than once, and the client then comes back with an older one. So a token
+stays valid until the client is known to have a newer one: it has resumed with that, or has sent something to the server
+that issued it. A token whose epoch is higher than the record's was never issued.
 """
 
 from __future__ import annotations
@@ -31,37 +32,37 @@ from motiongen_server.text.turns import Asker
 
 SECRET_BYTES = 24
 MOST_SAVED_AGAIN = 256
-"""Sessions that are asked for at a time where the store has lost them: tenths of a millisecond each, here and in an
-engine, every `writer.RENEW_EVERY_S`."""
+"""How many sessions that the store has lost are saved again at a time, every `writer.RENEW_EVERY_S`. Each takes tenths
+of a millisecond here and in its engine."""
 
 
 class NotKept(Exception):
-    """The store has nothing that can be gone on with; the message says why, for the log."""
+    """The store has nothing from which the session can continue; the message says why, for the log."""
 
 
 def new_secret() -> str:
-    """Of a session; it names the session to whoever has it."""
+    """The secret of a new session, by which its client resumes it."""
     return secrets.token_urlsafe(SECRET_BYTES)
 
 
 def token_of(secret: str, epoch: int = 1) -> str:
-    """What a client resumes the session with."""
+    """The token with which a client resumes the session."""
     return f"{secret}.{epoch}"
 
 
 def lease_of(token: str) -> Lease:
-    """The record that a token stands for, and the epoch that it was told with. Raises NotKept for no token of ours."""
+    """The record that a token stands for, and the token's epoch. Raises NotKept if it is not a token of ours."""
     secret, _, epoch = token.rpartition(".")
     if not secret or not epoch.isascii() or not epoch.isdecimal() or len(epoch) > 12:
-        raise NotKept("that is no token of a session")
+        raise NotKept("that is not a session's token")
     return Lease(hashlib.sha256(secret.encode()).hexdigest(), int(epoch))
 
 
 class Durability:
-    """Used from the event loop; the writer's thread speaks to it through the loop."""
+    """Used on the event loop; the writer's thread calls it through the loop."""
 
     def __init__(self, store: SnapshotStore, loop: asyncio.AbstractEventLoop, count: Callable[[str], None]) -> None:
-        """count: is told of every snapshot that was written, fenced or lost."""
+        """count: is called for every snapshot that was written, fenced or lost."""
         self._loop = loop
         self._count = count
         self._entries: dict[Lease, SessionEntry] = {}
@@ -71,14 +72,14 @@ class Durability:
         self.writer = SnapshotWriter(store, _OnLoop(self, loop))
 
     def save(self, entry: SessionEntry, taken: SnapshotTaken) -> None:
-        """Keep a session as its engine and the edge know it now."""
+        """Save a session as its engine and the edge know it now."""
         if entry.opened is None or not entry.token or entry.closing:
             return
         lease = self._hold(entry) if entry.lease is None else entry.lease
         self.writer.save(lease, _record_of(entry, taken))
 
     def end(self, entry: SessionEntry) -> None:
-        """A session is over here. What may go on elsewhere stays: this server goes away, or has lost its engine."""
+        """A session is over here. Its record stays if it may continue elsewhere: after a drain, or an engine's loss."""
         lease, entry.lease = entry.lease, None
         if lease is None or self._let_go(lease) is None:
             return
@@ -91,10 +92,11 @@ class Durability:
     async def take_over(
         self, token: str, tenant: str, asker: Asker, check: Callable[[SessionRecord], None]
     ) -> tuple[str, SessionRecord]:
-        """The token from now on and the record of a session that another server held.
+        """Take a session over from another server; returns its new token and its record.
 
-        check: raises what else there is against it. Where anything is, the session stays with the server that has it.
-        Raises NotKept, and EventRefused where the store is busy or does not answer: whether it is kept is not known.
+        check: raises if the session may not be taken over for other reasons. If anything is raised, the session stays
+        with the server that has it. Raises NotKept, and EventRefused if the store is busy or does not answer, so that
+        it is not known whether the session is kept.
         """
         name, epoch = lease_of(token)
 
@@ -105,13 +107,13 @@ class Durability:
 
         async def ask() -> tuple[str, SessionRecord]:
             held = None
-            while held is None:  # else another has taken it since, as this client may have, whose answer was lost
+            while held is None:  # None if it was taken since the read, perhaps for this client, whose answer was lost
                 found = await asyncio.wrap_future(self._taker.read(name))
                 if found is None:
                     raise NotKept("the store has no such session")
                 read(found)
                 held = await asyncio.wrap_future(self._taker.take(Lease(name, found.epoch)))
-                self._turns.note_answer()  # not before: a store that is full can be read, and lets nobody take
+                self._turns.note_answer()  # not after the read: a full store can be read, but takes no writes
             return token_of(token.rpartition(".")[0], held.epoch), read(held)
 
         try:
@@ -120,15 +122,15 @@ class Durability:
             raise NotKept(str(error)) from error
 
     def adopt(self, entry: SessionEntry) -> None:
-        """A session that was taken over is this server's now, and saved: else what its client has said since would be
-        refused where it goes on elsewhere before it is saved again."""
+        """Hold a session that was taken over, and count it as saved: otherwise events that its client has sent since
+        would be refused if the session moved on to another server before it is saved again."""
         self.writer.hold(self._hold(entry))
         entry.durable = Durable(entry.key, entry.last_seq, not self.writer.is_failing)
 
     def held(self, token: str) -> SessionEntry | None:
-        """The session that lives here since it was taken over by that token, or by one as old.
+        """The session that this server took over, if the token is an older one that is still valid for it.
 
-        Its client, which has said nothing of it since, may not have heard: then it comes with what it has.
+        Its client, which has sent nothing since, may not have received the new token, and then comes with the old one.
         """
         try:
             name, epoch = lease_of(token)
@@ -140,46 +142,46 @@ class Durability:
         return entry if entry.told_epoch <= epoch < entry.lease.epoch else None
 
     def _hold(self, entry: SessionEntry) -> Lease:
-        """A session's record is this server's to write."""
+        """From now on this server writes the session's record."""
         entry.lease = lease = lease_of(entry.token)
         self._entries[lease] = self._by_name[lease.name] = entry
         return lease
 
     def _let_go(self, lease: Lease) -> SessionEntry | None:
-        """It is not any more. Whose it was, None where it was nobody's."""
+        """Stop writing a record. Returns its session; None if there was none."""
         entry = self._entries.pop(lease, None)
         if entry is not None and self._by_name.get(lease.name) is entry:
             del self._by_name[lease.name]
         return entry
 
     def close(self) -> None:
-        """Write what waits, and end. Waits for it a moment."""
+        """Write what waits, for a moment at most, and end."""
         self._taker.close()
         self.writer.close()
 
-    # ---- what the writer says ---------------------------------------------------------------------------------------
+    # ---- what the writer reports ------------------------------------------------------------------------------------
 
     def written(self, written: Iterable[Written]) -> None:
-        """These are in the store."""
+        """These records were written to the store."""
         for lease, taken_seq in written:
             self._count("written")
             self._tell(lease, taken_seq, is_kept=True)
 
     def renewed(self, leases: Iterable[Lease]) -> None:
-        """These are in the store still."""
+        """These are still in the store."""
         for lease in leases:
             self._tell(lease, 0, is_kept=True)
 
     def lost(self, leases: Iterable[Lease]) -> None:
-        """These are not."""
+        """Nothing is kept of these: their records are too large, or the store has lost them."""
         for lease in leases:
             if self._tell(lease, 0, is_kept=False):
                 self._count("lost")
 
     def gone(self, leases: Iterable[Lease]) -> None:
-        """These are not any more: who plays on is saved with the next plan, and who stands is asked for here.
+        """The store has lost these. Sessions that play are saved with their next plan; the others are asked for here.
 
-        A part of them at a time, which keeps no engine long: the writer says it again of those that are still missing.
+        Only some at a time, to keep no engine busy for long: the writer reports those that are still missing again.
         """
         leases = list(leases)
         self.lost(leases)
@@ -189,12 +191,12 @@ class Durability:
                 entry.model.engine.submit(SaveAgain(entry.key, 0, self._loop.time()))
 
     def failed(self) -> None:
-        """None is to be relied upon."""
+        """The store fails: no record can be relied upon."""
         for lease in list(self._entries):
             self._tell(lease, 0, is_kept=False)
 
     def fenced(self, leases: Iterable[Lease]) -> None:
-        """Other servers go on with these: they end here."""
+        """Other servers have taken these over: they end here."""
         for lease in leases:
             self._count("fenced")
             entry = self._let_go(lease)
@@ -202,7 +204,7 @@ class Durability:
                 close(entry, CloseReason.TAKEN_OVER, self._loop.time())
 
     def _tell(self, lease: Lease, taken_seq: int, *, is_kept: bool) -> bool:
-        """Tell a client what is new of what is kept. False: nothing is."""
+        """Tell a client if what is saved of its session has changed. Returns whether it has."""
         entry = self._entries.get(lease)
         if entry is None or entry.closed is not None:
             return False
@@ -216,15 +218,15 @@ class Durability:
 
 
 def _read(held: Held, epoch: int, tenant: str) -> SessionRecord:
-    """The record of a tenant's session, for who has the token of that epoch. Raises NotKept."""
+    """Read the record of a tenant's session, for a client with a token of that epoch. Raises NotKept."""
     try:
         record = read_record(held.data)
     except RecordRefused as error:
         raise NotKept(str(error)) from error
-    if record.tenant != tenant:  # one tenant never learns of another's
+    if record.tenant != tenant:  # the client is only told that the session is not kept
         raise NotKept("it is another tenant's session")
     if not record.told_epoch <= epoch <= held.epoch:
-        raise NotKept(f"its token is of epoch {epoch}, and good are {record.told_epoch} to {held.epoch}")
+        raise NotKept(f"its token is of epoch {epoch}; valid are epochs {record.told_epoch} to {held.epoch}")
     return record
 
 
@@ -232,7 +234,7 @@ def _record_of(entry: SessionEntry, taken: SnapshotTaken) -> SessionRecord:
     assert entry.opened is not None
     snapshot = taken.snapshot
     taken_seq = snapshot.last_seq
-    while entry.is_answered(taken_seq + 1):  # what the edge has refused never came to the engine
+    while entry.is_answered(taken_seq + 1):  # events that the edge refused never reached the engine
         taken_seq += 1
     waiting = {edit.event_seq for edit in snapshot.unanswered}
     return SessionRecord(
@@ -251,7 +253,7 @@ def _record_of(entry: SessionEntry, taken: SnapshotTaken) -> SessionRecord:
 
 
 class _OnLoop:
-    """The writer's listener: hands everything to the event loop."""
+    """The writer's listener: passes everything on to the event loop."""
 
     def __init__(self, durability: Durability, loop: asyncio.AbstractEventLoop) -> None:
         self._durability = durability

@@ -1,4 +1,4 @@
-"""SessionEntry: one session as the edge knows it: whose turn it is, what was answered, what waits, who tells of it."""
+"""SessionEntry: what the edge knows of a session: the order of its events, their answers, what waits, its carrier."""
 
 from __future__ import annotations
 
@@ -38,9 +38,9 @@ _LEAVING = (CloseReason.DRAINED, CloseReason.TAKEN_OVER)
 
 
 class Carrier(Protocol):
-    """Who tells a client of its session: the stream that carries it, or nobody while there is none.
+    """Passes a session's outputs on to its client: the stream that carries the session, or a stand-in without one.
 
-    work: around what the event loop does for that client.
+    work: encloses what the event loop does for that client.
     """
 
     @property
@@ -50,36 +50,36 @@ class Carrier(Protocol):
         """Take outputs of sessions, in order."""
 
     def take_now(self, *outputs: Output) -> None:
-        """The same, and they do not wait for the flush interval."""
+        """The same, without waiting for the flush interval."""
 
     def fail(self, error: Exception) -> None:
-        """A fault of the server's own has kept it from taking outputs: what they were about ends, and nothing else."""
+        """A fault of the server's own has kept it from taking outputs: end what they were for, and nothing else."""
 
 
 def session_name(key: SessionKey) -> str:
-    """A session's name for the logs, another one whenever it is called."""
-    # Stream and handle find it there; the rest tells it from sessions of other servers and of a used handle.
+    """A session's name for the logs; a new one at each call."""
+    # Stream and handle find it there; the rest distinguishes it from other servers' sessions, and reused handles.
     return f"{key.stream}-{key.handle}-{secrets.token_hex(6)}"
 
 
 @dataclass(slots=True, eq=False)
 class SessionEntry:
-    """The books of one session.
+    """What the edge records of one session.
 
-    key: its name in the engine, of the stream that it was opened on. carrier, handle: who carries it now, and by which
-    handle. place: among the sessions of its peer. last_seq: the highest event number taken. answered: numbers above
-    applied_seq that have been answered already. waiting: events held back behind one whose prompt is being encoded,
-    each with its arrival and its texts. known_to_engine: whether its open was passed on. closing: whether its close
-    was; is_leaving: it goes on elsewhere after that. muted: frames for it are dropped, since its client does not read.
-    model: what it was opened with. warnings: by event number, of events that have not been answered. token: by which it
-    can be resumed, "" while it cannot. attempt: the last one to resume it; is_resuming: until the engine has taken that
-    up, and nothing is told. opened, level, closed: the last of each kind that the engine has said. answers: outcomes
-    that the client may not have heard. asked_options: by event number, those that the engine has not
-    answered, and what their place is to be told then. coding: of its frames. sent_to: the end of those that its client
-    was ever sent. reached: what became of constraints that the client may not have heard of, oldest first, each with
-    the end of what was sent before: once the client shows a frame from there on it has heard of it. lease: to write its
-    record in the store, None where nothing is kept of it; durable: the last said of what is kept. told_epoch: of the
-    newest token that the client was seen to have.
+    key: its name in the engine, from the stream on which it was opened. carrier, handle: what carries it now, and its
+    handle there. place: among the sessions of its peer. last_seq: the highest event number taken. answered: numbers
+    above applied_seq that have been answered already. waiting: events held back behind one whose prompt is being
+    encoded, each with its arrival and its texts. known_to_engine: whether its open was passed on. closing: whether its
+    close was; is_leaving: it continues elsewhere after that. muted: its frames are dropped, since its client does not
+    read. model: what it was opened with. warnings: by event number, for events that have not been answered. token: for
+    resuming it, "" while that is not possible. attempt: the last one to resume it; is_resuming: until the engine has
+    taken that up; the client is sent nothing meanwhile. opened, level, closed: the last of each kind that the engine
+    has sent. answers: outcomes that the client may not have received. asked_options: by event number, options that the
+    engine has not answered, and how to tell their place of the answer. coding: of its frames. sent_to: the end of all
+    frames ever sent to its client. reached: outcomes of constraints that the client may not have received, oldest
+    first, each with sent_to at the time: once the client shows that frame, it has received the outcome. lease: to write
+    its record in the store, None if nothing is kept of it; durable: the last report on what is kept. told_epoch: of the
+    newest token that the client is known to have.
     """
 
     key: SessionKey
@@ -93,7 +93,7 @@ class SessionEntry:
     applied_seq: int = 0
     answered: set[int] = field(default_factory=set)
     waiting: deque[tuple[session_pb2.SessionEvent, float, Sequence[str]]] = field(default_factory=deque)
-    waiting_bytes: int = 0  # of them
+    waiting_bytes: int = 0  # of the events in waiting
     encoding: asyncio.Task[None] | None = None
     known_to_engine: bool = False
     closing: bool = False
@@ -116,7 +116,7 @@ class SessionEntry:
     durable: Durable | None = None
 
     def takes(self, event_seq: int) -> bool:
-        """Whether an event is new and next; false for a repetition. Raises EventRefused for a gap or no number."""
+        """Whether an event is new and next; false for a repetition. Raises EventRefused for a gap, or number 0."""
         if event_seq == 0:
             raise invalid_event_seq(0)
         if event_seq <= self.last_seq:
@@ -128,23 +128,23 @@ class SessionEntry:
         return True
 
     def note_heard(self) -> None:
-        """Its client has said something of it as it is now, so it has its present token, and needs no older one."""
+        """The client has sent something since the last take-over, so it has the present token; older ones expire."""
         if self.lease is not None and not self.is_resuming:
             self.told_epoch = self.lease.epoch
 
     def wait_for_prompts(self, event: session_pb2.SessionEvent, received_at: float, texts: Sequence[str]) -> None:
-        """Hold an event back until its prompts are encoded, and those of the events before it."""
+        """Hold an event back until its prompts, and those of the events before it, are encoded."""
         self.waiting.append((event, received_at, texts))
         self._count_waiting(event.ByteSize())
 
     def take_waiting(self) -> session_pb2.SessionEvent:
-        """The oldest of them, which waits no more."""
+        """Remove and return the oldest waiting event."""
         event, *_ = self.waiting.popleft()
         self._count_waiting(-event.ByteSize())
         return event
 
     def take_all_waiting(self) -> list[session_pb2.SessionEvent]:
-        """All of them, oldest first; none waits any more."""
+        """Remove and return all waiting events, oldest first."""
         return [self.take_waiting() for _ in range(len(self.waiting))]
 
     def _count_waiting(self, num_bytes: int) -> None:
@@ -153,12 +153,12 @@ class SessionEntry:
 
     @property
     def held_bytes(self) -> int:
-        """Of events that wait, and of what is kept to be told again, about."""
+        """Roughly the bytes of events that wait, and of what is kept to be sent again."""
         placements = () if self.opened is None else self.opened.placements
         return self.waiting_bytes + self.answers.num_bytes + PLACEMENT_OBJECT_BYTES * len(placements)
 
     def let_go_of_places(self) -> None:
-        """Of what is kept to be told again, keep what became of the events, and neither placements nor warnings."""
+        """Of what is kept to be sent again, drop placements and warnings, but keep what became of the events."""
         self.answers.let_go_of_places()
         if self.opened is not None:
             self.opened = replace(self.opened, placements=(), warnings=())
@@ -167,10 +167,10 @@ class SessionEntry:
         """Whether an event has been answered."""
         return event_seq <= self.applied_seq or event_seq in self.answered
 
-    # ---- what the engine says of it ---------------------------------------------------------------------------------
+    # ---- output of the engine ---------------------------------------------------------------------------------------
 
     def note(self, said: Output) -> Output:
-        """Enter anything but frames into the books. Returns it with what is to be told beside it."""
+        """Record an output other than frames. Returns it with what the client is told in addition."""
         if isinstance(said, Opened) and self.opened is None:
             warnings, name = self.warnings.pop(1, ()), session_name(self.key)
             said = replace(said, warnings=warnings, session_id=name, session_token=self.token)
@@ -192,14 +192,14 @@ class SessionEntry:
         elif isinstance(said, Closed):
             if not self.goes_on_after(said):
                 self.applied_seq = self.last_seq
-            if said.reason is CloseReason.TAKEN_OVER:  # by another server; this client shall ask there
-                message = "another server goes on with the session; resume it there"
+            if said.reason is CloseReason.TAKEN_OVER:  # by another server, where this client shall ask
+                message = "another server has taken over the session; resume it there"
                 said = replace(said, code=Code.UNAVAILABLE, message=message)
             self.closed = said
         return said
 
     def _hear_options(self, said: Outcome) -> None:
-        """The engine may have answered options: keep what the session is now, or give back the place it was to have."""
+        """If the engine has answered options, record what holds now, or give back the place that was reserved."""
         options, settle = self.asked_options.pop(said.event_seq, (None, None))
         if options is None or settle is None:
             return
@@ -211,7 +211,7 @@ class SessionEntry:
             )
 
     def _answer(self, event_seq: int) -> None:
-        """Note that an event has been answered, and move applied_seq over all that are."""
+        """Note that an event has been answered, and advance applied_seq past all that have been."""
         if event_seq > self.applied_seq:
             self.answered.add(event_seq)
         while self.applied_seq + 1 in self.answered:
@@ -219,10 +219,10 @@ class SessionEntry:
             self.answered.discard(self.applied_seq)
 
     def goes_on_after(self, closed: Closed) -> bool:
-        """Whether its client takes the session up again from the store, here or elsewhere.
+        """Whether the client can resume the session from the store after its end, here or elsewhere.
 
-        What has not been answered is then left so: the client says it again there. A refusal would make an event of it
-        that was answered, and that no record has.
+        Unanswered events are then left unanswered: the client sends them again there. If they were refused, they would
+        count as answered, but no record would have them.
         """
         leaves = closed.reason in _LEAVING or closed.code is Code.UNAVAILABLE
         return leaves and self.durable is not None and self.durable.is_kept
@@ -230,20 +230,20 @@ class SessionEntry:
     # ---- a client that comes back -----------------------------------------------------------------------------------
 
     def confirm(self, answered_seq: int) -> None:
-        """The client has heard the answers to all events up to a number."""
+        """The client has received the answers to all events up to a number."""
         self.answers.confirm(answered_seq)
-        if answered_seq and self.opened is not None and self.opened.placements:  # that answered the first
+        if answered_seq and self.opened is not None and self.opened.placements:  # `opened` answers event 1
             self.opened = replace(self.opened, placements=())
 
     def note_shown(self, frame: int) -> None:
-        """The client shows a frame, and so has heard of what became of constraints before that was sent."""
+        """The client shows a frame, and so has received the outcomes of constraints that were sent before it."""
         while self.reached and self.reached[0][1] <= frame:
             self.reached.popleft()
 
     def welcome_back(self, start_frame: int, notice: PlanNotice | None) -> list[Output]:
-        """What a client that resumes is told first: the session, what it may not have heard, and the end if that came.
+        """What a client that resumes is sent first: the session, what it may have missed, and its end if that came.
 
-        start_frame: the next frame that is sent. notice: of the plans it missed, before the answers that they are.
+        start_frame: the next frame that is sent. notice: of the plans it missed, sent before the answers they concern.
         """
         said: list[Output] = [] if self.opened is None else [replace(self.opened, start_frame=start_frame)]
         said += () if notice is None else (notice,)

@@ -1,4 +1,4 @@
-"""The way of one event of a session to the engine: its prompts encoded, its order kept, and refusals told."""
+"""The path of a session's events to the engine: encodes their prompts, keeps their order, and answers refusals."""
 
 from __future__ import annotations
 
@@ -39,13 +39,13 @@ Embeddings = dict[str, NDArray[np.float32]]
 SESSION_CLOSED = session_closed().reason
 SESSION_NOT_OPEN = session_not_open(0).reason
 _NO_SESSION = (SESSION_NOT_OPEN, "ENGINE_RESTARTING")
-"""What is told of an event for whose session there is no engine."""
+"""Reasons of refusals for events whose session no engine has."""
 MAX_WAITING_EVENTS = 64
 """Events of one session that may wait for a prompt to be encoded."""
 
 
 def pass_on(entry: SessionEntry, event: session_pb2.SessionEvent, now: float) -> None:
-    """Submit at once if nothing of the session waits and its prompts are known, else queue behind the encoder.
+    """Submit an event at once if no other of its session waits and its prompts are cached; else queue it.
 
     now: when it was read. Raises EventRefused.
     """
@@ -58,19 +58,19 @@ def pass_on(entry: SessionEntry, event: session_pb2.SessionEvent, now: float) ->
             _submit(entry, event, now, known)
             return
     entry.place.peer.check_waiting(event.ByteSize())
-    # All that can be wrong with it is found before anything is encoded for it, or waits.
+    # Find everything that is wrong with it before anything is encoded for it, and before it waits.
     engine_event(event, entry.key, now, UNENCODED, entry.model.catalog)
     kept = session_pb2.SessionEvent()
-    kept.CopyFrom(event)  # else the whole message would be kept with it
+    kept.CopyFrom(event)  # otherwise the whole message would stay in memory with it
     entry.wait_for_prompts(kept, now, texts)
     if entry.encoding is None:
         entry.encoding = asyncio.get_running_loop().create_task(_encode_waiting(entry))
 
 
 def begin_end(entry: SessionEntry, reason: CloseReason) -> None:
-    """A session is about to be closed: answer what waits for the encoder, or let go of it where the session goes on.
+    """A session is about to be closed: refuse events that wait for the encoder, or drop them if it continues elsewhere.
 
-    So is what comes before the engine has said that it is over.
+    The same then holds for events that come before the engine reports the end.
     """
     end = Closed(entry.key, reason, Code.OK, "", 0, 0)
     entry.is_leaving |= entry.goes_on_after(end)
@@ -78,7 +78,7 @@ def begin_end(entry: SessionEntry, reason: CloseReason) -> None:
 
 
 def close(entry: SessionEntry, reason: CloseReason, now: float) -> None:
-    """Have a session's engine close it, and answer what waits before; see `begin_end`."""
+    """Have a session's engine close it, after dealing with what waits; see `begin_end`."""
     begin_end(entry, reason)
     ask_to_close(entry, reason, now)
 
@@ -90,7 +90,7 @@ def ask_to_close(entry: SessionEntry, reason: CloseReason, now: float) -> None:
 
 
 def end_waiting(entry: SessionEntry, closed: Closed) -> None:
-    """Answer what waits for the encoder before the end of its session is told; let go of it where that goes on."""
+    """Before a session's end is told, refuse what waits for the encoder, or drop it if it continues elsewhere."""
     if entry.goes_on_after(closed):
         _drop_waiting(entry)
     else:
@@ -98,13 +98,13 @@ def end_waiting(entry: SessionEntry, closed: Closed) -> None:
 
 
 def refuse_waiting(entry: SessionEntry) -> None:
-    """Answer what waits for the encoder: its session is over."""
+    """Refuse events that wait for the encoder: their session is over."""
     for event in _drop_waiting(entry):
         entry.carrier.take(session_closed().outcome(entry.key, event.event_seq))
 
 
 def _drop_waiting(entry: SessionEntry) -> list[session_pb2.SessionEvent]:
-    """Let go of what waits for the encoder, and return it, oldest first."""
+    """Remove events that wait for the encoder, and return them, oldest first."""
     if entry.encoding is not None and entry.encoding is not asyncio.current_task():
         entry.encoding.cancel()
     return entry.take_all_waiting()
@@ -113,10 +113,12 @@ def _drop_waiting(entry: SessionEntry) -> list[session_pb2.SessionEvent]:
 def without_needless_refusals(
     outputs: Sequence[Output], entry_of: Callable[[SessionKey], SessionEntry | None]
 ) -> Sequence[Output]:
-    """Outputs, less refusals that a session's end makes needless: it answers all, or all is said again elsewhere.
+    """Outputs without the refusals that a session's end makes needless: it answers all events, or they are sent again
+    elsewhere.
 
-    Those are refusals before the end of a session that goes on elsewhere, and those of events that came to an engine
-    which had ended it, or was lost with it: the end is on its way, or was told and this is the next on its handle.
+    These are refusals before the end of a session that continues elsewhere, and refusals of events that reached an
+    engine after it had ended the session, or was lost with it. The end is then on its way, or has been told, and the
+    handle already has its next session.
     """
     leaving = {
         said.session
@@ -136,11 +138,11 @@ def _is_needless(
     entry = entry_of(said.session)
     if entry is None or said.reason not in _NO_SESSION or said.event_seq == 1:
         return False
-    return said.reason == SESSION_NOT_OPEN or entry.opened is not None  # else the open is refused, and so is this
+    return said.reason == SESSION_NOT_OPEN or entry.opened is not None  # else the open is refused, and this with it
 
 
 def tell_internal_error(entry: SessionEntry, event_seq: int, error: Exception) -> None:
-    """Answer an event with a number that is in the log beside what happened."""
+    """Answer an event with an error id, under which the log has what happened."""
     error_id = secrets.token_hex(4)
     _log.error("event failed, error id %s", error_id, exc_info=error)
     entry.carrier.take(internal(error_id).outcome(entry.key, event_seq))
@@ -160,7 +162,7 @@ async def _encode_waiting(entry: SessionEntry) -> None:
     asker = Asker(entry.place.peer.name, entry.key.stream)
     try:
         while entry.waiting:
-            # It stays while it is encoded, so that `refuse_waiting` finds it.
+            # It stays in the queue while it is encoded, so that `refuse_waiting` finds it.
             event, received_at, texts = entry.waiting[0]
             embeddings: Embeddings = {}
             failure: Exception | None = None
@@ -184,7 +186,7 @@ async def _encode_waiting(entry: SessionEntry) -> None:
     finally:
         if entry.encoding is asyncio.current_task():
             entry.encoding = None
-        entry.carrier.take()  # a stream that ends may have waited for this alone
+        entry.carrier.take()  # a stream that is ending may have waited only for this
 
 
 def _submit(entry: SessionEntry, message: session_pb2.SessionEvent, now: float, embeddings: Embeddings) -> None:

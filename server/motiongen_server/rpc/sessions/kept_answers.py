@@ -1,4 +1,4 @@
-"""KeptAnswers: what a session's client may not have heard, to be told again when it resumes."""
+"""KeptAnswers: outcomes that a session's client may not have received, to be sent again when it resumes."""
 
 from __future__ import annotations
 
@@ -9,18 +9,18 @@ from motiongen_server.engine.types import Outcome
 from motiongen_server.rpc.send_queue import PLACEMENT_BYTES, size_of
 
 MAX_KEPT_ANSWERS = 128
-"""Of those that a client has not said it heard; more than a second's at the rate that events may come."""
+"""Answers that a client has not confirmed; more than one second of events at the highest rate."""
 MAX_KEPT_BYTES = 256 << 10
-"""Of them, in memory; some 700 placements. All of it is in every record of the session, too."""
+"""Of these answers in memory: about 700 placements. Every record of the session contains them, too."""
 PLACEMENT_OBJECT_BYTES = 336
-"""Of a placement in memory, with its numbers."""
+"""A placement in memory, with its numbers."""
 
 
 class KeptAnswers:
-    """Outcomes by event number, oldest first. num_bytes: that they take in memory, about.
+    """Outcomes by event number, oldest first. num_bytes: roughly what they take in memory.
 
-    Where they are too many, or take too much, the oldest are let go first, which a client has most likely heard: their
-    placements and warnings before anything else, so that it still learns what became of the events.
+    If they are too many or too large, the oldest are dropped first, as the client has most likely received them. If
+    they are too large, placements and warnings go before whole answers, so that it still learns what became of events.
     """
 
     __slots__ = ("_answers", "num_bytes")
@@ -36,7 +36,7 @@ class KeptAnswers:
         return iter(self._answers.values())
 
     def keep(self, answer: Outcome) -> None:
-        """The newest."""
+        """Keep the newest answer."""
         self._put(answer)
         if len(self._answers) > MAX_KEPT_ANSWERS:
             self._drop(next(iter(self._answers)))
@@ -44,16 +44,16 @@ class KeptAnswers:
             self._let_go()
 
     def confirm(self, answered_seq: int) -> None:
-        """The client has heard those to all events up to a number."""
+        """The client has received the answers to all events up to a number."""
         for number in [number for number in self._answers if number <= answered_seq]:
             self._drop(number)
 
     def up_to(self, event_seq: int) -> tuple[Outcome, ...]:
-        """Those to events up to a number."""
+        """The answers to events up to a number."""
         return tuple(answer for number, answer in self._answers.items() if number <= event_seq)
 
     def let_go_of_places(self) -> None:
-        """Keep what became of the events, and neither placements nor warnings."""
+        """Drop placements and warnings, but keep what became of the events."""
         for answer in list(self._answers.values()):
             if answer.placements or answer.warnings:
                 self._put(replace(answer, placements=(), warnings=()))

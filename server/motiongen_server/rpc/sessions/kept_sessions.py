@@ -1,4 +1,4 @@
-"""KeptSessions: every session by the token that resumes it, and those whose client has lost its transport."""
+"""KeptSessions: finds sessions by their resume tokens, and keeps those whose clients have lost their connection."""
 
 from __future__ import annotations
 
@@ -33,14 +33,14 @@ _log = logging.getLogger(__name__)
 class KeptSessions:
     """The sessions of all streams that can be resumed. Used from the event loop only.
 
-    A session whose transport is lost is *parked*: nobody hears of it, its books are kept, and the engine goes on until
-    it has made a look-ahead of frames. It counts for every limit as before. After the grace it is closed.
+    A session whose connection is lost is *parked*: its output goes to no client, its entry is kept up to date, and the
+    engine continues until it has made the look-ahead. It counts for every limit as before. After grace_s it is closed.
     """
 
     def __init__(
         self, grace_s: float, stream_metrics: StreamMetrics | None = None, durability: Durability | None = None
     ) -> None:
-        """grace_s: for which a session is kept; 0: none is. durability: of what outlives the process; None: nothing."""
+        """grace_s: how long a session is kept; 0: not at all. durability: saves sessions in the store, if any."""
         self.grace_s = grace_s
         self.durability = durability
         self._stream_metrics = stream_metrics or NoStreamMetrics()
@@ -55,25 +55,25 @@ class KeptSessions:
 
     @property
     def num_waiting_bytes(self) -> int:
-        """What is held of sessions that no stream carries, about: of events that wait, and to be told again."""
+        """Roughly what sessions without a stream hold: events that wait, and what is kept to be sent again."""
         return sum(entry.held_bytes for entry in list(self._away.values()) if isinstance(entry.carrier, _Nobody))
 
     @property
     def can_resume(self) -> bool:
-        """Whether a session can be resumed at all: here after the loss of a transport, or out of the store."""
+        """Whether sessions can be resumed at all: here after the loss of a connection, or from the store."""
         return bool(self.grace_s) or self.durability is not None
 
     def __contains__(self, key: SessionKey) -> bool:
-        """Whether a session of this name lives elsewhere than on the stream that it was opened on."""
+        """Whether a session of this name exists, but not on the stream on which it was opened."""
         return key in self._away
 
     @property
     def has_away(self) -> bool:
-        """Whether any session is not on the stream it was opened on."""
+        """Whether any session is not on the stream on which it was opened."""
         return bool(self._away)
 
     def carrier_of(self, key: SessionKey) -> Carrier | None:
-        """Who tells of a session that is not on the stream it was opened on; None for all others."""
+        """The carrier of a session that is not on the stream on which it was opened; None for all others."""
         entry = self._away.get(key)
         return None if entry is None else entry.carrier
 
@@ -87,7 +87,7 @@ class KeptSessions:
         return self._by_token.get(token)
 
     def resumed_by(self, token: str) -> SessionEntry | None:
-        """The same, also by a token older than its own that is good still: see `Durability.held`."""
+        """The same, but older tokens that are still valid count too: see `Durability.held`."""
         entry = self.find(token)
         return self.durability.held(token) if entry is None and self.durability is not None else entry
 
@@ -97,7 +97,7 @@ class KeptSessions:
             self.durability.save(entry, taken)
 
     def park(self, entry: SessionEntry) -> bool:
-        """Keep a session until its client comes back, or for as long as the grace lasts. False: it cannot be."""
+        """Keep a session until its client comes back, for at most grace_s. Returns False if it cannot be kept."""
         if entry.token not in self._by_token or not self.grace_s:
             return False
         entry.carrier = _Nobody(entry, self)
@@ -107,14 +107,14 @@ class KeptSessions:
         return True
 
     def see_out(self, entry: SessionEntry) -> None:
-        """A session is being closed, and its stream has gone: nobody resumes it, and its end is awaited."""
+        """A session is being closed and its stream has gone: let nobody resume it, and wait for its end."""
         self._by_token.pop(entry.token, None)
         if entry.known_to_engine and entry.closed is None:
             entry.carrier = _Nobody(entry, self)
             self._away[entry.key] = entry
 
     def end(self, entry: SessionEntry) -> None:
-        """A session that no stream carries, and that cannot be kept, is closed at once."""
+        """Close a session at once that no stream carries and that cannot be kept."""
         self._stop_timer(entry)
         entry.place.release()
         self.see_out(entry)
@@ -128,7 +128,7 @@ class KeptSessions:
         self._away[entry.key] = entry
 
     def forget(self, entry: SessionEntry) -> None:
-        """A session is over, and its client has been told, or will not come to hear it."""
+        """A session is over, and its client has been told, or will not come back."""
         self._stop_timer(entry)
         self._by_token.pop(entry.token, None)
         self._away.pop(entry.key, None)
@@ -137,7 +137,7 @@ class KeptSessions:
             self.durability.end(entry)
 
     def close_parked(self, reason: CloseReason, model: LoadedModel | None = None) -> int:
-        """Close the sessions that are parked, those of one model only if it is given; returns how many those were."""
+        """Close all parked sessions, or only those of one model; returns their number."""
         parked = [self._away[key] for key in self._timers]
         chosen = [entry for entry in parked if not entry.closing and model in (None, entry.model)]
         for entry in chosen:
@@ -145,10 +145,10 @@ class KeptSessions:
         return len(chosen)
 
     def let_go(self, num_bytes: int) -> None:
-        """Free so many bytes, if parked sessions hold as many; those that hold most first.
+        """Free that many bytes if parked sessions hold as many, beginning with the largest.
 
-        Placements and warnings go before anything else, so that a client that resumes still learns what became of its
-        events. Where that is not enough sessions are given up: a resume is refused as after the grace.
+        Placements and warnings are dropped first, so that a client that resumes still learns what became of its events.
+        If that is not enough, sessions are given up: resumes are refused as if grace_s had passed.
         """
         parked = sorted((self._away[key] for key in self._timers), key=lambda entry: entry.held_bytes, reverse=True)
         for free in (SessionEntry.let_go_of_places, self._give_up_for_room):
@@ -161,10 +161,10 @@ class KeptSessions:
 
     def _give_up_for_room(self, entry: SessionEntry) -> None:
         self._give_up(entry, "let_go")
-        entry.answers = KeptAnswers()  # nobody comes to hear them
+        entry.answers = KeptAnswers()  # no client will come back for them
 
     def _give_up(self, entry: SessionEntry, how: str = "expired") -> None:
-        """Nobody came back, or nobody can be waited for."""
+        """The client did not come back in time, or there is no memory to wait for it."""
         self._stop_timer(entry)
         self._by_token.pop(entry.token, None)
         if entry.closed is not None:
@@ -181,9 +181,9 @@ class KeptSessions:
 
 
 class _Nobody:
-    """Carries a parked session: keeps its books, and lets frames go, which the engine sends again."""
+    """Carries a session without a stream: keeps its entry up to date. Drops frames, which the engine sends again."""
 
-    work = nullcontext()  # nobody's: what its client had asked for before it went
+    work = nullcontext()  # charged to nobody: what the client had asked for before it went
 
     def __init__(self, entry: SessionEntry, kept: KeptSessions) -> None:
         self._entry = entry
@@ -198,10 +198,10 @@ class _Nobody:
                 continue
             if isinstance(said, Closed):
                 end_waiting(self._entry, said)
-                self._entry.place.release()  # it may wait long for its client to come and hear of that
+                self._entry.place.release()  # its client may take long to come back and learn of the end
             self._entry.note(said)
-            # A refused open leaves nothing to resume here, though its session was parked: one that was taken over is
-            # from the moment on that its engine is asked.
+            # A refused open leaves nothing to resume. A session that is being taken over from another server can be
+            # parked before its engine has answered the open.
             is_refused = isinstance(said, Outcome) and said.event_seq == 1 and said.code is not Code.OK
             if is_refused:
                 refuse_waiting(self._entry)

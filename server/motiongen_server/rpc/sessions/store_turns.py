@@ -1,9 +1,9 @@
-"""StoreTurns: who asks the store of snapshots next, for how long that may take, and what a store that fails means.
+"""StoreTurns: decides who asks the store of snapshots next, how long that may take, and what a failing store means.
 
-Clients that resume take turns as those who have prompts encoded do: peers go round, and of each its streams, however
-much any of them asks. Where more wait than may, who has most gives up a place. None is told that its session is gone
-because the store is busy or away: that is worth waiting for, though not for ever, since a client can open its session
-anew from the frames it holds.
+Clients that resume take turns at the store as prompts do at the encoder: in rotation among peers, and among the streams
+of each, however much any of them asks. If too many wait, the peer with the most gives up a place. No client is told
+that its session is gone because the store is busy or away. The store is worth waiting for, but not for ever: a client
+can open a new session from the frames that it holds.
 """
 
 from __future__ import annotations
@@ -22,20 +22,20 @@ from motiongen_server.text.turns import Asker, Place, PlaceLost, Turns
 _log = SparingLog(logging.getLogger(__name__))
 
 MOST_ASKING = 2048
-"""Who ask or wait to: as many as a server may have sessions, as all of another's come at once when that one is lost."""
+"""Resumes under way or waiting: the sessions that a server may have, since all of a lost server's come at once."""
 TAKE_S = 2.0
-"""How long a client that resumes waits for the store and its turn there, before it is told to come again."""
+"""How long a client that resumes waits for its turn at the store and the answer, before it is told to retry."""
 AWAY_S = 30.0
-"""For so long a store that fails everybody is waited for: as long as a session is kept whose client is away."""
+"""How long clients wait for a store that fails for all: as long as sessions are kept for clients that are away."""
 
 ASKED_AGAIN_S = 10.0
-"""Longer than clients that wait leave between two attempts: after that a failure is the first of new ones."""
+"""More than waiting clients leave between two attempts: a failure that comes later begins a new series."""
 
 T = TypeVar("T")
 
 
 class StoreAway(Exception):
-    """The store has failed everybody for so long that nobody is to wait for it any more."""
+    """The store has failed for everybody for so long that no client is to wait for it any more."""
 
 
 class StoreTurns:
@@ -48,9 +48,9 @@ class StoreTurns:
         self._failed_at = 0.0
 
     async def take(self, asker: Asker, ask: Callable[[], Awaitable[T]]) -> T:
-        """What `ask` gives, which asks the store, in a turn of its own.
+        """Call `ask`, which asks the store, when it is the asker's turn; returns its result.
 
-        Raises EventRefused where there is no turn, or no answer, in time, and StoreAway.
+        Raises EventRefused if there is no turn or no answer in time, and StoreAway.
         """
         has_turn = False
         try:
@@ -69,13 +69,13 @@ class StoreTurns:
             raise self._failed(str(error) or f"it took more than {TAKE_S:g} s") from error
 
     def note_answer(self) -> None:
-        """The store has done what somebody needs of it."""
+        """The store has served a request completely."""
         self._failing_since = None
 
     def _failed(self, why: str) -> Exception:
-        """The store has failed who had a turn. What that one is told."""
+        """The store has failed in somebody's turn. Returns the exception for the asker."""
         now = self._clock()
-        _log.info("a session cannot be asked for: %s", why)
+        _log.info("the store could not be asked for a session: %s", why)
         if self._failing_since is None or now - self._failed_at > ASKED_AGAIN_S:
             self._failing_since = now
         self._failed_at = now

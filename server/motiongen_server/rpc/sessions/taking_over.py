@@ -1,4 +1,4 @@
-"""How a session that another server held goes on here: its books and its engine's state, out of a record."""
+"""Continues another server's session here: restores its entry and its engine's state from a record."""
 
 from __future__ import annotations
 
@@ -25,7 +25,7 @@ _log = SparingLog(logging.getLogger(__name__))  # any client can make tokens up
 
 
 class NoRoom(Exception):
-    """A session's model has failed here, or its engines would not let it in. refusal: what its client is told."""
+    """A session's model has failed here, or its engines have no room for it. refusal: what its client is told."""
 
     def __init__(self, refusal: EventRefused, model: LoadedModel) -> None:
         super().__init__(str(refusal))
@@ -36,12 +36,14 @@ class NoRoom(Exception):
 async def claimed(
     durability: Durability, opening: session_pb2.OpenSession, peer: Peer, models: ModelRegistry, asker: Asker
 ) -> tuple[str, SessionRecord]:
-    """The record that an OpenSession's token stands for, and the token from now on; no other server writes it any more.
+    """Claim the session of an OpenSession's resume token; returns its new token and its record, which no other server
+    writes from now on.
 
-    Raises EventRefused where there is none, or it lacks what the client knows of: acknowledged events are never lost;
-    where the model here cannot go on with it, or its peer has no place or no steps for it; and where that cannot be
-    known at present, since the store does not answer. Raises NoRoom where no engine takes it. A message that
-    was under way for long, and what is refused, take nothing from who serves the session.
+    Raises EventRefused if there is no record, or it lacks events that the client knows to be answered (acknowledged
+    events are never lost); if the model here cannot continue it, or its peer has no place or no steps for it; and if
+    the store does not answer. Raises NoRoom if the model has failed or its engines have no room. A resume that is
+    refused, or that was delayed until a newer attempt had been made, takes nothing away from the server that has the
+    session.
     """
     point = opening.resume_point
 
@@ -59,12 +61,12 @@ async def claimed(
     try:
         return await durability.take_over(opening.resume_token, peer.tenant, asker, check)
     except NotKept as error:
-        _log.info("a session is not gone on with: %s", error)
+        _log.info("a session cannot be continued: %s", error)
         raise session_not_kept() from error
 
 
 def _check_room(snapshot: SessionSnapshot, model: LoadedModel, peer: Peer) -> None:
-    """Raises what `adopted` does for want of a place or of steps, and NoRoom."""
+    """Raises what `adopted` raises for lack of a place or of steps, and NoRoom."""
     if model.refusal is not None:
         raise NoRoom(model.refusal, model)
     spec = snapshot.spec
@@ -90,9 +92,9 @@ def adopted(
     events_per_second: float,
     now: float,
 ) -> tuple[SessionEntry, Open]:
-    """The books of a session on a stream, by the handle of the key, and what its engine is to be given.
+    """The entry of a session that was taken over, on the stream and handle of the key, and the Open for its engine.
 
-    Raises EventRefused where its model is not served, or its peer has no place or no steps for it.
+    Raises EventRefused if its model is not served, or its peer has no place or no steps for it.
     """
     snapshot, point = record.snapshot, opening.resume_point
     model = models.find(snapshot.spec.model_id)
@@ -126,7 +128,7 @@ def adopted(
 
 
 def _going_on(snapshot: SessionSnapshot, point: session_pb2.ResumePoint) -> GoingOn:
-    held_to = point.next_frame  # who does not say what it shows may show all that it holds
+    held_to = point.next_frame  # a client that does not say what it shows may show all that it holds
     playhead = point.playhead if point.HasField("playhead") else held_to
     committed_to = point.committed_to if point.HasField("committed_to") else held_to
     return GoingOn(snapshot, point.attempt, point.next_frame, point.plan, playhead, committed_to)

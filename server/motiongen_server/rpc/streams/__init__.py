@@ -1,1 +1,1 @@
-"""Streams: what is read from a client, whose session it is for, and what is written to the client."""
+"""Streams: read a client's messages, pass events to its sessions, and write what is sent to the client."""

@@ -1,4 +1,4 @@
-"""Goodbye: a client is told that its stream will end, and when; once for each reason."""
+"""Goodbye: tells a client that its stream will end, and when; once for each reason."""
 
 from __future__ import annotations
 
@@ -10,9 +10,9 @@ EXPIRY_NOTICE_S = 10.0
 
 
 def say_draining(stream: Stream, model_id: str, grace_s: float, reconnect_after_s: float = 0.0) -> None:
-    """The server goes away. reconnect_after_s: when another one, or it itself, can be had; 0: at once.
+    """The server is going away. reconnect_after_s: when another server, or this one again, is available; 0: now.
 
-    Servers with room for sessions of a model are named, drawn anew for each stream: else all would go to the same.
+    Names servers with room for sessions of the model, drawn anew for each stream: otherwise all would go to the same.
     """
     goodbye = _goodbye(service_pb2.GOODBYE_REASON_DRAINING, grace_s)
     if reconnect_after_s > 0:

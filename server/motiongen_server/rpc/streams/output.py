@@ -1,4 +1,4 @@
-"""StreamOutput: what one stream still has to write, and how long it waits for a client that does not read."""
+"""StreamOutput: what one stream still has to write, and its limits for a client that does not read."""
 
 from __future__ import annotations
 
@@ -20,13 +20,13 @@ from motiongen_server.rpc.streams.tracing import StreamTracing
 MAX_RESPONSE_BYTES = 1 << 20
 MAX_WAITING_REPLIES = 64
 REPLY_BYTES = 512
-"""Of a pong or a goodbye in memory, about."""
+"""A pong or a goodbye in memory, roughly."""
 
 
 class StreamOutput(ABC):
-    """The half of a `Stream` that its write loop uses. ready: there is something to write, or it is the end.
+    """The part of a `Stream` that its write loop uses. ready: there is something to write, or the stream has ended.
 
-    urgent: there is something that must not wait for the flush interval. work: what the event loop does for its client.
+    urgent: something must not wait for the flush interval. work: measures the event loop's work for the client.
     """
 
     def __init__(self, limits: Limits, stream_metrics: StreamMetrics, work: Work) -> None:
@@ -38,7 +38,7 @@ class StreamOutput(ABC):
         self.tracing: StreamTracing | None = None
         self.writing_since: float | None = None  # monotonic seconds, while a message is being written
         self.has_written = False  # a message, to its end
-        self.gateway_lag: GatewayLag | None = None  # of the event loop that it shares with all others
+        self.gateway_lag: GatewayLag | None = None  # of the event loop, which all streams share
         self.responses: deque[service_pb2.StreamMotionResponse] = deque()
         self._limits = limits
         self._stream_metrics = stream_metrics
@@ -54,11 +54,11 @@ class StreamOutput(ABC):
 
     @property
     def num_waiting_bytes(self) -> int:
-        """What waits to be written, or is being written, about."""
+        """Roughly the bytes that wait to be written, or are being written."""
         return self.send_queue.num_bytes + REPLY_BYTES * len(self.responses) + self._writing_bytes
 
     def next_response(self) -> bytes | None:
-        """The next StreamMotionResponse to write: pongs and goodbyes first, then updates of many sessions in one."""
+        """The next StreamMotionResponse: first pongs and goodbyes, then updates of many sessions in one message."""
         self._room.set()
         response = self._next_response()
         self._writing_bytes = 0 if response is None else len(response)
@@ -82,13 +82,14 @@ class StreamOutput(ABC):
         self.ready.set()
 
     def probe(self) -> asyncio.Future[None]:
-        """Done once something more has been written: the client has finished, and its transport is not lost."""
+        """After the client has finished: a future that is done once another message was written, so that the connection
+        is known to be there."""
         self._probe = asyncio.get_running_loop().create_future()
         self.reply(service_pb2.StreamMotionResponse())
         return self._probe
 
     def note_written(self) -> None:
-        """What `next_response` gave last was written."""
+        """The last result of `next_response` was written."""
         if self.gateway_lag is not None and self.writing_since is not None:
             self.gateway_lag.note_write(time.monotonic() - self.writing_since)
         self.writing_since = None
@@ -105,7 +106,7 @@ class StreamOutput(ABC):
         return full or len(self.responses) > MAX_WAITING_REPLIES
 
     def _check_backlog(self) -> None:
-        """Close every session when the client reads too slowly: too much unsent at once, or a lot for too long."""
+        """Close every session if the client reads too slowly: too much is unsent, or a lot for too long."""
         waiting = self.send_queue.num_bytes
         if self.send_queue.dropped_frames > self._dropped_told:
             self._stream_metrics.drop_frames(self.send_queue.dropped_frames - self._dropped_told)
@@ -113,7 +114,7 @@ class StreamOutput(ABC):
         self._patience.check(waiting)
 
     def end(self) -> None:
-        """Let the write loop finish what is there and stop."""
+        """Let the write loop write what is there, and stop."""
         self.ended = True
         self._room.set()
         self.urgent.set()

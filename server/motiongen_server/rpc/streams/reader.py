@@ -1,4 +1,4 @@
-"""StreamReader: what a client says on a stream: hello, pings and events, as the stream can pay for them."""
+"""StreamReader: reads hello, pings and events from a stream, as fast as the stream can pay for them."""
 
 from __future__ import annotations
 
@@ -31,18 +31,19 @@ _log = logging.getLogger(__name__)
 FLUSH_RANGE_S = (0.005, 0.1)
 MAX_AGENT_CHARACTERS = 128
 MAX_SHOWN_CHARACTERS = 160
-"""Of how an agent is written in the log, where a character that cannot be printed takes up to ten."""
+"""Of an agent as written in the log, where an unprintable character takes up to ten."""
 EVENTS_A_TURN = 64
 EVENTS_A_WALK = 1024
-"""Of a long message, counted before others have a turn."""
+"""Events of a long message that are counted before other streams have a turn."""
 PARSED = 25
-"""Times its bytes a small one takes, which is parsed as a whole, where all that it holds is empty."""
+"""A small message is parsed as a whole, and then takes up to this many times its bytes, namely if all that it holds is
+empty."""
 
 
 class StreamReader:
-    """Reads every stream of a service. ends_at: monotonic seconds, known once the server drains.
+    """Reads all streams of a service. ends_at: monotonic seconds, known once the server drains.
 
-    reconnect_after_s: as clients are told then.
+    reconnect_after_s: what clients are then told.
     """
 
     def __init__(self, models: ModelRegistry, replica_id: str, reconnect_after_s: float = 0.0) -> None:
@@ -53,7 +54,7 @@ class StreamReader:
         self.ends_at: float | None = None
 
     async def read(self, stream: Stream, context: StreamContext) -> None:
-        """Until its client has finished. Raises StreamRefused where it keeps to no protocol."""
+        """Read until the client has finished. Raises StreamRefused if it violates the protocol."""
         while True:
             await stream.room()
             stream.listening_since = time.monotonic()
@@ -72,15 +73,15 @@ class StreamReader:
             except Malformed as error:
                 refusal = malformed(str(error))
             except StreamRefused as error:
-                refusal = error.with_traceback(None)  # which would keep the message until it is collected
+                refusal = error.with_traceback(None)  # the traceback would keep the message until it is collected
             finally:
                 stream.work.end()
-                del data  # else it would be held until the next one comes
+                del data  # otherwise it would be held until the next message comes
             if refusal is not None:
                 raise refusal
 
     async def _take(self, stream: Stream, data: bytes, now: float) -> None:
-        """Take one message. Raises Malformed, StreamRefused for what is not allowed on the stream now, and Ended."""
+        """Take one message. Raises Malformed, StreamRefused for what the stream does not allow now, and Ended."""
         if len(data) <= SMALL_BYTES:
             request = parsed(data)
             if events := request.events:
@@ -110,8 +111,8 @@ class StreamReader:
 
     @staticmethod
     async def _turn(stream: Stream) -> None:
-        """Raises Ended once the stream is: what is left of its message is let go at once."""
-        stream.work.end()  # it is charged before the turn, which waits until that is paid
+        """Let others have a turn. Raises Ended if the stream was ended: the rest of its message is dropped at once."""
+        stream.work.end()  # so that it is charged before the turn, which waits until it is paid
         try:
             stream.peer.bound_held()
             await stream.turn()
@@ -121,7 +122,7 @@ class StreamReader:
             raise Ended
 
     def _control(self, stream: Stream, request: service_pb2.StreamMotionRequest) -> None:
-        """What a message says of the stream itself."""
+        """Take the part of a message that concerns the stream itself."""
         kind = request.WhichOneof("stream_event")
         if stream.greeted == (kind == "hello"):
             raise hello_expected() if not stream.greeted else hello_repeated()
@@ -137,7 +138,7 @@ class StreamReader:
         charged = budget.charged
         for number, event in enumerate(events, 1):
             receive(event, now)
-            # Events were charged before; what is charged besides is for those that take longer than others.
+            # The events themselves were charged before; this counts the extra charges for expensive ones.
             if number % EVENTS_A_TURN == 0 or budget.charged - charged >= EVENTS_A_TURN:
                 await self._turn(stream)
                 charged = budget.charged
@@ -147,7 +148,7 @@ class StreamReader:
             raise client_agent_too_long(len(hello.client_agent), MAX_AGENT_CHARACTERS)
         self._log.info("stream %d begins, client %s", stream.number, _shown(hello.client_agent))
         if hello.HasField("flush_interval"):
-            # Not by ToTimedelta, which cannot hold every Duration that fits into a message.
+            # Not with ToTimedelta, which fails for some of the Durations that a message can hold.
             asked = hello.flush_interval.seconds + hello.flush_interval.nanos / 1e9
             stream.flush_s = min(max(asked, FLUSH_RANGE_S[0]), FLUSH_RANGE_S[1])
         answer = service_pb2.ServerHello(

@@ -1,4 +1,4 @@
-"""ReaderPatience: how much may wait for a client that does not read, and for how long."""
+"""ReaderPatience: limits how much may wait for a client that does not read, and for how long."""
 
 from __future__ import annotations
 
@@ -15,10 +15,10 @@ class ReaderPatience:
         self._limits = limits
         self._give_up = give_up
         self._is_giving_up = False
-        self._timer: asyncio.TimerHandle | None = None  # runs while more waits than may wait for long
+        self._timer: asyncio.TimerHandle | None = None  # runs while the soft limit is exceeded
 
     def check(self, waiting_bytes: int) -> None:
-        """So much waits now."""
+        """Check how much waits now."""
         limits = self._limits
         if waiting_bytes > limits.hard_backlog_bytes:
             self._lose()
@@ -28,14 +28,14 @@ class ReaderPatience:
             self._timer = asyncio.get_running_loop().call_later(limits.backlog_s, self._lose)
 
     def end(self) -> None:
-        """Nothing more is waited for."""
+        """Stop the timer: the limits are met, or no longer matter."""
         if self._timer is not None:
             self._timer.cancel()
             self._timer = None
 
     def _lose(self) -> None:
         self.end()
-        if self._is_giving_up:  # what its sessions are told of that waits for the client too, and is counted here
+        if self._is_giving_up:  # telling the sessions of it queues more, which is checked here again
             return
         self._is_giving_up = True
         try:

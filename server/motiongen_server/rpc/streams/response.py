@@ -1,4 +1,4 @@
-"""What waits in a send queue -> the bytes of one StreamMotionResponse."""
+"""Serializes items of a send queue as one StreamMotionResponse."""
 
 from __future__ import annotations
 
@@ -15,13 +15,13 @@ _NOT_COUNTED = nullcontext()
 
 
 def response_of(waiting: Iterable[Run | Said], work: AbstractContextManager[None] = _NOT_COUNTED) -> bytes:
-    """One message of all that is given, in its order. work: around what is done for answers."""
+    """The bytes of one message with all these items, in their order. work: encloses the work for answers."""
     response: Parts = []
     for item in waiting:
         if isinstance(item, Run):
             append_frames(response, item, item.coding if isinstance(item.coding, FrameCoding) else PLAIN)
             continue
-        # The number as of then: since, later events may have been answered in later updates.
+        # applied_seq as of then: later events may have been answered since, in later updates.
         output, applied_seq = item
         if isinstance(output, PlanNotice):
             append_plan(response, applied_seq, output)

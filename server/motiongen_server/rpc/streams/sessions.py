@@ -1,4 +1,4 @@
-"""StreamSessions: the sessions that a stream carries, and what the engine says of them on its way to the client."""
+"""StreamSessions: the sessions that a stream carries, and the engine's output for them on its way to the client."""
 
 from __future__ import annotations
 
@@ -34,13 +34,13 @@ from motiongen_server.rpc.sessions.kept_sessions import KeptSessions
 from motiongen_server.rpc.stream_metrics import StreamMetrics
 from motiongen_server.rpc.streams.output import StreamOutput
 
-_FRAMES_AND_PLANS = (Chunk, PlanNotice)  # a union would be made anew for every output
+_FRAMES_AND_PLANS = (Chunk, PlanNotice)  # a union would be built again for every output
 
 
 class StreamSessions(StreamOutput):
-    """The half of a `Stream` that hears the engine. empty_since: monotonic seconds, while there is no session.
+    """The part of a `Stream` that takes engines' output. empty_since: monotonic seconds; valid while it has no session.
 
-    other_servers: those with room for a session of a model, as far as is known.
+    other_servers: returns servers with room for a session of a model, as far as is known.
     """
 
     def __init__(
@@ -51,7 +51,7 @@ class StreamSessions(StreamOutput):
         self.empty_since = time.monotonic()
         self.other_servers: Callable[[str], tuple[OtherServer, ...]] = lambda _: ()
         self._kept = kept
-        self._entries: dict[int, SessionEntry] = {}  # by the handle that they have here
+        self._entries: dict[int, SessionEntry] = {}  # by their handle on this stream
         self._by_key: dict[SessionKey, SessionEntry] = {}
 
     @property
@@ -60,8 +60,8 @@ class StreamSessions(StreamOutput):
 
     @property
     def num_waiting_bytes(self) -> int:
-        """What waits to be written, of what has come waits for prompts, and is kept to be told again, about."""
-        entries = list(self._entries.values())  # metrics ask on another thread
+        """Roughly the bytes that wait to be written, of events that wait for prompts, and kept to be sent again."""
+        entries = list(self._entries.values())  # metrics are read on another thread
         return super().num_waiting_bytes + sum(entry.held_bytes for entry in entries)
 
     def take(self, *outputs: Output) -> None:
@@ -69,15 +69,15 @@ class StreamSessions(StreamOutput):
         self.take_all(outputs)
 
     def take_now(self, *outputs: Output) -> None:
-        """Take outputs for this stream's client, which do not wait for the flush interval."""
+        """Take outputs for this stream's client that must not wait for the flush interval."""
         self.take_all(outputs)
         self.urgent.set()
 
     def take_all(self, outputs: Sequence[Output]) -> None:
-        """Take outputs for this stream's client, in order, and keep the books of their sessions.
+        """Take outputs for this stream's client, in order, and update the entries of their sessions.
 
-        A plan that answers edits does not wait for the flush interval, nor do the frames that come with it: whoever
-        steers waits for them.
+        A plan that answers edits does not wait for the flush interval, nor do the frames that come with it: a user who
+        steers is waiting for them.
         """
         entries, answers_edits = self._by_key, False
         for said in without_needless_refusals(outputs, entries.get):
@@ -102,7 +102,7 @@ class StreamSessions(StreamOutput):
         self.ready.set()
 
     def _pass_on(self, said: Output) -> None:
-        """What is said of a session that this stream does not carry, or not since what was said just before."""
+        """Take an output for a session that this stream does not carry, or has not since the previous output."""
         carrier, this = self._kept.carrier_of(said.session), cast(object, self)
         if carrier is not None and carrier is not this:
             carrier.take(said)
@@ -110,7 +110,7 @@ class StreamSessions(StreamOutput):
             self.send_queue.put(said, 0)
 
     def _put(self, said: Output, entry: SessionEntry) -> None:
-        """Queue what is said of a session, by the handle that it has here."""
+        """Queue an output of a session, with the session's handle on this stream."""
         if entry.key.handle != entry.handle:
             said = replace(said, session=SessionKey(self.number, entry.handle))
         if isinstance(said, Chunk):
@@ -122,16 +122,16 @@ class StreamSessions(StreamOutput):
             self.send_queue.put(said, entry.applied_seq)
 
     def _book(self, said: Output, entry: SessionEntry) -> None:
-        """Note what is said of a session, and tell it, unless that has to wait until the session is resumed."""
+        """Record an output of a session, and queue it unless that has to wait until the session is resumed."""
         if isinstance(said, Closed):  # before the end is told and the handle can be used again
             end_waiting(entry, said)
         noted = entry.note(said)
         if entry.is_resuming:
-            if isinstance(said, Closed):  # it crossed the resume, which nobody will answer
+            if isinstance(said, Closed):  # it crossed the resume, which the engine will not answer
                 self._welcome_back(entry, 0)
-            elif isinstance(said, Outcome) and said.event_seq == 1:  # the engine does not go on with a snapshot
+            elif isinstance(said, Outcome) and said.event_seq == 1:  # the engine refuses to continue from a snapshot
                 self._stream_metrics.count_resume("refused")
-                entry.is_resuming = False  # what waits for the encoder is answered, and told
+                entry.is_resuming = False  # so that answers to what waits for the encoder are sent
                 refuse_waiting(entry)
                 self._end(entry)
                 self._say(
@@ -154,9 +154,9 @@ class StreamSessions(StreamOutput):
     def _turn_away(
         self, event: session_pb2.SessionEvent, model: LoadedModel, priority: Priority
     ) -> EventRefused | None:
-        """Refuse an open that would not be let in, before anything else of it is read. Returns why, if it was.
+        """Refuse an open for which there is no room, before reading the rest of it. Returns the refusal, if any.
 
-        Where many ask again and again, nobody who plays is to notice.
+        Clients that ask again and again must not disturb those that play.
         """
         facts = model.catalog.facts
         steps = asked_steps(event.open, facts)
@@ -170,7 +170,7 @@ class StreamSessions(StreamOutput):
         return refusal
 
     def _hinted(self, refusal: Outcome, model_id: str) -> Outcome:
-        """The refusal of an open, with the servers that have room for that model where this one has none."""
+        """The refusal of an open; if it concerns this server only, with servers that have room for that model."""
         if refusal.reason not in OF_THIS_SERVER:
             return refusal
         return RefusedOpen.of(refusal, self.other_servers(model_id))
@@ -180,20 +180,20 @@ class StreamSessions(StreamOutput):
         self._remove(entry)
 
     def _go_on(self, resumed: Resumed, entry: SessionEntry) -> None:
-        """The engine has taken up a resume: what follows are the frames that the client lacks."""
+        """The engine has answered a resume: if it accepts, the frames that the client lacks follow."""
         if resumed.attempt != entry.attempt:
-            return  # a later one is on its way
+            return  # the answer to a later attempt is on its way
         if resumed.start_frame is not None:
             self._welcome_back(entry, resumed.start_frame, resumed.notice)
             return
         self._stream_metrics.count_resume("refused")
         self._remove(entry)
-        if not self._kept.park(entry):  # else it ends with its grace, unless the client finds out where it is
+        if not self._kept.park(entry):  # parked, it ends after the grace unless the client resumes correctly
             self._kept.end(entry)
         self._say(resume_out_of_range().outcome(SessionKey(self.number, entry.handle), 1), None)
 
     def _welcome_back(self, entry: SessionEntry, start_frame: int, notice: PlanNotice | None = None) -> None:
-        """Tell a client that has resumed a session all that it may not have heard."""
+        """Send a client that has resumed a session everything that it may have missed."""
         entry.is_resuming = False
         self._stream_metrics.count_resume("resumed")
         if entry.closed is not None:
@@ -203,7 +203,7 @@ class StreamSessions(StreamOutput):
         self.ready.set()
 
     def _say(self, outcome: Outcome, entry: SessionEntry | None) -> None:
-        """Answer an event that is none of its session's."""
+        """Answer an event that does not count among its session's events."""
         self.send_queue.put(outcome, entry.applied_seq if entry is not None else 0)
         self._check_backlog()
         self.ready.set()

@@ -1,4 +1,4 @@
-"""One stream: its sessions by handle, the order of their events, and who goes on with them when it is lost."""
+"""One stream: its sessions by handle, the order of their events, and what becomes of them when the stream is lost."""
 
 from __future__ import annotations
 
@@ -61,21 +61,21 @@ class Stream(StreamTakeOvers):
         kept: KeptSessions | None = None,
         peer: Peer | None = None,
     ) -> None:
-        """kept: the sessions that can be resumed, of all streams; none where it is left out.
+        """kept: the sessions of all streams that can be resumed; by default none can.
 
-        peer: whom what comes is charged to besides the stream; one of its own where it is left out.
+        peer: is charged for what comes in, besides the stream; by default a peer of its own.
         """
         now = time.monotonic()
         metrics = stream_metrics or NoStreamMetrics()
         super().__init__(number, models, metrics, kept or KeptSessions(0), peer or Peer(PeerLimits(), now), now)
         self.began_at = now
         self.caller = ANYBODY
-        self.goodbyes: set[int] = set()  # reasons that were told
+        self.goodbyes: set[int] = set()  # reasons that the client has been told
         self.flush_s = 0.0
         self.greeted = False  # both sides have said hello
-        self.listening_since: float | None = None  # monotonic seconds, while it waits for the client to say something
+        self.listening_since: float | None = None  # monotonic seconds, while it waits for a message of the client
         self.cut: Callable[[], object] = lambda: None  # ends the writing
-        self.is_cut = False  # whether that ends with what is being written
+        self.is_cut = False  # whether the writing ends with the present message
         self.refusal: StreamRefused | None = None  # why the stream is ended before its client has finished
         self._has_failed = False
         self.rtt_s: float | None = None  # the client's last measurement
@@ -83,9 +83,9 @@ class Stream(StreamTakeOvers):
     # ---- from the client --------------------------------------------------------------------------------------------
 
     def receive(self, event: session_pb2.SessionEvent, now: float, unread: EventRefused | None = None) -> None:
-        """Take one event of the client, read at `now` and charged: hand it to the engine, or answer why not.
+        """Take one event, read at `now` and already charged: pass it to its engine, or answer with a refusal.
 
-        unread: why its content was not read.
+        unread: the refusal, if its content was not parsed.
         """
         if self._held_back and event.session in self._held_back:
             self._hold_back(event, now, unread)
@@ -104,7 +104,7 @@ class Stream(StreamTakeOvers):
                 return
             entry = self._open(event, entry, now) if kind == "open" else self._next_of(event, entry)
         except EventRefused as refusal:
-            # It never became an event of the session, so the session's books must not know its number.
+            # It never became an event of the session, so the session's entry must not count its number.
             outcome = refusal.outcome(SessionKey(self.number, handle), event.event_seq)
             if kind == "open" and refusal.code is Code.RESOURCE_EXHAUSTED:
                 self._stream_metrics.reject(refusal.reason)
@@ -112,12 +112,12 @@ class Stream(StreamTakeOvers):
             self.work.num_refused += refusal.code not in FREE
             self._say(self._hinted(outcome, event.open.model_id or self._models.default.model_id), entry)
             return
-        if entry is None or entry.is_leaving:  # who leaves says it again where the session goes on
+        if entry is None or entry.is_leaving:  # its client sends the event again where the session continues
             return
         try:
             if unread is not None:
                 raise unread
-            if kind != "close":  # which asks for less work, not for more
+            if kind != "close":  # a close saves work
                 self._take_token(entry, now)
             if kind == "open" and self.gateway_lag is not None and self.gateway_lag.is_too_long:
                 raise gateway_overloaded(self.gateway_lag.lag_s)
@@ -132,7 +132,7 @@ class Stream(StreamTakeOvers):
             tell_internal_error(entry, event.event_seq, error)
 
     def _report(self, event: session_pb2.SessionEvent, entry: SessionEntry | None, now: float) -> None:
-        """Pass a playhead on, past whatever waits: it is about now. Raises EventRefused."""
+        """Pass a playhead on, ahead of events that wait: it describes the present. Raises EventRefused."""
         if entry is None:
             return  # it crossed the session's end
         if event.event_seq:
@@ -148,7 +148,7 @@ class Stream(StreamTakeOvers):
             entry.model.engine.submit(playhead_of(report, entry.key, now, self.rtt_s))
 
     def _next_of(self, event: session_pb2.SessionEvent, entry: SessionEntry | None) -> SessionEntry | None:
-        """The session that the event is the next one of; None where it is to be dropped. Raises EventRefused."""
+        """The session for which this is the next event; None if the event is to be dropped. Raises EventRefused."""
         if entry is None:
             raise session_not_open(event.session)
         return entry if entry.takes(event.event_seq) else None
@@ -170,7 +170,7 @@ class Stream(StreamTakeOvers):
         if event.open.resume_token:
             self._resume(event, now)
             return None
-        if self.ended or not self.accepts_opens:  # a stream that ends is read on without being held back
+        if self.ended or not self.accepts_opens:  # a stream that is ending is still read, without waits
             raise draining()
         model = self._models.find(event.open.model_id)
         asked = int(event.open.priority)
@@ -185,13 +185,13 @@ class Stream(StreamTakeOvers):
         return entry
 
     def _resume(self, event: session_pb2.SessionEvent, now: float) -> None:
-        """Take over a session that another stream carries, or carried. Raises EventRefused."""
+        """Resume a session that another stream or server carries, or carried. Raises EventRefused."""
         check_resume(event.open)
         entry, point = self._kept.resumed_by(event.open.resume_token), event.open.resume_point
         if entry is None and self._kept.durability is not None:
             self._begin_take_over(event, self._kept.durability, now)
             return
-        if entry is None or entry.place.peer.tenant != self.peer.tenant:  # one tenant never learns of another's
+        if entry is None or entry.place.peer.tenant != self.peer.tenant:  # tenants never learn of each other's
             raise session_not_kept()
         if point.attempt <= entry.attempt:
             raise resume_superseded(point.attempt, entry.attempt)
@@ -211,7 +211,7 @@ class Stream(StreamTakeOvers):
             entry.model.engine.submit(resume)
 
     def _give_away(self, entry: SessionEntry) -> None:
-        """Another stream has taken over a session of this one, whose client may still be there."""
+        """Another stream has taken over a session of this one; the client of this stream may still be there."""
         self._remove(entry)
         address, message = SessionKey(self.number, entry.handle), "another stream has resumed the session"
         self.send_queue.put(Closed(address, CloseReason.TAKEN_OVER, Code.OK, message, 0, 0), entry.applied_seq)
@@ -222,7 +222,7 @@ class Stream(StreamTakeOvers):
             raise too_fast(self._limits.events_per_second, entry.bucket.wait_s)
 
     def _book(self, said: Output, entry: SessionEntry) -> None:
-        """A refusal is charged whoever has found what is wrong; not the server's own faults, nor ends of sessions."""
+        """Charges refusals of the engine too, but neither faults of the server's own nor ends of sessions."""
         if isinstance(said, Outcome) and said.code not in FREE and said.reason != SESSION_CLOSED:
             self.budget.charge(REFUSAL_COST, time.monotonic())
         super()._book(said, entry)
@@ -238,9 +238,9 @@ class Stream(StreamTakeOvers):
         self.close_all(CloseReason.SLOW_READER)
 
     def close_all(self, reason: CloseReason, model: LoadedModel | None = None) -> int:
-        """Ask for every session of the stream to be closed that is not closing already; returns how many those were.
+        """Ask engines to close all sessions that are not closing already; returns their number.
 
-        model: those that were opened with this one only.
+        model: only sessions that were opened with it.
         """
         now, asked = time.monotonic(), 0
         for entry in list(self._entries.values()):
@@ -253,34 +253,34 @@ class Stream(StreamTakeOvers):
         return asked
 
     def lose(self) -> None:
-        """The transport is gone: keep the sessions that can be resumed, close the others, and write nothing more."""
+        """The connection is lost: keep the sessions that can be resumed, close the others, and write nothing more."""
         for entry in list(self._entries.values()):
-            # One that its client has not heard of, or does not read, or that the server ends, is not gone on with.
+            # Not kept: sessions that the client does not know of or does not read, or that the server is ending.
             if entry.opened is not None and not entry.muted and not self.ended and self._kept.park(entry):
                 self._remove(entry)
         self.close_all(CloseReason.CLIENT)
         for entry in list(self._entries.values()):
             entry.place.release()
             self._kept.see_out(entry)
-            self._remove(entry)  # which is over elsewhere, and must not be seen out once more as the call ends
+            self._remove(entry)  # `kept` awaits its end now; the end of the call must not do so again
         self.end()
         self._patience.end()
 
     def refuse(self, refusal: StreamRefused) -> None:
-        """End the stream for what its client does, or does not: its sessions too, and what waits is not written."""
+        """End the stream for what its client did or failed to do: its sessions end, and what waits is not written."""
         self.refusal = refusal
         self.end()
         self._drop_line()
 
     def expire(self, refusal: StreamRefused) -> None:
-        """End the stream, whose client may come back and resume its sessions."""
+        """End the stream; its client may come back and resume its sessions."""
         self.refusal = refusal
         self._drop_line()
 
     def fail(self, error: Exception) -> None:
-        """End the stream for a fault of the server's own, which is logged once.
+        """End the stream because of a fault of the server's own, which is logged once.
 
-        Its sessions are closed with the call: nobody goes on with books that the fault may have left half written.
+        Its sessions are closed with the call: the fault may have left their entries inconsistent.
         """
         if not self._has_failed:
             self._has_failed = True
@@ -290,7 +290,7 @@ class Stream(StreamTakeOvers):
             self.cut()
 
     def _drop_line(self) -> None:
-        self._forget_unsent()  # else what the sessions are told of the end may be too much for the client once more
+        self._forget_unsent()  # otherwise the sessions' last messages might exceed the backlog once more
         self.lose()
         self._forget_unsent()
         self.cut()

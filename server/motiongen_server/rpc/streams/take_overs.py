@@ -1,4 +1,4 @@
-"""StreamTakeOvers: the sessions that other servers held, on their way to a stream."""
+"""StreamTakeOvers: takes over sessions of other servers for a stream, and holds their events back meanwhile."""
 
 from __future__ import annotations
 
@@ -27,14 +27,14 @@ from motiongen_server.snapshots.record import SessionRecord
 from motiongen_server.text.turns import Asker
 
 LOOK_AGAIN_S = 1.0
-"""So long after it began to wait a stream looks whether it still owes: those that used it all up may be gone."""
+"""A waiting stream looks this often whether it still owes: the clients that used up everything may be gone."""
 
 
 @dataclass(slots=True)
 class _HeldBack:
-    """What a client has said of a session that is on its way, in order. num_bytes: of its OpenSession and of these.
+    """Events for a session that is being taken over, in order. num_bytes: of its OpenSession and these events.
 
-    task: what takes the session over, and then goes through these.
+    task: takes the session over, then these events.
     """
 
     task: asyncio.Task[None] | None = None
@@ -45,7 +45,7 @@ class _HeldBack:
 class StreamTakeOvers(StreamSessions):
     """The part of a `Stream` that waits for the store of snapshots. The stream's other sessions do not wait.
 
-    What a client says of a session meanwhile is kept, in order. accepts_opens: False once the server goes away.
+    Meanwhile the session's events are held back, in order. accepts_opens: False once the server is going away.
     """
 
     def __init__(
@@ -68,28 +68,28 @@ class StreamTakeOvers(StreamSessions):
 
     @property
     def num_waiting_bytes(self) -> int:
-        """What waits to be written, is kept to be told again, and of what has come waits for anything, about."""
+        """Roughly the bytes that wait to be written, are kept to be sent again, or have come and wait for anything."""
         held_back = sum(each.num_bytes for each in self._held_back.values())
         return super().num_waiting_bytes + held_back + self.peer.held.of(self)
 
     @abstractmethod
     def fail(self, error: Exception) -> None:
-        """End the stream for a fault of the server's own."""
+        """End the stream because of a fault of the server's own."""
 
     def owed_s(self, now: float) -> float:
-        """Seconds until the stream may be read on."""
+        """Seconds until more of the stream may be read."""
         return self.budget.owed_s(now)
 
     async def turn(self) -> None:
-        """Let other streams have a turn in the middle of a message, and wait as `room` does."""
+        """Let other streams have a turn in the middle of a message, then wait as `room` does."""
         await asyncio.sleep(0)
         await self.room()
 
     async def room(self) -> None:
-        """Wait until the stream may be read on, or ends.
+        """Wait until more of the stream may be read, or it ends.
 
-        Not while it owes for what it has sent, nor while more answers wait than its client reads. Not reading on passes
-        the wait to the client, by gRPC's own flow control.
+        It is not read while it owes for what it has sent, nor while too many answers wait for its client to read.
+        gRPC's flow control passes the back-pressure on to the client.
         """
         is_held = False
         while not self.ended:
@@ -108,19 +108,19 @@ class StreamTakeOvers(StreamSessions):
 
     @abstractmethod
     def _receive(self, event: session_pb2.SessionEvent, now: float, unread: EventRefused | None) -> None:
-        """Take one event of a session that is not on its way."""
+        """Take one event of a session that is not being taken over."""
 
     def _begin_take_over(self, event: session_pb2.SessionEvent, durability: Durability, now: float) -> None:
-        """Go on with a session that another server holds, or held, as soon as the store has told of it.
+        """Begin to take over a session that another server holds, or held; it continues here once the store answers.
 
-        This may be one of the events that were held back: those behind it are held back for it then. Raises
-        EventRefused where the peer has too much waiting.
+        The event may be one that was held back; the events behind it then stay held back for the new session. Raises
+        EventRefused if the peer has too much waiting.
         """
         num_bytes = event.open.ByteSize()
         self.peer.check_waiting(num_bytes)
-        self.budget.charge(REFUSAL_COST, now)  # anybody can make tokens up, and the store tells only later
+        self.budget.charge(REFUSAL_COST, now)  # anybody can make up tokens, and only the store knows them
         opening = session_pb2.OpenSession()
-        opening.CopyFrom(event.open)  # else the whole message would be kept with it
+        opening.CopyFrom(event.open)  # otherwise the whole message would stay in memory with it
         held_back = self._held_back.setdefault(event.session, _HeldBack())
         self._count(held_back, num_bytes)
         task = held_back.task = asyncio.get_running_loop().create_task(
@@ -130,21 +130,21 @@ class StreamTakeOvers(StreamSessions):
         task.add_done_callback(self._taking_over.discard)
 
     async def taken_over(self, writer: asyncio.Task[None]) -> None:
-        """Wait, as long as there is a writer, until no session is on its way: who has finished is owed its answer."""
+        """Wait until no session is being taken over, or the writer ends: a client that has finished is owed answers."""
         while self._taking_over and not writer.done():
             await asyncio.wait({writer, *self._taking_over}, return_when=asyncio.FIRST_COMPLETED)
 
     async def _take_over(
         self, handle: int, opening: session_pb2.OpenSession, durability: Durability, now: float
     ) -> None:
-        """Take a session over, then what its client has said meanwhile."""
+        """Take a session over, then the events that its client has sent meanwhile."""
         key = SessionKey(self.number, handle)
         try:
             if not self.accepts_opens:
                 raise draining()
             asker = Asker(self.peer.name, self.number)
             token, record = await claimed(durability, opening, self.peer, self._models, asker)
-            if not self.ended:  # else its client has gone, and will come again, here or elsewhere
+            if not self.ended:  # otherwise its client has gone, and will come back, here or elsewhere
                 self._adopt(record, token, opening, key, durability, now)
                 self.budget.give_back(REFUSAL_COST, time.monotonic())
                 self._room.set()
@@ -164,13 +164,13 @@ class StreamTakeOvers(StreamSessions):
         self._say(told, None)
 
     async def _go_through(self, handle: int) -> None:
-        """Take what was held back, as the stream can pay for it; what comes meanwhile is held back behind it.
+        """Take the events that were held back, as the stream can pay for them; new ones are held back behind them.
 
-        Nothing once the stream has ended, whose client says it again: a session that is opened then would be nobody's.
+        Stops once the stream has ended: a session opened then would have no client, and clients send the events again.
         """
         held_back, task = self._held_back[handle], asyncio.current_task()
         try:
-            while held_back.events and held_back.task is task:  # else another session is on its way on this handle
+            while held_back.events and held_back.task is task:  # else the handle's next session is being taken over
                 await self.turn()
                 if self.ended:
                     break
@@ -219,9 +219,9 @@ class StreamTakeOvers(StreamSessions):
             self.take_now(refusal)
 
     def _hold_back(self, event: session_pb2.SessionEvent, now: float, unread: EventRefused | None) -> None:
-        """Keep an event until its session is there, or is not, and those before it were taken."""
+        """Keep an event until the take-over of its session has ended, and the events before it were taken."""
         held_back, handle, num_bytes = self._held_back[event.session], event.session, event.ByteSize()
-        if event.WhichOneof("event") == "playhead":  # it is about now
+        if event.WhichOneof("event") == "playhead":  # it describes the present
             if handle in self._entries:
                 self._receive(event, now, unread)
             return
@@ -234,6 +234,6 @@ class StreamTakeOvers(StreamSessions):
             self._say(refusal.outcome(SessionKey(self.number, handle), event.event_seq), None)
             return
         kept = session_pb2.SessionEvent()
-        kept.CopyFrom(event)  # else the whole message would be kept with it
+        kept.CopyFrom(event)  # otherwise the whole message would stay in memory with it
         held_back.events.append((kept, now, unread))
         self._count(held_back, num_bytes)

@@ -1,4 +1,4 @@
-"""StreamTracing: the windows of a stream whose first frames have not been written yet, and the traces told of them."""
+"""StreamTracing: records a trace of each of a stream's windows when its first frames are written, or never will be."""
 
 from __future__ import annotations
 
@@ -15,7 +15,7 @@ RecordWindow = Callable[[WindowTrace], None]
 
 
 class StreamTracing:
-    """By handle: a session has one newest plan, and a plan before it that is not being written is not going to be."""
+    """Windows by handle. When a session has a newer plan, an earlier one that is not being written never will be."""
 
     def __init__(self, record: RecordWindow, clock: Callable[[], float] = time.monotonic) -> None:
         self._record = record
@@ -24,29 +24,29 @@ class StreamTracing:
         self._taken: list[tuple[PlanNotice, SessionEntry]] = []
 
     def announce(self, notice: PlanNotice, entry: SessionEntry) -> None:
-        """A plan is on its way to the client."""
+        """A plan was queued for the client."""
         self.end(entry.handle)
         if notice.timing is not None:
             self._waiting[entry.handle] = notice, entry
 
     def take(self, items: Iterable[Run | Said]) -> None:
-        """These are being written."""
+        """These items are being written."""
         for item in items:
             if isinstance(item, Run) and item.handle in self._waiting and item.plan == self._plan_of(item.handle):
                 self._taken.append(self._waiting.pop(item.handle))
 
     def note_written(self) -> None:
-        """What was taken last has been written."""
+        """The items taken last have been written."""
         self._tell_taken(is_sent=True)
 
     def end(self, handle: int) -> None:
-        """The frames of the plan that waits there will not be written."""
+        """The frames of the plan that waits on that handle will not be written."""
         waiting = self._waiting.pop(handle, None)
         if waiting is not None:
             self._tell(*waiting, is_sent=False)
 
     def end_all(self) -> None:
-        """Nothing more will be written, nor is what was being written."""
+        """Nothing more will be written, including what was being written."""
         self._tell_taken(is_sent=False)
         for handle in tuple(self._waiting):
             self.end(handle)

@@ -1,4 +1,4 @@
-"""StreamWatch: ends the streams that hold a place or memory for nothing, or whose credentials have lapsed."""
+"""StreamWatch: ends streams that occupy a place or memory without use, or whose credentials have lapsed."""
 
 from __future__ import annotations
 
@@ -23,9 +23,7 @@ LOOK_EVERY_S = 0.25
 
 
 class StreamWatch:
-    """Looks at all streams, and at what everybody holds, a few times a second, while there is anybody. Lives on the
-    event loop.
-    """
+    """Looks at all streams and the memory held, a few times a second while there are any. Lives on the event loop."""
 
     def __init__(
         self,
@@ -35,9 +33,9 @@ class StreamWatch:
         memory: WaitingMemory | None = None,
         renew_quotas: Callable[[], object] = lambda: None,
     ) -> None:
-        """memory: what is held, for streams and besides; of the streams alone where it is left out.
+        """memory: accounts for what is held, by streams and others; by default for streams only.
 
-        renew_quotas: has tenants go by their quotas as they are known now.
+        renew_quotas: applies tenants' quotas as they are known now.
         """
         self._renew_quotas = renew_quotas
         self._limits = limits
@@ -57,7 +55,7 @@ class StreamWatch:
         self._timer = None
         try:
             self.look(time.monotonic())
-        finally:  # else a fault would leave all streams unwatched until another begins
+        finally:  # otherwise a fault would leave all streams unwatched until another begins
             if not self._memory.is_idle:
                 self.begin()
 
@@ -66,8 +64,8 @@ class StreamWatch:
         try:
             self._callers.look()
             self._renew_quotas()
-        except Exception as error:  # else no stream would be watched, nor the memory of all
-            self._faults.error("files of tenants and keys could not be looked at", fault=error)
+        except Exception as error:  # the streams and the memory must be watched all the same
+            self._faults.error("the files of tenants and keys could not be checked", fault=error)
         for stream in [stream for stream in self._streams.values() if stream.refusal is None]:
             with alone(stream):
                 self._look_at(stream, now)
@@ -77,7 +75,7 @@ class StreamWatch:
         if (refusal := self.refusal(stream, now)) is not None:
             stream.refuse(refusal)
         elif self.is_silent(stream, now):
-            # Its machine may have stopped behind a proxy, which answers gRPC's own keepalives.
+            # Its machine may have stopped behind a proxy that still answers gRPC's keepalives.
             stream.expire(client_silent(self._limits.silent_timeout_s))
         else:
             self._check_caller(stream)
@@ -89,7 +87,7 @@ class StreamWatch:
             return
         lapse, remaining_s = self._callers.lapse(caller), self._callers.remaining_s(caller)
         if lapse is not None and lapse.reason == CREDENTIALS_EXPIRED:
-            stream.expire(lapse)  # its sessions wait for new credentials as they wait for a line that was lost
+            stream.expire(lapse)  # its sessions wait for new credentials as they wait after a lost connection
         elif lapse is not None:
             stream.refuse(lapse)
         elif remaining_s is not None and remaining_s < EXPIRY_NOTICE_S and stream.greeted:

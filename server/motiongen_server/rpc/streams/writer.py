@@ -1,4 +1,4 @@
-"""The write loop of a stream: gathers what waits into messages, no oftener than the flush interval."""
+"""The write loop of a stream: gathers what waits into messages, at most one batch per flush interval."""
 
 from __future__ import annotations
 
@@ -15,7 +15,7 @@ async def write(stream: Stream, context: StreamContext) -> None:
     """Write what waits until the stream ends and all is written.
 
     What comes after a quiet time is written at once; what comes within the flush interval of the last message is
-    gathered into the next. Raises CancelledError where the client has gone.
+    gathered into the next. Raises CancelledError if the client has gone.
     """
     loop, next_at = asyncio.get_running_loop(), 0.0
     while True:
@@ -35,7 +35,7 @@ async def write(stream: Stream, context: StreamContext) -> None:
                 stream.note_written()
             except CLIENT_GONE as error:
                 stream.lose()
-                raise asyncio.CancelledError from error  # else gRPC would tell a client its end that has gone
+                raise asyncio.CancelledError from error  # else gRPC would send a status to a client that has gone
             if stream.is_cut:
                 return
         if stream.ended and not stream.num_sessions and not len(stream.send_queue):
@@ -43,10 +43,10 @@ async def write(stream: Stream, context: StreamContext) -> None:
 
 
 def cut(stream: Stream, writer: asyncio.Task[None]) -> None:
-    """End the writing of a stream, whose status is told next.
+    """End the writing of a stream; its status is sent next.
 
-    What is being written has a moment to be finished. The first response of a call has as long as it takes, for which
-    the stream keeps its place: gRPC takes no status beside it, and would hold the call without one.
+    The message being written has a moment to complete. The first response of a call may take as long as it needs, and
+    the stream keeps its place meanwhile: until then gRPC takes no status, and would hold the call without one.
     """
     if stream.writing_since is None:
         writer.cancel()

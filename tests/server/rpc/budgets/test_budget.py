@@ -95,7 +95,7 @@ def test_what_sessions_take_to_play_on_stays_within_the_quota() -> None:
     places = [peer.place(Priority.CROWD, 0.0) for _ in range(3)]
     for place in places[:2]:
         place.begin_steps(4.0)
-    with pytest.raises(EventRefused, match="take 12 denoising steps") as refused:
+    with pytest.raises(EventRefused, match="need 12 denoising steps") as refused:
         places[2].begin_steps(4.0)
     assert (refused.value.reason, refused.value.field) == ("STEPS_QUOTA", "open.denoise_steps")
     places[0].release()

@@ -47,7 +47,7 @@ def test_only_so_many_that_fail_are_looked_at_and_fewer_of_long_ones() -> None:
 def test_who_owes_is_told_when_to_show_it_again() -> None:
     checks = Checks()
     checks.failing(FLOOD, 5_000)
-    with pytest.raises(StreamRefused, match="show yours again in") as refused:
+    with pytest.raises(StreamRefused, match="send yours again in") as refused:
         checks.holding(FLOOD)
     assert (refused.value.code.name, refused.value.reason) == ("RESOURCE_EXHAUSTED", "TOO_MANY_CALLS")
     checks.now += refused.value.retry_after_s

@@ -160,7 +160,7 @@ def test_clips_of_some_and_streams_of_others_have_equal_parts(standing: Clock) -
     with work_for(clips):
         standing.now_s += 1.0
     assert streams.loop_part.ahead_s(time.monotonic()) == 0.0
-    with pytest.raises(StreamRefused, match="took more of the server than its part"):
+    with pytest.raises(StreamRefused, match="took more than its share of the server"):
         begin_work(clips)
     assert not clips.is_idle(time.monotonic())
     over()

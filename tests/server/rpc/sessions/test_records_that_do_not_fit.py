@@ -55,7 +55,7 @@ async def test_another_model_of_the_same_name_goes_on_with_nothing_and_takes_not
 ) -> None:
     """Servers are upgraded one by one, and a folder keeps its name when its model is replaced."""
     peer = Peer(PeerLimits(), 0.0, "studio")
-    with pytest.raises(EventRefused, match="cannot be gone on with") as refused:
+    with pytest.raises(EventRefused, match="cannot be continued from its snapshot") as refused:
         await claimed(durability, resuming(9), peer, of_model("fake", **others), Asker())
     assert refused.value.reason == "SNAPSHOT_UNUSABLE"
     assert store.renew([lease_of(TOKEN)]) == [Renewal.KEPT]

@@ -80,9 +80,7 @@ def read_capabilities(folder: Path) -> Capabilities:
 
 
 def parse_capabilities(content: object, where: str, domain: PromptDomain | None = None) -> Capabilities:
-    """The parsed content of a capabilities file. where: its name in messages. Raises CheckpointError with all
-    mistakes.
-    """
+    """Parse the content of a capabilities file, named `where` in messages. Raises CheckpointError with all mistakes."""
     reading = _Reading()
     top = reading.mapping(content, "the file", ("forms", "presets", "locomotion", "knows"))
     found = Capabilities(

@@ -41,13 +41,12 @@ def facings(angles: NDArray[np.floating[Any]]) -> NDArray[np.floating[Any]]:
 
 
 class Targets:
-    """Target values for features at frames, gathered from constraints. Where two constraints disagree, the later one
-    wins.
+    """Target values for features at frames, gathered from constraints; where two disagree, the later one wins.
 
     Frames are absolute and start at 0; `fill` and `observe` lay out any range of them. The groups are independent: a
-    waypoint overrides the ground position of an earlier keyframe at the same frame, but not its pose. Values are stored
-    as float32 arrays on the CPU (and may be given as such), because there are many small ones and tensors are slower to
-    create.
+    waypoint overrides the ground position of an earlier keyframe at the same frame, but not its pose. Values are
+    stored,
+    and may be given, as float32 arrays on the CPU: there are many small ones, and tensors are slower to create.
 
     ground: frame -> (2), x and z in metres; height: frame -> (), metres; heading: frame -> (2), cosine and sine.
     positions: (frame, joint) -> (3), metres; rotations: (frame, joint) -> (3, 3), global.
@@ -96,9 +95,8 @@ class Targets:
         """Add a root trajectory that was not asked for itself but follows from a velocity.
 
         ground: (K, 2), metres, for the frames from first_frame on; heading: (K) radians, or None. stride: every
-        stride-th
-        frame is constrained, counted back from the last one, and the root may sway about those; 1: every frame,
-        exactly.
+        stride-th frame is constrained, counted back from the last one, and the root may sway about those; 1: every
+        frame, exactly.
         """
         rows = list(range(len(ground) - 1, -1, -stride))[::-1]
         frames = [first_frame + row for row in rows]
@@ -150,13 +148,13 @@ class Targets:
         rotations: Tensor | Floats,
         ground: Tensor | Floats | None = None,
     ) -> None:
-        """Constrain limbs, taken from whole poses: the positions of each chain's joints, the global rotation of its
-        first
-        joint, and the root's ground position, height and heading.
+        """Constrain limbs, taken from whole poses.
 
-        limbs: names from `limb_chains`; positions: (K, J, 3); rotations: (K, J, 3, 3), global. ground: (K, 2), the
-        root's
-        position if it is to differ from the pose's; the limbs then move with it. Raises ConstraintError for unknown
+        Sets the positions of each chain's joints, the global rotation of its first joint, and the root's ground
+        position,
+        height and heading. limbs: names from `limb_chains`; positions: (K, J, 3); rotations: (K, J, 3, 3), global;
+        ground:
+        (K, 2), the root's position if not the pose's, with which the limbs move. Raises ConstraintError for unknown
         limbs.
         """
         frames = require_frames(frames)
@@ -216,8 +214,7 @@ class Targets:
         """Observed features in natural units and mask, each (num_frames, D), for the frames from first_frame on.
 
         Raises ConstraintError if joints are constrained at a frame without the root's ground position, and if `layout`
-        is
-        for another skeleton.
+        is for another skeleton.
         """
         if layout.skeleton.joint_names != self.skeleton.joint_names:
             raise ConstraintError(
@@ -275,9 +272,7 @@ class Targets:
         return self.own_roots.get((frame, joint), self.ground.get(frame)) if root is None else root[[0, 2]]
 
     def planned_frames(self, first_frame: int, num_frames: int) -> Tensor:
-        """(num_frames, 2) bool for the frames from first_frame on: whether ground position, and heading, are only
-        planned.
-        """
+        """(num_frames, 2) bool for the frames from first_frame on: ground position, heading only planned."""
         flags = np.zeros((num_frames, 2), bool)
         for column, frames in enumerate((self.planned, self.faced)):
             flags[[frame - first_frame for frame in frames if 0 <= frame - first_frame < num_frames], column] = True

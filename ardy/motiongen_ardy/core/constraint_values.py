@@ -34,9 +34,7 @@ def require_numbers(what: str, values: Tensor | NDArray[Any], shape: tuple[int, 
 
 
 def require_rotations(values: Tensor | NDArray[Any], shape: tuple[int, ...]) -> Floats:
-    """As `require_numbers`, for matrices (..., 3, 3). Raises ConstraintError unless they are rotations to within
-    0.01.
-    """
+    """As `require_numbers`, for matrices (..., 3, 3). Raises ConstraintError unless they are rotations within 0.01."""
     turns = require_numbers("joint rotations", values, shape)
     off = np.abs(turns.swapaxes(-1, -2) @ turns - np.eye(3, dtype=np.float32)).max(initial=0.0)
     if not off <= ORTHONORMAL_WITHIN or (np.linalg.det(turns) < 0).any():

@@ -25,8 +25,8 @@ def written_whole(path: Path) -> Iterator[Path]:
         is_file = True  # it will be one
     if not is_file:
         # Opened under the name that was given: a shell's pipe, /dev/fd/63, resolves to no name that could be opened.
-        # And
-        # opened here: a library that replaces the file it is told to write would replace /dev/null by a regular file.
+        # And opened here: a library that replaces the file it is told to write would replace /dev/null by a regular
+        # file.
         with tempfile.TemporaryDirectory(prefix="motiongen-") as folder:
             partial = Path(folder) / path.name
             yield partial

@@ -26,9 +26,7 @@ ON_GROUND = (1.0, 0.0, 1.0)  # multiplies a position to set its height to 0
 
 
 def heading_angle(skeleton: Skeleton, positions: Tensor) -> Tensor:
-    """Heading (...) in radians about +Y, 0 toward +Z, of poses (..., J, 3): perpendicular to the line through the
-    hips.
-    """
+    """Heading (...) in radians about +Y, 0 toward +Z, from joint positions (..., J, 3): perpendicular to the hips."""
     right, left = skeleton.hip_joints
     return facing_of(positions[..., right, :] - positions[..., left, :])
 
@@ -55,9 +53,7 @@ def velocities(positions: Tensor, lengths: Tensor, fps: int) -> Tensor:
 
 
 def contact_labels(skeleton: Skeleton, positions: Tensor, velocity: Tensor) -> Tensor:
-    """(..., 4) bool: each contact joint is slow and low. positions (..., J, 3) in metres; velocity (..., J, 3) in
-    m/s.
-    """
+    """(..., 4) bool: contact joints that are slow and low. positions: metres, velocity: m/s, both (..., J, 3)."""
     contact_joints = index(tuple(skeleton.contact_joints), positions.device)
     slow = velocity.index_select(-2, contact_joints).norm(dim=-1) < CONTACT_SPEED_M_S
     low = positions.index_select(-2, contact_joints)[..., 1] < CONTACT_HEIGHT_M
@@ -153,17 +149,15 @@ class Representation(nn.Module):
         return matrix_from_6d(features[..., self.rotation_block].unflatten(-1, (self.skeleton.num_joints, 6)))
 
     def positions_block(self, features: Tensor) -> Tensor:
-        """World positions (..., J, 3) from the position block of features (..., D) in natural units; the root's height
-        is 0.
+        """World positions (..., J, 3) from the position block of features (..., D) in natural units; the root is at y =
+        0.
         """
         ground = features[..., None, self.root_position_block] * constant(ON_GROUND, features.dtype, features.device)
         others = features[..., self.position_block].unflatten(-1, (self.skeleton.num_joints - 1, 3)) + ground
         return torch.cat([ground, others], dim=-2)
 
     def motion(self, features: Tensor) -> Motion:
-        """The motion of features (..., T, D) in natural units, from their rotations and root; contacts are values >
-        0.5.
-        """
+        """The motion of features (..., T, D) in natural units, from rotations and root; contact is value > 0.5."""
         local = global_to_local(self.skeleton, self.global_rotations(features))
         return Motion(local, features[..., self.root_position_block], features[..., self.contact_block] > 0.5, self.fps)
 

@@ -96,9 +96,7 @@ def _doubles(rows: Sequence[Floats | np.float32]) -> Tensor:
 
 
 def _asked_position(targets: Targets, frame: int, joint: int) -> Floats:
-    """A joint's target position (3): moved with the root if the root is asked to be elsewhere than in the joint's
-    pose.
-    """
+    """A joint's target position (3), moved with the root if the root's target differs from the joint's pose."""
     position, root, ground = targets.positions[frame, joint], targets.root_of(frame, joint), targets.ground.get(frame)
     if root is None or ground is None:
         return position

@@ -162,8 +162,7 @@ def positions_from_global(skeleton: Skeleton, global_rotations: Tensor, root_pos
     *leading, joints, _, _ = global_rotations.shape
     batch, others = (leading[0], math.prod(leading[1:])) if leading else (1, 1)
     # A position is a sum over the bones that lead to it, so all positions of a row are one matrix product. Not one
-    # product
-    # for all rows: a row's result must not depend on the number of rows.
+    # product for all rows: a row's result must not depend on the number of rows.
     rows = global_rotations.transpose(-3, -2).reshape(batch, 3 * others, 3 * joints)
     places = torch.bmm(rows, _place_matrix(skeleton, rows.dtype, rows.device).expand(batch, -1, -1))
     return places.view(*leading, 3, joints).transpose(-1, -2) + root_positions.unsqueeze(-2)
@@ -190,9 +189,7 @@ def _bones_to(skeleton: Skeleton, *joints: int) -> tuple[int, ...]:
 
 @lru_cache(maxsize=MOST_TABLES)
 def _place_matrix(skeleton: Skeleton, dtype: torch.dtype, device: torch.device) -> Tensor:
-    """(3J, J): multiplied by the columns of all joints' rotations, gives every joint's position, with the root at
-    zero.
-    """
+    """(3J, J): times the columns of all joints' rotations, gives the position of every joint, with the root at zero."""
     chains, places = np.asarray(skeleton.chain_rows), np.zeros((skeleton.num_joints, 3, skeleton.num_joints))
     for joint, parent in enumerate(skeleton.parents[1:], 1):
         places[parent] += skeleton.offsets[joint][:, None] * chains[:, joint]

@@ -118,9 +118,7 @@ def _sampled(line: Float64) -> Float64:
 
 
 def _paces(way: Float64, steps: Float64, speed: float, first: float) -> Float64:
-    """Metres a second at each sample of a path (T, 2): from `first` to a stand, limited by bends and by
-    acceleration.
-    """
+    """Metres a second at the samples of a path (T, 2): from `first` to a stand, limited by bends and acceleration."""
     most = np.full(len(way), speed)
     if len(way) > 2:
         heading = np.unwrap(np.arctan2(*np.diff(way, axis=0).T))

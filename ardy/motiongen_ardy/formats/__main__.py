@@ -30,7 +30,7 @@ def parser() -> argparse.ArgumentParser:
 
 
 def _check_rates(given: argparse.Namespace) -> None:
-    """Raises FormatError for a rate that would be left aside."""
+    """Raise FormatError for a rate that would be ignored."""
     for option, rate, path, name, only in (
         ("--fps", given.fps, given.source, given.source_format, "g1-csv"),
         ("--rate-hz", given.rate_hz, given.target, given.target_format, "g1-controller-csv"),

@@ -45,8 +45,7 @@ class Targets:
 
     Frames are absolute and start at 0; `fill` and `observe` lay out any range of them. The groups are independent: a
     waypoint overrides the ground position of an earlier keyframe at the same frame, but not its pose. Values are
-    stored,
-    and may be given, as float32 arrays on the CPU: there are many small ones, and tensors are slower to create.
+    stored, and may be given, as float32 arrays on the CPU: there are many small ones, and tensors are slower to create.
 
     ground: frame -> (2), x and z in metres; height: frame -> (), metres; heading: frame -> (2), cosine and sine.
     positions: (frame, joint) -> (3), metres; rotations: (frame, joint) -> (3, 3), global.
@@ -151,11 +150,9 @@ class Targets:
         """Constrain limbs, taken from whole poses.
 
         Sets the positions of each chain's joints, the global rotation of its first joint, and the root's ground
-        position,
-        height and heading. limbs: names from `limb_chains`; positions: (K, J, 3); rotations: (K, J, 3, 3), global;
-        ground:
-        (K, 2), the root's position if not the pose's, with which the limbs move. Raises ConstraintError for unknown
-        limbs.
+        position, height and heading. limbs: names from `limb_chains`; positions: (K, J, 3); rotations: (K, J, 3, 3),
+        global; ground: (K, 2), the root's position if not the pose's, with which the limbs move. Raises ConstraintError
+        for unknown limbs.
         """
         frames = require_frames(frames)
         places = require_numbers("joint positions", positions, (len(frames), self.skeleton.num_joints, 3))

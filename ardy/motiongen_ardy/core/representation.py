@@ -149,9 +149,7 @@ class Representation(nn.Module):
         return matrix_from_6d(features[..., self.rotation_block].unflatten(-1, (self.skeleton.num_joints, 6)))
 
     def positions_block(self, features: Tensor) -> Tensor:
-        """World positions (..., J, 3) from the position block of features (..., D) in natural units; the root is at y =
-        0.
-        """
+        """World positions (..., J, 3) from the position block of natural features (..., D); the root is at y = 0."""
         ground = features[..., None, self.root_position_block] * constant(ON_GROUND, features.dtype, features.device)
         others = features[..., self.position_block].unflatten(-1, (self.skeleton.num_joints - 1, 3)) + ground
         return torch.cat([ground, others], dim=-2)

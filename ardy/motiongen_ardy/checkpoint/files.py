@@ -99,7 +99,7 @@ def read_yaml(path: Path) -> object:
 
 
 def parse_yaml(text: str | bytes, path: Path) -> object:
-    """The content of YAML text. `path` is for messages. Raises CheckpointError as `read_yaml` does, and above MAX_CONFIG_BYTES."""
+    """The content of YAML from a file. Raises CheckpointError as `read_yaml` does, and above MAX_CONFIG_BYTES."""
     import yaml
 
     if len(text) > MAX_CONFIG_BYTES:

@@ -43,13 +43,13 @@ def main(arguments: Sequence[str] | None = None) -> int:
     parser = argparse.ArgumentParser(
         prog="python -m motiongen_ardy.text", description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter
     )
-    parser.add_argument("prompts", type=Path, help="text file, a prompt a line")
+    parser.add_argument("prompts", type=Path, help="text file, one prompt per line")
     parser.add_argument("out", type=Path, help="file to write")
     parser.add_argument("--encoder", default="static", help=f"{FORMS} (default %(default)s)")
-    parser.add_argument("--width", type=int, help="numbers in a vector; for hashed, which fits any")
-    parser.add_argument("--device", default="cpu", choices=("cpu", "cuda"), help="of llm2vec (default %(default)s)")
+    parser.add_argument("--width", type=int, help="numbers in a vector; required for hashed, which fits any model")
+    parser.add_argument("--device", default="cpu", choices=("cpu", "cuda"), help="for llm2vec (default %(default)s)")
     parser.add_argument(
-        "--precision", default="bfloat16", choices=("float32", "bfloat16"), help="of llm2vec (default %(default)s)"
+        "--precision", default="bfloat16", choices=("float32", "bfloat16"), help="for llm2vec (default %(default)s)"
     )
     given = parser.parse_args(arguments)
     try:

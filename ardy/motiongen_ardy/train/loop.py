@@ -1,8 +1,7 @@
 """The training loop of both parts: mixed precision, EMA, resuming, progress, TensorBoard, one or many processes.
 
 On a CUDA device, each batch shape is captured once as a graph, including drawing the batch and updating the weights,
-and
-then replayed: these networks are so small that launching their kernels one by one would take most of the time.
+and then replayed: these networks are so small that launching their kernels one by one would take most of the time.
 """
 
 from __future__ import annotations
@@ -273,8 +272,7 @@ class Trainer:
         """Whether to stop after this step: time limit reached since `started`, or asked to.
 
         Processes that train together stop at the same step, whichever of them has to: one that stopped alone would
-        leave
-        the others waiting for its gradients.
+        leave the others waiting for its gradients.
         """
         self.stopping |= 0 < 60 * self.settings.minutes < time.monotonic() - started
         if not torch.distributed.is_initialized():

@@ -148,7 +148,7 @@ def _check_nodes(root: yaml.Node, path: Path) -> None:
 
 
 def _check_keys(keys: Sequence[yaml.Node], path: Path) -> None:
-    """Check one mapping's keys before a message quotes any: a key that consists of anchors could expand enormously."""
+    """Raise CheckpointError for keys that are not scalars, or duplicate, before anchors in them expand enormously."""
     from yaml import ScalarNode
 
     if not all(isinstance(key, ScalarNode) for key in keys):

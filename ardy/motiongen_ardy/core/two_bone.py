@@ -52,8 +52,8 @@ def bent_to(
     joints: world positions (..., 3) in metres of the upper, middle and end joint; rotations: global rotations
     (..., 3, 3) of the upper and middle joint. outward: (..., 3), a unit vector perpendicular to the line from upper to
     end joint, toward the side on which the middle joint is. The middle joint stays on that side. Both bones turn with
-    the plane of the bend and do not twist within it. `distance` must be one that the bones can span. Returns both new
-    rotations and the new positions of the middle and end joint.
+    the plane of the bend, and twist no more than it does. `distance` must be one that the bones can span. Returns both
+    new rotations and the new positions of the middle and end joint.
     """
     upper, middle, end = joints
     first, second = middle - upper, end - middle

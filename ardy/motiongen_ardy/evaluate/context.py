@@ -25,7 +25,7 @@ from motiongen_ardy.evaluate.take import Result, Take
 
 @dataclass(frozen=True)
 class Size:
-    """How much is run. moving, standing, sessions, matched: clips or sessions per row; long_s: of a long session."""
+    """How much is run. moving, standing, sessions, matched: clips or sessions per row; long_s: seconds."""
 
     seeds: int = 2
     moving: int = 16

@@ -34,7 +34,7 @@ def controller_columns() -> tuple[str, ...]:
 
 
 def write_qpos_csv(path: Path, stored: StoredMotion) -> TrajectoryReport:
-    """Write ARDY's 36 columns at the motion's own rate, angles unchanged. Reports rotations that hinges cannot do.
+    """Write ARDY's 36 columns at the motion's own rate, angles unchanged. Returns what hinges cannot do.
 
     Raises FormatError for a motion with another skeleton.
     """
@@ -54,7 +54,7 @@ def read_qpos(path: Path) -> Tensor:
 
 
 def write_controller_csv(path: Path, stored: StoredMotion, rate_hz: float | None = None) -> TrajectoryReport:
-    """Write the controller form at rate_hz (None: the motion's own rate). Reports what was clamped or is wrong.
+    """Write the controller form at rate_hz (None: the motion's own rate). Returns what was clamped or is wrong.
 
     Raises FormatError for a motion with another skeleton, and RobotError for an invalid rate.
     """

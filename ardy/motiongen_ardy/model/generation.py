@@ -28,15 +28,15 @@ from motiongen_ardy.model.window import KeptRoots, Window, WindowError
 
 @dataclass(frozen=True)
 class WindowRequest:
-    """One window for B rows that share history length, horizon and step count.
+    """One window for B rows that share history length, horizon and step count. P: frames per token.
 
-    P: frames per token. num_frames: history, horizon and visible future, a multiple of P. text: (B, n, W), zeros for no
-    text. noise: (B, G / P, 5P + L), standard normal. weights: guidance; None: the model's own. history: (B, H, D),
-    normalised features in the world frame, or None. history_tokens: (B, H / P, 5P + L), in the world frame, the tokens
-    of `history` if they are known.
-    translation: (B, 3), metres, y = 0, and heading: (B), radians: where a window without history starts.
-    observed, mask: (B, num_frames, D), normalised, in the world frame, from the first history frame on. planned: (B,
-    num_frames, 2) bool, frames whose observed ground position, or heading, was not asked for itself; None: no frames.
+    num_frames: history, horizon and visible future, a multiple of P. text: (B, n, W), zeros for no text.
+    noise: (B, G / P, 5P + L), standard normal. weights: guidance; None: the model's own.
+    history: (B, H, D), normalised features in the world frame, or None.
+    history_tokens: (B, H / P, 5P + L), in the world frame, the tokens of `history` if they are known.
+    translation: (B, 3), metres, y = 0; heading: (B), radians: where a window without history starts.
+    observed, mask: (B, num_frames, D), normalised, in the world frame, from the first history frame on.
+    planned: (B, num_frames, 2) bool, frames whose observed ground position, or heading, was not asked for itself.
     """
 
     num_frames: int

@@ -50,13 +50,15 @@ def visible_frames(model: Model, history_frames: int, targets: Targets | None, f
 class RolloutRequest:
     """One character's motion, num_frames long.
 
-    text: finite, (W) or (n, W), zeros for no text. later_text: (first frame, text) of the prompts that follow, in order
-    of time; a window that would extend beyond a prompt's first frame is kept only up to it.
-    seed: the k-th window starts from `window_noise(seed, k)`. history_frames: the most frames of history of a window, a
-    multiple of the patch; by default `usual_history`. reuse_tokens: a history that is covered by whole tokens of
-    earlier windows is not encoded again; has no effect if windows are corrected, since tokens do not include
-    corrections. targets: constraints by absolute frame. start: x and z in metres, heading in radians. keep_prompts: use
-    the prompts even where the model's own sampling would replace them by a gait's, because they contradict the targets.
+    text: finite, (W) or (n, W), zeros for no text.
+    later_text: (first frame, text) of the prompts that follow, in order of time; a window that would extend beyond a
+    prompt's first frame is kept only up to it.
+    seed: the k-th window starts from `window_noise(seed, k)`.
+    history_frames: the most frames of history of a window, a multiple of the patch; None: `usual_history`.
+    reuse_tokens: a history that is covered by whole tokens of earlier windows is not encoded again; has no effect if
+    windows are corrected, since tokens do not include corrections.
+    targets: constraints by absolute frame. start: x and z in metres, heading in radians.
+    keep_prompts: use the prompts even where the model's sampling would use a gait's, because targets contradict them.
     """
 
     num_frames: int

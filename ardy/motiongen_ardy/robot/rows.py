@@ -1,4 +1,4 @@
-"""Frames of a stream for a controller of the G1: qpos from each frame, qvel from the frame before it.
+"""Frames of a stream for a controller of the G1: a row's qpos is that of its frame, its qvel led there from the last.
 
 `trajectory` does the same for a whole motion, in which the following rows are known.
 """

@@ -64,12 +64,14 @@ class GuidanceOptions(CheckedOptions):
 class ProjectionOptions(CheckedOptions):
     """How the predicted root is projected onto its goals.
 
-    last_steps: in how many of the last denoising steps; by default all. slack_m, slack_rad: how far the root may sway
-    about a path that was only planned; within settle_frames of a goal that was asked for, it may sway less.
-    acceleration_m_s2: the most that a correction adds if no path was planned. slowing_s: how long a root without goals
-    takes to lose a speed that the network would stop at once; 0: it stops at once. led_steps: a led root is predicted
-    in so many of the first steps and kept in the others, which predict only the body; led_frames: a root is led if
-    ground position and heading are asked for at each of so many first frames.
+    last_steps: in how many of the last denoising steps; by default all.
+    slack_m, slack_rad: how far the root may sway about a path that was only planned.
+    settle_frames: within so many frames of a goal that was asked for, it may sway less.
+    acceleration_m_s2: the most that a correction adds if no path was planned.
+    slowing_s: how long a root without goals takes to lose a speed that the network would stop at once; 0: no time.
+    led_steps: a led root is predicted in so many of the first steps and kept in the others, which predict only the
+    body.
+    led_frames: a root is led if ground position and heading are asked for at each of so many first frames.
     """
 
     last_steps: int = option(1000, 1, 1000)
@@ -86,9 +88,10 @@ class ProjectionOptions(CheckedOptions):
 class PlanOptions(CheckedOptions):
     """How a root path is planned to sparse root goals.
 
-    stride_frames: every stride_frames-th frame of the path is given to the model. speed_m_s: the fastest walk that a
-    plan chooses of itself; acceleration_m_s2, turn_rate_rad_s: limits of acceleration and turning. spot_turn_rad_s:
-    average speed of turns on the spot if there is time.
+    stride_frames: every stride_frames-th frame of the path is given to the model.
+    speed_m_s: the fastest walk that a plan chooses of itself.
+    acceleration_m_s2, turn_rate_rad_s: limits of acceleration and turning.
+    spot_turn_rad_s: average speed of turns on the spot if there is time.
     """
 
     stride_frames: int = option(5, 1, 40)
@@ -102,12 +105,14 @@ class PlanOptions(CheckedOptions):
 class FeetOptions(CheckedOptions):
     """How feet in contact are held in place.
 
-    heel_m, toe_m: heights of these joints when they stand on the ground. A joint that is slower than slow_m_s, or
-    slower than slow_share of the root's pace, and less than low_m above that height, is in contact; one that is faster
-    than fast_m_s or higher than high_m is not. stride_m, twist_rad: a foot that would slip or turn farther than this in
-    one stance takes a step instead, in which it is lifted by lift_m at most. fade_frames: over how many frames a
-    correction fades while a foot is in the air. lower_m: how far the pelvis is lowered at most for a leg that is too
-    short.
+    A joint is in contact if it is less than low_m above its standing height and slower than slow_m_s, or than
+    slow_share
+    of the root's pace; it is not if it is faster than fast_m_s or higher than high_m.
+    heel_m, toe_m: heights of these joints when they stand on the ground.
+    stride_m, twist_rad: a foot that would slip or turn farther than this in one stance takes a step instead.
+    lift_m: the most by which it is lifted in that step.
+    fade_frames: over how many frames a correction fades while a foot is in the air.
+    lower_m: the most by which the pelvis is lowered for a leg that is too short.
     """
 
     slow_m_s: float = option(0.15, 0.0, 2.0)
@@ -128,9 +133,10 @@ class FeetOptions(CheckedOptions):
 class JoinOptions(CheckedOptions):
     """How tokens and windows are joined.
 
-    seam_frames: over how many frames a jump at the start of a window fades. free_rad: a joint that turns farther than
-    this at the start of a window makes up the rest over settle_frames, or up to twice as many if it is far; so does one
-    above the legs that starts faster than in the history by more than free_start_rad a frame.
+    seam_frames: over how many frames a jump at the start of a window fades.
+    free_rad: a joint that turns farther than this at the start of a window makes up the rest over settle_frames, or up
+    to twice as many if it is far.
+    free_start_rad: so does one above the legs that starts faster than in the history by more than this per frame.
     """
 
     seam_frames: int = option(8, 1, 100)
@@ -143,9 +149,10 @@ class JoinOptions(CheckedOptions):
 class ReachOptions(CheckedOptions):
     """How joints are brought onto their goals.
 
-    fade_frames: over how many frames a correction grows before its goal and fades after it. acceleration_m_s2: if there
-    is less room, at the start of a window, the correction is reduced until it accelerates no joint by more than this,
-    and the goal is missed by the rest.
+    fade_frames: over how many frames a correction grows before its goal and fades after it.
+    acceleration_m_s2: if there is less room, at the start of a window, the correction is reduced until it accelerates
+    no
+    joint by more than this, and the goal is missed by the rest.
     """
 
     fade_frames: int = option(8, 1, 100)
@@ -156,8 +163,10 @@ class ReachOptions(CheckedOptions):
 class PaceOptions(CheckedOptions):
     """When a planned root contradicts its prompt, so that a gait's prompt is used instead.
 
-    It does if it goes faster than above_share times the prompt's usual greatest speed plus above_m_s, or if it is never
-    as fast as below_share of the prompt's usual least speed. least_frames: shorter ways keep the prompt.
+    above_share, above_m_s: it does if it goes faster than above_share times the prompt's usual greatest speed, plus
+    above_m_s.
+    below_share: it also does if it is never as fast as this share of the prompt's usual least speed.
+    least_frames: shorter ways keep the prompt.
     """
 
     above_share: float = option(1.5, 1.0, 10.0)
@@ -170,15 +179,19 @@ class PaceOptions(CheckedOptions):
 class SamplingOptions(CheckedOptions):
     """All sampling options; the defaults are those of the released models.
 
-    project_root: in each step, the root is projected onto its goals before the body follows it. plan_root: a path is
-    planned to sparse root goals. clean_feet: feet in contact are held in place. reach_joints: joints are brought onto
-    their goals. join_tokens: jumps between the frames of one token and the next are smoothed. face_root: a body that
-    departs from its root's heading is turned to it. fit_prompts: where the root has to go at a pace that the prompt's
-    motion does not have, a gait's prompt is used; the checkpoint lists the gaits. approach_frames: if a goal lies fewer
-    frames than this behind a window, the window is cut short so that the goal has so many of the next. steered_share:
-    for a window that a velocity leads under the prompt of a gait and that follows another within a few frames, the
-    share of the requested denoising steps. longest_flight_s: seconds without foot contact after which a character is
-    considered lost and starts anew; 0: no limit.
+    project_root: in each step, the root is projected onto its goals before the body follows it.
+    plan_root: a path is planned to sparse root goals.
+    clean_feet: feet in contact are held in place.
+    reach_joints: joints are brought onto their goals.
+    join_tokens: jumps between the frames of one token and the next are smoothed.
+    face_root: a body that departs from its root's heading is turned to it.
+    fit_prompts: where the root has to go at a pace that the prompt's motion does not have, a gait's prompt is used; the
+    checkpoint's paces say which.
+    approach_frames: if a goal lies fewer frames than this behind a window, the window is cut short so that the goal has
+    so many of the next.
+    steered_share: share of the requested denoising steps, for a window that a velocity leads under the prompt of a gait
+    and that follows another within a few frames.
+    longest_flight_s: seconds without foot contact after which a character is lost and starts anew; 0: no limit.
     """
 
     guidance: GuidanceOptions = GuidanceOptions()

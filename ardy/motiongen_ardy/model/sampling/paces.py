@@ -26,11 +26,13 @@ SPEED_FRAMES = 10  # frames over which a speed is averaged: about a step
 class PromptPaces:
     """Usual speeds of captions, and the gaits. All on the CPU.
 
-    mean: (W), of the captions' unit vectors; directions: (N, W), unit vectors from it to the captions; speeds: (N, 2),
-    metres a second that hardly any frame of the caption is below, and above. threshold: the greatest distance (one
-    minus cosine) from a prompt to its nearest caption at which anything is known of it. gaits: (K, W), texts; from_mps:
-    (K), metres a second from which each is used; quarters: (K), its direction in quarter turns to the left of the
-    facing, 0 to 3.
+    mean: (W), of the captions' unit vectors.
+    directions: (N, W), unit vectors from it to the captions.
+    speeds: (N, 2), metres a second that hardly any frame of the caption is below, and above.
+    threshold: the greatest distance (one minus cosine) of a prompt to its nearest caption at which its speed is known.
+    gaits: (K, W), texts.
+    from_mps: (K), metres a second from which each is used.
+    quarters: (K), the direction of each in quarter turns to the left of the facing, 0 to 3.
     """
 
     mean: Tensor

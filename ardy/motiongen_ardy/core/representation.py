@@ -171,7 +171,7 @@ class Representation(nn.Module):
     def rotate(self, features: Tensor, angle: Tensor, orthonormal: bool = False) -> Tensor:
         """Rotate features (B, T, D) in natural units by (B) radians about +Y through the world origin.
 
-        The resulting rotations are orthonormal. orthonormal: the given ones already are, which saves most of the cost.
+        The resulting rotations are orthonormal. orthonormal: True if the given ones already are, which is much cheaper.
         """
         cosine, sine = torch.cos(angle)[:, None], torch.sin(angle)[:, None]
 

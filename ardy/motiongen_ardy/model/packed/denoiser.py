@@ -41,7 +41,7 @@ class PackedDenoiser:
     ) -> None:
         """horizon: frames that a window generates. dtype: of the transformers' products, float32 or bfloat16.
 
-        graphs: recorded graphs to replay evaluations from; None: evaluations are always called. keeps_roots: whether
+        graphs: recorded graphs to replay; None: evaluate directly. keeps_roots: whether
         rows may come with a kept root; with graphs, the root is predicted all the same.
         """
         self._denoiser = denoiser

@@ -100,7 +100,7 @@ class FusedStack:
 
 
 def fused_stack(layers: Sequence[PackedLayer]) -> FusedStack | None:
-    """For layers in bfloat16 on a GPU; None for others, and if the kernels cannot be compiled."""
+    """The fused stack for layers in bfloat16 on a GPU; None for others, or if the kernels cannot be compiled."""
     weight = layers[0].norms[0].weight
     head_width = len(weight) // layers[0].num_heads
     if weight.device.type != "cuda" or layers[0].dtype != torch.bfloat16 or head_width not in _HEAD_WIDTHS:

@@ -71,7 +71,7 @@ def clean_feet(poses: Poses, options: FeetOptions, pinned: Tensor, height_held: 
 
 
 def _heights(feet: Tensor, states: Tensor, pinned: Tensor, options: FeetOptions) -> Tensor:
-    """How far (B, T, 4) heels and toes are to be raised: onto the ground if they stand, out of it in any case."""
+    """How far (B, T, 4) heels and toes are to be raised: onto the ground if they stand, above it anyway."""
     ground = constant((options.heel_m, options.toe_m) * 2, feet.dtype, feet.device)
     short = ground - feet[..., 1]
     pins = pinned.repeat_interleave(2, dim=2)

@@ -1,7 +1,7 @@
 """Landings: a foot whose next place is far away gets enough frames to move there.
 
-The model may declare a foot standing while it still glides to its next place, and within a single frame: right behind a
-seam, or in a step that it cut short. Held in place from the first of these frames on, the foot would jump there;
+The model may declare a foot standing while it still glides to its next place, from one frame to the next: right behind
+a seam, or in a step that it cut short. Held in place from the first of these frames on, the foot would jump there;
 instead it moves through the air and stands later.
 """
 

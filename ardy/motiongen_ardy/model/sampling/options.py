@@ -69,8 +69,7 @@ class ProjectionOptions(CheckedOptions):
     settle_frames: within so many frames of a goal that was asked for, it may sway less.
     acceleration_m_s2: the most that a correction adds if no path was planned.
     slowing_s: how long a root without goals takes to lose a speed that the network would stop at once; 0: no time.
-    led_steps: a led root is predicted in so many of the first steps and kept in the others, which predict only the
-    body.
+    led_steps: a led root is predicted in so many of the first steps and kept in the others, which only predict bodies.
     led_frames: a root is led if ground position and heading are asked for at each of so many first frames.
     """
 
@@ -105,9 +104,8 @@ class PlanOptions(CheckedOptions):
 class FeetOptions(CheckedOptions):
     """How feet in contact are held in place.
 
-    A joint is in contact if it is less than low_m above its standing height and slower than slow_m_s, or than
-    slow_share
-    of the root's pace; it is not if it is faster than fast_m_s or higher than high_m.
+    A joint is in contact if it is less than low_m above its standing height and slower than slow_m_s, or slower than
+    slow_share of the root's pace; it is not if it is faster than fast_m_s or higher than high_m.
     heel_m, toe_m: heights of these joints when they stand on the ground.
     stride_m, twist_rad: a foot that would slip or turn farther than this in one stance takes a step instead.
     lift_m: the most by which it is lifted in that step.
@@ -150,9 +148,8 @@ class ReachOptions(CheckedOptions):
     """How joints are brought onto their goals.
 
     fade_frames: over how many frames a correction grows before its goal and fades after it.
-    acceleration_m_s2: if there is less room, at the start of a window, the correction is reduced until it accelerates
-    no
-    joint by more than this, and the goal is missed by the rest.
+    acceleration_m_s2: if there is less room, at the start of a window, the correction is reduced until no joint is
+    accelerated by more than this, and the goal is missed by the rest.
     """
 
     fade_frames: int = option(8, 1, 100)

@@ -25,12 +25,14 @@ SWAY_RAD_S = 1.0
 class RootProjection:
     """The goals of B rows over the T frames of their horizons, which begin at frame `first` of the window.
 
-    ground, height, heading: (B, T, T), frame by goal: the curve of each goal's correction. asked: (B, T, 4), x and z in
-    metres in the window's frame, height, heading in radians without jumps between goals; where: (B, T, 3), 0 or 1 for
-    ground, height, heading. slack: (B, T, 2), metres and radians by which a goal may be missed. most: (B, T), metres,
-    the greatest correction over the ground. before: (B, 4), the root's position and velocity before the horizon, from
-    `slowing.motion_before`; the velocity is zero for rows with ground goals. slowing_s: how long a velocity takes to
-    fade.
+    ground, height, heading: (B, T, T), frame by goal: the curve of each goal's correction.
+    asked: (B, T, 4), x and z in metres in the window's frame, height, heading in radians without jumps between goals.
+    where: (B, T, 3), 0 or 1 for ground, height, heading.
+    slack: (B, T, 2), metres and radians by which a goal may be missed.
+    most: (B, T), metres, the greatest correction over the ground.
+    before: (B, 4), the root's position and velocity before the horizon, from `slowing.motion_before`; the velocity is
+    zero for rows with ground goals.
+    slowing_s: how long a velocity takes to fade.
     """
 
     first: int

@@ -56,7 +56,7 @@ def settle_seam(skeleton: Skeleton, history: Tensor, new: Tensor, options: JoinO
 def _turned(skeleton: Skeleton, whole: Tensor, curve: Tensor, joints: list[int], touched: Tensor) -> Tensor:
     """Global rotations (B, G, J, 3, 3) with joints (n) turned by rotation vectors (B, G, n, 3) in parent frames.
 
-    touched: (B, J), joints that turn in a row. Their descendants turn with them; all else stays bit for bit the same.
+    touched: (B, J), joints that each row turns. Their descendants turn with them; all else stays bit for bit the same.
     """
     parents = skeleton.parents
     above = whole[:, :, index(tuple(parents[joint] for joint in joints), whole.device)]
@@ -80,7 +80,7 @@ def _turned(skeleton: Skeleton, whole: Tensor, curve: Tensor, joints: list[int],
 
 
 def _joints_of(touched: Tensor) -> list[int]:
-    """Joints that turn in some row (B, J); on a GPU all but the root, since finding out would synchronise."""
+    """Joints that any row (B, J) turns; on a GPU all but the root, since finding out would synchronise."""
     if touched.device.type != "cuda":
         return touched.any(dim=0).nonzero().flatten().tolist()
     return list(range(1, touched.shape[1]))

@@ -1,6 +1,6 @@
 """`config.yaml` of a checkpoint -> ModelConfig, in the released layout.
 
-A `_target_` names a class by its last component, which is looked up in fixed tables: nothing is imported by it.
+A `_target_` names a class by its last component, which is looked up in fixed tables: nothing that it names is imported.
 """
 
 from __future__ import annotations

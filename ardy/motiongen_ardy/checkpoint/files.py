@@ -42,8 +42,7 @@ class CheckpointError(Problems):
 def path_inside(folder: Path, relative: str) -> Path:
     """The path of a file of the folder. Raises CheckpointError for one that leads out of it, by name or by link.
 
-    In a cache of huggingface_hub, files are links into the repository's `blobs`; there, the whole repository
-    counts as the folder.
+    In a cache of huggingface_hub, files are links into the repository's `blobs`; there, the whole repository counts.
     """
     if PurePosixPath(relative).is_absolute() or ".." in PurePosixPath(relative).parts or "\0" in relative:
         raise CheckpointError(

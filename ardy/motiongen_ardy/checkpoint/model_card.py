@@ -45,7 +45,7 @@ def built_in_models() -> tuple[str, ...]:
 def model_folder(name: str) -> Path:
     """The checkpoint folder for a name, downloaded if necessary.
 
-    A name is, tried in this order: a built-in model; a folder; a folder in `$CHECKPOINTS_DIR`; a released model, by
+    Tried in this order: a built-in model; a folder; a folder in `$CHECKPOINTS_DIR`; a released model, by
     nickname or full name; a repository `owner/name` of the Hugging Face hub. The last two may end in `@revision`
     (commit, tag or branch), which is requested from the hub or its cache. Raises UnknownModel, and HubError if the hub
     fails.

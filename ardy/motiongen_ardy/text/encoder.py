@@ -63,8 +63,8 @@ class TextEncoder(Protocol):
     def encode(self, texts: Sequence[str]) -> Vectors:
         """(len(texts), width) float32; each row depends only on its own text; a blank text gives zeros.
 
-        Thread-safe. Raises TextEncoderUnavailable if the encoder is remote, and ValueError for a single text instead of
-        a list and for texts with half of a surrogate pair.
+        Thread-safe. Raises TextEncoderUnavailable if a remote encoder does not answer, and ValueError for a single
+        text instead of a list and for texts with half of a surrogate pair.
         """
         ...
 
@@ -98,7 +98,7 @@ class EachTextEncoder(NamedTextEncoder, ABC):
 
     @abstractmethod
     def encode_one(self, text: str) -> Vectors:
-        """(width,) for a text that is not blank. Raises TextEncoderUnavailable if the encoder is remote."""
+        """(width,) for a text that is not blank. Raises TextEncoderUnavailable if a remote encoder does not answer."""
 
 
 def check_texts(texts: Sequence[str]) -> None:

@@ -19,8 +19,7 @@ BUILT_IN_FOLDER = "text-static"
 
 
 class StaticTextEncoder(NamedTextEncoder):
-    """Static word-piece embeddings (model2vec): a prompt's vector is the mean of its pieces' vectors, scaled to unit
-    RMS.
+    """Static word-piece embeddings (model2vec): the mean of the vectors of a prompt's pieces, scaled to unit RMS.
 
     The folder is read without network access. Encoding takes well under a millisecond. Only the first pieces of a long
     text count, as many as the folder's `max_length`, or 512 if it has none.

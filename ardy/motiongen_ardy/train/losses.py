@@ -1,7 +1,7 @@
 """Losses of the paper (section 3.4, implementation details) and of kinematics, each a mean over valid entries.
 
-They are evaluated in float32, whatever precision the networks multiply in: a rounding error of half a per cent of a
-metre is larger than the errors to be measured.
+They are evaluated in float32, whatever precision the networks multiply in: half a per cent of a metre, the rounding
+error of bfloat16, is larger than the errors to be measured.
 """
 
 from __future__ import annotations

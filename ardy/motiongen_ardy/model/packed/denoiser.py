@@ -41,8 +41,8 @@ class PackedDenoiser:
     ) -> None:
         """horizon: frames that a window generates. dtype: of the transformers' products, float32 or bfloat16.
 
-        graphs: recorded graphs to replay; None: evaluate directly. keeps_roots: whether
-        rows may come with a kept root; with graphs, the root is predicted all the same.
+        graphs: recorded graphs to replay; None: evaluate directly. keeps_roots: whether rows may come with a kept root;
+        with graphs, the root is predicted all the same.
         """
         self._denoiser = denoiser
         self._layout = denoiser.representation

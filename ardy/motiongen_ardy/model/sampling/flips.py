@@ -2,8 +2,8 @@
 
 When a root turns round, the body stage may face the old way for a few tokens too long and the new way from the next
 token on: half a turn between two frames. In the frames around such a flip, poses are a mixture of both, with limbs in
-all directions; they are replaced by interpolated ones. In captured motion, root and body never
-diverge like that, which is how a flip is detected.
+all directions; they are replaced by interpolated ones. In captured motion, root and body never diverge like that, which
+is how a flip is detected.
 """
 
 from __future__ import annotations

@@ -1,4 +1,4 @@
-"""In this repository the suite asks servers that are made here: one in this process, one of several processes."""
+"""In this repository the suite tests servers that are started here: one in this process, one with engine processes."""
 
 from __future__ import annotations
 
@@ -15,12 +15,12 @@ from tests.contract.local import LocalServer
 from tests.waiting import LIMIT_S
 
 FAST = 1000.0
-"""Times real time, at which playheads earn credit here: tests take motion as fast as it comes."""
+"""Rate, relative to real time, at which playheads earn credit here: the tests take motion as fast as it comes."""
 
 
 @pytest.fixture(scope="session")
 def gateway(tmp_path_factory: pytest.TempPathFactory) -> Iterator[str]:
-    """The address of a server with two engine processes; its end is checked."""
+    """The address of a server with two engine processes; checks that it exits cleanly."""
     log = tmp_path_factory.mktemp("gateway") / "stderr.txt"
     with log.open("w", encoding="utf-8") as errors:
         command = [sys.executable, "-m", "tests.contract.gateway"]
@@ -46,10 +46,10 @@ async def server_address(request: pytest.FixtureRequest) -> AsyncIterator[str]:
 
 @pytest.fixture
 def server_credentials() -> None:
-    """Plain text is spoken."""
+    """None: plain text."""
 
 
 @pytest.fixture
 def server_token() -> str:
-    """Nobody is asked who he is."""
+    """No token: these servers do not authenticate callers."""
     return ""

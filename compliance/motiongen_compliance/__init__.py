@@ -1,1 +1,1 @@
-"""The compliance suite: does a server keep the protocol? `motiongen-compliance HOST:PORT` asks any."""
+"""A test suite for the motiongen protocol: `motiongen-compliance HOST:PORT` runs it against any server."""

@@ -1,4 +1,4 @@
-"""`motiongen-compliance HOST:PORT`: whether the server there keeps the protocol."""
+"""`motiongen-compliance HOST:PORT`: test whether the server there keeps the protocol."""
 
 from __future__ import annotations
 
@@ -20,32 +20,32 @@ def _parser() -> argparse.ArgumentParser:
     parser = argparse.ArgumentParser(
         prog="motiongen-compliance",
         description="Test that a server keeps the motiongen protocol. Takes a minute or two; opens some dozens of "
-        "sessions, sends nonsense among them, and leaves nothing behind. Exit code 0: it does; 1: it does not; 2 to 5: "
+        "sessions, sends invalid messages, and leaves nothing behind. Exit code 0: it does; 1: it does not; 2 to 5: "
         "nothing was tested.",
         epilog="Further arguments go to pytest: --maxfail=1, -v, --junit-xml=report.xml.",
     )
-    parser.add_argument("address", metavar="HOST:PORT", help="of the server")
-    parser.add_argument("--ca", type=Path, metavar="FILE", help="certificates to trust, PEM: speak TLS, not plain text")
-    parser.add_argument("--certificate", type=Path, metavar="FILE", help="PEM file of a certificate to show, with --ca")
+    parser.add_argument("address", metavar="HOST:PORT", help="address of the server")
+    parser.add_argument("--ca", type=Path, metavar="FILE", help="certificates to trust, PEM; turns TLS on")
+    parser.add_argument("--certificate", type=Path, metavar="FILE", help="the client's certificate, PEM, with --ca")
     parser.add_argument("--key", type=Path, metavar="FILE", help="PEM file of its key")
-    parser.add_argument("--token-file", type=Path, metavar="FILE", help="file with the token that says who calls")
+    parser.add_argument("--token-file", type=Path, metavar="FILE", help="file with the caller's token")
     parser.add_argument("-k", metavar="WORDS", help="only tests whose names have these words: 'resume and not lost'")
     return parser
 
 
 def main(arguments: Sequence[str] | None = None) -> int:
-    """Run the suite. Returns the exit code: 0 all rules are kept, 1 some are not, 2 to 5 nothing was tested."""
+    """Run the suite. Returns the exit code: 0 all rules are kept, 1 some are broken, 2 to 5 nothing was tested."""
     parser = _parser()
     asked, others = parser.parse_known_args(arguments)
     host, _, port = asked.address.rpartition(":")
     if not host or not (port.isascii() and port.isdigit() and 0 < int(port) < 1 << 16):
-        parser.error(f"{asked.address!r} is no address; give HOST:PORT, for example localhost:50051")
+        parser.error(f"{asked.address!r} is not an address; give HOST:PORT, for example localhost:50051")
     files = {name: getattr(asked, name) for name in ("ca", "certificate", "key", "token_file")}
     for name, path in files.items():
         if path is not None and not path.is_file():
             parser.error(f"there is no file {path}; give --{name.replace('_', '-')} one that can be read")
     if (asked.certificate is None) != (asked.key is None) or (asked.key is not None and asked.ca is None):
-        parser.error("--certificate and --key are given together, and with --ca")
+        parser.error("--certificate and --key must be given together, and with --ca")
     try:
         credentials = credentials_of(asked.ca, asked.key, asked.certificate)
         asyncio.run(reach(asked.address, credentials, token_of(asked.token_file)))

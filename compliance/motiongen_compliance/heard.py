@@ -1,4 +1,4 @@
-"""What is heard of one session: every rule of the protocol is checked as it comes."""
+"""Heard: what the client has received about one session. Every rule of the protocol is checked on arrival."""
 
 from __future__ import annotations
 
@@ -11,9 +11,9 @@ import numpy as np
 from motiongen.v1 import motion_pb2, session_pb2
 
 _REPLACING = (session_pb2.PLAN_CAUSE_EDIT, session_pb2.PLAN_CAUSE_CUT)
-"""Causes of plans that take in events of the client's."""
+"""Causes of plans that apply events of the client."""
 _BY_ITSELF = (session_pb2.PLAN_CAUSE_FALLBACK, session_pb2.PLAN_CAUSE_RESUME)
-"""Causes of plans that a server may make without any."""
+"""Causes of plans that a server may make without any event."""
 _WAITING_HELPS = (grpc.StatusCode.RESOURCE_EXHAUSTED.value[0], grpc.StatusCode.UNAVAILABLE.value[0])
 _MOST_CODE = 16
 _REASON = re.compile(r"[A-Z][A-Z0-9]*(_[A-Z0-9]+)*")
@@ -21,7 +21,7 @@ _BYTES_A_NUMBER = {motion_pb2.SCALAR_TYPE_F32_LE: 4, motion_pb2.SCALAR_TYPE_F16_
 
 
 class RuleBroken(AssertionError):
-    """The server did what the protocol forbids."""
+    """The server broke a rule of the protocol."""
 
 
 def require(holds: bool, rule: str) -> None:
@@ -31,10 +31,11 @@ def require(holds: bool, rule: str) -> None:
 
 @dataclass
 class Heard:
-    """What was said of one session, checked as it comes. sent_seq: the last number the test has used.
+    """What was received about one session, checked on arrival.
 
-    row_bytes: of a frame as F32_LE, and from SessionOpened on as that says. num_joints: of the rig. said_seq: the
-    greatest number that was sent. lookahead: frames, as it was agreed on last.
+    row_bytes: size of a frame row: as F32_LE at first, and in the session's own form once SessionOpened has come.
+    num_joints: of the rig. sent_seq: the last event number that the test has used. said_seq: the greatest one that was
+    sent. lookahead: frames, as agreed last. goes_on_at: start_frame of the last resume.
     """
 
     row_bytes: int
@@ -62,16 +63,16 @@ class Heard:
     last_kind: str = ""
 
     def take(self, update: session_pb2.SessionUpdate) -> None:
-        require(self.closed is None, "nothing is said of a session after SessionClosed")
+        require(self.closed is None, "no update of a session follows its SessionClosed")
         kind = update.WhichOneof("update")
         if self.is_resuming and kind == "outcome":
-            require(update.outcome.event_seq == 1, "nothing but its refusal is told before a session is resumed")
+            require(update.outcome.event_seq == 1, "before a session is resumed, no outcome comes but a refusal")
         else:
             require(update.applied_seq >= self.applied_seq, "applied_seq never falls")
-            require(update.applied_seq <= self._most_seq, "applied_seq is of events that were sent")
+            require(update.applied_seq <= self._most_seq, "applied_seq is not above what was sent")
             self.applied_seq = update.applied_seq
-        require(kind is not None, "an update says something")
-        require(kind == "durability" or not update.durable_seq, "durable_seq is said beside durability only")
+        require(kind is not None, "an update has a member")
+        require(kind == "durability" or not update.durable_seq, "durable_seq is set beside durability only")
         before, self.last_kind = self.last_kind, kind or ""
         if kind == "outcome":
             self._take_outcome(update.outcome)
@@ -91,25 +92,25 @@ class Heard:
         if kind == "plan":
             is_resume = update.plan.cause == session_pb2.PLAN_CAUSE_RESUME
             told = before == "opened" and self.attempt > 0
-            require(told or not is_resume, "what was missed is made up for right behind the SessionOpened of a resume")
+            require(told or not is_resume, "a RESUME plan comes right after the SessionOpened of a resume")
             self._take_plan(update.plan)
         elif kind == "chunk":
             self._take_chunk(update.chunk)
         elif kind == "service_level":
             level = update.service_level
             is_held = level.tier == session_pb2.SERVICE_TIER_HOLD
-            require(level.tier != session_pb2.SERVICE_TIER_UNSPECIFIED, "a level of service has a tier")
+            require(level.tier != session_pb2.SERVICE_TIER_UNSPECIFIED, "a ServiceLevel has a tier")
             require(is_held == (level.denoise_steps == 0), "a tier has denoising steps, and HOLD has none")
             self.levels.append(level)
         elif kind == "constraint_reached":
-            decided = update.constraint_reached.frame < self.committed_to or self.attempt > 0  # or told of again
-            require(decided, "a constraint is told of when its frame is decided")
+            decided = update.constraint_reached.frame < self.committed_to or self.attempt > 0  # or sent again
+            require(decided, "ConstraintReached comes once its frame is committed")
             news = update.constraint_reached
             told = any((each.constraint_id, each.frame) == (news.constraint_id, news.frame) for each in self.reached)
-            require(self.attempt > 0 or not told, "what became of a constraint is told once")
+            require(self.attempt > 0 or not told, "ConstraintReached comes once for a constraint")
             self.reached.append(news)
         elif kind == "durability":
-            require(self.durable_seq <= update.durable_seq <= self._most_seq, "durable_seq never falls, nor runs ahead")
+            require(self.durable_seq <= update.durable_seq <= self._most_seq, "durable_seq never falls or runs ahead")
             self.durable_seq = update.durable_seq
         elif kind == "closed":
             require(update.closed.reason != session_pb2.CLOSE_REASON_UNSPECIFIED, "a session is closed for a reason")
@@ -120,7 +121,7 @@ class Heard:
         return max(self.sent_seq, self.said_seq)
 
     def _row_bytes_of(self, opened: session_pb2.SessionOpened) -> int:
-        """Of a frame with the outputs of the session, as it is stored."""
+        """The size of a frame row as the session stores it, with its outputs."""
         if opened.scalar_type == motion_pb2.SCALAR_TYPE_QUANTISED:
             sizes = {"joint_global_rotation_quat_wxyz": 1}
             return 13 + 4 * self.num_joints + sum(sizes.get(each.name, 2) * each.width for each in opened.outputs)
@@ -132,26 +133,26 @@ class Heard:
         assert self.opened is not None
         require(opened.session_token == self.opened.session_token, "a session keeps its token")
         require(opened.session_id == self.opened.session_id, "a session keeps its name")
-        require(opened.start_frame <= self.next_frame, "a session goes on no later than where its client is")
+        require(opened.start_frame <= self.next_frame, "a resumed session starts at next_frame or before")
         self.goes_on_at = self.next_frame = opened.start_frame
 
     def _take_outcome(self, outcome: session_pb2.EditOutcome) -> None:
         self.outcomes.append(outcome)
-        require(outcome.event_seq <= self._most_seq, "an answer is to an event that was sent")
+        require(outcome.event_seq <= self._most_seq, "an outcome is for an event that was sent")
         if outcome.code == 0:
             why = outcome.reason or outcome.message or outcome.field or outcome.allowed
             require(not why and not outcome.HasField("retry_after"), "an accepted event has no reason")
             told = all(warning.reason and warning.message for warning in outcome.warnings)
-            require(told, "a warning says what of, for programs and for people")
+            require(told, "a warning has a reason and a message")
             return
-        require(not outcome.warnings, "a refused event is not warned of")
-        require(not outcome.placements, "a refused event puts nothing anywhere")
+        require(not outcome.warnings, "a refused event has no warnings")
+        require(not outcome.placements, "a refused event has no placements")
         require(0 < outcome.code <= _MOST_CODE, "a refusal has a google.rpc.Code")
-        require(bool(outcome.reason and outcome.message), "a refusal says why, for programs and for people")
+        require(bool(outcome.reason and outcome.message), "a refusal has a reason and a message")
         require(_REASON.fullmatch(outcome.reason) is not None, "a reason is in UPPER_SNAKE_CASE")
         waits = not outcome.HasField("retry_after") or outcome.code in _WAITING_HELPS
-        require(waits, "a time to wait is told of RESOURCE_EXHAUSTED and UNAVAILABLE")
-        require(not outcome.HasField("effective_frame"), "a refused event is in effect nowhere")
+        require(waits, "retry_after is for RESOURCE_EXHAUSTED and UNAVAILABLE only")
+        require(not outcome.HasField("effective_frame"), "a refused event has no effective_frame")
 
     def _take_plan(self, plan: session_pb2.PlanNotice) -> None:
         require(plan.plan > (self.plans[-1].plan if self.plans else 0), "plan numbers rise")
@@ -168,21 +169,21 @@ class Heard:
     def _take_chunk(self, chunk: motion_pb2.FrameChunk) -> None:
         assert self.opened is not None
         require(bool(self.plans), "a PlanNotice precedes the first chunk")
-        require(chunk.plan == self.plans[-1].plan, "a chunk is of the latest plan")
+        require(chunk.plan == self.plans[-1].plan, "a chunk has the number of the latest plan")
         require(chunk.first_frame == self.next_frame, "chunks neither leave out nor repeat a frame")
         require(chunk.frame_count >= 1, "a chunk holds a frame")
-        require(chunk.scalar_type == self.opened.scalar_type, "the scalar type is the one agreed on")
+        require(chunk.scalar_type == self.opened.scalar_type, "a chunk has the session's scalar type")
         require(len(chunk.data) == chunk.frame_count * self.row_bytes, "data is as long as its rows")
         if chunk.scalar_type in _BYTES_A_NUMBER:
             numbers = np.frombuffer(chunk.data, f"<f{_BYTES_A_NUMBER[chunk.scalar_type]}")
             require(bool(np.isfinite(numbers).all()), "frames are finite")
         is_relative = chunk.scalar_type == motion_pb2.SCALAR_TYPE_F16_LE
-        require(len(chunk.root_origin_m) == 3 * is_relative, "F16_LE is relative to an origin, and nothing else is")
+        require(len(chunk.root_origin_m) == 3 * is_relative, "F16_LE has a root_origin_m, and other types have none")
         require(chunk.committed_to >= self.committed_to, "committed_to never falls")
         for row in range(chunk.frame_count):
             frame, data = chunk.first_frame + row, chunk.data[row * self.row_bytes : (row + 1) * self.row_bytes]
             known = self.frames.get(frame)
-            is_same = known in (None, data) or is_relative  # to another origin, when it is sent again
+            is_same = known in (None, data) or is_relative  # its origin may differ when it is sent again
             require(is_same or frame >= self.committed_to, "a committed frame never changes")
             self.frames[frame] = data
         self.next_frame += chunk.frame_count
@@ -192,7 +193,7 @@ class Heard:
         self.chunks.append(chunk)
 
     def outcome(self, event_seq: int) -> session_pb2.EditOutcome | None:
-        """The answer to an event; fails where there are two, unless they are the same, told again to who resumed."""
+        """The answer to an event. Two answers break a rule, unless they are equal and the session was resumed."""
         answers = [outcome for outcome in self.outcomes if outcome.event_seq == event_seq]
         same = all(answer == answers[0] for answer in answers)
         require(len(answers) <= 1 or (same and self.attempt > 0), "an event is answered once")

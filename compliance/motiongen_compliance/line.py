@@ -1,4 +1,4 @@
-"""TcpLine: TCP connections to a server by way of this process, which a test cuts."""
+"""TcpLine: a TCP relay in front of a server, whose connections a test can cut."""
 
 from __future__ import annotations
 
@@ -9,14 +9,14 @@ from typing import Self
 _PIECE_BYTES = 65536
 
 Carry = Callable[[asyncio.StreamReader, asyncio.StreamWriter], Awaitable[None]]
-"""Takes bytes one way until their source ends, or this way is to end; the connection ends with it."""
+"""Copies bytes in one direction until the source ends. When one direction returns, the connection ends."""
 
 
 class TcpLine:
-    """Use as `async with`. address: where it listens; behind: where it leads; is_shut: it aborts who comes."""
+    """A relay, as `async with`. address: where it listens; behind: the server; is_shut: abort new connections."""
 
     name = "127.0.0.1"
-    """Of this machine, as the address has it: certificates name hosts."""
+    """The host in `address`. TLS certificates are checked against it."""
 
     def __init__(self, behind: str) -> None:
         self.behind = behind
@@ -26,11 +26,11 @@ class TcpLine:
         self._tasks: set[asyncio.Task[None]] = set()
 
     def carry(self) -> Carry:
-        """How a new connection carries both of its ways: here as they come."""
+        """How a new connection copies bytes in each direction. Here: unchanged, as they arrive."""
         return _pass_on
 
     def cut(self) -> None:
-        """Abort every connection, as a network does that is gone; new ones are taken."""
+        """Abort every connection, as if the network were lost. New connections are accepted."""
         for writer in self._open:
             writer.transport.abort()
 

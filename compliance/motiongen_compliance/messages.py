@@ -1,4 +1,4 @@
-"""Messages that the suite says, built in a word."""
+"""Short builders for the messages that the suite sends."""
 
 from __future__ import annotations
 
@@ -38,7 +38,7 @@ RESUME = play_state(session_pb2.PLAY_STATE_PLAYING)
 
 
 def addressed(event: session_pb2.SessionEvent, handle: int, event_seq: int) -> session_pb2.SessionEvent:
-    """A copy of an event with its session and number."""
+    """A copy of an event with a handle and a number."""
     copy = session_pb2.SessionEvent()
     copy.CopyFrom(event)
     copy.session, copy.event_seq = handle, event_seq

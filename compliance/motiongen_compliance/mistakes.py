@@ -1,4 +1,4 @@
-"""Mistakes in events, and the answers to them."""
+"""Mistakes in events, and the answers that the protocol requires."""
 
 from __future__ import annotations
 
@@ -20,9 +20,9 @@ NAN, INF = math.nan, math.inf
 
 @dataclass(frozen=True)
 class Mistake:
-    """An event, made for a server's catalogue, and the answer to it.
+    """An event with a mistake, made for a server's catalogue, and the answer to it.
 
-    allowed: words that the server of this repository says there; others need not.
+    allowed: words that the server of this repository uses in `EditOutcome.allowed`; other servers may use others.
     """
 
     name: str
@@ -42,17 +42,17 @@ def long_text(catalog: Catalog) -> str:
 
 
 def check(outcome: session_pb2.EditOutcome, mistake: Mistake) -> None:
-    """Code, reason and field are the protocol's; in which words `allowed` says it is the server's own affair."""
+    """Check an answer. The protocol fixes code, reason and field; the wording of `allowed` is up to the server."""
     told = (outcome.code, outcome.reason, outcome.field)
     assert told == (mistake.code.value[0], mistake.reason, mistake.field), f"{mistake.name}: {outcome.message}"
-    assert outcome.allowed, f"{mistake.name}: what would be allowed is said"
-    assert len(outcome.message) < 500, "a mistake is not sent back whole"
+    assert outcome.allowed, f"{mistake.name}: the answer says what is allowed"
+    assert len(outcome.message) < 500, "the answer does not repeat the whole mistake"
 
 
 async def refuse_all(scene: Scene, mistakes: Sequence[Mistake]) -> None:
-    """Make mistakes one after another on one session: each is answered, uses its number up, and changes nothing else.
+    """Send mistakes one after another in one session: each is answered, uses up its number, and changes nothing else.
 
-    A form of constraint that the model does not take may be refused for that.
+    A constraint may also be refused because the model does not support its form.
     """
     talk, heard = scene.talk, scene.talk.sessions[1]
     takes_all = all(

@@ -1,4 +1,4 @@
-"""The pytest plugin of the command: which server, how it is reached, and when there is nothing left to be tested."""
+"""The pytest plugin of the command: which server to test, how to reach it, and when to give up."""
 
 from __future__ import annotations
 
@@ -13,7 +13,7 @@ import pytest
 from motiongen_compliance.reach import credentials_of, token_of
 
 MOST_UNANSWERED = 3
-"""Tests in a row that wait in vain, or for which the server is not there: the others are not run."""
+"""How many tests in a row may time out or find the server unavailable; after that, the remaining tests are not run."""
 _GONE = (grpc.StatusCode.UNAVAILABLE, grpc.StatusCode.DEADLINE_EXCEEDED)
 _UNANSWERED = pytest.StashKey[int]()
 
@@ -21,10 +21,10 @@ _UNANSWERED = pytest.StashKey[int]()
 def pytest_addoption(parser: pytest.Parser) -> None:
     group = parser.getgroup("motiongen")
     group.addoption("--server-address", help="host:port")
-    group.addoption("--server-ca", type=Path, help="certificates to trust, PEM; without them, plain text is spoken")
-    group.addoption("--server-certificate", type=Path, help="certificate to show, PEM")
+    group.addoption("--server-ca", type=Path, help="certificates to trust, PEM; without it, plain text is used")
+    group.addoption("--server-certificate", type=Path, help="the client's certificate, PEM")
     group.addoption("--server-key", type=Path, help="its key, PEM")
-    group.addoption("--server-token-file", type=Path, help="file with the token that says who calls")
+    group.addoption("--server-token-file", type=Path, help="file with the caller's token")
 
 
 @pytest.fixture(scope="session")
@@ -55,7 +55,7 @@ def pytest_runtest_makereport(
     elif call.when == "call":
         item.session.stash[_UNANSWERED] = 0
     if item.session.stash.get(_UNANSWERED, 0) >= MOST_UNANSWERED:
-        given_up = f"the server did not answer in {MOST_UNANSWERED} tests one after another; the others were not run"
+        given_up = f"the server did not answer in {MOST_UNANSWERED} tests in a row; the others were not run"
         item.session.shouldfail = given_up
     return report
 

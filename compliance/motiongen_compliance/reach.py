@@ -1,4 +1,4 @@
-"""Reach: whether the server at an address can be tested at all, and in words why not."""
+"""Reach: find out whether the server at an address can be tested at all, and if not, why."""
 
 from __future__ import annotations
 
@@ -14,21 +14,21 @@ from grpc_status import rpc_status
 from motiongen_compliance.target import connect
 
 PROBE_S = 5.0
-"""For a connection, and for the first bytes on it."""
+"""How long to wait for a connection, and for the first bytes on it."""
 _HTTP2_HELLO = b"PRI * HTTP/2.0\r\n\r\nSM\r\n\r\n" + bytes(3) + b"\x04" + bytes(5)
-"""The preface of HTTP/2, and settings that are empty (RFC 9113, 3.4 and 6.5)."""
+"""The HTTP/2 preface and an empty SETTINGS frame (RFC 9113, 3.4 and 6.5)."""
 _FRAME_HEADER_BYTES, _SETTINGS = 9, 4
 _TLS_ALERT = b"\x15\x03"
 
 
 class Unreachable(Exception):
-    """Nothing can be tested; says why, and what to do."""
+    """Nothing can be tested. The message says why, and what to do."""
 
 
 def credentials_of(
     authorities: Path | None, key: Path | None = None, certificate: Path | None = None
 ) -> grpc.ChannelCredentials | None:
-    """What TLS is spoken with, of PEM files; None, for plain text, without authorities to trust."""
+    """TLS credentials from PEM files. None, which means plain text, if there are no authorities to trust."""
     if authorities is None:
         return None
     shown = [None if path is None else path.read_bytes() for path in (key, certificate)]
@@ -36,7 +36,7 @@ def credentials_of(
 
 
 def token_of(path: Path | None) -> str:
-    """The token of a file, "" without one. Raises ValueError for a file that has none."""
+    """The token in a file; "" without a file. Raises ValueError if the file has no token."""
     if path is None:
         return ""
     token = path.read_bytes().decode("ascii", "replace").strip()
@@ -46,12 +46,12 @@ def token_of(path: Path | None) -> str:
 
 
 async def reach(address: str, credentials: grpc.ChannelCredentials | None = None, token: str = "") -> None:
-    """Ask for the catalogue once. credentials, token: as for `connect`. Raises Unreachable."""
+    """Ask for the catalogue once. credentials, token: as for `connect`. Raises Unreachable if that fails."""
     try:
         async for target in connect(address, credentials, token):
             served = {rig.rig_id for rig in target.catalog.rigs}
             if not target.catalog.models or target.catalog.models[0].rig_id not in served:
-                raise Unreachable(f"the catalogue of {address} has no model, or not the rig of its first one")
+                raise Unreachable(f"the catalogue of {address} has no model, or lacks the rig of its first model")
     except grpc.aio.AioRpcError as error:
         raise Unreachable(await _why(error, address, credentials is not None)) from error
 
@@ -60,7 +60,7 @@ async def _why(error: grpc.aio.AioRpcError, address: str, is_tls: bool) -> str:
     code, details, reason = error.code(), error.details() or "no details", reason_of(error)
     said = f"{address} answers GetCatalog with {code.name}" + (f" ({reason})" if reason else "") + f": {details}"
     if code is grpc.StatusCode.UNAUTHENTICATED:
-        return f"{said}; show who calls by --token-file, or --certificate and --key"
+        return f"{said}; authenticate by --token-file, or by --certificate and --key"
     if code is grpc.StatusCode.UNIMPLEMENTED:
         return f"{address} speaks gRPC, but has no motiongen.v1.MotionService: {details}"
     if reason or code is grpc.StatusCode.RESOURCE_EXHAUSTED:
@@ -71,42 +71,42 @@ async def _why(error: grpc.aio.AioRpcError, address: str, is_tls: bool) -> str:
 
 
 def reason_of(error: grpc.aio.AioRpcError) -> str:
-    """The reason that the server gives for a status; "" where it gives none, or the status is not its own."""
+    """The reason that the server gave for a status; "" if it gave none, or if the status is not the server's own."""
     try:
-        status = rpc_status.from_call(error)  # type: ignore[arg-type]  # it has what is asked of a call
-    except ValueError:  # details of another status
+        status = rpc_status.from_call(error)  # type: ignore[arg-type]  # it has the parts of a call that are used
+    except ValueError:  # the details belong to another status
         return ""
     info = error_details_pb2.ErrorInfo()
     return next((info.reason for detail in (status.details if status else ()) if detail.Unpack(info)), "")
 
 
 def _spoken(host: str, port: int, is_tls: bool) -> str:
-    """What is there instead of a server of ours, found out without gRPC."""
+    """What is at the address instead of a motiongen server, found out without gRPC."""
     where = f"{host}:{port}"
     try:
         line = socket.create_connection((host, port), PROBE_S)
     except socket.gaierror as error:
-        return f"{host} is no host that can be found: {error.strerror}"
+        return f"{host} is not a host that can be found: {error.strerror}"
     except TimeoutError:
-        return f"{where} takes no connection within {PROBE_S:g} s"
+        return f"{where} accepts no connection within {PROBE_S:g} s"
     except OSError as error:
         return f"nothing can be reached at {where}: {error.strerror or error}"
     with line:
         if is_tls:
-            return f"{where} takes connections, but no call over TLS with these files"
+            return f"{where} accepts connections, but no call over TLS with these files"
         try:
             line.sendall(_HTTP2_HELLO)
             first = line.recv(64)
         except TimeoutError:
-            return f"{where} takes connections, and says nothing"
+            return f"{where} accepts connections, but sends nothing"
         except OSError:
             first = b""
     if not first:
-        return f"{where} closes connections in plain text; where it wants TLS, give --ca"
+        return f"{where} closes plain-text connections; if it requires TLS, give --ca"
     if first.startswith(_TLS_ALERT):
-        return f"{where} wants TLS; give --ca"
+        return f"{where} requires TLS; give --ca"
     if first.startswith(b"HTTP/1"):
-        return f"{where} speaks HTTP/1, and gRPC is spoken over HTTP/2"
+        return f"{where} speaks HTTP/1, but gRPC needs HTTP/2"
     if len(first) >= _FRAME_HEADER_BYTES and first[3] == _SETTINGS:
-        return f"{where} speaks HTTP/2, but answers no call of gRPC as it should"
-    return f"{where} speaks no HTTP/2; it begins with {first[:16]!r}"
+        return f"{where} speaks HTTP/2, but does not answer gRPC calls correctly"
+    return f"{where} does not speak HTTP/2; its first bytes are {first[:16]!r}"

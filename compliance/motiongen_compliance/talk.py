@@ -1,4 +1,4 @@
-"""Talk: a bare client that says what a test tells it to, and has every rule checked on what it hears."""
+"""Talk: a bare client for tests. It sends what a test tells it to, and checks every rule on what it receives."""
 
 from __future__ import annotations
 
@@ -13,24 +13,24 @@ from motiongen_compliance.heard import Heard, require
 from motiongen_compliance.messages import addressed, close
 
 LIMIT_S = 60.0
-"""How long a message may take before the test fails; nothing is measured by it."""
+"""How long to wait for a message before the test fails. This is a bound, not a measurement."""
 STREAM_LIMIT_S = 300.0
-"""How long a stream may last: a server may say much, and never what a test waits for."""
+"""How long a stream may last: a server may send much without ever sending what a test waits for."""
 REPORT_PERIOD_S = 0.2
-"""Between two reports of one playhead: credit is earned in real time, and told by reports."""
+"""Seconds between repeated reports of the same playhead: credit is earned in real time, and a report collects it."""
 
 
 def rig_of(catalog: service_pb2.GetCatalogResponse) -> motion_pb2.Rig:
-    """The rig of the first model, which sessions have that name none."""
+    """The rig of the first model, which sessions use unless they name another."""
     return next(rig for rig in catalog.rigs if rig.rig_id == catalog.models[0].rig_id)
 
 
 class StreamOver(Exception):
-    """The stream ended with OK while the test waited for more."""
+    """The stream ended with OK while the test was waiting for more."""
 
 
 class Talk:
-    """One stream. Sessions are known by their handles; a handle that is opened again begins anew."""
+    """One stream. Its sessions are identified by handle; opening a handle again starts afresh."""
 
     def __init__(self, stub: service_pb2_grpc.MotionServiceStub, catalog: service_pb2.GetCatalogResponse) -> None:
         self.catalog = catalog
@@ -40,14 +40,14 @@ class Talk:
         self.ends_at = time.monotonic() + STREAM_LIMIT_S
         self._reading: asyncio.Task[object] | None = None
         self._goodbyes: set[int] = set()
-        self._said_seq: dict[int, int] = {}  # the greatest number, by handle
+        self._said_seq: dict[int, int] = {}  # the greatest number sent, by handle
         rig = rig_of(catalog)
         self._row_bytes, self._num_joints = 4 * sum(block.width for block in rig.blocks), len(rig.joints)
 
-    # ---- saying -----------------------------------------------------------------------------------------------------
+    # ---- sending ----------------------------------------------------------------------------------------------------
 
     async def hello(self) -> Talk:
-        """Greet the server and wait for its greeting; updates are gathered for as short a time as may be."""
+        """Say hello and wait for the server's hello. Asks for a short flush interval."""
         hello = service_pb2.ClientHello(client_agent="compliance")
         hello.flush_interval.FromMilliseconds(5)
         await self.say(service_pb2.StreamMotionRequest(hello=hello))
@@ -56,7 +56,7 @@ class Talk:
         return self
 
     def note(self, request: service_pb2.StreamMotionRequest) -> None:
-        """Know of the events of a message, which may be answered. `say` does so."""
+        """Record the events of a message, so that answers to them are expected. `say` calls this."""
         for event in request.events:
             self._said_seq[event.session] = max(event.event_seq, self._said_seq.get(event.session, 0))
 
@@ -66,18 +66,18 @@ class Talk:
             await self.call.write(request)
 
     async def send(self, *events: session_pb2.SessionEvent) -> None:
-        """Send events as they are."""
+        """Send events unchanged."""
         await self.say(service_pb2.StreamMotionRequest(events=events))
 
     async def ask_open(self, handle: int, **fields: object) -> Heard:
-        """Send an OpenSession on a handle that carries none."""
+        """Send an OpenSession on an unused handle."""
         heard = self.sessions[handle] = self._nothing_heard()
         opening = session_pb2.OpenSession(**fields)  # type: ignore[arg-type]
         await self.send(session_pb2.SessionEvent(session=handle, event_seq=1, open=opening))
         return heard
 
     async def open(self, handle: int, **fields: object) -> Heard:
-        """Open a session and wait for its first frames. A server that has no room is asked again when it says so."""
+        """Open a session and wait for its first frames. If the server has no room, ask again after `retry_after`."""
         ends_at = time.monotonic() + LIMIT_S
         while True:
             heard = await self.ask_open(handle, **fields)
@@ -92,7 +92,7 @@ class Talk:
             await asyncio.sleep(max(0.1, refusal.retry_after.ToMilliseconds() / 1000))
 
     async def ask_resume(self, handle: int, heard: Heard, **fields: object) -> None:
-        """Send an OpenSession that resumes a session which another stream carried."""
+        """Send an OpenSession that resumes a session of another stream."""
         assert heard.opened is not None
         heard.attempt += 1
         heard.is_resuming = True
@@ -108,7 +108,7 @@ class Talk:
         await self.send(session_pb2.SessionEvent(session=handle, event_seq=1, open=opening))
 
     async def resume(self, handle: int, heard: Heard) -> None:
-        """Resume a session, and wait until the server says so."""
+        """Resume a session, and wait for the server to confirm it."""
         await self.ask_resume(handle, heard)
         await self.until(lambda: not heard.is_resuming or heard.outcome(1))
         require(not heard.is_resuming, f"the session is resumed: {heard.outcomes}")
@@ -120,7 +120,7 @@ class Talk:
         lookahead = options.lookahead_frames or self.catalog.limits.default_lookahead_frames
         before = heard.lookahead
         if options.HasField("lookahead_frames"):
-            heard.lookahead = max(before, lookahead)  # whichever holds when more frames come
+            heard.lookahead = max(before, lookahead)  # either may apply to the frames that come meanwhile
         await self.send(addressed(event, handle, heard.sent_seq))
         outcome = await self.answer(handle, heard.sent_seq)
         if options.HasField("lookahead_frames"):
@@ -135,7 +135,7 @@ class Talk:
         return outcome
 
     async def report(self, handle: int, frame: int) -> None:
-        """Report the playhead; credit grows with it from here on."""
+        """Report the playhead, which extends the credit."""
         heard = self.sessions[handle]
         heard.playhead = max(heard.playhead, frame)
         playhead = session_pb2.Playhead(frame=frame, buffered_to=heard.next_frame)
@@ -158,7 +158,7 @@ class Talk:
                 return response.pong
 
     async def finish(self) -> None:
-        """End the stream as a client does that is done: none of its sessions waits for somebody to resume it."""
+        """End the stream properly, so that the server closes its sessions instead of keeping them to be resumed."""
         if self.call.done():
             return
         try:
@@ -168,14 +168,14 @@ class Talk:
                 while await reading is not grpc.aio.EOF:
                     reading = asyncio.ensure_future(self.call.read())
         except (TimeoutError, grpc.aio.AioRpcError, grpc.aio.UsageError, asyncio.InvalidStateError):
-            self.call.cancel()  # the test has said what there is to be said of it
+            self.call.cancel()  # the test has already judged how the stream ended
 
-    # ---- hearing ----------------------------------------------------------------------------------------------------
+    # ---- receiving --------------------------------------------------------------------------------------------------
 
     async def hear(self) -> service_pb2.StreamMotionResponse:
-        """The next message. Raises StreamOver at the end, and AioRpcError where that is not OK."""
+        """The next message. Raises StreamOver when the stream ends with OK, and AioRpcError when it ends otherwise."""
         if time.monotonic() > self.ends_at:
-            raise TimeoutError(f"in {STREAM_LIMIT_S:g} s of a stream there has not come what the test waits for")
+            raise TimeoutError(f"within {STREAM_LIMIT_S:g} s, the stream did not bring what the test waits for")
         if not await self._has_come(LIMIT_S):
             raise TimeoutError(f"nothing came for {LIMIT_S:g} s")
         assert self._reading is not None
@@ -185,12 +185,12 @@ class Talk:
             raise StreamOver
         require(response.HasField("hello") != bool(self.responses), "hello is in the first message, and only there")
         if response.HasField("goodbye"):
-            require(response.goodbye.reason not in self._goodbyes, "goodbye is said once for each reason")
+            require(response.goodbye.reason not in self._goodbyes, "a Goodbye comes once for each reason")
             self._goodbyes.add(response.goodbye.reason)
         self.responses.append(response)
         for update in response.updates:
             said_seq = self._said_seq.get(update.session)
-            require(said_seq is not None, "nothing is said of a handle that the client never used")
+            require(said_seq is not None, "no update is for a handle that the client never used")
             heard = self.sessions.setdefault(update.session, self._nothing_heard())
             heard.said_seq = max(heard.said_seq, said_seq or 0)
             heard.take(update)
@@ -200,19 +200,19 @@ class Talk:
         return Heard(self._row_bytes, self._num_joints)
 
     async def _has_come(self, limit_s: float) -> bool:
-        """Whether the next message, or the end, is there before the time is over. A read is never broken off."""
+        """Whether the next message, or the end, arrives within `limit_s`. A read is never cancelled."""
         if self._reading is None:
             self._reading = asyncio.ensure_future(self.call.read())
         await asyncio.wait({self._reading}, timeout=limit_s)
         return self._reading.done()
 
     async def until(self, holds: Callable[[], object]) -> None:
-        """Hear messages until something holds."""
+        """Receive messages until `holds` returns something true."""
         while not holds():
             await self.hear()
 
     async def to_the_end(self) -> grpc.StatusCode:
-        """Hear all that is left; returns the status, OK or not."""
+        """Receive all that is left; returns the status, OK or not."""
         try:
             while True:
                 await self.hear()
@@ -222,7 +222,7 @@ class Talk:
             return error.code()
 
     async def plays_on(self, handle: int) -> None:
-        """Play what a session has sent, and wait for more of it: who jumps ahead earns that in real time."""
+        """Play what a session has sent, and wait for more: a playhead that jumps earns its credit in real time."""
         heard = self.sessions[handle]
         before = heard.end
         await self.report(handle, before - 1)
@@ -232,4 +232,4 @@ class Talk:
                     await self.hear()
                 else:
                     await self.report(handle, before - 1)
-        require(heard.closed is None, f"the session lives: {heard.closed}")
+        require(heard.closed is None, f"the session stays open: {heard.closed}")

@@ -24,23 +24,23 @@ class Target:
     streams: list[Talk] = field(default_factory=list)
 
     def raw(self, method: str) -> grpc.aio.StreamStreamCall[bytes, bytes]:
-        """A call of a method by its path, for bytes that are no messages. Needs the channel."""
+        """A call of a method by its path, for sending bytes that are not messages. Needs the channel."""
         assert self.channel is not None
         return self.channel.stream_stream(method)(metadata=self.metadata, timeout=LIMIT_S)
 
     def stream(self) -> Talk:
-        """A new stream on which nothing has been said."""
+        """A new stream on which nothing has been sent yet."""
         self.streams.append(Talk(self.stub, self.catalog))
         return self.streams[-1]
 
     async def talk(self) -> Talk:
-        """A new stream on which both sides have said hello."""
+        """A new stream on which both sides have sent hello."""
         return await self.stream().hello()
 
 
 @dataclass
 class Scene:
-    """A session at 1 for a test to mistreat, one at 2 on the same stream, and one at 1 on another stream."""
+    """Three sessions: handle 1, which a test may mistreat, handle 2 on the same stream, handle 1 on another stream."""
 
     talk: Talk
     other: Talk
@@ -53,9 +53,10 @@ class Scene:
 async def connect(
     address: str, credentials: grpc.ChannelCredentials | None = None, token: str = "", through: str = ""
 ) -> AsyncIterator[Target]:
-    """A connection for as long as it is iterated.
+    """A connection to a server, open during the iteration.
 
-    credentials: None speaks plain text. token: "" for none. through: an address that leads to the server's, if not "".
+    credentials: None for plain text. token: "" for none. through: the address of a relay to the server; "" to connect
+    directly.
     """
     options: tuple[tuple[str, str | int], ...]
     options = (("grpc.max_receive_message_length", 8 << 20), ("grpc.use_local_subchannel_pool", 1))
@@ -77,5 +78,5 @@ async def connect(
         target = Target(stub, await stub.GetCatalog(request, timeout=LIMIT_S), channel, metadata)
         try:
             yield target
-        finally:  # else their sessions would keep others out for as long as they can be resumed
+        finally:  # else the server would keep their sessions for resuming, and these count towards its limits
             await asyncio.gather(*(stream.finish() for stream in target.streams))

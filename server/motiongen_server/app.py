@@ -146,7 +146,7 @@ class Application:
         self._door.open(self._service)
         self.metrics.heartbeat_age.set_function(self._heartbeat_age_s)
         self.metrics.tasks.set_function(lambda: len(asyncio.all_tasks(self._loop)))
-        self.metrics.free_share.set_function(lambda: self._manager.models.free_share)
+        self.metrics.watch_models(self._manager.models)
         self.metrics.watch_service(self._service)
         self.metrics.prompts_waiting.set_function(lambda: self._factory.num_waiting_prompts)
         self._ready = True

@@ -70,7 +70,7 @@ async def test_a_server_that_asks_who_calls_is_tested_over_tls_with_a_token(tmp_
         (["localhost:65536"], "give HOST:PORT"),
         (["localhost:50051", "--ca", "no/such.pem"], "no file no/such.pem"),
         (["localhost:50051", "--token-file", "no/token"], "give --token-file one that can be read"),
-        (["localhost:50051", "--key", AUTHORITY], "are given together, and with --ca"),
+        (["localhost:50051", "--key", AUTHORITY], "must be given together, and with --ca"),
     ],
 )
 def test_a_wrong_argument_is_named(arguments: list[str], said: str, capsys: pytest.CaptureFixture[str]) -> None:

@@ -55,12 +55,12 @@ async def answering(first: bytes | None) -> AsyncIterator[str]:
 @pytest.mark.parametrize(
     ("first", "said"),
     [
-        (None, "takes connections, and says nothing"),
-        (b"", "closes connections in plain text; where it wants TLS, give --ca"),
+        (None, "accepts connections, but sends nothing"),
+        (b"", "closes plain-text connections; if it requires TLS, give --ca"),
         (b"HTTP/1.1 400 Bad Request\r\n\r\n", "speaks HTTP/1"),
-        (b"SSH-2.0-OpenSSH_9.6\r\n", "speaks no HTTP/2; it begins with b'SSH-2.0-Open"),
-        (b"\x15\x03\x01\x00\x02\x02\x46", "wants TLS; give --ca"),
-        (bytes(3) + b"\x04" + bytes(5), "speaks HTTP/2, but answers no call of gRPC"),
+        (b"SSH-2.0-OpenSSH_9.6\r\n", "does not speak HTTP/2; its first bytes are b'SSH-2.0-Open"),
+        (b"\x15\x03\x01\x00\x02\x02\x46", "requires TLS; give --ca"),
+        (bytes(3) + b"\x04" + bytes(5), "speaks HTTP/2, but does not answer gRPC calls"),
     ],
 )
 async def test_what_is_no_server_of_ours_is_called_by_what_it_is(first: bytes | None, said: str) -> None:

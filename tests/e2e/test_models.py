@@ -120,7 +120,7 @@ def test_the_command_line_does_the_same(two_models: TwoModels, capsys: pytest.Ca
     assert run([*server, "list"]) == 0
     assert "serving" in capsys.readouterr().out
     assert run([*server, "reload", two_models.tiny, "--grace", "0"]) == 0
-    assert f"{two_models.tiny} is loaded anew; 0 sessions were closed." in capsys.readouterr().out
+    assert f"{two_models.tiny} is reloaded; 0 sessions were closed." in capsys.readouterr().out
     assert run([*server, "unload", two_models.tiny]) == 0
     assert run([*server, "unload", BUILT_IN_MODEL]) == 1
     assert "LAST_MODEL" in capsys.readouterr().err

@@ -1,5 +1,5 @@
 // A crowd on one stream, drawn sixty times a second: crowd [HOST:PORT] [CHARACTERS] [SECONDS]
-// Every character gets another prompt now and then. Prints what a game would ask of it: frames held, and what it cost.
+// Every character gets a new prompt now and then. Prints what matters to a game: frames held, and processor time.
 #include <chrono>
 #include <cstdio>
 #include <cstdlib>
@@ -46,7 +46,7 @@ int main(int argc, char** argv) {
     }
     crowd.push_back(std::move(opened).value());
     if (number % 50 == 49 && !crowd.back().wait_frame(0, 60))
-      break;  // the server takes them as fast as it can serve them
+      break;  // wait for each group of 50, so that opens follow the pace of the server
   }
   for (motiongen::Session& each : crowd) {
     const auto opened = each.wait_open(30);

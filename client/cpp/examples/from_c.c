@@ -1,4 +1,4 @@
-/* One character through the C interface, as an engine would use it: from_c [HOST:PORT] */
+/* One character through the C interface, as a game engine would use it: from_c [HOST:PORT] */
 #include <stdio.h>
 #include <stdlib.h>
 #include <string.h>
@@ -10,7 +10,7 @@ static int failed(const motiongen_error* error) {
   return 1;
 }
 
-/* a slope of 6 degrees, up the way that is walked */
+/* a slope of 6 degrees, uphill in the walking direction */
 static double slope(void* context, double x_m, double z_m) {
   (void)context;
   (void)x_m;
@@ -41,7 +41,7 @@ int main(int argc, char** argv) {
   memset(&character, 0, sizeof character);
   character.struct_size = sizeof character;
   character.prompt = "a person walks forward";
-  character.manual_clock = 1; /* frame by frame, as fast as they come */
+  character.manual_clock = 1; /* frame by frame, as fast as frames come */
   if (motiongen_client_open(client, &character, &walker, &error) != MOTIONGEN_OK) return failed(&error);
   if (motiongen_session_wait_open(walker, 30.0, &error) != MOTIONGEN_OK) return failed(&error);
   if (motiongen_session_rig(walker, &rig, &error) != MOTIONGEN_OK) return failed(&error);

@@ -1,4 +1,4 @@
-// One character that walks and then runs, sampled sixty times a second as a game would: one_character [HOST:PORT]
+// One character that walks and then runs, sampled sixty times a second as in a game: one_character [HOST:PORT]
 #include <chrono>
 #include <cstdio>
 #include <thread>

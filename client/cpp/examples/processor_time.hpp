@@ -1,9 +1,9 @@
-// What this process has used of the processor, for programs that measure themselves.
+// Processor time of this process, for programs that measure themselves.
 #pragma once
 
 #include <sys/resource.h>
 
-// Seconds so far, of all threads.
+// Seconds so far, all threads together.
 inline double processor_time_s() {
   rusage used{};
   getrusage(RUSAGE_SELF, &used);

@@ -1,4 +1,4 @@
-"""Change what a character does while it plays, and see when the change shows. `python change_prompt.py [host:port]`"""
+"""Change a character's prompt during playback, and see when the change shows. `python change_prompt.py [host:port]`"""
 
 import asyncio
 import sys

@@ -1,4 +1,4 @@
-"""Many characters on one stream, drawn by one loop as a game would. `python crowd.py [host:port] [characters]`"""
+"""Many characters on one stream, drawn by one loop as in a game. `python crowd.py [host:port] [characters]`"""
 
 import asyncio
 import sys
@@ -17,7 +17,7 @@ async def main(address: str, num_characters: int) -> None:
             opening.append(stream.open(PROMPTS[number % len(PROMPTS)], options=options))
         crowd = await asyncio.gather(*opening)
         for _ in range(4 * 60):  # four seconds at sixty pictures a second
-            poses = [character.poll() for character in crowd]  # draw these; None until a first frame came
+            poses = [character.poll() for character in crowd]  # draw these; None until the first frame has come
             await asyncio.sleep(1 / 60)
         shown = sum(pose is not None for pose in poses)
         underruns = sum(character.stats.underruns for character in crowd)

@@ -1,4 +1,4 @@
-"""Ask a character to be at a place at a time, and measure by how much it misses. `python waypoint.py [host:port]`"""
+"""Ask a character to be at a place at a time, and measure the error. `python waypoint.py [host:port]`"""
 
 import asyncio
 import math
@@ -11,7 +11,7 @@ async def main(address: str) -> None:
     async with MotionClient(address) as client:
         walker = await client.open(prompt="a person walks forward")
         frame = walker.frame_in(3.0)
-        await walker.add_waypoint(0.5, 3.0, frame=frame)  # raises EventRefused if the server cannot do it
+        await walker.add_waypoint(0.5, 3.0, frame=frame)  # raises EventRefused if the server refuses it
         async for _ in walker.frames(seconds=4, realtime=False):  # as fast as they are generated
             pass
         x, _, z = walker.motion().frame(frame).root_translation_m

@@ -1,1 +1,1 @@
-"""The command `motiongen` and what it is made of: demo, clips, file tools, pictures, load generator."""
+"""The command `motiongen`: characters and clips to files, a viewer, a load generator, and more."""

@@ -7,11 +7,11 @@ import sys
 
 
 def main() -> int:
-    """The exit code, as `cli.run` has it."""
+    """Run the command line of this process; returns the exit code, as `cli.run` does."""
     is_usual = signal.getsignal(signal.SIGINT) is signal.default_int_handler
-    if is_usual:  # nothing has begun yet that a Ctrl-C would have to put in order
+    if is_usual:  # until the imports are done, Ctrl-C has nothing to clean up
         signal.signal(signal.SIGINT, signal.SIG_DFL)
-    # Only now, because it takes a second.
+    # Imported here because it takes a second.
     from motiongen_tools.cli import run
 
     if is_usual:

@@ -1,4 +1,4 @@
-"""NPZ with the arrays that NVIDIA's ARDY and Kimodo write, and that their tools read.
+"""NPZ files with the arrays that NVIDIA's ARDY and Kimodo write and their tools read.
 
 local_rot_mats and global_rot_mats (T, J, 3, 3), posed_joints (T, J, 3), root_positions and smooth_root_pos (T, 3),
 foot_contacts (T, 4) bool, global_root_heading (T, 2) as cosine and sine, fps, text.
@@ -26,7 +26,7 @@ _ORTHOGONAL_WITHIN = 1e-2
 
 
 def write_ardy_npz(path: Path | str, motion: Motion, text: str = "") -> None:
-    """Write a motion with all of the arrays. text: the prompt."""
+    """Write a motion with all of these arrays. text: the prompt."""
     rig, root = motion.rig, motion.root_translation_m.astype(np.float32)
     quaternions = motion.joint_rotation_quat_wxyz.astype(np.float64)
     positions, rotations = forward_kinematics(rig.parents, rig.offsets_m, root.astype(np.float64), quaternions)
@@ -47,7 +47,7 @@ def write_ardy_npz(path: Path | str, motion: Motion, text: str = "") -> None:
 
 
 def read_ardy_npz(path: Path | str, rig: Rig) -> Motion:
-    """Read a motion of a rig. Raises InvalidInput for another file, another rig's motion, or another frame rate."""
+    """Read a motion of a rig. Raises InvalidInput for another kind of file, rig or frame rate."""
     with np.load(path, allow_pickle=False) as data:
         missing = [name for name in _READ if name not in data]
         if missing:

@@ -1,4 +1,4 @@
-"""Values of the command line that several commands take."""
+"""Argument types and checks that several commands share."""
 
 from __future__ import annotations
 
@@ -11,7 +11,7 @@ from motiongen_client.errors import InvalidInput
 
 
 def number_above_zero(text: str) -> float:
-    """Raises ArgumentTypeError, which argparse prints."""
+    """A number above zero. Raises ArgumentTypeError, which argparse prints."""
     try:
         number = float(text)
     except ValueError:
@@ -22,7 +22,7 @@ def number_above_zero(text: str) -> float:
 
 
 def add_start_timeout(parser: argparse.ArgumentParser) -> None:
-    """The option of commands that may start a server of their own."""
+    """Add the option of commands that may start a server."""
     parser.add_argument(
         "--start-timeout",
         type=number_above_zero,
@@ -33,7 +33,7 @@ def add_start_timeout(parser: argparse.ArgumentParser) -> None:
 
 
 def check_file_to_read(option: str, path: Path) -> None:
-    """Find out before the work whether a file can be read. Raises InvalidInput."""
+    """Check before the work that a file can be read. Raises InvalidInput."""
     try:
         path.open("rb").close()
     except OSError as error:
@@ -41,14 +41,14 @@ def check_file_to_read(option: str, path: Path) -> None:
 
 
 def check_file_to_write(option: str, path: Path) -> None:
-    """Find out before the work whether its file can be written; makes the folder. Raises InvalidInput."""
+    """Check before the work that a file can be written; creates its folder. Raises InvalidInput."""
     check_folder_to_write(option, path.parent)
     if path.is_dir() or (path.exists() and not os.access(path, os.W_OK)):
         raise InvalidInput(option, str(path), "a file that can be written")
 
 
 def check_folder_to_write(option: str, folder: Path) -> None:
-    """The same of a folder. Raises InvalidInput."""
+    """Check before the work that a folder can be written to; creates it. Raises InvalidInput."""
     try:
         folder.mkdir(parents=True, exist_ok=True)
     except OSError as error:

@@ -1,7 +1,8 @@
-"""Motion to BVH, the file that animation tools read.
+"""Writes motion as BVH, a format that animation tools read.
 
-Lengths are centimetres by default, as most tools expect; angles are degrees. Every joint has the rotation channels
-Z, X, Y: the heading is the last angle, so turning round never meets the angle where the other two are undefined.
+Lengths are in centimetres by default, as most tools expect; angles are in degrees. Every joint has its rotation
+channels in the order Z, X, Y: the heading is the last angle, so turning round never reaches the angle at which the
+other two are undefined.
 """
 
 from __future__ import annotations
@@ -17,11 +18,11 @@ from motiongen_client.kinematics import Array, quaternion_to_matrix
 from motiongen_client.motion import Motion, Rig
 from motiongen_tools.whole_file import whole_file
 
-_END_SITE_M = 0.05  # how far a last joint is drawn, in the direction of its bone
+_END_SITE_M = 0.05  # how far a joint without children is drawn, in the direction of its bone
 
 
 def write_bvh(path: Path | str, motion: Motion, *, units_per_metre: float = 100.0) -> None:
-    """Write a motion. Raises InvalidInput when it has no frame or holds numbers that are not finite."""
+    """Write a motion. Raises InvalidInput if it has no frames, or contains numbers that are not finite."""
     if len(motion) == 0:
         raise InvalidInput("motion", "no frames", "one frame or more")
     if not np.isfinite(motion.rows).all():
@@ -41,7 +42,7 @@ def write_bvh(path: Path | str, motion: Motion, *, units_per_metre: float = 100.
 def euler_zxy(rotations: Array) -> NDArray[np.float64]:
     """(T, J, 3, 3) -> (T, J, 3) radians z, x, y with R = Rz Rx Ry, without jumps of a full turn along T.
 
-    Where x is +-90 degrees only the sum or difference of the others is defined; y is 0 there.
+    Where x is +-90 degrees, only the sum or difference of the other two is defined; y is then 0.
     """
     matrix = np.asarray(rotations, dtype=np.float64)
     sine_x = np.clip(matrix[..., 2, 1], -1, 1)
@@ -55,7 +56,7 @@ def euler_zxy(rotations: Array) -> NDArray[np.float64]:
 
 
 def _write_joint(file: TextIO, rig: Rig, joint: int, depth: int, scale: float, order: list[int]) -> None:
-    """Write a joint and all below it; `order` collects the joints as their channels lie in a frame."""
+    """Write a joint and its descendants. Appends them to `order` in the order of their channels in a frame."""
     indent = "\t" * depth
     offset = rig.offsets_m[joint].astype(np.float64) * scale
     order.append(joint)

@@ -1,4 +1,4 @@
-"""The command line: `motiongen stream`, `generate`, `view`, `gallery`, `bench` and others, a module each."""
+"""The command line: `motiongen stream`, `generate`, `view`, `gallery`, `bench` and others, each in its own module."""
 
 from __future__ import annotations
 
@@ -34,9 +34,9 @@ DEFAULT_SERVER = "localhost:50051"
 
 
 def run(arguments: Sequence[str]) -> int:
-    """Run one command. Returns 0, 1 when it failed, 2 for wrong arguments, 130 when interrupted, 143 by SIGTERM."""
+    """Run one command. Returns 0, 1 if it failed, 2 for wrong arguments, 130 if interrupted, 143 after SIGTERM."""
     if isinstance(sys.stdout, io.TextIOWrapper):
-        sys.stdout.reconfigure(errors="backslashreplace")  # as standard error has it: no name of a file ends a command
+        sys.stdout.reconfigure(errors="backslashreplace")  # as standard error: an odd file name must not end a command
     try:
         with warnings_shown(), terminating(), asyncio.Runner() as runner:
             options = parse(arguments)
@@ -49,7 +49,7 @@ def run(arguments: Sequence[str]) -> int:
         return int(end.code or 0)
     except SystemExit as end:  # argparse has printed why, or the help
         return int(end.code or 0)
-    except (MotiongenError, OSError) as error:  # a disk that is full, a folder that is gone
+    except (MotiongenError, OSError) as error:  # OSError: a disk that is full, a folder that is gone
         print(f"error: {error}", file=sys.stderr)
         return 1
     return result
@@ -57,7 +57,7 @@ def run(arguments: Sequence[str]) -> int:
 
 @contextlib.contextmanager
 def warnings_shown() -> Iterator[None]:
-    """What the library warns of, on standard error: prompts and constraints that a model does not know, refusals."""
+    """Print the library's warnings on standard error: what a model was not trained for, and refusals."""
     shown = logging.StreamHandler(sys.stderr)
     shown.setFormatter(logging.Formatter("warning: %(message)s"))
     log = logging.getLogger("motiongen_client")
@@ -69,11 +69,11 @@ def warnings_shown() -> Iterator[None]:
 
 
 def parse(arguments: Sequence[str]) -> argparse.Namespace:
-    """The options of a command line. Exits with 2, and says why, where they make no sense."""
+    """The options of a command line. If they are wrong, prints why and exits with 2."""
     parser = _parser()
     for argument in arguments:
-        if not _is_text(argument):  # what prints and sends it would fail
-            parser.error(f"{argument!r} is no text in UTF-8")
+        if not _is_text(argument):  # printing or sending it would fail
+            parser.error(f"{argument!r} is not valid UTF-8 text")
     arguments, settings = _server_settings(list(arguments))
     arguments = _with_places(arguments)
     options = parser.parse_args(arguments)
@@ -89,7 +89,7 @@ def parse(arguments: Sequence[str]) -> argparse.Namespace:
 
 
 def _server_settings(arguments: list[str]) -> tuple[list[str], list[str]]:
-    """What stands after `--` of generate: argparse cannot tell it from a prompt."""
+    """Split off what follows `--` of generate: argparse cannot distinguish it from a prompt."""
     if arguments[:1] != ["generate"] or "--" not in arguments:
         return arguments, []
     at = arguments.index("--")
@@ -97,7 +97,7 @@ def _server_settings(arguments: list[str]) -> tuple[list[str], list[str]]:
 
 
 def _is_text(argument: str) -> bool:
-    """Whether it is text throughout: bytes that are no UTF-8, which a system lets through, are told by nobody."""
+    """Whether an argument is valid text. The system passes bytes that are not UTF-8 on as surrogates."""
     try:
         argument.encode()
     except UnicodeEncodeError:
@@ -106,7 +106,7 @@ def _is_text(argument: str) -> bool:
 
 
 def _with_places(arguments: list[str]) -> list[str]:
-    """`--waypoint -1,2@3` as one argument: argparse takes what begins with a dash for an option."""
+    """Join `--waypoint -1,2@3` into one argument: argparse would take the coordinates for an option."""
     joined: list[str] = []
     for argument in arguments:
         if joined and joined[-1] == "--waypoint" and re.match(r"-[\d.]", argument):
@@ -140,7 +140,7 @@ def _parser() -> argparse.ArgumentParser:
         default=[],
         type=cli_stream.parse_waypoint,
         metavar="X,Z@SECONDS",
-        help="be at world x, z (metres) at a time; again for more. X,Z,HEADING@SECONDS gives the facing too (radians)",
+        help="be at world x, z (metres) at a time; again for more. X,Z,HEADING@SECONDS gives the heading too (radians)",
     )
     stream.add_argument("--seconds", type=_positive, default=8.0, help="how long (default: %(default)s)")
     stream.add_argument(
@@ -166,7 +166,7 @@ def _parser() -> argparse.ArgumentParser:
     where = generate.add_mutually_exclusive_group()
     _add_server(where)
     add_connection(generate)
-    where.add_argument("--start-server", action="store_true", help="start one for this; its settings stand after --")
+    where.add_argument("--start-server", action="store_true", help="start a server for this; its settings follow --")
     generate.add_argument("prompt", nargs="?", metavar="PROMPT", help="what to do from the start")
     generate.add_argument(
         "--prompt", dest="script", action=PromptAction, metavar="TEXT", help="after --at, what to do next"
@@ -200,36 +200,36 @@ def _parser() -> argparse.ArgumentParser:
 
     bench = commands.add_parser(
         "bench",
-        help="put a load on a server and measure",
-        description="Put a load on a server: many characters that play in real time and are told things at moments "
-        "fixed beforehand. Prints what was measured and writes it as JSON, PNG and HTML.",
+        help="put a load on a server and measure it",
+        description="Put a load on a server: many characters that play in real time and are given edits at times "
+        "fixed in advance. Prints what was measured and writes it as JSON, PNG and HTML.",
         epilog="Example: motiongen bench --start-server --scenario crowd --characters 40 --seconds 20 --seed 1. "
         "Exit code 3: the load itself was late, and the figures do not count.",
     )
     bench.set_defaults(command=cli_bench.bench)
     which = bench.add_mutually_exclusive_group()
     _add_server(which)
-    which.add_argument("--start-server", action="store_true", help="start one for this, and measure what it uses")
+    which.add_argument("--start-server", action="store_true", help="start a server for this, and measure what it uses")
     cli_bench.add_arguments(bench)
     add_connection(bench)
 
     view = commands.add_parser(
         "view",
         help="see and steer characters in a browser",
-        description="Serve a page on which the characters of a server are seen and steered.",
+        description="Serve a page that shows the characters of a server and lets you steer them.",
         epilog="Example: motiongen view --server localhost:50051 --open",
     )
     view.set_defaults(command=cli_view.view)
     viewed = view.add_mutually_exclusive_group()
     _add_server(viewed)
-    viewed.add_argument("--start-server", action="store_true", help="start one with the built-in model for this")
+    viewed.add_argument("--start-server", action="store_true", help="start a server with the built-in model for this")
     add_connection(view)
     cli_view.add_arguments(view)
 
     again = commands.add_parser(
         "replay",
         help="play a session file of the viewer again",
-        description="Open a character as a session file says, tell it the same at the same frames, and write it.",
+        description="Open a character as a session file says, make its edits at the same frames, and write the motion.",
     )
     again.set_defaults(command=cli_replay.replay)
     _add_server(again)
@@ -251,7 +251,7 @@ def _parser() -> argparse.ArgumentParser:
         "admin",
         help="load and unload the models of a running server",
         description="Load, unload and reload the models of a server that was started with --admin-listen, on its own "
-        "machine. Sessions of other models go on meanwhile.",
+        "machine. Sessions of other models continue meanwhile.",
         epilog="Example: motiongen admin load g1; motiongen admin unload motiongen-mini --grace 30",
     )
     admin.set_defaults(command=cli_admin.admin)

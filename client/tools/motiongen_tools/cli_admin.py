@@ -14,34 +14,34 @@ DEFAULT_ADDRESS = "localhost:50052"
 
 
 def add_arguments(parser: argparse.ArgumentParser, seconds: Callable[[str], float]) -> None:
-    """The command's own commands. seconds: reads a time."""
+    """Add the subcommands of the command. seconds: parses a time."""
     parser.add_argument(
         "--server", default=DEFAULT_ADDRESS, metavar="HOST:PORT", help="its --admin-listen (default: %(default)s)"
     )
     add_token(parser)
     deeds = parser.add_subparsers(required=True, metavar="DEED", dest="deed")
     listing = deeds.add_parser("list", help="which models it holds, and what they are doing")
-    load = deeds.add_parser("load", help="one model more")
+    load = deeds.add_parser("load", help="load one more model")
     load.add_argument("source", metavar="SOURCE", help="a name, a folder of its machine, or a hub's owner/name")
     others = []
-    for name, meaning in (("unload", "one model less"), ("reload", "the same model anew, from where it came")):
+    for name, meaning in (("unload", "unload a model"), ("reload", "load a model again, from its source")):
         deed = deeds.add_parser(name, help=meaning)
         others.append(deed)
-        deed.add_argument("model", metavar="MODEL", help="as the list names it")
+        deed.add_argument("model", metavar="MODEL", help="name as in the list")
         deed.add_argument(
             "--grace",
             type=seconds,
             metavar="SECONDS",
-            help="how long its sessions may go on before they are closed (default: refused while any is open)",
+            help="how long its sessions may continue before they are closed (default: refused while any is open)",
         )
     for each in (listing, load, *others):
-        # After the deed too, where many write them. Unless given there they stay as they were before it.
+        # Also accepted after the subcommand. If not given there, the value given before it stays.
         each.add_argument("--server", default=argparse.SUPPRESS, metavar="HOST:PORT", help=argparse.SUPPRESS)
         each.add_argument("--token-file", default=argparse.SUPPRESS, type=Path, metavar="FILE", help=argparse.SUPPRESS)
 
 
 async def admin(options: argparse.Namespace) -> int:
-    """Do it, and say what came of it."""
+    """Make the call, and print the result."""
     console = make_console()
     async with AdminClient(options.server, token=read_token(options.token_file)) as client:
         if options.deed == "load":
@@ -52,7 +52,7 @@ async def admin(options: argparse.Namespace) -> int:
             console.print(f"{options.model} is unloaded; {_sessions(closed)} closed.", soft_wrap=True)
         elif options.deed == "reload":
             status, closed = await client.reload_model(options.model, options.grace)
-            console.print(f"{status.model_id} is loaded anew; {_sessions(closed)} closed.", soft_wrap=True)
+            console.print(f"{status.model_id} is reloaded; {_sessions(closed)} closed.", soft_wrap=True)
         else:
             table = make_table("models", "name", "state", "sessions", "load", "loaded from")
             for status in await client.list_models():

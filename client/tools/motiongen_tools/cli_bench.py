@@ -1,4 +1,4 @@
-"""`motiongen bench`: load for a server, and what came of it as tables, JSON, a picture and a page."""
+"""`motiongen bench`: put a load on a server, and report the results as tables, JSON, a picture and a page."""
 
 from __future__ import annotations
 
@@ -31,14 +31,14 @@ _CHARACTERS_A_PROCESS = 2000
 REST_S = 10.0
 DEFAULT_TRIAL_SECONDS = 10
 MOST_CHARACTERS, MOST_SECONDS, MOST_PROCESSES = 1_000_000, 1_000_000, 1024
-"""All of a load is drawn before it begins, and lies in memory: nobody means more."""
+"""A whole load is drawn in advance and held in memory, so larger values can only be mistakes."""
 _NEEDED = {"hdrh": "hdrhistogram", "matplotlib": "matplotlib", "psutil": "psutil", "yaml": "pyyaml"}
 
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
-    """The options of the command, but for which server."""
+    """The options of the command, except those that choose the server."""
     parser.add_argument(
-        "server_arguments", nargs="*", metavar="-- SETTING", help="for the server that --start-server starts"
+        "server_arguments", nargs="*", metavar="-- SETTING", help="settings of the server that --start-server starts"
     )
     scenarios = f"{', '.join(BUILT_IN)}, or a YAML or JSON file"
     parser.add_argument("--scenario", default="crowd", metavar="NAME", help=f"{scenarios} (default: %(default)s)")
@@ -50,7 +50,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
         type=_whole(1, MOST_SECONDS),
         default=30,
         metavar="N",
-        help="to measure, after warming up (default: %(default)s)",
+        help="seconds to measure, after warming up (default: %(default)s)",
     )
     parser.add_argument("--seed", type=_whole(0), metavar="N", help="same seed, same load (default: a new one)")
     parser.add_argument("--steps", type=_whole(1), metavar="N", help="denoising steps (default: the server's)")
@@ -58,13 +58,13 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
         "--processes",
         type=_whole(1, MOST_PROCESSES),
         metavar="N",
-        help="that make the load (default: by characters and cores)",
+        help="processes that make the load (default: by characters and cores)",
     )
     parser.add_argument(
         "--program",
         type=Path,
         metavar="PATH",
-        help="a motiongen-load (client/cpp) to make the load, for thousands a core",
+        help="a motiongen-load (client/cpp) that makes the load, for thousands of characters per core",
     )
     parser.add_argument("--find", action="store_true", help="find the most characters that are served in full")
     parser.add_argument(
@@ -72,20 +72,20 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
         type=number_above_zero,
         default=100 * Standard.max_miss_ratio,
         metavar="PERCENT",
-        help="of frames; served in full is below it (default: %(default)g)",
+        help="share of late frames below which characters count as served in full (default: %(default)g)",
     )
     parser.add_argument(
         "--trial-seconds",
         type=_whole(1, MOST_SECONDS),
         metavar="N",
-        help="to measure in each trial of --find; its answer is confirmed with --seconds "
+        help="seconds to measure in each trial of --find; its answer is confirmed with --seconds "
         f"(default: {DEFAULT_TRIAL_SECONDS})",
     )
     parser.add_argument(
         "--find-within",
         type=number_above_zero,
         metavar="SECONDS",
-        help="--find answers with what is known then (default: when it knows)",
+        help="time after which --find answers with what it knows (default: when it is sure)",
     )
     parser.add_argument(
         "--max-lag-ms",
@@ -101,7 +101,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
 
 
 async def bench(options: argparse.Namespace) -> int:
-    """Run, print, write. Returns 3 when the figures do not count, else 0."""
+    """Run the load, print and write the results. Returns 3 if the figures do not count, otherwise 0."""
     console = make_console()
     _check_report(options.out)
     _check_program(options.program)
@@ -115,7 +115,7 @@ async def bench(options: argparse.Namespace) -> int:
         seed=secrets.randbits(32) if options.seed is None else options.seed,
         denoise_steps=options.steps,
         connection=connection_of(options),
-        program=options.program and options.program.absolute(),  # a bare name would be looked for in PATH
+        program=options.program and options.program.absolute(),  # a bare name would be searched in PATH
     )
     with contextlib.ExitStack() as stack:
         pid, ops_address = None, ""
@@ -158,7 +158,7 @@ async def bench(options: argparse.Namespace) -> int:
 
 
 def _check_report(out: Path) -> None:
-    """Find out before the run whether its report can be written. Raises MissingExtra, InvalidInput."""
+    """Check before the run that its report can be written. Raises MissingExtra, InvalidInput."""
     for module, package in _NEEDED.items():
         if importlib.util.find_spec(module) is None:
             raise MissingExtra("motiongen bench", package, "bench")
@@ -166,7 +166,7 @@ def _check_report(out: Path) -> None:
 
 
 def _check_program(program: Path | None) -> None:
-    """Raises InvalidInput for one that cannot be run."""
+    """Raises InvalidInput if the program cannot be run."""
     if program is not None and not (program.is_file() and os.access(program, os.X_OK)):
         raise InvalidInput(
             "--program", str(program), "a motiongen-load, which `make cpp` builds in out/cpp/release/load"
@@ -174,12 +174,12 @@ def _check_program(program: Path | None) -> None:
 
 
 def num_processes(characters: int) -> int:
-    """Enough for so many characters, and no more than half the cores: the server may need the others."""
+    """Enough processes for that many characters, but at most half the cores: the server may need the rest."""
     return max(1, min((os.cpu_count() or 1) // 2, math.ceil(characters / _CHARACTERS_A_PROCESS)))
 
 
 def check(parser: argparse.ArgumentParser, options: argparse.Namespace) -> None:
-    """Exit with 2, and say why, where options make no sense together."""
+    """If options do not fit together, print why and exit with 2."""
     if options.server_arguments and not options.start_server:
         parser.error(f"{options.server_arguments[0]!r} is for a server that this starts: give --start-server too")
     for name in () if options.find else ("trial_seconds", "find_within"):
@@ -188,7 +188,7 @@ def check(parser: argparse.ArgumentParser, options: argparse.Namespace) -> None:
 
 
 def _whole(least: int, most: float = math.inf) -> Callable[[str], int]:
-    """A type of argparse: whole numbers from `least` to `most`."""
+    """An argparse type: whole numbers from `least` to `most`."""
     allowed = f"of {least} or more" + (f", up to {most:,.0f}" if math.isfinite(most) else "")
 
     def parse(text: str) -> int:

@@ -1,4 +1,4 @@
-"""`motiongen catalog`: what a server offers."""
+"""`motiongen catalog`: print what a server offers."""
 
 from __future__ import annotations
 
@@ -47,5 +47,5 @@ async def catalog(options: argparse.Namespace) -> int:
 
 
 def _forms(model: Model, support: str) -> str:
-    """The forms of constraints that a model supports like this."""
+    """The forms of constraints for which a model has this kind of support."""
     return ", ".join(form for form, how in model.constraint_forms.items() if how == support) or "-"

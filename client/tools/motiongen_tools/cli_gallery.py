@@ -1,4 +1,4 @@
-"""`motiongen gallery`: a page of what models make of their presets and of targets, to be looked at after a training."""
+"""`motiongen gallery`: a page of what models make of their presets and of targets, for example after training."""
 
 from __future__ import annotations
 
@@ -20,38 +20,38 @@ DEFAULT_SEED = 1
 
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
-    """The options of the command, but for how a server is reached."""
+    """The options of the command, except those for the connection."""
     parser.add_argument(
         "models", nargs="+", metavar="MODEL", help="a built-in model, a checkpoint folder, or a name of --server's "
-        "catalogue; several stand side by side",
+        "catalogue; several are shown side by side",
     )  # fmt: skip
     parser.add_argument(
-        "--steps", type=_steps, default=[None], metavar="N,N", help="denoising steps; several stand side by side "
+        "--steps", type=_steps, default=[None], metavar="N,N", help="denoising steps; several are shown side by side "
         "(default: each model's own)",
     )  # fmt: skip
     parser.add_argument("--seed", type=int, default=DEFAULT_SEED, help="of all takes (default: %(default)s)")
-    parser.add_argument("--takes", type=Path, metavar="FOLDER", help="show the takes too that make gate wrote there")
+    parser.add_argument("--takes", type=Path, metavar="FOLDER", help="also show the takes that make gate wrote there")
     parser.add_argument(
         "--out", type=Path, default=Path("gallery.html"), metavar="FILE", help="the page (default: %(default)s)"
     )
-    parser.add_argument("--server", metavar="HOST:PORT", help="ask this server instead of starting one a model")
+    parser.add_argument("--server", metavar="HOST:PORT", help="use this server instead of starting one for each model")
     add_start_timeout(parser)
 
 
 async def gallery(options: argparse.Namespace) -> int:
-    """Ask every model everything, and write the page."""
+    """Ask every model all questions, and write the page."""
     console = make_console()
     columns = [(model, steps) for model in options.models for steps in options.steps]
     names = [Path(model).name + ("" if steps is None else f", {steps} steps") for model, steps in columns]
     check_file_to_write("--out", options.out)
-    evaluated = [] if options.takes is None else read_takes(options.takes)  # a wrong folder is told before the work
+    evaluated = [] if options.takes is None else read_takes(options.takes)  # reports a wrong folder before the work
     page = Gallery(" / ".join(Path(model).name for model in options.models), names)
     for model in options.models:
         with contextlib.ExitStack() as stack:
             address, connection = options.server, connection_of(options)
             if address is None:
                 with starting(console, f"starting a server with {model}") as tell:
-                    # nobody watches: as many clips at once as it can make, each with all of its steps
+                    # nobody is watching: generate as many clips at once as possible, each with all of its steps
                     settings = ["--model", model, "--degrade", "false"]
                     one = ServerProcess(settings, ready_timeout_s=options.start_timeout, tell=tell)
                     address, connection = stack.enter_context(one).address, PLAIN
@@ -77,7 +77,7 @@ async def _fill(page: Gallery, column: int, client: MotionClient, model: Model, 
 
 
 def _model(client: MotionClient, name: str, is_own: bool) -> Model:
-    """The first of a server that was started for it. Raises UnknownName, which lists what a running server has."""
+    """The model of a server started for it, or the one named. Raises UnknownName, which lists the models there are."""
     return client.catalog.models[0] if is_own else client.catalog.model(name)
 
 

@@ -1,4 +1,4 @@
-"""`motiongen generate`: clips in one call, to files of any format."""
+"""`motiongen generate`: generate clips in one call, and write them to files in any format."""
 
 from __future__ import annotations
 
@@ -40,7 +40,7 @@ from motiongen_tools.whole_file import whole_file
 
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
-    """The options of the command, but for prompts and which server."""
+    """The options of the command, except prompts and those that choose the server."""
     parser.add_argument("--seconds", type=_positive, default=6.0, help="how long (default: %(default)s)")
     parser.add_argument("--samples", type=_whole(1), default=1, metavar="N", help="how many (default: %(default)s)")
     parser.add_argument(
@@ -48,32 +48,32 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
         type=out_path,
         action="append",
         metavar="FILE",
-        help="again for more: .npz, .bvh; .glb, and for a G1 .csv and .controller.csv, by the converter of "
+        help="repeat for more: .npz, .bvh; .glb, and for a G1 .csv and .controller.csv, by the converter of "
         "motiongen-ardy; .json says how near the constraints were met (default: motion.npz)",
     )
     parser.add_argument("--constraints", type=Path, metavar="FILE", help="JSON constraint list, as ARDY's tools write")
     parser.add_argument(
         "--waypoint", action="append", default=[], type=parse_waypoint, metavar="X,Z@SECONDS",
-        help="be at world x, z (metres) at a time; again for more. X,Z,HEADING@SECONDS gives the facing too (radians)",
+        help="be at world x, z (metres) at a time; again for more. X,Z,HEADING@SECONDS gives the heading too (radians)",
     )  # fmt: skip
     parser.add_argument(
-        "--history", type=Path, metavar="FILE", help="motion that the clip goes on from: NPZ, BVH, or CSV of a G1"
+        "--history", type=Path, metavar="FILE", help="motion that the clip continues: NPZ, BVH, or CSV of a G1"
     )
     parser.add_argument("--history-hz", type=_positive, metavar="N", help="rows a second of a CSV (default: the rig's)")
-    parser.add_argument("--history-frames", type=_whole(1), metavar="N", help="that each window sees before it")
-    parser.add_argument("--seed", type=_whole(0), help="of the first sample; the next have one more each")
+    parser.add_argument("--history-frames", type=_whole(1), metavar="N", help="frames of history that a window sees")
+    parser.add_argument("--seed", type=_whole(0), help="seed of the first sample; each next has one more")
     parser.add_argument("--steps", type=_whole(1), metavar="N", help="denoising steps (default: the server's)")
     parser.add_argument("--text-guidance", type=float, metavar="W", help="weight of prompts (default: the server's)")
-    parser.add_argument("--constraint-guidance", type=float, metavar="W", help="weight of constraints (the same)")
-    parser.add_argument("--keep-prompts", action="store_true", help="also where the constraints contradict them")
+    parser.add_argument("--constraint-guidance", type=float, metavar="W", help="weight of constraints (the server's)")
+    parser.add_argument("--keep-prompts", action="store_true", help="keep prompts even against constraints")
     parser.add_argument("--rate-hz", type=_positive, metavar="N", help="rows a second of .controller.csv")
-    parser.add_argument("--timeout", type=_positive, metavar="SECONDS", help="give up after so long")
+    parser.add_argument("--timeout", type=_positive, metavar="SECONDS", help="give up after this time")
     parser.add_argument("--model", default="", metavar="NAME", help="model of the catalogue (default: its first)")
     add_start_timeout(parser)
 
 
 async def generate(options: argparse.Namespace) -> int:
-    """Ask for the clip, write the files, print what came."""
+    """Generate the clips, write the files, print a summary."""
     console = make_console()
     outs = options.out or [Path("motion.npz")]
     for out in outs:
@@ -114,7 +114,7 @@ async def generate(options: argparse.Namespace) -> int:
         try:
             for path, lines in write_clips(out, clips, constraints, text, options.rate_hz):
                 console.print("; ".join([f"wrote {path}", *lines]), soft_wrap=True)
-        except (MotiongenError, OSError) as failure:  # the other files are written all the same
+        except (MotiongenError, OSError) as failure:  # still write the other files
             failures.append(failure)
     samples = f"{options.samples} samples" if options.samples > 1 else "1 sample"
     console.print(
@@ -131,7 +131,7 @@ async def generate(options: argparse.Namespace) -> int:
 
 
 def session_options(options: argparse.Namespace, model: Model, rig: Rig) -> SessionOptions:
-    """What the command line says of the sessions that the samples are like. Raises InvalidInput, ConversionFailed."""
+    """The session options that the samples are generated with. Raises InvalidInput, ConversionFailed."""
     prior = None
     if options.history is not None:
         prior = read_prior(options.history, rig, options.history_hz)
@@ -153,7 +153,7 @@ def session_options(options: argparse.Namespace, model: Model, rig: Rig) -> Sess
 
 
 def read_prior(path: Path, rig: Rig, rate_hz: float | None) -> Motion:
-    """Motion of the rig from a file; what is not in ARDY's NPZ form goes through the converter."""
+    """Motion of the rig from a file. Files not in ARDY's NPZ form go through the converter."""
     with tempfile.TemporaryDirectory() as folder:
         converted = Path(folder) / "history.npz"
         rate = ("--fps", str(rate_hz or rig.frame_rate_hz)) if is_without_clock(path) else ()
@@ -164,7 +164,7 @@ def read_prior(path: Path, rig: Rig, rate_hz: float | None) -> Motion:
 def write_clips(
     out: Path, clips: Sequence[Clip], constraints: Sequence[Constraint], text: str, rate_hz: float | None
 ) -> Iterator[tuple[Path, list[str]]]:
-    """Write every sample; gives the files as they are written, each with what its format could not keep."""
+    """Write every sample; yields each file once it is written, with what its format could not keep."""
     if out.name.endswith(".json"):
         out.parent.mkdir(parents=True, exist_ok=True)
         report = [clip_report(clip, constraints) for clip in clips]
@@ -178,7 +178,7 @@ def write_clips(
 
 
 def write_motion(path: Path, motion: Motion, text: str, rate_hz: float | None) -> list[str]:
-    """Write what the path's end says; returns what the format could not keep."""
+    """Write a motion in the format of the path's suffix; returns what the format could not keep."""
     if path.suffix == ".npz":
         write_ardy_npz(path, motion, text)
     elif path.suffix == ".bvh":
@@ -186,11 +186,11 @@ def write_motion(path: Path, motion: Motion, text: str, rate_hz: float | None) -
     else:
         with tempfile.TemporaryDirectory() as folder:
             source = Path(folder) / "motion.npz"
-            write_ardy_npz(source, motion, text)  # the client's own form has no place for the prompt
+            write_ardy_npz(source, motion, text)  # the client's own NPZ form cannot hold the prompt
             is_controller = path.name.endswith(".controller.csv") and rate_hz is not None
             try:
                 return convert_file(source, path, *(("--rate-hz", str(rate_hz)) if is_controller else ()))
-            except ConversionFailed as failure:  # of a file on the way, which nobody else knows
+            except ConversionFailed as failure:  # it names a temporary file
                 raise ConversionFailed(str(failure).replace(str(source), "the motion")) from None
     return []
 
@@ -224,7 +224,7 @@ def _numbers(deviation: Deviation | None) -> dict[str, float] | None:
 
 
 def residual_table(clips: Sequence[Clip], constraints: Sequence[Constraint]) -> Any:
-    """How near the worst sample came to each constraint, and how many of them met it."""
+    """How near the worst sample came to each constraint, and how many samples met it."""
     table = make_table("", "constraint, worst of all samples", "position", "heading", "rotation", "met")
     for index, constraint in enumerate(constraints):
         residuals = [clip.residuals[index] for clip in clips]
@@ -242,7 +242,7 @@ def _worst(deviations: Sequence[Deviation | None]) -> float | None:
 
 
 def describe(constraint: Constraint) -> str:
-    """A constraint in a few words."""
+    """A short description of a constraint."""
     if isinstance(constraint, Flexible):
         constraint = constraint.target
     if isinstance(constraint, RootPath):

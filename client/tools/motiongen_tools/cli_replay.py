@@ -1,4 +1,4 @@
-"""`motiongen replay`: play a session file of the viewer again, in real time, and write the motion."""
+"""`motiongen replay`: play a session file of the viewer again, in real time, and write the motion to files."""
 
 from __future__ import annotations
 
@@ -24,15 +24,15 @@ from motiongen_tools.view.session_file import SessionFile, read_session
 
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
-    """The options of the command, but for which server."""
-    parser.add_argument("file", type=Path, metavar="FILE", help="that the viewer saved, or one like it")
+    """The options of the command, except those that choose the server."""
+    parser.add_argument("file", type=Path, metavar="FILE", help="a session file, as the viewer saves it")
     parser.add_argument(
-        "--out", type=motion_path, action="append", metavar="FILE", help="again for more (default: replay.npz)"
+        "--out", type=motion_path, action="append", metavar="FILE", help="can be repeated (default: replay.npz)"
     )
 
 
 async def replay(options: argparse.Namespace) -> int:
-    """Play it, write what came, and say which edits took effect at another frame than they did then."""
+    """Play the file, write the motion, and list the edits that took effect at another frame than when recorded."""
     session_file = read_session(options.file)
     console = make_console()
     outs = options.out or [Path("replay.npz")]
@@ -50,12 +50,12 @@ async def replay(options: argparse.Namespace) -> int:
     for path in outs:
         try:
             lines = _write(path, motion)
-        except (MotiongenError, OSError) as failure:  # what took its time to play is in the other files all the same
+        except (MotiongenError, OSError) as failure:  # playing took long: still write the other files
             failures.append(failure)
         else:
             console.print("\n".join([f"wrote {path}", *lines]), soft_wrap=True)
     others = [f"{edit.message['op']} at frame {edit.at_frame}: {said}" for edit, said in answers if said]
-    console.print(f"{len(answers)} edits, {len(others)} of them took effect otherwise than then", soft_wrap=True)
+    console.print(f"{len(answers)} edits, {len(others)} of them took effect otherwise than recorded", soft_wrap=True)
     for line in others:
         console.print(f"  {line}", soft_wrap=True)
     for one in failures:
@@ -64,9 +64,9 @@ async def replay(options: argparse.Namespace) -> int:
 
 
 async def play(session: Session, session_file: SessionFile) -> list[tuple[ToldAt, str]]:
-    """Tell a session everything at its frame. Returns each edit with how its outcome differs; "" where it does not.
+    """Send each edit of the file at its frame. Returns each edit with how its outcome differs, "" if it does not.
 
-    Raises InvalidInput for an edit that no server could take, and what ended the session.
+    Raises InvalidInput for an edit that no server could accept, and the error that ended the session.
     """
     rehearsal = Rehearsal(session_file.edits, session_file.num_frames)
     sent: list[tuple[ToldAt, Edit]] = []
@@ -82,7 +82,7 @@ async def play(session: Session, session_file: SessionFile) -> list[tuple[ToldAt
             rehearsal.told(then, edit)
             sent.append((then, edit))
     told = [(edit, await _difference(edit, answer)) for edit, answer in sent]
-    return told + [(edit, "not told: the last frame came before it") for edit in rehearsal.left]
+    return told + [(edit, "not sent: the motion ended before it") for edit in rehearsal.left]
 
 
 async def _difference(edit: ToldAt, answer: Edit) -> str:
@@ -94,7 +94,7 @@ async def _difference(edit: ToldAt, answer: Edit) -> str:
         return str(refusal)
     if outcome.effective_frame == edit.effective_frame:
         return ""
-    return f"from frame {outcome.effective_frame} on, then {edit.effective_frame}"
+    return f"from frame {outcome.effective_frame} on, recorded from frame {edit.effective_frame}"
 
 
 def _write(path: Path, motion: Motion) -> list[str]:

@@ -1,4 +1,4 @@
-"""A script on the command line: prompts by the second they take over at, and what must fit together in it."""
+"""Prompts with times on the command line, and checks that options fit together."""
 
 from __future__ import annotations
 
@@ -14,29 +14,29 @@ from motiongen_tools.out_files import is_without_clock
 
 @dataclass
 class Script:
-    """Prompts by the second they take over at, in the order given, and an `--at` that waits for its prompt."""
+    """Prompts with their start times in seconds, in the order given, and an `--at` that still waits for its prompt."""
 
     prompts: list[tuple[float, str]] = field(default_factory=list)
     waiting_at_s: float | None = None
 
     def in_frames(self, rig: Rig, num_frames: int) -> dict[int, str]:
-        """The prompts by frame, of num_frames frames: a time just before the end is nearest to one that there is not.
+        """The prompts by frame, for num_frames frames. A time just before the end counts as the last frame.
 
-        Raises InvalidInput for two at one frame: only one of them would be heard.
+        Raises InvalidInput if two have the same frame, because one of them would have no effect.
         """
         prompts: dict[int, str] = {}
         for at_s, text in self.prompts:
             frame = min(rig.frames_in(at_s), num_frames - 1)
             if frame in prompts:
                 frame_s = 1 / rig.frame_rate_hz
-                allowed = f"a time of another frame than the prompt before it has: one is {frame_s:g} s long"
+                allowed = f"a time of another frame than the prompt before it: a frame is {frame_s:g} s long"
                 raise InvalidInput("--at", f"{at_s:g} s", allowed)
             prompts[frame] = text
         return prompts
 
 
 class PromptAction(argparse.Action):
-    """`--prompt TEXT`, at the time of the `--at` before it."""
+    """`--prompt TEXT`: a prompt from the time of the preceding `--at` on."""
 
     def __call__(self, parser: argparse.ArgumentParser, namespace: argparse.Namespace, values: Any, *_: Any) -> None:
         script: Script = namespace.script
@@ -49,7 +49,7 @@ class PromptAction(argparse.Action):
 
 
 class AtAction(argparse.Action):
-    """`--at SECONDS`, for the `--prompt` after it."""
+    """`--at SECONDS`: the time of the `--prompt` that follows."""
 
     def __call__(self, parser: argparse.ArgumentParser, namespace: argparse.Namespace, values: Any, *_: Any) -> None:
         script: Script = namespace.script
@@ -62,7 +62,7 @@ class AtAction(argparse.Action):
 
 
 def check_generate(parser: argparse.ArgumentParser, options: argparse.Namespace) -> None:
-    """Take PROMPT into the script, and end with an error where options of `generate` do not fit together."""
+    """Add PROMPT to the script, and exit with an error if options of `generate` do not fit together."""
     script: Script = options.script
     if options.prompt is not None:
         if script.prompts and script.prompts[0][0] == 0:
@@ -82,7 +82,7 @@ def check_generate(parser: argparse.ArgumentParser, options: argparse.Namespace)
 
 
 def check_stream(parser: argparse.ArgumentParser, options: argparse.Namespace) -> None:
-    """End with an error where options of `stream` do not fit together."""
+    """Exit with an error if options of `stream` do not fit together."""
     script: Script = options.script
     if script.waiting_at_s is not None:
         parser.error(f"--at {script.waiting_at_s:g} has no --prompt after it")

@@ -1,4 +1,4 @@
-"""`motiongen stream`: one character's motion, to files."""
+"""`motiongen stream`: write one character's motion to files."""
 
 from __future__ import annotations
 
@@ -30,13 +30,13 @@ class TimedWaypoint:
     heading_rad: float | None = None
 
     def in_frames(self, rig: Rig, num_frames: int) -> Waypoint:
-        """Of num_frames frames: a time just before the end is nearest to a frame that there is not."""
+        """The waypoint in a motion of num_frames frames. A time just before the end counts as the last frame."""
         frame = min(rig.frames_in(self.at_s), num_frames - 1)
         return Waypoint(frame, self.x_m, self.z_m, self.heading_rad)
 
 
 def parse_seconds(text: str) -> float:
-    """A time from the start. Raises ArgumentTypeError, which argparse prints."""
+    """A time from the start, seconds. Raises ArgumentTypeError, which argparse prints."""
     try:
         seconds = float(text)
     except ValueError:
@@ -47,7 +47,7 @@ def parse_seconds(text: str) -> float:
 
 
 def parse_waypoint(text: str) -> TimedWaypoint:
-    """`x,z@seconds` or `x,z,heading@seconds`. Raises ArgumentTypeError, which argparse prints."""
+    """Parse `x,z@seconds` or `x,z,heading@seconds`. Raises ArgumentTypeError, which argparse prints."""
     place, _, seconds = text.partition("@")
     try:
         numbers = [float(part) for part in place.split(",")]
@@ -62,7 +62,7 @@ def parse_waypoint(text: str) -> TimedWaypoint:
 
 
 async def stream(options: argparse.Namespace) -> int:
-    """Generate, write the files, print what was done."""
+    """Generate the motion, write the files, print a summary."""
     console = make_console()
     suffixes = {".bvh": True, ".npz": options.npz, ".png": options.png}
     for path in [options.out.with_suffix(suffix) for suffix, is_wanted in suffixes.items() if is_wanted]:
@@ -101,7 +101,7 @@ async def stream(options: argparse.Namespace) -> int:
 
 
 def write_files(out: Path, panel: Panel, *, npz: bool, png: bool) -> list[Path]:
-    """Write the BVH, and beside it what else is wanted. Returns the files."""
+    """Write the BVH file and those that are wanted beside it. Returns the files."""
     out.parent.mkdir(parents=True, exist_ok=True)
     written = [out]
     write_bvh(out, panel.motion)
@@ -115,7 +115,7 @@ def write_files(out: Path, panel: Panel, *, npz: bool, png: bool) -> list[Path]:
 
 
 def measurements(session: Session, motion: Motion, waypoints: list[Waypoint]) -> list[tuple[str, str]]:
-    """What was asked and what came, as names and values to print."""
+    """What was asked for and what resulted, as names and values to print."""
     stats = session.stats
     lines = [
         ("motion", f"{len(motion)} frames, {motion.duration_s:.2f} s"),

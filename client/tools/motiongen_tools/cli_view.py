@@ -1,4 +1,4 @@
-"""`motiongen view`: a page that shows and steers the characters of a server."""
+"""`motiongen view`: serve a page that shows and steers the characters of a server."""
 
 from __future__ import annotations
 
@@ -25,22 +25,22 @@ MOST_PORT, MOST_PORT_DIGITS = 65535, 5
 
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
-    """The options of the command, but for which server."""
+    """The options of the command, except those that choose the server."""
     parser.add_argument(
-        "--listen", default="127.0.0.1", metavar="HOST", help="address of the page (default: %(default)s); any but "
-        "loopback has tokens, one to steer and one to look on",
+        "--listen", default="127.0.0.1", metavar="HOST", help="address to serve the page at (default: %(default)s); "
+        "except on loopback, it takes a token to steer, and another to watch",
     )  # fmt: skip
     parser.add_argument(
-        "--port", type=_port, default=DEFAULT_PORT, help="of the page; 0 takes a free one (default: %(default)s)"
+        "--port", type=_port, default=DEFAULT_PORT, help="port of the page; 0 takes a free one (default: %(default)s)"
     )
-    parser.add_argument("--token", action="store_true", help="have tokens on loopback too")
+    parser.add_argument("--token", action="store_true", help="require tokens on loopback too")
     parser.add_argument("--open", action="store_true", help="open the page in a browser")
-    parser.add_argument("--three", type=Path, metavar="FOLDER", help="the npm package three, if it is elsewhere")
+    parser.add_argument("--three", type=Path, metavar="FOLDER", help="folder of the npm package three, if not found")
     add_start_timeout(parser)
 
 
 async def view(options: argparse.Namespace) -> int:
-    """Serve the page until it is interrupted."""
+    """Serve the page until interrupted."""
     try:
         import uvicorn
 
@@ -73,9 +73,9 @@ async def view(options: argparse.Namespace) -> int:
         def note(sig: int, frame: FrameType | None) -> None:
             ended_by.append(sig)
             server.should_exit = True
-            logging.getLogger("uvicorn").setLevel(logging.CRITICAL)  # a request that is cut off now is no failure
+            logging.getLogger("uvicorn").setLevel(logging.CRITICAL)  # requests that are cut off now are not failures
 
-        server.handle_exit = note  # type: ignore[method-assign]  # its own would raise the signal again, in its task
+        server.handle_exit = note  # type: ignore[method-assign]  # uvicorn's own raises the signal again, in its task
         _say_where(listening, access.control_token, access.watch_token, address, options.open)
         logging.getLogger("uvicorn").setLevel(logging.WARNING)
         running = asyncio.create_task(bridge.run())
@@ -87,25 +87,25 @@ async def view(options: argparse.Namespace) -> int:
             await serving
             running.cancel()
             with contextlib.suppress(asyncio.CancelledError):
-                await running  # raises why it ended, if it did so by itself
+                await running  # raises the reason if the bridge ended by itself
     if ended_by:
         raise KeyboardInterrupt if ended_by[0] == signal.SIGINT else Terminated(128 + ended_by[0])
     return 0
 
 
 def _port(text: str) -> int:
-    """Raises ArgumentTypeError, which argparse prints: of a larger number, systems would take the last 16 bits."""
+    """A port. Raises ArgumentTypeError, since some systems would use just the lower 16 bits of a larger number."""
     if not text.isascii() or not text.isdigit() or len(text) > MOST_PORT_DIGITS or int(text) > MOST_PORT:
         raise argparse.ArgumentTypeError(f"{text!r} was given; allowed is a whole number from 0 to {MOST_PORT}")
     return int(text)
 
 
 def _listen(host: str, port: int) -> socket.socket:
-    """Raises InvalidInput where the address is taken or not ours."""
+    """A listening socket. Raises InvalidInput if the address is in use or does not belong to this machine."""
     try:
         found = socket.getaddrinfo(host, port, type=socket.SOCK_STREAM)[0]
         return socket.create_server(found[4][:2], family=found[0])
-    except (OSError, OverflowError, ValueError) as error:  # ValueError: no name of a host, as with two dots in a row
+    except (OSError, OverflowError, ValueError) as error:  # ValueError: not a host name, such as two dots in a row
         raise InvalidInput("--listen, --port", f"{host}:{port}", f"a free address of this machine ({error})") from error
 
 
@@ -116,7 +116,7 @@ def _say_where(listening: socket.socket, control: str | None, watch: str | None,
     address = page if control is None else f"{page}#token={control}"
     console.print(f"the page: {address}", soft_wrap=True)
     if watch is not None:
-        console.print(f"to look on: {page}#token={watch}", soft_wrap=True)
+        console.print(f"to watch: {page}#token={watch}", soft_wrap=True)
     console.print(f"characters of {server}; Ctrl+C ends", soft_wrap=True)
     if opens:
         webbrowser.open(address)

@@ -1,4 +1,4 @@
-"""Options by which the commands reach a server that speaks TLS and asks who calls."""
+"""Command-line options for servers that use TLS or authenticate their callers."""
 
 from __future__ import annotations
 
@@ -17,12 +17,12 @@ from motiongen_client.line_policy import LinePolicy
 from motiongen_tools.arguments import number_above_zero
 
 RECOVER_S = 30.0
-"""How long a command tries to reach a server that it has lost: nobody may be there to end one that waits for ever."""
+"""How long a command tries to reconnect to a server: there may be nobody to end one that waits for ever."""
 
 
 @dataclass(frozen=True)
 class Pem:
-    """The files of TLS; empty where there is none."""
+    """Contents of the TLS files; empty if there is no file."""
 
     authorities: bytes
     certificate: bytes
@@ -31,11 +31,11 @@ class Pem:
 
 @dataclass(frozen=True)
 class Connection:
-    """How a server is reached, but for its address; crosses to other processes. The default is plain text, no token.
+    """How to reach a server, except its address. Can be sent to other processes. The default is plain text, no token.
 
-    authorities: PEM file of those that are trusted, None for those of the system. certificate, key: PEM files of what
-    the client shows. token_file: read anew for every call, so that one that expires is followed by the next.
-    connect_timeout_s: how long to wait for a server that is not there yet.
+    authorities: PEM file of trusted certificate authorities, None for the system's. certificate, key: PEM files of the
+    client's certificate. token_file: read again for every call, so that a token that expires can be replaced.
+    connect_timeout_s: how long to wait for a server that is not up yet.
     """
 
     tls: bool = False
@@ -48,11 +48,11 @@ class Connection:
     def client(self, address: str, policy: LinePolicy | None = None) -> MotionClient:
         """A client for a server, not connected yet. Raises InvalidInput.
 
-        policy: by default it fails where its line was lost and none is to be had for RECOVER_S.
+        policy: by default, the client fails if its connection is lost and none can be made for RECOVER_S.
         """
         token = None
         if self.token_file is not None:
-            self.token()  # a file that is not there is told now
+            self.token()  # reports a missing file now
             token = self.token
         return MotionClient(
             address,
@@ -63,7 +63,7 @@ class Connection:
         )
 
     def channel(self, address: str, options: Sequence[tuple[str, int]]) -> grpc.aio.Channel:
-        """A channel of gRPC's own, whose calls need `metadata`. Raises InvalidInput."""
+        """A plain gRPC channel; its calls need `metadata`. Raises InvalidInput."""
         credentials = self.credentials()
         if credentials is None:
             return grpc.aio.insecure_channel(address, options=options)
@@ -71,18 +71,18 @@ class Connection:
         return grpc.aio.secure_channel(address, credentials, options=[*options, *names])
 
     def metadata(self) -> tuple[tuple[str, str], ...]:
-        """What a call carries. Raises InvalidInput."""
+        """The metadata of a call. Raises InvalidInput."""
         return () if self.token_file is None else (("authorization", f"Bearer {self.token()}"),)
 
     def credentials(self) -> grpc.ChannelCredentials | None:
-        """None: plain text. Raises InvalidInput."""
+        """TLS credentials; None for plain text. Raises InvalidInput."""
         if not self.tls:
             return None
         pem = self.pem()
         return grpc.ssl_channel_credentials(pem.authorities or None, pem.key or None, pem.certificate or None)
 
     def pem(self) -> Pem:
-        """What its files of TLS hold. Raises InvalidInput."""
+        """The contents of the TLS files. Raises InvalidInput."""
         return Pem(
             *(
                 b"" if path is None else _read_pem(name, path)
@@ -93,7 +93,7 @@ class Connection:
         )  # fmt: skip
 
     def token(self) -> str:
-        """What its file holds, less the space around it. Raises InvalidInput."""
+        """The token in the file, without surrounding white space. Raises InvalidInput."""
         assert self.token_file is not None
         return _read("token-file", self.token_file).decode(errors="replace").strip()
 
@@ -102,41 +102,41 @@ PLAIN = Connection()
 
 
 def add_connection(parser: argparse.ArgumentParser) -> None:
-    """The options of TLS and of the token."""
-    group = parser.add_argument_group("connection", "for a server that speaks TLS, or asks who calls")
-    group.add_argument("--tls", action="store_true", help="speak TLS, and trust the authorities of this system")
-    group.add_argument("--tls-ca", type=Path, metavar="FILE", help="speak TLS, and trust those of this PEM file")
-    group.add_argument("--tls-certificate", type=Path, metavar="FILE", help="PEM file of the certificate to show")
+    """Add the options for TLS and for the token."""
+    group = parser.add_argument_group("connection", "for a server that uses TLS, or authenticates its callers")
+    group.add_argument("--tls", action="store_true", help="use TLS, and trust the system's certificate authorities")
+    group.add_argument("--tls-ca", type=Path, metavar="FILE", help="use TLS, and trust those in this PEM file")
+    group.add_argument("--tls-certificate", type=Path, metavar="FILE", help="PEM file of the client's certificate")
     group.add_argument("--tls-key", type=Path, metavar="FILE", help="PEM file of its key")
     group.add_argument(
         "--connect-timeout", type=number_above_zero, default=PLAIN.connect_timeout_s, metavar="S",
-        help="seconds to wait for a server that is not there yet (default %(default)g)",
+        help="seconds to wait for a server that is not up yet (default %(default)g)",
     )  # fmt: skip
     add_token(group)
 
 
 def add_token(parser: argparse._ActionsContainer) -> None:
-    """--token-file."""
-    parser.add_argument("--token-file", type=Path, metavar="FILE", help="file with the token that says who calls")
+    """Add --token-file."""
+    parser.add_argument("--token-file", type=Path, metavar="FILE", help="file with the caller's token")
 
 
 def check_started(parser: argparse.ArgumentParser, options: argparse.Namespace) -> None:
-    """Exit with 2, and say why, where options are for another server than the one that is started, or not."""
+    """If options do not fit the server that is used, one started by the command or not, print why and exit with 2."""
     is_own: bool = options.start_server if "start_server" in options else options.server is None
     if not is_own and getattr(options, "start_timeout", None) is not None:
         given = "leave --server out" if "start_server" not in options else "give --start-server too"
         parser.error(f"--start-timeout is for a server that this starts: {given}")
-    if not is_own or "server_arguments" in options:  # settings of its own may have it speak TLS and ask who calls
+    if not is_own or "server_arguments" in options:  # its settings may turn TLS and authentication on
         return
     for name in ("tls", "tls_ca", "tls_certificate", "tls_key", "token_file"):
         if getattr(options, name, None):
             parser.error(
-                f"--{name.replace('_', '-')} is for a server that is there: the one that this starts needs none"
+                f"--{name.replace('_', '-')} is for a server that is running already: the one started here needs none"
             )
 
 
 def connection_of(options: argparse.Namespace) -> Connection:
-    """What the options say. Raises InvalidInput where they do not fit together."""
+    """The connection that the options describe. Raises InvalidInput if they do not fit together."""
     certificate, key = options.tls_certificate, options.tls_key
     if (certificate is None) != (key is None):
         raise InvalidInput("tls-certificate", str(certificate), "it and --tls-key together")
@@ -145,17 +145,17 @@ def connection_of(options: argparse.Namespace) -> Connection:
 
 
 def client_of(options: argparse.Namespace, address: str, policy: LinePolicy | None = None) -> MotionClient:
-    """As Connection.client. Raises InvalidInput."""
+    """A client, as from Connection.client. Raises InvalidInput."""
     return connection_of(options).client(address, policy)
 
 
 def read_token(path: Path | None) -> str | None:
-    """What the file holds, less the space around it. Raises InvalidInput."""
+    """The token in a file, without surrounding white space; None without a file. Raises InvalidInput."""
     return None if path is None else Connection(token_file=path).token()
 
 
 def _read_pem(name: str, path: Path) -> bytes:
-    """gRPC would only say that it does not come through."""
+    """Checked here because gRPC would only report that it cannot connect."""
     data = _read(name, path)
     if b"-----BEGIN " not in data:
         raise InvalidInput(name, str(path), "a PEM file, which is text with a line that begins with -----BEGIN")

@@ -1,4 +1,4 @@
-"""The terminal: tables and progress bars, by rich."""
+"""Terminal output with rich: tables and progress bars."""
 
 from __future__ import annotations
 
@@ -15,7 +15,8 @@ if TYPE_CHECKING:
 
 
 def make_console() -> Console:
-    """A console on standard output, which shows texts as they are: servers and files have brackets in names, too.
+    """A console on standard output that prints texts literally, because names of servers and files may contain
+    brackets.
 
     Raises MissingExtra without rich.
     """
@@ -27,7 +28,7 @@ def make_console() -> Console:
 
 
 def make_progress(console: Console) -> Progress:
-    """A bar with what is done, how much of it, and how long it has taken; gone when it is finished."""
+    """A progress bar with a description, a state and the elapsed time. It disappears when finished."""
     from rich.progress import BarColumn, Progress, TextColumn, TimeElapsedColumn
 
     return Progress(
@@ -42,7 +43,7 @@ def make_progress(console: Console) -> Progress:
 
 @contextlib.contextmanager
 def starting(console: Console, what: str) -> Iterator[Callable[[str], None]]:
-    """Show that something is being started. Gives a function that shows a line of its log below, as a sign of life."""
+    """Show that something is starting. Yields a function that shows a line of its log below, as a sign of progress."""
     from rich.text import Text
 
     with console.status(what) as status:
@@ -56,7 +57,7 @@ def starting(console: Console, what: str) -> Iterator[Callable[[str], None]]:
 
 
 def make_table(title: str, *columns: str) -> Table:
-    """An empty table; columns after the first are aligned right."""
+    """An empty table. Columns after the first are right-aligned."""
     from rich.box import SIMPLE_HEAD
     from rich.table import Table
 

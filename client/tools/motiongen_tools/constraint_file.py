@@ -1,8 +1,8 @@
-"""Constraint lists in the JSON form that ARDY's and Kimodo's tools exchange -> constraints of a session or clip.
+"""Reads constraint lists in the JSON form that ARDY's and Kimodo's tools exchange, as constraints of a session or clip.
 
-A list of objects with `type` and `frame_indices`. A root2d has `root_2d` (x and z) and maybe `global_root_heading`, as
-angles (K) or as cosine and sine (K, 2); the others have `local_joints_rot` (axis times angle), `root_positions` and
-maybe `root_2d`. `smooth_root_2d` is read as `root_2d`.
+The file is a list of objects with `type` and `frame_indices`. A root2d has `root_2d` (x and z) and optionally
+`global_root_heading`, as angles (K) or as cosine and sine (K, 2). The others have `local_joints_rot` (axis times
+angle), `root_positions` and optionally `root_2d`. `smooth_root_2d` is read as `root_2d`.
 """
 
 from __future__ import annotations
@@ -35,7 +35,7 @@ UNIT_WITHIN = 0.01
 def read_constraints(path: Path | str, rig: Rig, num_frames: int, max_path_frames: int = 400) -> list[Constraint]:
     """The constraints of a file, for a clip of num_frames frames. Raises InvalidInput naming entry and field.
 
-    max_path_frames: of one Trajectory, as Limits.max_trajectory_frames; longer ones become several.
+    max_path_frames: most frames of one RootTrajectory (Limits.max_trajectory_frames); longer ones are split.
     """
     try:
         if Path(path).stat().st_size > MAX_BYTES:
@@ -45,7 +45,7 @@ def read_constraints(path: Path | str, rig: Rig, num_frames: int, max_path_frame
         raise
     except OSError as error:
         raise InvalidInput("path", str(path), f"a file that can be read ({error.strerror})") from None
-    except (ValueError, RecursionError) as error:  # no text, no JSON, or a number of thousands of digits
+    except (ValueError, RecursionError) as error:  # not text, not JSON, or a number with thousands of digits
         raise InvalidInput("path", str(path), f"a JSON list of constraints: {error}") from None
     if not isinstance(entries, list) or not all(isinstance(entry, dict) for entry in entries):
         raise InvalidInput("path", str(path), "a JSON list of objects with type and frame_indices")
@@ -57,7 +57,7 @@ def read_constraints(path: Path | str, rig: Rig, num_frames: int, max_path_frame
 
 @dataclass(frozen=True)
 class _Entry:
-    """One object of the list; `where` names it in errors."""
+    """One object of the list. where: names it in errors."""
 
     where: str
     fields: Mapping[str, Any]
@@ -116,7 +116,7 @@ class _Entry:
         return angles
 
     def _poses(self, count: int, ground: NDArray[np.float32] | None) -> tuple[NDArray[np.float32], NDArray[np.float64]]:
-        """World positions (K, J, 3) and rotations (K, J, 3, 3); the root above `ground` where that is given."""
+        """World positions (K, J, 3) and rotations (K, J, 3, 3), with the root above `ground` if that is given."""
         local = axis_angle_to_quaternion(self._array("local_joints_rot", count, self.rig.num_joints, 3))
         root = self._array("root_positions", count, 3).astype(np.float64)
         if ground is not None:
@@ -137,7 +137,7 @@ class _Entry:
         rotations: NDArray[np.float64],
         names: tuple[str, ...],
     ) -> Iterator[Constraint]:
-        """Where limbs of whole poses are, how the first joint of each is turned, and where the root faces."""
+        """Targets for limbs: the places of their joints, the rotation of the first, and the character's heading."""
         limbs, hips = self.rig.limbs, self.rig.hip_joints
         if hips is None or any(name not in limbs for name in names):
             raise InvalidInput(f"{self.where}, type", self.fields["type"], f"root2d or fullbody for {self.rig.rig_id}")
@@ -153,7 +153,7 @@ class _Entry:
     def _paths(
         self, frames: list[int], ground: NDArray[np.float32], headings: NDArray[np.float32] | None
     ) -> Iterator[Constraint]:
-        """A path for each run of frames one after another."""
+        """A trajectory for each run of consecutive frames."""
         begin = 0
         for end in range(1, len(frames) + 1):
             goes_on = end < len(frames) and frames[end] == frames[end - 1] + 1 and end - begin < self.max_path_frames

@@ -1,6 +1,6 @@
-"""Other motion files, by the converter of motiongen-ardy: `python -m motiongen_ardy.formats`.
+"""Conversion to further motion formats, by `python -m motiongen_ardy.formats`.
 
-It is another distribution and is run, never imported.
+The converter belongs to another distribution, motiongen-ardy; it is run, never imported.
 """
 
 from __future__ import annotations
@@ -14,16 +14,16 @@ from motiongen_tools.whole_file import whole_file
 
 
 class ConversionFailed(MotiongenError):
-    """The converter is not installed, or could not read or write a file; the message says which and why."""
+    """The converter is not installed, or could not read or write a file. The message says which and why."""
 
 
 def convert_file(source: Path, target: Path, *options: str) -> list[str]:
-    """Convert a motion file to what the target's name says; returns what could not be kept, or had to change.
+    """Convert a motion file to the format of the target's name; returns what could not be kept or had to change.
 
-    Raises ConversionFailed, and OSError where the target's folder cannot be written.
+    Raises ConversionFailed, and OSError if the target's folder cannot be written to.
     """
     with whole_file(target) as part:
-        # whole paths: a name that begins with a dash would be read as an option
+        # absolute paths, because a name that begins with a dash would be read as an option
         files = (str(source.absolute()), str(part))
         command = [sys.executable, "-m", "motiongen_ardy.formats", *options, *files]
         done = subprocess.run(command, capture_output=True, text=True, errors="replace", check=False)
@@ -31,6 +31,6 @@ def convert_file(source: Path, target: Path, *options: str) -> list[str]:
             said = done.stderr.strip().splitlines()
             reason = said[-1].removeprefix("error: ") if said else f"exit code {done.returncode}"
             if "No module named" in reason:
-                reason = "it is not installed here: install motiongen-ardy, or write .npz or .bvh, which need none"
+                reason = "it is not installed here: install motiongen-ardy, or write .npz or .bvh, which do not need it"
             raise ConversionFailed(f"{target.name}: the converter failed: {reason.replace(str(part), str(target))}")
     return [line.strip() for line in done.stdout.splitlines()[1:]]

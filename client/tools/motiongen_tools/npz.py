@@ -1,4 +1,4 @@
-"""Motion to NPZ and back: arrays by name, for numpy and everything that reads it."""
+"""Motion to NPZ and back: named arrays, for numpy and everything that reads its files."""
 
 from __future__ import annotations
 
@@ -14,7 +14,7 @@ from motiongen_tools.whole_file import whole_file
 
 _FORMAT = "motiongen-motion-1"
 MAX_BYTES = 512 << 20
-"""Of all arrays of a file that is read: a small one can be packed from any number of zeros."""
+"""Limit for all arrays of a file together when it is read: a small file can unpack to any number of zeros."""
 
 
 def write_npz(path: Path | str, motion: Motion) -> None:
@@ -46,7 +46,7 @@ def write_npz(path: Path | str, motion: Motion) -> None:
 
 
 def read_npz(path: Path | str) -> Motion:
-    """Read what `write_npz` wrote. Raises InvalidInput when it is something else, OSError where it is not there."""
+    """Read what `write_npz` wrote. Raises InvalidInput if it is something else, OSError if it does not exist."""
     allowed = f"a file of format {_FORMAT}, as write_npz makes it"
     try:
         return _read(path, allowed)

@@ -1,6 +1,6 @@
 """Motion as a picture: the path seen from above, and a strip of skeletons over time.
 
-Needs matplotlib: `pip install 'motiongen-tools[pictures]'`. Left limbs are blue, right limbs red, the rest dark.
+Needs matplotlib: `pip install 'motiongen-tools[pictures]'`. Left limbs are blue, right limbs red, everything else dark.
 """
 
 from __future__ import annotations
@@ -26,7 +26,7 @@ if TYPE_CHECKING:
 
 @dataclass(frozen=True, eq=False)
 class Panel:
-    """One character of a picture. notes: (frame, text) of what happened when, such as a change of prompt."""
+    """One character of a picture. notes: (frame, text) of events, such as a change of prompt."""
 
     title: str
     motion: Motion
@@ -35,9 +35,9 @@ class Panel:
 
 
 def write_picture(path: Path | str, panels: Sequence[Panel], *, num_poses: int = 14, dpi: int = 110) -> None:
-    """Write a PNG with a row for each panel: path from above, then num_poses skeletons evenly over time.
+    """Write a PNG with one row per panel: the path from above, then num_poses skeletons, evenly spaced in time.
 
-    Raises InvalidInput without panels or frames, MissingExtra without matplotlib.
+    Raises InvalidInput if there are no panels or frames, MissingExtra without matplotlib.
     """
     try:
         from matplotlib.figure import Figure
@@ -55,7 +55,7 @@ def write_picture(path: Path | str, panels: Sequence[Panel], *, num_poses: int =
 
 
 def _draw_path(axes: Axes, panel: Panel) -> None:
-    """The way over the ground, the waypoints, and where the character was at their frames."""
+    """Draw the path over the ground, the waypoints, and where the character was at their frames."""
     motion = panel.motion
     draw_way(axes, motion)
     for waypoint in panel.waypoints:
@@ -68,7 +68,7 @@ def _draw_path(axes: Axes, panel: Panel) -> None:
 
 
 def _draw_strip(axes: Axes, panel: Panel, num_poses: int) -> None:
-    """Skeletons from left to right in time, each in place: only the path panel shows where they went."""
+    """Draw skeletons from left to right in time, without their displacement, which only the path panel shows."""
     motion = panel.motion
     rows = np.linspace(0, len(motion) - 1, min(num_poses, len(motion))).round().astype(int)
     at = np.arange(len(rows), dtype=np.float64) * SLOT_M

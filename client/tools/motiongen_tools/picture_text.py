@@ -1,8 +1,8 @@
-"""Texts in pictures: what users and servers wrote, as they wrote it."""
+"""Texts of users and servers in pictures, shown literally."""
 
 from __future__ import annotations
 
 
 def as_written(text: str) -> str:
-    """A text that matplotlib shows as it is: between two dollar signs it would read a formula, and fail at others."""
+    """Escape a text so that matplotlib shows it literally, instead of reading formulas between dollar signs."""
     return text.replace("$", r"\$")

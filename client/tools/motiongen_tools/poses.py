@@ -1,4 +1,4 @@
-"""Skeletons and ways on a page: how a pose is seen from the side, and the ground from above. Left blue, right red."""
+"""Draw skeletons from the side, and paths over the ground from above. The left side is blue, the right side red."""
 
 from __future__ import annotations
 
@@ -15,28 +15,28 @@ if TYPE_CHECKING:
 
 LEFT, RIGHT, MIDDLE = "#2f6db3", "#cf4a4a", "#3b3f45"
 GROUND, QUIET, GOAL = "#c9ccd1", "#7c828b", "#1a9850"
-SLOT_M = 1.15  # from one pose of a strip to the next
+SLOT_M = 1.15  # distance between the poses of a strip
 HEADROOM_M = 2.15
-_CAMERA_AZIMUTH_RAD = np.radians(-40)  # from the character's right front, so that walking forward goes right
+_CAMERA_AZIMUTH_RAD = np.radians(-40)  # from the character's right front, so that walking forward is to the right
 _MIN_GROUND_SPAN_M = 2.0
 
 
 def headings_rad(motion: Motion) -> NDArray[np.float64]:
-    """(T,) where the character faces: by the line of its hips where the rig names them, else by its root's rotation."""
+    """(T,) headings: from the line of the hips if the rig names them, otherwise from the root's rotation."""
     if motion.rig.hip_joints is None:
         return heading_rad(quaternion_to_matrix(motion.joint_rotation_quat_wxyz[:, 0])).astype(np.float64)
     return facing_rad(motion.joint_positions_m(), motion.rig.hip_joints).astype(np.float64)
 
 
 def project(positions: NDArray[np.float64]) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
-    """(..., 3) metres -> (..., 2) right and up on the page, and (...) towards the viewer."""
+    """(..., 3) metres -> (..., 2) right and up on the page, and (...) depth towards the viewer."""
     cosine, sine = np.cos(_CAMERA_AZIMUTH_RAD), np.sin(_CAMERA_AZIMUTH_RAD)
     x, y, z = np.moveaxis(positions, -1, 0)
     return np.stack([x * cosine - z * sine, y], axis=-1), x * sine + z * cosine
 
 
 def draw_poses(axes: Axes, motion: Motion, rows: NDArray[np.int_], at: NDArray[np.float64]) -> None:
-    """Draw the poses of some rows of a motion side by side, each with its root above at[i] on the page."""
+    """Draw the poses of some rows of a motion side by side, the root of pose i above at[i] on the page."""
     from matplotlib.collections import LineCollection
     from matplotlib.patches import Circle
 
@@ -61,7 +61,7 @@ def draw_poses(axes: Axes, motion: Motion, rows: NDArray[np.int_], at: NDArray[n
 
 
 def draw_way(axes: Axes, motion: Motion, *, every_s: float = 1.0, arrow_width: float = 0.012) -> None:
-    """The root over the ground, arrows every every_s where the character faces, a circle and a square at its ends."""
+    """Draw the path of the root: an arrow for the heading every every_s, a circle at the start, a square at the end."""
     x, z = motion.root_translation_m[:, 0], motion.root_translation_m[:, 2]
     axes.plot(x, z, color=MIDDLE, linewidth=1.3, solid_capstyle="round")
     every = np.arange(0, len(motion), max(motion.rig.frames_in(every_s), 1))
@@ -75,7 +75,7 @@ def draw_way(axes: Axes, motion: Motion, *, every_s: float = 1.0, arrow_width: f
 
 
 def frame_ground(axes: Axes, points: NDArray[np.float64]) -> None:
-    """Fit the page to (N, 2) points x, z: +Z up the page, +X to the left, as seen from above by someone facing +Z."""
+    """Fit the page to (N, 2) points x, z, seen from above while facing +Z: +Z is up the page, +X to the left."""
     middle, span = (points.min(0) + points.max(0)) / 2, max(np.ptp(points, axis=0).max() * 1.2, _MIN_GROUND_SPAN_M)
     axes.set_xlim(middle[0] + span / 2, middle[0] - span / 2)
     axes.set_ylim(middle[1] - span / 2, middle[1] + span / 2)
@@ -88,7 +88,7 @@ def frame_ground(axes: Axes, points: NDArray[np.float64]) -> None:
 
 
 def _bone_colours(rig: Rig) -> list[str]:
-    """A colour for the bone that ends at each joint but the root."""
+    """A colour for the bone that ends at each joint except the root."""
 
     def colour(name: str) -> str:
         lowered = name.lower()

@@ -1,6 +1,6 @@
-"""A server process of one's own: started on free ports, stopped by SIGTERM. For demos, tests and measurements.
+"""A server as a child process: started on free ports, stopped by SIGTERM. For demos, tests and measurements.
 
-The server is another distribution and is run, never imported.
+The server is another distribution; it is run, never imported.
 """
 
 from __future__ import annotations
@@ -27,7 +27,7 @@ _LOOK_EVERY_S = 0.2
 class ServerFailed(MotiongenError):
     """The server process did not start, or did not end as it should.
 
-    log_tail: the last lines it wrote. log: the file that has all of them, None where it is not kept.
+    log_tail: the last lines of its log. log: the file with the whole log, None if it was not kept.
     """
 
     def __init__(self, what: str, log_tail: str, log: Path | None = None) -> None:
@@ -38,12 +38,12 @@ class ServerFailed(MotiongenError):
 
 
 class ServerProcess:
-    """`python -m motiongen_server` as a child process. Use it as `with ServerProcess() as server`; it is ready then.
+    """`python -m motiongen_server` as a child process. `with ServerProcess() as server` waits until it is ready.
 
     arguments: further settings for the server, such as ["--denoise-steps", "10"]; `motiongen-server --help` lists them.
-    ready_timeout_s: end it if it is not ready by then; None: wait as long as it lives, as a first start may have
-    gigabytes to fetch. tell: told the last line of its log, by another thread, whenever that is another one.
-    address: host:port of the service; ops_address: of health checks and metrics. ready_s: seconds from start to ready.
+    ready_timeout_s: end the server if it is not ready by then; None: wait as long as it runs, because a first start may
+    have to fetch gigabytes. tell: called by another thread with the last line of the log, whenever it changes. address:
+    host:port of the service; ops_address: of health checks and metrics. ready_s: seconds from start to ready.
     """
 
     def __init__(
@@ -65,17 +65,17 @@ class ServerProcess:
         self.ready_s = 0.0
 
     def start(self) -> ServerProcess:
-        """Start it and wait until it is ready. Raises ServerFailed with the tail of its log."""
+        """Start the server and wait until it is ready. Raises ServerFailed with the tail of its log."""
         started_s = time.monotonic()
         with tempfile.NamedTemporaryFile("w", prefix="motiongen-server-", suffix=".log", delete=False) as log:
             self._log_path = Path(log.name)
             self._process = subprocess.Popen(self._command, stdout=subprocess.PIPE, stderr=log, text=True)
         try:
             ports = self._read_ports(self._process)
-        except BaseException as failure:  # Ctrl-C too: nobody else knows of the process yet
+        except BaseException as failure:  # Ctrl-C too: nobody else would end the process
             self._abandon()
             if not isinstance(failure, ServerFailed):
-                self._log_path.unlink(missing_ok=True)  # of which nobody is told
+                self._log_path.unlink(missing_ok=True)  # no error names it
             raise
         self.address = f"127.0.0.1:{ports['grpc_port']}"
         self.ops_address = f"127.0.0.1:{ports['ops_port']}"
@@ -83,7 +83,7 @@ class ServerProcess:
         return self
 
     def _abandon(self) -> None:
-        """Kill what has not become ready."""
+        """Kill a server that has not become ready."""
         process, self._process = self._process, None
         if process is not None:
             process.kill()
@@ -92,7 +92,7 @@ class ServerProcess:
                 process.stdout.close()
 
     def stop(self, timeout_s: float = 30.0) -> None:
-        """Ask it to end with SIGTERM and wait. Raises ServerFailed unless it exits with 0 in time."""
+        """Send SIGTERM and wait for the server to end. Raises ServerFailed unless it exits with 0 in time."""
         process = self._process
         if process is None:
             return
@@ -114,16 +114,16 @@ class ServerProcess:
 
     @property
     def pid(self) -> int | None:
-        """Process id while it runs."""
+        """Process id while the server runs, otherwise None."""
         return None if self._process is None else self._process.pid
 
     def log_tail(self) -> str:
-        """The last lines it wrote to standard error."""
+        """The last lines of the log, which is the server's standard error."""
         text = self._log_path.read_text(encoding="utf-8", errors="replace")
         return "\n".join(text.splitlines()[-_LOG_TAIL_LINES:])
 
     def _last_line(self) -> str:
-        """The last line of the log that says something; a progress bar's is what it shows now."""
+        """The last line of the log that is not blank. For a progress bar, its current state."""
         with self._log_path.open("rb") as log:
             log.seek(max(0, self._log_path.stat().st_size - _LAST_LINE_BYTES))
             lines = log.read().decode("utf-8", errors="replace").splitlines()
@@ -138,10 +138,10 @@ class ServerProcess:
         except ServerFailed:
             if failure is None:
                 raise
-            self._log_path.unlink(missing_ok=True)  # what went wrong first is the news
+            self._log_path.unlink(missing_ok=True)  # the first failure is the one to report
 
     def _read_ports(self, process: subprocess.Popen[str]) -> dict[str, int]:
-        """The line printed once it is ready; a thread tells of the log meanwhile, and ends a server that is late."""
+        """The ports, which the server prints once ready. A thread passes log lines on and enforces the timeout."""
         assert process.stdout is not None
         over, late = threading.Event(), threading.Event()
         watching = threading.Thread(target=self._watch, args=(process, over, late), daemon=True)
@@ -167,7 +167,7 @@ class ServerProcess:
         return ServerFailed(what, self.log_tail(), self._log_path)
 
     def _watch(self, process: subprocess.Popen[str], over: threading.Event, late: threading.Event) -> None:
-        """Until it is over: tell new last lines of the log, and kill a process that has had its time."""
+        """Until `over` is set: pass new last lines of the log on, and kill the process at its timeout."""
         most_s = math.inf if self._ready_timeout_s is None else self._ready_timeout_s
         end_s, told = time.monotonic() + most_s, ""
         while not over.wait(min(_LOOK_EVERY_S, most_s)):

@@ -1,4 +1,4 @@
-"""A command that is told to end: by Ctrl-C, by SIGTERM, or by the terminal that it runs in, which is closed."""
+"""Ends a command cleanly on Ctrl-C, on SIGTERM, and when its terminal is closed."""
 
 from __future__ import annotations
 
@@ -13,15 +13,15 @@ _SIGNALS = tuple(getattr(signal, name) for name in ("SIGTERM", "SIGHUP") if hasa
 
 
 class Terminated(SystemExit):
-    """The process was told to end; its code is that of shells. Of the kind that event loops let through."""
+    """A signal ended the process; the code is that of shells. As a SystemExit, it passes through event loops."""
 
 
 @contextlib.contextmanager
 def terminating() -> Iterator[None]:
-    """Let signals raise Terminated, and Ctrl-C KeyboardInterrupt, so that what is under way is put in order.
+    """Let signals raise Terminated, and Ctrl-C KeyboardInterrupt, so that what is under way is cleaned up.
 
-    By default signals would end the process at once, and a server that it has started would stay. From Ctrl-C asyncio
-    would have it wait until a command waits for the loop, which none does while it starts a server.
+    By default, signals would end the process at once and leave behind a server that it started. asyncio's own handling
+    of Ctrl-C only takes effect when the command waits for the event loop, and no command does while it starts a server.
     """
 
     def end(number: int, _: FrameType | None) -> NoReturn:
@@ -30,9 +30,9 @@ def terminating() -> Iterator[None]:
     def interrupt(_number: int, _: FrameType | None) -> NoReturn:
         raise KeyboardInterrupt
 
-    is_main = threading.current_thread() is threading.main_thread()  # others cannot set handlers
+    is_main = threading.current_thread() is threading.main_thread()  # only that thread can set handlers
     handlers = dict.fromkeys(_SIGNALS, end) | {signal.SIGINT: interrupt}
-    usual = (signal.SIG_DFL, signal.default_int_handler)  # nohup ignores one
+    usual = (signal.SIG_DFL, signal.default_int_handler)  # others stay: nohup ignores SIGHUP
     before = {each: found for each in handlers if is_main and (found := signal.getsignal(each)) in usual}
     for each in before:
         signal.signal(each, handlers[each])

@@ -1,4 +1,4 @@
-"""Files that are there whole or not at all, whatever ends the one who writes them."""
+"""Writes files completely or not at all, even if the writer fails half way."""
 
 from __future__ import annotations
 
@@ -13,10 +13,10 @@ _PREFIX = ".motiongen-"
 
 @contextlib.contextmanager
 def whole_file(path: Path | str) -> Iterator[Path]:
-    """A file of the same name to write to, in a folder of its own beside; it takes the place of `path` at the end.
+    """Yields a file of the same name in a temporary folder beside `path`; it replaces `path` at the end.
 
-    Where something is raised meanwhile, what was at `path` stays as it was. A link goes on pointing where it does, and
-    what is no file, such as a pipe, is written as it is. Raises OSError, which names `path`.
+    If an exception is raised before that, `path` stays as it was. The target of a link is replaced, not the link. What
+    is not a regular file, such as a pipe, is written to directly. Raises OSError, which names `path`.
     """
     target = Path(path).resolve()
     if target.exists() and not target.is_file():
@@ -31,5 +31,5 @@ def whole_file(path: Path | str) -> Iterator[Path]:
             part.replace(target)
     except OSError as error:
         if error.filename is None or str(error.filename).startswith(str(target.parent / _PREFIX)):
-            error.filename, error.filename2 = str(path), None  # nobody else knows of the folder beside
+            error.filename, error.filename2 = str(path), None  # hide the temporary folder
         raise

@@ -1,4 +1,4 @@
-"""What the tests talk to: the server at `server_address`, which who runs them names."""
+"""Connections to the server under test, at the address of the fixture `server_address`, which is defined elsewhere."""
 
 from __future__ import annotations
 
@@ -21,7 +21,7 @@ async def target(
 
 @pytest.fixture
 async def line(server_address: str) -> AsyncIterator[TcpLine]:
-    """What `distant` reaches the server through."""
+    """The relay through which `distant` reaches the server."""
     async with TcpLine(server_address) as line:
         yield line
 
@@ -30,7 +30,7 @@ async def line(server_address: str) -> AsyncIterator[TcpLine]:
 async def distant(
     server_address: str, server_credentials: grpc.ChannelCredentials | None, server_token: str, line: TcpLine
 ) -> AsyncIterator[Target]:
-    """The server, by connections that a test cuts."""
+    """The server, reached over connections that a test can cut."""
     async for connected in connect(server_address, server_credentials, server_token, through=line.address):
         yield connected
 

@@ -1,4 +1,4 @@
-"""Clips: what comes of each sample and in which order, what is refused, and what a client that goes away leaves."""
+"""Clips: the parts of each sample and their order, what is refused, and what happens when a client goes away."""
 
 from __future__ import annotations
 
@@ -26,7 +26,7 @@ def clip(num_frames: int, num_samples: int = 1, **opening: object) -> service_pb
 
 
 def told(target: Target) -> Iterator[tuple[service_pb2.GenerateClipRequest, str, str]]:
-    """Mistakes that every server must refuse, whatever its model, and the reason and field of each."""
+    """Mistakes that every server must refuse, whatever its model, with the reason and field of each."""
     model, limits = target.catalog.models[0], target.catalog.limits
     yield clip(0), "CLIP_LENGTH_OUT_OF_RANGE", "frame_count"
     yield clip(limits.max_clip_frames + 1), "CLIP_LENGTH_OUT_OF_RANGE", "frame_count"

@@ -1,4 +1,4 @@
-"""How sessions and streams end: as the client wishes, without its knowing, and as the server has to."""
+"""How sessions and streams end: closed by the client, lost without its knowledge, or ended by the server."""
 
 from __future__ import annotations
 

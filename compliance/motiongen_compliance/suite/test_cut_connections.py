@@ -1,4 +1,4 @@
-"""A connection is cut, not a call ended: by the rules of "After a loss" nothing is lost and nothing comes twice."""
+"""Connections are cut, rather than calls ended: "After a loss" promises that nothing is lost or sent twice."""
 
 from __future__ import annotations
 
@@ -13,24 +13,24 @@ from motiongen_compliance.talk import LIMIT_S, Talk
 from motiongen_compliance.target import Target
 
 CUT = (grpc.StatusCode.UNAVAILABLE, grpc.StatusCode.INTERNAL)
-"""What a call ends with that began on a connection which was cut; INTERNAL is gRPC's own, of a write that failed."""
+"""Status of a call that began on a connection which was then cut. INTERNAL comes from gRPC, when a write fails."""
 
 
 async def cut(line: TcpLine, talk: Talk) -> None:
-    """Cut the line, and wait until the client's side has noticed."""
+    """Cut the connection, and wait until the client has noticed."""
     line.cut()
     await talk.call.code()
 
 
 async def come_back(distant: Target, heard: Heard) -> Talk:
-    """Another stream, on which the session is resumed by its token."""
+    """A new stream, on which the session is resumed."""
     async with asyncio.timeout(LIMIT_S):
         while True:
             try:
                 talk = await distant.talk()
             except grpc.aio.AioRpcError as lost:
                 if lost.code() not in CUT:
-                    raise  # else it began on the connection that was cut
+                    raise  # with those, the call began on the connection that was cut
             else:
                 await talk.resume(1, heard)
                 return talk
@@ -58,7 +58,7 @@ async def test_an_event_that_was_on_its_way_is_said_again_and_answered_once(dist
         event = addressed(edit_prompts(span(f"prompt number {seq}")), 1, seq)
         heard.sent_seq = seq
         await talk.send(event)
-        await cut(line, talk)  # whether it has come to the server nobody knows
+        await cut(line, talk)  # whether it reached the server is not known
         talk = await come_back(distant, heard)
         await talk.send(event)
         assert (await talk.answer(1, seq)).code == 0

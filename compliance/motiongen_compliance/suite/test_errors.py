@@ -1,4 +1,4 @@
-"""Mistakes that are not in a field of an event: unknown names, frames, handles, rates and sizes."""
+"""Mistakes other than a wrong field of an event: unknown names, frames, handles, rates and sizes."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Events and their answers: order, numbers, what is dropped and what the stream says of itself."""
+"""Events and their answers: order, numbers, repetitions, and messages about the stream itself."""
 
 from __future__ import annotations
 
@@ -65,7 +65,7 @@ async def test_a_repetition_is_dropped_and_a_gap_refused(scene: Scene) -> None:
     gap = await talk.answer(1, 4)
     assert (gap.code, gap.reason, gap.field) == (FAILED_PRECONDITION, "SEQUENCE_GAP", "event_seq")
     assert "3" in gap.allowed
-    assert (await talk.edit(1, RESUME)).code == OK, "the right number is taken afterwards"
+    assert (await talk.edit(1, RESUME)).code == OK, "the right number is accepted afterwards"
     await talk.plays_on(1)
     await scene.others_play_on()
 

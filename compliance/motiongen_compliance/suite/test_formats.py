@@ -1,4 +1,4 @@
-"""How frames are stored: shorter forms of the same motion, within the errors that the protocol promises."""
+"""How frames are stored: compact forms of the same motion stay within the errors that the protocol promises."""
 
 from __future__ import annotations
 
@@ -18,7 +18,7 @@ F32, F16, QUANTISED = (
     motion_pb2.SCALAR_TYPE_QUANTISED,
 )
 ROUNDING = 1e-3
-"""More, metres and radians: the same seed gives the same motion to within rounding."""
+"""Additional tolerance, metres and radians: the same seed gives the same motion only to within rounding."""
 Numbers = NDArray[np.float64]
 
 
@@ -32,7 +32,7 @@ def columns(rig: motion_pb2.Rig, name: str) -> slice:
 
 
 def read(chunk: motion_pb2.FrameChunk, rig: motion_pb2.Rig, row_bytes: int) -> tuple[Numbers, Numbers]:
-    """The places of the root (T, 3) and the rotations (T, J, 4) of a chunk in any form."""
+    """Root positions (T, 3) and joint rotations (T, J, 4) of a chunk in any form."""
     num_joints, data = len(rig.joints), np.frombuffer(chunk.data, np.uint8).reshape(chunk.frame_count, row_bytes)
     if chunk.scalar_type == QUANTISED:
         root = np.ascontiguousarray(data[:, :12]).view("<i4") / 1000
@@ -43,7 +43,7 @@ def read(chunk: motion_pb2.FrameChunk, rig: motion_pb2.Rig, row_bytes: int) -> t
 
 
 def unpacked(words: NDArray[np.uint32]) -> Numbers:
-    """Quaternions of which the three smallest are stored, (..., 4)."""
+    """Quaternions (..., 4) from words that store their three smallest components."""
     greatest = words >> 30
     three = np.stack([words >> shift & 1023 for shift in (20, 10, 0)], axis=-1)
     three = (three - 511.5) / (511 * np.sqrt(2))
@@ -64,7 +64,7 @@ def all_of(heard: Heard, rig: motion_pb2.Rig) -> tuple[Numbers, Numbers]:
 
 
 def apart_rad(one: Numbers, other: Numbers) -> float:
-    """The greatest angle between rotations."""
+    """The greatest angle between corresponding rotations."""
     unit = [turns / np.linalg.norm(turns, axis=-1, keepdims=True) for turns in (one, other)]
     chord = np.minimum(*(np.linalg.norm(unit[0] - sign * unit[1], axis=-1) for sign in (1, -1)))
     return float(4 * np.arcsin(np.minimum(chord / 2, 1)).max())

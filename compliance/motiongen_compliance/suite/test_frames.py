@@ -1,4 +1,4 @@
-"""Frames and plans. `Heard` checks every rule of order on every message; here are the moves that put it to the test."""
+"""Frames and plans. `Heard` checks the rules of order on every message; these tests provoke the cases that matter."""
 
 from __future__ import annotations
 
@@ -26,7 +26,7 @@ async def test_the_playhead_is_credit(target: Target) -> None:
     heard = await talk.open(1)
     assert heard.opened is not None
     lookahead = heard.opened.lookahead_frames
-    # within the one look-ahead that a playhead may jump, so that each is credited as it comes
+    # a playhead may jump by up to one look-ahead, so each of these earns its credit at once
     for playhead in (lookahead // 6, lookahead // 2, lookahead - 1):
         await talk.until(lambda playhead=playhead: heard.end >= playhead)
         await talk.report(1, playhead)

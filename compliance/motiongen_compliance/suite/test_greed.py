@@ -1,4 +1,4 @@
-"""Clients that ask for much and read nothing, and greetings that are well formed but absurd."""
+"""Clients that ask for much and read nothing, and hellos that are well formed but absurd."""
 
 from __future__ import annotations
 

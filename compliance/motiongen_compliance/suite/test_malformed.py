@@ -1,4 +1,4 @@
-"""What is no message of the protocol, or too long for it: told by a status, and nobody else notices."""
+"""Bytes that are no message of the protocol, or too long: the call ends with a status, others are unaffected."""
 
 from __future__ import annotations
 
@@ -13,12 +13,12 @@ from motiongen_compliance.mistakes import Status
 from motiongen_compliance.target import Scene, Target
 
 SERVICE = "/motiongen.v1.MotionService"
-NO_MESSAGE = b"\x0a\xff"  # a field that ends after the message does
+NO_MESSAGE = b"\x0a\xff"  # a field that is longer than the message
 HELLO = service_pb2.StreamMotionRequest(hello=service_pb2.ClientHello()).SerializeToString()
 
 
 async def end_of(target: Target, method: str, messages: list[bytes]) -> tuple[grpc.StatusCode, str]:
-    """What a call ends with that says just that: its code and reason."""
+    """Code and reason that a call ends with after it has sent these messages."""
     call = target.raw(f"{SERVICE}/{method}")
     try:
         for message in messages:
@@ -27,7 +27,7 @@ async def end_of(target: Target, method: str, messages: list[bytes]) -> tuple[gr
         while await call.read() is not grpc.aio.EOF:
             pass
     except (grpc.aio.AioRpcError, grpc.aio.UsageError, grpc.aio.InternalError):
-        pass  # it has ended while something was said
+        pass  # the call ended while the messages were being sent
     code, status = await call.code(), await rpc_status.aio.from_call(call)
     info = error_details_pb2.ErrorInfo()
     reasons = [info.reason for detail in (status.details if status else ()) if detail.Unpack(info)]
@@ -60,7 +60,7 @@ async def test_a_call_takes_one_request_that_can_be_read(
 
 
 def message_of(num_bytes: int) -> service_pb2.StreamMotionRequest:
-    """An edit whose message has so many bytes; its prompt is too long for any server."""
+    """An edit whose message has that many bytes; its prompt is too long for any server."""
 
     def of(num_characters: int) -> service_pb2.StreamMotionRequest:
         return service_pb2.StreamMotionRequest(events=[addressed(edit_prompts(span("x" * num_characters)), 1, 2)])

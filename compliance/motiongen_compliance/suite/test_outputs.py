@@ -11,7 +11,7 @@ from motiongen_compliance.target import Target
 
 
 def columns(rig: motion_pb2.Rig, outputs: list[motion_pb2.ChannelBlock]) -> dict[str, slice]:
-    """Where each block lies in a row with these outputs."""
+    """The columns of each block in a row with these outputs."""
     found, start = {}, 0
     for block in (*rig.blocks, *outputs):
         found[block.name] = slice(start, start + block.width)

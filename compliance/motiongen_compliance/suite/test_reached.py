@@ -1,4 +1,4 @@
-"""What became of a constraint is told when its frame is decided, and again to a client that may not have heard it."""
+"""ConstraintReached comes when the constraint's frame is committed, and again to a client that may have missed it."""
 
 from __future__ import annotations
 
@@ -38,7 +38,7 @@ async def test_a_client_that_resumes_hears_what_it_missed(target: Target) -> Non
     await play_past(first, 1, 30)
     await first.until(lambda: heard.reached)
     told = list(heard.reached)
-    heard.reached.clear()  # as if it had not come
+    heard.reached.clear()  # as if it had not been received
     first.call.cancel()
     second = await target.talk()
     await second.resume(1, heard)

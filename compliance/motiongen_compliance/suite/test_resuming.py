@@ -1,4 +1,4 @@
-"""A session outlives its stream: what is told again, what goes on, who may take it over, and when it is over."""
+"""Resuming a session: what is sent again, what continues, who may take it over, and when it is too late."""
 
 from __future__ import annotations
 
@@ -37,7 +37,7 @@ async def test_frames_that_were_lost_on_the_way_are_sent_again(target: Target) -
     first = await target.talk()
     heard = await first.ask_open(1)
     await first.until(lambda: heard.chunks)
-    first.sessions[1] = copy.deepcopy(heard)  # what comes now does not reach the client
+    first.sessions[1] = copy.deepcopy(heard)  # what the server sends now does not reach the client
     await first.plays_on(1)
     heard.playhead = first.sessions[1].playhead
     assert first.sessions[1].end > heard.end
@@ -56,7 +56,7 @@ async def test_plans_that_were_lost_on_the_way_are_made_up_for_by_one_notice(tar
     lookahead = heard.opened.lookahead_frames
     await first.until(lambda: heard.end >= lookahead)
     held, plan = heard.next_frame, heard.plans[-1].plan
-    first.sessions[1] = copy.deepcopy(heard)  # what comes now does not reach the client
+    first.sessions[1] = copy.deepcopy(heard)  # what the server sends now does not reach the client
     await first.send(*(addressed(edit_prompts(span(text)), 1, seq) for seq, text in ((2, "run"), (3, "dance"))))
     heard.sent_seq = 3
     await first.until(lambda: first.sessions[1].applied_seq >= 3)
@@ -79,7 +79,7 @@ async def test_answers_that_may_not_have_been_heard_are_told_again_and_a_repetit
     heard = await first.open(1)
     assert (await first.edit(1, edit_prompts(span("run")))).code == 0
     refused = await first.edit(1, edit_prompts(remove=[7]))
-    heard.applied_seq = 1  # as if neither had been heard
+    heard.applied_seq = 1  # as if neither answer had been received
     heard.outcomes.clear()
     await lost(first)
     second = await target.talk()
@@ -89,7 +89,7 @@ async def test_answers_that_may_not_have_been_heard_are_told_again_and_a_repetit
     plans = len(heard.plans)
     await second.send(addressed(edit_prompts(span("run")), 1, 2), addressed(edit_prompts(remove=[7]), 1, 3))
     assert (await second.edit(1, PAUSE)).code == 0
-    assert len(heard.plans) == plans, "events with numbers that were taken are dropped"
+    assert len(heard.plans) == plans, "events whose numbers were seen before are dropped"
 
 
 async def test_answers_that_were_heard_are_not_told_again(target: Target) -> None:

@@ -1,4 +1,4 @@
-"""Prompts, options, cuts and openings that ask for what cannot be: answered with the field, and nothing changes."""
+"""Prompts, options, cuts and opens that ask for the impossible: the answer names the field, and nothing changes."""
 
 from __future__ import annotations
 
@@ -28,7 +28,7 @@ def options(**fields: object) -> Event:
 
 
 def prior(catalog: Catalog, num_frames: int, length: float = 1.0, **fields: object) -> motion_pb2.FrameChunk:
-    """Frames of someone in the neutral pose. length: of their quaternions."""
+    """Frames of a character in the neutral pose. length: norm of their quaternions."""
     numbers = {"root_translation_m": [0.0, 1.0, 0.0]}
     row: list[float] = []
     for block in rig_of(catalog).blocks:

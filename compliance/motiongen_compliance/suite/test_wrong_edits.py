@@ -1,4 +1,4 @@
-"""Edits with a mistake: answered with field and allowed values, nothing changes, nobody else notices."""
+"""Edits with a mistake: the answer names the field and what is allowed, nothing changes, and others are unaffected."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Opens with a mistake: refused whole, with field and allowed values; every other session is left alone."""
+"""Opens with a mistake: refused as a whole, with the field and what is allowed; other sessions are unaffected."""
 
 from __future__ import annotations
 

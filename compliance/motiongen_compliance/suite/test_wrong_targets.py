@@ -1,4 +1,4 @@
-"""Targets and velocities with a mistake in when, how fast or how much: answered with the field, and nothing changes."""
+"""Targets and velocities with a wrong frame, speed or weight: the answer names the field, and nothing changes."""
 
 from __future__ import annotations
 
@@ -12,7 +12,7 @@ PATH = f"{TARGET}.root_path"
 
 
 def there(**when: object) -> Event:
-    """A place to be at, by when and how much."""
+    """A waypoint with these frames and this weight."""
     place = motion_pb2.Waypoint(x=1.0)
     return edit_constraints(motion_pb2.Constraint(constraint_id=1, waypoint=place, **when))  # type: ignore[arg-type]
 
@@ -28,7 +28,7 @@ def path(positions: list[float], frame: int = 0, **how: float) -> Event:
 
 
 def beside(**when: object) -> Event:
-    """A path with words of when, which it has none of."""
+    """A path with frames, which paths must not have."""
     way = motion_pb2.RootPath(positions=[0.0, 2.0])
     return edit_constraints(motion_pb2.Constraint(constraint_id=1, root_path=way, **when))  # type: ignore[arg-type]
 
@@ -38,7 +38,7 @@ def velocity(**fields: float) -> Event:
 
 
 def many_trajectories(catalog: Catalog) -> Event:
-    """More frames than a session may hold, none of its trajectories being too long."""
+    """More trajectory frames than a session may hold, although no single trajectory is too long."""
     longest = catalog.limits.max_trajectory_frames
     count = catalog.limits.max_held_trajectory_frames // longest + 1
     ground = motion_pb2.RootTrajectory(positions=[0.0] * (2 * longest))
@@ -130,7 +130,7 @@ async def test_velocities_that_cannot_be_are_refused(scene: Scene) -> None:
 
 
 async def test_trajectories_that_are_too_long_together_are_refused(scene: Scene) -> None:
-    if not scene.talk.catalog.limits.max_held_trajectory_frames:  # a server that knows no such limit
+    if not scene.talk.catalog.limits.max_held_trajectory_frames:  # a server without this limit
         return
     outcome = await scene.talk.edit(1, many_trajectories(scene.talk.catalog))
     if outcome.reason != "UNSUPPORTED_CONSTRAINT":

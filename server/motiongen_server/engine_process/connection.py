@@ -38,6 +38,10 @@ class EngineLost(RuntimeError):
     """The engine process ended, hung or said what is no message; the text says which."""
 
 
+class LoadFailed(EngineLost):
+    """The engine process goes on, but could not load a model, for a reason that was not to be expected."""
+
+
 class Stopped(Exception):
     """Whoever waited has been asked to stop."""
 

@@ -47,6 +47,13 @@ class ControlQueue:
             self._unsent.append(Load(link.slot, link.source))
             return True
 
+    def load_again(self, slot: int) -> None:
+        """Have the engine process try again to load a model that it could not load, unless that was given up."""
+        with self._lock:
+            if (link := self._links.get(slot)) is not None:
+                link.is_absent = False
+                self._unsent.append(Load(slot, link.source))
+
     def retire(self, link: ModelLink) -> bool:
         """Have a model unloaded. False where the engine process does not hold it: it is gone at once."""
         with self._lock:
@@ -124,9 +131,16 @@ class ControlQueue:
         return retired
 
     def lose(self) -> list[ModelLink]:
-        """The process is gone. Returns the models that the next one is not to hold: never loaded, or retired."""
+        """The process is gone. Returns the models that the next one is not to hold: never loaded, or retired.
+
+        The one that it was loading is the last to be loaded by the next: it may be what the process was lost by, and
+        those behind it would never come.
+        """
         with self._lock:
             self._unsent.clear()
+            under_way = (slot for slot, link in self._links.items() if not link.is_up and not link.is_absent)
+            if (slot := next(under_way, None)) is not None:
+                self._links[slot] = self._links.pop(slot)
             gone = [link for link in self._links.values() if link.is_retired or not link.ready.done()]
             for link in gone:
                 del self._links[link.slot]

@@ -78,8 +78,13 @@ class EngineGroup:
     @property
     def failure(self) -> BaseException | None:
         """Why no engine process is left to serve it."""
-        failures = [process.failure for process, _ in self._members]
+        failures = [process.failure or link.failure for process, link in self._members]
         return failures[0] if all(failures) else None
+
+    @property
+    def num_engines(self) -> int:
+        """Engine processes that serve it at this moment."""
+        return sum(link.is_up for _, link in self._members)
 
     @property
     def load(self) -> float:

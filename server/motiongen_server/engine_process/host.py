@@ -11,6 +11,7 @@ from typing import Protocol
 import numpy as np
 import zmq
 
+from motiongen_server.engine.engine import Engine
 from motiongen_server.engine.types import Float32Array
 from motiongen_server.engine_process.bell import Bell
 from motiongen_server.engine_process.codec import CodecError, sendable
@@ -130,32 +131,53 @@ class EngineHost:
     def _load(self, job: Load) -> None:
         outlet = Outlet(self._wire, job.slot)
         slot = Slot(job.slot, outlet.deliver)
+        built = self._built(job, slot, outlet)
+        if isinstance(built, Unloaded):
+            self._free_remains()
+            self._wire.say(built)
+            return
+        engine, ready = built
+        settle_again()  # before anybody waits for the engine
+        self._slots[job.slot] = slot
+        slot.start(engine, self._ended)
+        self._wire.send(ready)
+
+    def _built(self, job: Load, slot: Slot, outlet: Outlet) -> tuple[Engine, bytes] | Unloaded:
+        """An engine and what is said of it, or why there is none."""
         try:
             built = self._build(job.source, outlet.deliver, outlet.observe, slot.inbox)
             ready = _encoded(Ready(job.slot, built.facts, built.licence, built.abilities, built.weights), built)
         except SettingError as error:
-            self._wire.say(Unloaded(job.slot, sendable(str(error)), is_setting=True))
+            return Unloaded(job.slot, sendable(str(error)), is_setting=True)
         except Exception as error:
             _log.exception("loading %r failed", job.source)
-            self._wire.say(Unloaded(job.slot, sendable(f"{type(error).__name__}: {error}")))
-        else:
-            settle_again()  # before anybody waits for the engine
-            self._slots[job.slot] = slot
-            slot.start(built.engine, self._ended)
-            self._wire.send(ready)
+            return Unloaded(job.slot, sendable(f"{type(error).__name__}: {error}"))
+        return built.engine, ready
 
     def _load_encoder(self, job: LoadEncoder) -> None:
-        try:
-            encoder = self._load_text(job.width)
-        except SettingError as error:
-            self._wire.say(EncoderReady("", 0, sendable(str(error))))
-            return
-        except Exception as error:  # as where memory runs out: models are served on, and so are prompts that are known
-            _log.exception("loading the text encoder failed")
-            self._wire.say(EncoderReady("", 0, sendable(f"{type(error).__name__}: {error}")))
+        encoder = self._loaded_encoder(job)
+        if isinstance(encoder, EncoderReady):
+            self._free_remains()
+            self._wire.say(encoder)
             return
         self._wire.say(EncoderReady(encoder.identity, job.width, ""))  # before any vector: whose it is
         threading.Thread(target=self._encode, args=(encoder,), name="text", daemon=True).start()
+
+    def _loaded_encoder(self, job: LoadEncoder) -> TextEncoder | EncoderReady:
+        """The encoder, or why there is none."""
+        try:
+            return self._load_text(job.width)
+        except SettingError as error:
+            return EncoderReady("", 0, sendable(str(error)))
+        except Exception as error:  # as where memory runs out: models are served on, and so are prompts that are known
+            _log.exception("loading the text encoder failed")
+            return EncoderReady("", 0, sendable(f"{type(error).__name__}: {error}"))
+
+    @staticmethod
+    def _free_remains() -> None:
+        """Of what could not be loaded: a whole model, in rings; the next may come before there is an idle moment."""
+        free_garbage()
+        give_back_freed_memory()
 
     # ---- the encoder's thread ---------------------------------------------------------------------------------------
 

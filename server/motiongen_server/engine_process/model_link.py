@@ -9,6 +9,7 @@ from concurrent.futures import Future
 from math import inf
 
 from motiongen_server.engine.config import EngineConfig
+from motiongen_server.engine.engine_port import ModelLost
 from motiongen_server.engine.mailbox import Mailbox, pending_refusal
 from motiongen_server.engine.ports import Deliver, Observe
 from motiongen_server.engine.types import (
@@ -45,6 +46,8 @@ class ModelLink:
         self.ready: Future[Ready] = Future()
         self.ended = threading.Event()
         self.is_retired = False  # it is being unloaded
+        self.is_absent = False  # its engine process has said that it does not hold it
+        self.failure: ModelLost | None = None  # why it is to be expected that none will
         self.silent_s = 0.0  # since the engine last said something
         self.observe: Observe | None = None
         self.on_quota_steps: Callable[[StepsOf], None] = lambda taken: None  # which owners with a quota had there
@@ -135,6 +138,7 @@ class ModelLink:
         if self._facts and facts != self._facts:
             return False
         self._facts = facts
+        self.failure = None
         self.silent_s = 0.0
         self.heartbeat_at = time.monotonic()
         with self._lock:
@@ -193,7 +197,7 @@ class ModelLink:
     def lose(self, reason: CloseReason, message: str) -> None:
         """The engine is gone: end its sessions, and answer all that waits."""
         with self._lock:
-            self._is_up = False
+            self._is_up = self.is_absent = False
             self._mailbox = Mailbox(MAX_PENDING)
             self._has_events = False
             self._load, self._asked, self._played_before = 0.0, 0.0, 0

@@ -30,6 +30,7 @@ from motiongen_server.engine_process.group import EngineGroup
 from motiongen_server.engine_process.messages import Begin, StepsElsewhere
 from motiongen_server.engine_process.process import HUNG_S, EngineProcess
 from motiongen_server.engine_process.restarts import REST_S
+from motiongen_server.engine_process.silence import LOAD_AGAIN_S
 from motiongen_server.engine_process.text import EngineTextEncoder
 from motiongen_server.models.loader import load_encoder
 from motiongen_server.ops.metrics import Metrics
@@ -39,6 +40,8 @@ from motiongen_server.text.ports import TextEncoder
 ENGINE_COMMAND = (sys.executable, "-m", "motiongen_server.engine_process")
 """Starts an engine process, given the folder of its gateway's sockets."""
 END_S = 5.0
+LOOK_EVERY_S = 1.0
+"""How often it is looked whether a model that is being loaded can still come."""
 _log = logging.getLogger(__name__)
 
 ObserverOf = Callable[[str, str], Observe]
@@ -105,8 +108,11 @@ class EnginePool:
         """
         slot = next(self._slots)
         links = [process.load_model(slot, source) for process in self.processes]
-        done, _ = wait([link.ready for link in links])
-        errors = [error for error in (future.exception() for future in done) if error is not None]
+        ready = [link.ready for link in links]
+        errors: list[BaseException] = []
+        while not errors and wait(ready, LOOK_EVERY_S).not_done:
+            errors = self._hindered()
+        errors += [error for future in ready if future.done() and (error := future.exception()) is not None]
         ordered = sorted(zip(self._spare, self.processes, links, strict=True), key=itemgetter(0))
         members = tuple((process, link) for _, process, link in ordered)
         num_at_work = len(members) - sum(self._spare)
@@ -124,6 +130,20 @@ class EnginePool:
             link.observe = self._observer_of(link.ready.result().facts.model_id, process.name)
             link.on_quota_steps = partial(self._tell_others, process, slot)
         return group
+
+    def _hindered(self) -> list[BaseException]:
+        """Why a model is not loaded: what a process held before is loaded by the same thread, and does not come."""
+        loading = [(process, "a model", process.absent.awaited_s) for process in self.processes]
+        if self._text is not None:
+            loading.append((self.processes[0], "the text encoder", self._text.loading_s))
+        return [
+            SettingError(
+                f"engine {process.name} has been loading {what} again for {loading_s:.0f} s, and loads no other before "
+                f"that ends; see what hinders it, then end process {process.pid}, which is started anew"
+            )
+            for process, what, loading_s in loading
+            if loading_s > LOAD_AGAIN_S and process.pid is not None
+        ]
 
     def _tell_others(self, process: EngineProcess, slot: int, taken: StepsOf) -> None:
         """What the engine of a slot did for owners that have a quota counts for all engines."""

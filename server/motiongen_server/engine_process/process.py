@@ -10,9 +10,10 @@ from collections.abc import Callable, Sequence
 from motiongen_server.devices import EngineDevice
 from motiongen_server.engine.ports import Deliver
 from motiongen_server.engine.types import CloseReason
+from motiongen_server.engine_process.absent_models import AbsentModels
 from motiongen_server.engine_process.bell import Bell
 from motiongen_server.engine_process.child import END_S, StartChild
-from motiongen_server.engine_process.connection import Connection, EngineLost, Stopped
+from motiongen_server.engine_process.connection import Connection, EngineLost, LoadFailed, Stopped
 from motiongen_server.engine_process.control import ControlQueue
 from motiongen_server.engine_process.messages import (
     Begin,
@@ -68,6 +69,7 @@ class EngineProcess:
         self._hung_s = hung_s
         self._bell = Bell()
         self._control = ControlQueue()
+        self.absent = AbsentModels(name, self._control, rest_s)
         self._take_text: TakeText | None = None
         self._on_loss: Callable[[], None] = lambda: None
         self._stopping = threading.Event()
@@ -205,6 +207,7 @@ class EngineProcess:
         connection = Connection(self._start_child, self._bell, self._stopping.is_set, self.device.environment())
         self._connection = connection
         connection.begin(self._first_message)
+        self.absent.begin()
         for link in self._control.begin():
             link.end()
         return connection
@@ -216,6 +219,7 @@ class EngineProcess:
             connection.wait(TICK_S, for_room=self._control.send(connection))
             self._bell.quiet()
             silence.look()
+            self.absent.look(silence.missing_s)
             while (message := connection.next_message()) is not None:
                 if isinstance(message, Ended):
                     if message.error:
@@ -245,19 +249,19 @@ class EngineProcess:
         elif isinstance(message, Ready):
             self._take_ready(link, message)
         elif link.ready.done() and message.error:
-            raise EngineLost(f"{link.source!r} cannot be loaded again: {message.error}")
-        else:
+            self.absent.fail(link, message.error)
+        elif not link.is_absent:
             self._control.remove(link)
             text = message.error or "it was unloaded"
-            link.end(SettingError(text) if message.is_setting else EngineLost(text))
+            link.end(SettingError(text) if message.is_setting else LoadFailed(text))
 
     def _take_ready(self, link: ModelLink, message: Ready) -> None:
         is_again = link.ready.done()
         if not link.take_ready(message):
-            raise EngineLost("the model has changed since the server was started; start the server anew")
-        if is_again:
-            self._failure = None
+            self.absent.change(link)
+        elif is_again:
             _log.info("engine %s serves %s again, process %s", self.name, message.facts.model_id, self.pid)
+        self._failure = None
 
     # ---- loss -------------------------------------------------------------------------------------------------------
 

@@ -5,6 +5,7 @@ from __future__ import annotations
 import itertools
 import logging
 import threading
+import time
 from collections.abc import Sequence
 from concurrent.futures import Future
 
@@ -35,8 +36,15 @@ class EngineTextEncoder:
         self._waiting: dict[int, Future[Float32Array]] = {}
         self._ready: Future[EncoderReady] = Future()
         self._missing = ""  # why the engine process that there is now has none that can be used
-        process.serve_text(self._take, lambda: (LoadEncoder(width),), self._lose)
+        self._loading_since: float | None = None
+        process.serve_text(self._take, self._begin, self._lose)
         self.identity = self._ready.result().identity
+
+    @property
+    def loading_s(self) -> float:
+        """For how long its engine process has been loading it, in seconds; 0 where it is not."""
+        since = self._loading_since
+        return 0.0 if since is None else time.monotonic() - since
 
     def encode(self, texts: Sequence[str]) -> Float32Array:
         """(len(texts), width). Raises EncoderLost where the engine process cannot answer now."""
@@ -59,6 +67,11 @@ class EngineTextEncoder:
 
     # ---- from the thread of the engine process ----------------------------------------------------------------------
 
+    def _begin(self) -> tuple[LoadEncoder]:
+        """What each engine process is told."""
+        self._loading_since = time.monotonic()
+        return (LoadEncoder(self.width),)
+
     def _take(self, message: EncoderReady | Encoded) -> None:
         if isinstance(message, EncoderReady):
             self._take_ready(message)
@@ -73,6 +86,7 @@ class EngineTextEncoder:
             answer.set_result(message.vectors)
 
     def _take_ready(self, message: EncoderReady) -> None:
+        self._loading_since = None
         if not self._ready.done():
             if message.error:
                 self._ready.set_exception(SettingError(message.error))
@@ -93,7 +107,7 @@ class EngineTextEncoder:
 
     def _lose(self) -> None:
         """The engine process is gone; if there is a next one, it loads the encoder again."""
-        self._missing = ""
+        self._missing, self._loading_since = "", None
         self._break_off("the text encoder is being started anew")
         with self._lock:
             if self._ready.done():

@@ -10,6 +10,7 @@ import grpc
 import grpc.aio
 
 from motiongen.v1 import admin_pb2
+from motiongen_server.engine.engine_port import ModelLost
 from motiongen_server.errors import StreamRefused
 from motiongen_server.identity.caller import Role
 from motiongen_server.identity.callers import Callers
@@ -94,14 +95,14 @@ class AdminService:
             task.exception()  # looked at: the caller may be gone
 
     def _status(self, kept: LoadedModel) -> admin_pb2.ModelStatus:
-        failure = kept.engine.failure
+        failure = kept.engine.failure if kept.state is ModelState.FAILED else None
         return admin_pb2.ModelStatus(
             model_id=kept.model_id,
             source=kept.source,
             state=int(kept.state),  # type: ignore[arg-type]  # the manager's numbers are the protocol's
             sessions=kept.engine.num_sessions,
             load=self._load_of(kept.model_id),
-            message=f"its engine failed: {failure}" if kept.state is ModelState.FAILED else "",
+            message="" if failure is None else _why(failure),
         )
 
 
@@ -111,6 +112,10 @@ def add_admin(service: AdminService, server: grpc.aio.Server) -> None:
     methods = (service.ListModels, service.LoadModel, service.UnloadModel, service.ReloadModel)
     handlers = {method.__name__: unary_method(method, requests) for method in methods}
     serve_methods(server, SERVICE_NAME, handlers)
+
+
+def _why(failure: BaseException) -> str:
+    return str(failure) if isinstance(failure, ModelLost) else f"its engine failed: {failure}"
 
 
 def _grace_s(request: admin_pb2.UnloadModelRequest | admin_pb2.ReloadModelRequest) -> float | None:

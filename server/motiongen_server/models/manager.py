@@ -9,8 +9,9 @@ from collections.abc import Awaitable, Callable
 from typing import Protocol
 
 from motiongen_server.background import start_in_background
-from motiongen_server.engine.engine_port import EnginePort
-from motiongen_server.engine.types import Code
+from motiongen_server.engine.engine_port import EnginePort, ModelLost
+from motiongen_server.engine.types import Code, EventRefused
+from motiongen_server.engine_process.connection import EngineLost, LoadFailed
 from motiongen_server.models.registry import LoadedModel, ModelRegistry, ModelState
 from motiongen_server.ops.memory import settle_again
 from motiongen_server.rpc.errors.events import model_failed, model_reloading
@@ -145,7 +146,7 @@ class ModelManager:
                 raise CannotKeep(Code.FAILED_PRECONDITION, "ANOTHER_MODEL", message)
         except CannotKeep:
             if old.refusal is reloading:  # else its engine has failed meanwhile
-                old.refusal = before
+                old.refusal = before if old.state is ModelState.FAILED else None  # it may serve again meanwhile
             raise
         self._kept[self._kept.index(old)] = kept
         self.models.put(kept)
@@ -194,6 +195,10 @@ class ModelManager:
                 _log.info("loading %r was broken off", source)
                 message = f"{source!r} is not loaded any more: the server is going away"
                 raise CannotKeep(Code.UNAVAILABLE, "DRAINING", message) from error
+            if isinstance(error, EngineLost) and not isinstance(error, LoadFailed):
+                message = f"{source!r} is not loaded: {error}; try again once all engine processes serve"
+                _log.error("%s", message)
+                raise CannotKeep(Code.UNAVAILABLE, "ENGINE_LOST", message) from error
             _log.exception("loading %r failed", source)
             raise CannotKeep(Code.INTERNAL, "CANNOT_LOAD", f"loading {source!r} failed; the log says why") from error
         finally:
@@ -224,12 +229,19 @@ class ModelManager:
     # ---- all engines as one -----------------------------------------------------------------------------------------
 
     def look_after(self) -> None:
-        """Note which engines have failed."""
+        """Note which models have failed, and which serve again."""
         for kept in self._kept:
-            if kept.state is ModelState.SERVING and kept.engine.failure is not None:
-                _log.error("%s is served no more: its engine has failed", kept.model_id)
+            failure = kept.engine.failure
+            if kept.state is ModelState.SERVING and failure is not None:
                 kept.state = ModelState.FAILED
-                kept.refusal = model_failed(kept.model_id)
+                kept.refusal = _refusal_of(kept, failure)
+                _log.error("%s", kept.refusal)
+            elif kept.state is ModelState.FAILED:
+                if kept.refusal is not None and kept.refusal.reason == "MODEL_FAILED":  # else it is being reloaded
+                    kept.refusal = None if failure is None else _refusal_of(kept, failure)
+                if failure is None:
+                    kept.state = ModelState.SERVING
+                    _log.info("%s is served again", kept.model_id)
 
     @property
     def failure(self) -> BaseException | None:
@@ -256,3 +268,8 @@ class ModelManager:
     async def stop(self) -> None:
         """Close every session, and end all engines."""
         await asyncio.gather(*(self._end(kept.engine) for kept in self._kept))
+
+
+def _refusal_of(kept: LoadedModel, failure: BaseException) -> EventRefused:
+    """What clients are told of a model that has failed. What failed is for the log."""
+    return model_failed(kept.model_id, failure.told if isinstance(failure, ModelLost) else "its engine has failed")

@@ -82,11 +82,16 @@ class ModelRegistry:
         """The same as a message."""
         return self.default.catalog.limits_message
 
-    def find(self, model_id: str) -> LoadedModel:
-        """The model of that name, the default for an empty one. Raises EventRefused where no session can be opened."""
-        served = self._served.get(model_id) if model_id else next(iter(self))
+    def named(self, model_id: str) -> LoadedModel:
+        """The model of that name, the default for an empty one, though it may take no sessions. Raises EventRefused."""
+        served = self._served.get(model_id) if model_id else self.default
         if served is None:
             raise unknown_model(model_id, self._served)
+        return served
+
+    def find(self, model_id: str) -> LoadedModel:
+        """The same. Raises EventRefused also where no session can be opened with it."""
+        served = self.named(model_id)
         if served.refusal is not None:
             raise served.refusal
         return served
@@ -116,6 +121,11 @@ class ModelRegistry:
     def free_shares(self) -> dict[str, float]:
         """The same of each model, by its name. From any thread; 0 of those that take no sessions."""
         return {each.model_id: 0.0 if each.refusal else self._free_share_of(each) for each in self}
+
+    @property
+    def num_engines(self) -> dict[str, int]:
+        """How many engine processes serve each model at this moment, by its name. From any thread."""
+        return {each.model_id: each.engine.num_engines for each in self}
 
     def _free_share_of(self, model: LoadedModel) -> float:
         return 0.0 if self.is_gateway_full() else model.engine.free_share

@@ -3,11 +3,11 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Iterable
+from collections.abc import Iterable, Mapping
 from typing import Protocol
 
 from prometheus_client import CollectorRegistry, Counter, Gauge, Histogram, Metric, ProcessCollector
-from prometheus_client.core import CounterMetricFamily
+from prometheus_client.core import CounterMetricFamily, GaugeMetricFamily
 from prometheus_client.registry import Collector
 
 from motiongen_server.ops.model_metrics import LATENCY_BUCKETS, ByEngine, EngineMetrics
@@ -36,6 +36,16 @@ class WatchedWriter(Protocol):
 
     @property
     def is_failing(self) -> bool: ...
+
+
+class WatchedModels(Protocol):
+    """What the metrics need of the models that are offered. From any thread. num_engines: by model id."""
+
+    @property
+    def free_share(self) -> float: ...
+
+    @property
+    def num_engines(self) -> Mapping[str, int]: ...
 
 
 class WatchedService(Protocol):
@@ -86,6 +96,21 @@ class CountedByService(Collector):
         )
 
 
+class CountedByModel(Collector):
+    """What is exported for each model that is offered. models: None until there are any."""
+
+    def __init__(self) -> None:
+        self.models: WatchedModels | None = None
+
+    def collect(self) -> Iterable[Metric]:
+        family = GaugeMetricFamily(
+            "motiongen_model_engines", "Engine processes that serve a model at this moment.", labels=["model"]
+        )
+        for model_id, num_engines in ({} if self.models is None else self.models.num_engines).items():
+            family.add_metric([model_id], num_engines)
+        yield family
+
+
 class Metrics:
     """The server's metrics, in a registry of their own."""
 
@@ -96,6 +121,8 @@ class Metrics:
         registry.register(self._by_engine)
         self._by_service = CountedByService()
         registry.register(self._by_service)
+        self._by_model = CountedByModel()
+        registry.register(self._by_model)
         self.build = Gauge("motiongen_build_info", "What is running, always 1.", ["model", "rig"], registry=registry)
         self.prompts = Counter(
             "motiongen_prompts",
@@ -205,6 +232,11 @@ class Metrics:
         self.engine_up.labels(engine).set_function(lambda: float(process.pid is not None))
         self.engine_restarts.labels(engine).set_function(lambda: process.num_restarts)
         self.engine_memory.labels(engine).set_function(lambda: process.rss_bytes)
+
+    def watch_models(self, models: WatchedModels) -> None:
+        """Export the state of the models that are offered, read at every scrape."""
+        self._by_model.models = models
+        self.free_share.set_function(lambda: models.free_share)
 
     def watch_service(self, service: WatchedService) -> None:
         """Export the state of streams and sessions, read at every scrape."""

@@ -3,8 +3,10 @@
 HOW says what is to go wrong: nothing; small (an engine takes one session); settings, load (refused, or failing, while
 it loads); tell_load (refused, with the admit_load that it got); schema (the greeting is of another version); garbage
 (after its first outputs it says what is no message); stuck:FOLDER (of the processes that load, all of which leave a
-file there, the second never comes to an end); changing (each process that loads finds other weights); hang, die, fail
-(in the second window of a session with the seed `FATAL_SEED`).
+file there, the second never comes to an end); stuck encoder:FOLDER (the same of the text encoder); large encoder;
+changing (each process that loads finds other weights); shelf:FOLDER (the weights of a model are what its file there
+says; without one it cannot be loaded, and of one that says "stuck" that never ends); hang, die, fail (in the second
+window of a session with the seed `FATAL_SEED`).
 """
 
 from __future__ import annotations
@@ -61,10 +63,15 @@ def build(begin: Begin, how: str, source: str, deliver: Deliver, observe: Observ
     if how == "load":
         raise RuntimeError("the disk is gone")
     if how.startswith("stuck:"):
-        folder = Path(how.partition(":")[2])
-        (folder / str(os.getpid())).touch()
-        if len(list(folder.iterdir())) == 2:
-            threading.Event().wait()
+        hang_second(Path(how.partition(":")[2]))
+    weights = str(os.getpid()) if how == "changing" else ""
+    if how.startswith("shelf:"):
+        try:
+            weights = (Path(how.partition(":")[2]) / source).read_text(encoding="utf-8")
+            if weights == "stuck":
+                threading.Event().wait()
+        except OSError as error:
+            raise SettingError(f"cannot serve model {source!r}: {error}") from error
     runner = FatalRunner(RealTime())
     runner.how = how
     runner.facts = replace(runner.facts, model_id=source)
@@ -72,7 +79,14 @@ def build(begin: Begin, how: str, source: str, deliver: Deliver, observe: Observ
     # It plays in real time: without the rest, a busy machine would have sessions refused or served with less.
     engine_config = EngineConfig(max_sessions=max_sessions, admit_load=ANY_LOAD, degrade=False)
     engine = Engine(runner, RealTime(), deliver, engine_config, observe=observe, inbox=inbox)
-    return Built(engine, runner.facts, "CC0-1.0", weights=str(os.getpid()) if how == "changing" else "")
+    return Built(engine, runner.facts, "CC0-1.0", weights=weights)
+
+
+def hang_second(folder: Path) -> None:
+    """In the second process that comes here."""
+    (folder / str(os.getpid())).touch()
+    if len(list(folder.iterdir())) == 2:
+        threading.Event().wait()
 
 
 class Stutterer:
@@ -113,6 +127,8 @@ def main(how: str, folder: Path) -> int:
         def load_text(width: int) -> Stutterer:
             if how == "settings":
                 raise SettingError("there is no such encoder")
+            if how.startswith("stuck encoder:"):
+                hang_second(Path(how.partition(":")[2]))
             if how == "large encoder":
                 raise MemoryError("15 GiB")
             return Stutterer()

@@ -89,7 +89,7 @@ def test_a_line_on_which_nothing_comes_is_given_up_for_another(view: str, open_p
         """
     )
     assert page.run("return waited"), "a slow line is none that has gone"
-    assert page.run("return asked") == "the line to the bridge was lost"
+    assert page.run("return asked") == "the connection to the bridge was lost"
     page.until("motiongen.connection._socket !== first && motiongen.connection.isOpen")
     page.until("motiongen.connection.roundTripMs !== null")
     assert page.complaints() == []

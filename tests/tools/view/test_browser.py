@@ -197,7 +197,7 @@ async def test_a_frame_that_cannot_be_shown_is_said(
     monkeypatch.setattr("tests.client.fake_server.synthetic_rows", broken)
     await page.ask(op="add")
     await page.until(lambda: (page.last("character") or {}).get("failure"))
-    assert page.last("character")["failure"].startswith("frame 21 came with a number that is not finite")
+    assert page.last("character")["failure"].startswith("frame 21 has a number that is not finite")
     assert not room.character(1).has_ended
 
 

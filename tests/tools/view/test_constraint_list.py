@@ -56,7 +56,7 @@ def test_root_and_heading_are_written(take: Motion, tmp_path: Path) -> None:
     np.testing.assert_allclose(heading["root_2d"][0], take.root_translation_m[20][[0, 2]])
     assert told == [
         "constraint 2, waypoint: its frame 500 is not in the take",
-        "constraint 5, heading: said with the place where the take had it",
+        "constraint 5, heading: written with the place that it has in the take",
     ]
     assert len(again(text, take, tmp_path)) == 3
 
@@ -80,7 +80,7 @@ def test_a_limb_is_where_it_was_asked_for(take: Motion, tmp_path: Path) -> None:
     assert isinstance(limb, JointTargets)
     assert isinstance(way, Waypoint)
     np.testing.assert_allclose(limb.positions_m[list(limb.joints).index(hand)], place, atol=5e-3)
-    assert "said with the pose that the take had" in told[0]
+    assert "written with the pose of the take" in told[0]
 
 
 def test_what_the_server_placed_is_written_where_it_put_it(take: Motion, tmp_path: Path) -> None:
@@ -92,7 +92,7 @@ def test_what_the_server_placed_is_written_where_it_put_it(take: Motion, tmp_pat
     assert isinstance(found, RootTrajectory)
     assert found.first_frame == 18
     np.testing.assert_allclose(found.positions_m[0], [3.0, 3.0], atol=1e-6)
-    assert told == ["constraint 2, waypoint: the server has not said yet when and where it is meant"]
+    assert told == ["constraint 2, waypoint: the server has not placed it yet"]
 
 
 def test_a_list_is_read_from_a_frame_on(take: Motion) -> None:

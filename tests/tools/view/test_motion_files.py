@@ -23,7 +23,7 @@ def test_a_figure_that_the_server_does_not_know_is_refused(tmp_path: Path, stick
 @pytest.mark.parametrize(
     ("change", "said"),
     [
-        ({"parents": (0,) * 9}, "no tree"),
+        ({"parents": (0,) * 9}, "form a tree"),
         ({"parents": (-1, 0)}, "2 parents"),
         ({"offsets_m": np.full((9, 3), np.nan, np.float32)}, "not finite"),
         ({"offsets_m": np.zeros((2, 3), np.float32)}, "offsets of shape"),

@@ -52,7 +52,7 @@ async def test_what_comes_after_the_last_frame_is_said_to_be_left_out(bridge: Br
         while not again.session.is_paused:
             await bridge.beat()
     assert len(again.edits.entries) == 1
-    assert again.failure == "its last frame came before 1 of its edits, which are not said again"
+    assert again.failure == "its last frame came before 1 of its edits, which are not repeated"
 
 
 def test_ids_are_those_of_the_new_character() -> None:
@@ -110,7 +110,7 @@ async def test_what_cannot_be_said_again_is_told_and_all_else_goes_on(
     again, other = room.character(number), room.character(1)
     await moved(bridge, again)
     await moved(bridge, other)
-    assert "frame 0 cannot be said again" in again.failure
+    assert "frame 0 cannot be repeated" in again.failure
     assert not again.shown()["is_rehearsing"]
     assert not other.failure
     await room.remove(number)

@@ -124,7 +124,7 @@ async def test_an_edit_behind_the_last_frame_is_said_not_to_be_told(server: Fake
     async with MotionClient(server.address) as client:
         answers = await play(await client.open(keep_s=None), late)
     assert [edit.at_frame for edit, _ in answers] == [4, 20]
-    assert answers[1][1] == "not told: the last frame came before it"
+    assert answers[1][1] == "not sent: the motion ended before it"
 
 
 async def test_an_edit_that_nobody_could_take_is_named(server: FakeServer) -> None:

@@ -80,7 +80,7 @@ def test_every_module_that_a_module_names_is_there() -> None:
 def test_another_site_posts_nothing(open_site: TestClient) -> None:
     for address in ("/session/main", "/motion?name=walk.bvh", "/constraints/main/1"):
         posted = open_site.post(address, content=b"{}", headers={"origin": "http://evil.example"})
-        assert (posted.status_code, posted.text) == (403, "the page is another site's")
+        assert (posted.status_code, posted.text) == (403, "the page belongs to another site")
         assert open_site.post(address, content=b"{}", headers={"origin": LOCAL}).status_code == 400
 
 

@@ -1,4 +1,4 @@
-// One character from C#, by P/Invoke, as a script in Unity would: Character.exe HOST:PORT
+// One character from C# through P/Invoke, as in a Unity script: Character.exe HOST:PORT
 using System;
 using System.Runtime.InteropServices;
 using System.Text;
@@ -64,7 +64,7 @@ static class Motiongen
         public uint StructSize, NumJoints, RowFloats, FrameRateHz, RootColumn, RotationColumn, ContactColumn;
     }
 
-    // Texts are UTF-8 in both directions: what Marshal calls Ansi is the system's code page on Windows.
+    // Texts are UTF-8 in both directions. Marshal's "Ansi" cannot be used: on Windows it is the system's code page.
     public static string Text(IntPtr text)
     {
         int size = 0;

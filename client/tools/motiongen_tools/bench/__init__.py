@@ -1,6 +1,6 @@
-"""The load generator behind `motiongen bench`: open loop, latency counted from intended times, real-time playback.
+"""The load generator of `motiongen bench`: an open loop with real-time playback; latencies count from intended times.
 
-`scenario` says what load is, `schedule` draws it before the run, `generator` plays it in a process of its own, `run`
-joins processes, server and progress together, `search` looks for the most characters, `result` and `report` say what
-came of it. Needs the extra: `pip install 'motiongen-tools[bench]'`.
+`scenario` defines a load, `schedule` draws it before the run, `generator` plays it in a process of its own, `run`
+connects processes, server and progress, `search` looks for the most characters, `result` and `report` present the
+results. Needs the extra: `pip install 'motiongen-tools[bench]'`.
 """

@@ -1,4 +1,4 @@
-"""A search for the greatest number that passes, by doubling and bisection."""
+"""Searches for the greatest number that passes, by doubling and bisection."""
 
 from __future__ import annotations
 
@@ -9,9 +9,9 @@ _MOST_CHARACTERS = 1_000_000
 
 @dataclass
 class Bracket:
-    """What is known so far: `most` were served, `too_many` were not (None: no such number is known).
+    """The state of the search: `most` passed, `too_many` failed (None: no failing number is known).
 
-    It ends when the two are neighbours within `tolerance` (of `most`).
+    The search ends when the two are within `tolerance` (of `most`) of each other.
     """
 
     start: int
@@ -21,7 +21,7 @@ class Bracket:
     _served: list[int] = field(default_factory=list)
 
     def next(self) -> int | None:
-        """The next number to try; None when there is nothing more to find out."""
+        """The next number to try; None when the search is over."""
         if self.too_many is None:
             return min(self.most * 2 or self.start, _MOST_CHARACTERS) if self.most < _MOST_CHARACTERS else None
         if self.too_many - self.most <= max(1, self.tolerance * self.most):
@@ -29,7 +29,7 @@ class Bracket:
         return self.too_many // 2 if self.most == 0 else (self.most + self.too_many) // 2
 
     def note(self, characters: int, passed: bool) -> None:
-        """A number was tried. One that passed and then failed has failed, and so has every larger one."""
+        """Note a result. A number that passed once and then fails counts as failed, and so does every larger one."""
         if passed:
             self._served.append(characters)
             self.most = max(self.most, characters)

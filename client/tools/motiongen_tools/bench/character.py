@@ -1,8 +1,8 @@
-"""One character as its client sees it: playback by arithmetic, and its edits on their way.
+"""One character as its client sees it: playback by arithmetic, and edits that await their effect.
 
-No task, no timer, no frame data. When a frame is due follows from when playback began; whether it was there is found
-out when the next frames arrive. A character that has nothing to show holds its pose for whole frame times, as a game's
-loop would, and plays on from there, so everything after is due that much later.
+It has no task, no timer and no frame data. When a frame is due follows from when playback began; whether it was there
+in time is found out when the next frames arrive. A character that has nothing to show holds its pose for whole frame
+times, as a game's loop would, and then plays on from there, so everything after it is due that much later.
 """
 
 from __future__ import annotations
@@ -14,8 +14,8 @@ from motiongen.v1 import motion_pb2, session_pb2
 from motiongen_tools.bench.recorder import ANSWER, EVENT, LATENESS, OPEN, SCREEN, SLACK, Recorder
 from motiongen_tools.bench.schedule import CharacterPlan, Phases
 
-START_GRACE_S = 1.0  # a character that shows nothing so long after its intended open misses frames
-_JITTER_S = 0.02  # most by which a game's loop comes to ask for a frame after it is due
+START_GRACE_S = 1.0  # a character that has shown nothing this long after its intended open misses frames
+_JITTER_S = 0.02  # how long after a frame is due a game's loop asks for it, at most
 _JITTER_PERIOD = 1021  # prime, so that characters and frames do not fall into step
 
 _CONTINUE = session_pb2.PLAN_CAUSE_CONTINUE
@@ -23,7 +23,7 @@ _CONTINUE = session_pb2.PLAN_CAUSE_CONTINUE
 
 @dataclass(slots=True)
 class PendingEdit:
-    """An edit that was sent, until its outcome and its first changed frame have come, in either order.
+    """An edit that was sent, until its outcome and its first changed frame have arrived, in either order.
 
     first_frame: the first that it changes, once a plan has named it.
     """
@@ -36,7 +36,7 @@ class PendingEdit:
 
 @dataclass(slots=True)
 class Showing:
-    """An edit whose first changed frame has come and has not been shown."""
+    """An edit whose first changed frame has arrived and has not been shown yet."""
 
     intended_s: float
     frame: int
@@ -44,7 +44,7 @@ class Showing:
 
 
 class Character:
-    """Playback and books of one character. All times are seconds from the start of the run."""
+    """Playback and records of one character. All times are seconds from the start of the run."""
 
     __slots__ = (
         "_due_from_s",
@@ -93,25 +93,25 @@ class Character:
         self.buffered_to = self.committed_to = 0
         self.missed = 0
         self._plan_number = 0
-        self._epoch_s = 0.0  # when frame 0 was due; moved by every pose that was held
-        self._shown_to = 0  # frames below it have been shown, whatever came later
+        self._epoch_s = 0.0  # when frame 0 was due; shifted by the time that poses were held
+        self._shown_to = 0  # frames below it have been shown, even if they came again later
         self._due_from_s = plan.open_s + START_GRACE_S
         self._edits: dict[int, PendingEdit] = {}
         self._showing: list[Showing] = []
 
     @property
     def is_live(self) -> bool:
-        """Whether it may be told something."""
+        """Whether events may be sent to it."""
         return self.open_sent and not self.ended
 
     @property
     def is_playing(self) -> bool:
         return self.started and not self.ended
 
-    # ---- what is sent
+    # ---- sending
 
     def take_seq(self, intended_s: float | None = None) -> int:
-        """The number of the next event; with a moment, it is an edit whose way is followed."""
+        """The number of the next event. With intended_s, it is an edit whose latencies are recorded."""
         seq = self.next_seq
         self.next_seq += 1
         if intended_s is not None:
@@ -123,16 +123,16 @@ class Character:
         return max(min(int((now_s - self._epoch_s) / self._frame_s), self.buffered_to - 1), 0)
 
     def held_now(self, now_s: float) -> int:
-        """Frame times, up to now, of a pose that is being held and not counted yet."""
+        """Frame times, up to now, for which a pose has been held and not yet counted."""
         return max(int((now_s - self._epoch_s) / self._frame_s) - self.buffered_to + 1, 0)
 
-    # ---- what comes
+    # ---- receiving
 
     def take_opened(self) -> None:
         self.opened = True
 
     def take_notice(self, notice: session_pb2.PlanNotice, now_s: float) -> None:
-        """Drop what the plan replaces, and note which edits it holds."""
+        """Drop what the plan replaces, and note which edits it contains."""
         self._plan_number = notice.plan
         counts = self._recorder.counts
         counts["plans"] += 1
@@ -151,10 +151,10 @@ class Character:
                 edit.first_frame = notice.valid_from
 
     def take_chunk(self, chunk: motion_pb2.FrameChunk, now_s: float) -> None:
-        """Frames have come: were they there when they were due?"""
+        """Take new frames, and count those that were not there when they were due."""
         first, end = chunk.first_frame, chunk.first_frame + chunk.frame_count
         if chunk.plan != self._plan_number or first != self.buffered_to:
-            self._recorder.counts["protocol_breaches"] += 1  # of another plan, or with a gap or overlap
+            self._recorder.counts["protocol_breaches"] += 1  # it is of another plan, or leaves a gap, or overlaps
             if chunk.plan != self._plan_number:
                 return
         self._recorder.add("frames", self._group, now_s, chunk.frame_count)
@@ -169,7 +169,7 @@ class Character:
             self._find_changed(end, now_s)
 
     def take_outcome(self, outcome: session_pb2.EditOutcome, now_s: float) -> None:
-        """An edit was answered. The refusals are counted by the stream."""
+        """Take the answer to an edit. The stream counts the refusals."""
         edit = self._edits.get(outcome.event_seq)
         if edit is None:
             return
@@ -185,18 +185,18 @@ class Character:
             del self._edits[outcome.event_seq]
         elif (
             edit.first_frame is None
-        ):  # it lies beyond everything planned: when its frames come says nothing of the server
+        ):  # it is beyond everything planned: when its frames come says nothing about the server
             counts["edits_beyond_the_plan"] += 1
             del self._edits[outcome.event_seq]
 
     def look(self, now_s: float) -> None:
-        """Note the edits that have come on screen by now. Called now and then; the moment itself is arithmetic."""
+        """Record the edits that are on screen by now. Can be called at any time: the exact moment is computed."""
         if self._showing:
             playhead = self.playhead(now_s)
             self._showing = [showing for showing in self._showing if not self._has_shown(showing, playhead, now_s)]
 
     def end(self, now_s: float, *, as_planned: bool) -> None:
-        """The session is over, or the run is. as_planned: if not, it goes on missing frames until its planned close."""
+        """End the session, or the run. as_planned False: it keeps missing frames until its planned close."""
         if self.ended:
             return
         self.ended = True
@@ -208,10 +208,10 @@ class Character:
         self._recorder.add_span("due", self._group, self._due_from_s, end_s, 1 / self._frame_s)
         if not self.started:
             self._recorder.counts["characters_without_a_frame"] += 1
-            self._recorder.record(OPEN, self._group, end_s - self.plan.open_s)  # it has waited at least so long
+            self._recorder.record(OPEN, self._group, end_s - self.plan.open_s)  # it has waited at least this long
 
     def give_up_edits(self, now_s: float) -> None:
-        """The run is over: what still waits has waited at least so long; leaving it out would flatter the server."""
+        """When the run ends, record how long edits have waited so far: omitting them would flatter the server."""
         for edit in self._edits.values():
             if edit.changed:
                 continue
@@ -221,20 +221,20 @@ class Character:
         self._edits.clear()
 
     def drop_edits(self) -> None:
-        """The character leaves as planned, before its last edits could be answered."""
+        """Forget edits of a character that leaves as planned before they could be answered."""
         cut_off = sum(not edit.changed for edit in self._edits.values())
         if cut_off:
             self._recorder.counts["edits_cut_off_by_a_close"] += cut_off
         self._edits.clear()
 
     def refused(self) -> None:
-        """The server did not open it."""
+        """Note that the server refused to open it."""
         self.ended = True
 
     # ---- arithmetic
 
     def _due_s(self, frame: int) -> float:
-        """When the loop comes to ask for a frame."""
+        """When the game's loop asks for a frame."""
         jitter = self._jitter[(self.handle * 31 + frame) % _JITTER_PERIOD]
         return self._epoch_s + frame * self._frame_s + jitter
 
@@ -261,7 +261,7 @@ class Character:
             self._epoch_s += held * self._frame_s
 
     def _count_missed(self, due_s: float, now_s: float) -> int:
-        """Whole frame times from due_s until now in which there was nothing new to show: one underrun."""
+        """Whole frame times from due_s until now without anything new to show; counts as one underrun."""
         if now_s <= due_s:
             return 0
         held = math.floor((now_s - due_s) / self._frame_s) + 1

@@ -31,7 +31,7 @@ _TICKS = (50, 90, 99, 99.9, 99.99)
 
 
 def draw_run(result: Result) -> Figure:
-    """Six panels of one run."""
+    """A figure of six panels for one run."""
     figure = _new_figure((13.5, 10.5))
     grid = figure.add_gridspec(3, 2, height_ratios=[1, 1, 1.05])
     groups = result.groups()
@@ -52,7 +52,7 @@ def draw_run(result: Result) -> Figure:
 
 
 def draw_search(found: Found, max_miss_ratio: float) -> Figure:
-    """Frames missed by number of characters, a point a trial."""
+    """Missed frames by number of characters, one point per trial."""
     figure = _new_figure((13.5, 4.2))
     axes = figure.add_subplot()
     trials, allowed = found.trials, 100 * max_miss_ratio
@@ -83,7 +83,7 @@ def as_png(figure: Figure) -> bytes:
 
 
 def as_svg(figure: Figure) -> str:
-    """An element to put into a page."""
+    """The figure as an element to put into a page."""
     text = _saved(figure, "svg").decode()
     return text[text.index("<svg") :]
 
@@ -103,12 +103,12 @@ def _new_figure(inches: tuple[float, float]) -> Figure:
 
 
 def _place(percentile: float) -> float:
-    """Where a percentile stands on an axis on which every nine after the point is as wide as the one before."""
+    """The place of a percentile on a logarithmic axis, on which 90, 99, 99.9 and so on are equally far apart."""
     return 1 / (1 - percentile / 100)
 
 
 def _percentiles(axes: Axes, title: str, named: Sequence[tuple[str, HdrHistogram]]) -> None:
-    """A line a histogram, milliseconds by percentile, as far as there is anything to tell percentiles apart."""
+    """One line per histogram, milliseconds by percentile, up to the percentile that its count can resolve."""
     top = 10.0
     for (name, histogram), colour in zip(named, _COLOURS, strict=False):
         count = histogram.get_total_count()
@@ -135,7 +135,7 @@ def _percentiles(axes: Axes, title: str, named: Sequence[tuple[str, HdrHistogram
 
 
 def _earliness(axes: Axes, result: Result) -> None:
-    """How long before playback needed them chunks came; to the left of 0, how long after."""
+    """How long before playback needed them chunks arrived; left of 0, how long after."""
     early, late = result.recorder.histogram(SLACK), result.recorder.histogram(LATENESS)
     values = [
         (item.value_iterated_to / 1000, item.count_at_value_iterated_to) for item in early.get_recorded_iterator()
@@ -158,7 +158,7 @@ def _earliness(axes: Axes, result: Result) -> None:
 
 
 def _by_second(axes: Axes, result: Result) -> None:
-    """Frames due, received and missed, and edits, over the run; what was not measured is grey."""
+    """Frames due, received and missed, and edits, over the run. Times that were not measured are grey."""
     phases = result.phases
     rows = {name: list(result.recorder.by_second(name)) for name in ("due", "frames", "missed", "edits")}
     seconds = range(len(rows["due"]))

@@ -1,4 +1,4 @@
-"""The time that a load goes by."""
+"""The clock of a load."""
 
 from __future__ import annotations
 
@@ -8,7 +8,7 @@ from typing import Protocol
 
 
 class LoadClock(Protocol):
-    """Seconds that only grow, and a way to wait for some of them."""
+    """Seconds that never decrease, and a way to wait."""
 
     def now_s(self) -> float: ...
 
@@ -16,7 +16,7 @@ class LoadClock(Protocol):
 
 
 class RealTime:
-    """time.monotonic, which other processes read too."""
+    """time.monotonic, which is the same in all processes."""
 
     def now_s(self) -> float:
         return time.monotonic()

@@ -1,4 +1,4 @@
-"""The messages of what is intended: opens, edits, closes. Their content is a function of plan and number alone."""
+"""Builds the events of a load: opens, edits, closes. Their content depends only on the plan and the edit's number."""
 
 from __future__ import annotations
 
@@ -12,12 +12,12 @@ from motiongen_tools.bench.character import Character
 from motiongen_tools.bench.scenario import EditRule, Group
 
 _PROMPT_ID = 1
-_TURN_PERIOD_S = 7.0  # of a stick that is swung from side to side
+_TURN_PERIOD_S = 7.0  # of a stick that swings from side to side
 _TURN_RAD = 1.2
 
 
 def open_event(character: Character, group: Group, denoise_steps: int | None) -> session_pb2.SessionEvent:
-    """Open a character with its first prompt."""
+    """Opens a character with its first prompt."""
     plan = character.plan
     options = SessionOptions(seed=plan.seed, priority=group.priority, denoise_steps=denoise_steps)
     prompt = convert.prompt_span(_PROMPT_ID, group.prompts[plan.prompt], None)
@@ -35,7 +35,7 @@ def edit_event(
     now_s: float,
     catalog: Catalog,
 ) -> session_pb2.SessionEvent:
-    """One edit. value: which prompt, or the number of the edit by its rule."""
+    """One edit. value: which prompt, or the running number of the edit under its rule."""
     event = session_pb2.SessionEvent(session=character.handle, event_seq=character.take_seq(intended_s))
     rig = catalog.rigs[0]
     match rule.kind:
@@ -58,12 +58,12 @@ def close_event(character: Character) -> session_pb2.SessionEvent:
 
 
 def _phase_rad(seed: int) -> float:
-    """Each character swings at a phase of its own."""
+    """The phase at which a character's stick swings; each has its own."""
     return (seed % 1009) / 1009 * 2 * math.pi
 
 
 def _waypoints(seed: int, rule: EditRule, number: int, first: int, rig: Rig) -> session_pb2.EditConstraints:
-    """A path that goes on at rule.speed_m_s and winds, in place of the one before."""
+    """A winding path that continues at rule.speed_m_s and replaces the previous one."""
     edit = session_pb2.EditConstraints(clear=True)
     phase = _phase_rad(seed) + number
     for index in range(rule.waypoints):
@@ -76,7 +76,7 @@ def _waypoints(seed: int, rule: EditRule, number: int, first: int, rig: Rig) -> 
 
 
 def _velocity(seed: int, rule: EditRule, number: int, rig: Rig) -> session_pb2.SetVelocity:
-    """A stick that is swung from side to side."""
+    """A stick that swings from side to side."""
     heading = _TURN_RAD * math.sin(_phase_rad(seed) + 2 * math.pi * number * rule.every_s / _TURN_PERIOD_S)
     return session_pb2.SetVelocity(
         x=rule.speed_m_s * math.sin(heading),

@@ -1,4 +1,4 @@
-"""One process of the load: its streams, its part of the schedule, and the watch over its own punctuality."""
+"""One process of the load: its streams, its part of the schedule, and the measurement of its own lag."""
 
 from __future__ import annotations
 
@@ -19,15 +19,15 @@ from motiongen_tools.bench.recorder import GENERATOR, LOOP_LAG, ROUND_TRIP, SEND
 from motiongen_tools.bench.stream_client import StreamClient, report
 
 _TICK_S = 0.025
-_MOST_TURNS = 25  # of a tick: streams have it in turns, as clients that know nothing of each other do
-_LEAST_SLEEP_S = 0.001  # several events of one millisecond share a wake-up
+_MOST_TURNS = 25  # per tick: streams act in turn, as independent clients would
+_LEAST_SLEEP_S = 0.001  # events within a millisecond share a wake-up
 _PROBE_S = 0.01
-_PING_TICKS = 80  # a stream is pinged every so many, each in its own: 2 s
+_PING_TICKS = 80  # between pings of a stream: 2 s
 _HANDLES_FROM = 1
 
 
 class Generator:
-    """Plays one process's part of a load. Use: `connect`, then `play` with the moment at which the run starts."""
+    """Plays one process's part of a load. Call `connect`, then `play` with the time at which the run starts."""
 
     def __init__(self, load: Load, catalog: Catalog, process: int, clock: LoadClock | None = None) -> None:
         self._clock = clock or RealTime()
@@ -44,7 +44,7 @@ class Generator:
         self._make_lanes()
 
     def _make_lanes(self) -> None:
-        """Characters go round all streams of all processes; this process has every processes-th stream."""
+        """Make this process's streams: every processes-th of all. Characters are dealt to all streams in turn."""
         load, schedule = self._load, self._schedule
         num_lanes = load.num_streams(schedule, self._catalog.limits.max_sessions_per_stream)
         fps, jitter = self._catalog.rigs[0].frame_rate_hz, make_jitter()
@@ -71,13 +71,13 @@ class Generator:
         self._take_turns()
 
     def _take_turns(self) -> None:
-        """Which playheads are reported, and which streams pinged, in which turn of which tick."""
+        """Distribute reports of playheads and pings over ticks, and within a tick over turns."""
         self._num_turns = turns = min(len(self._lanes), _MOST_TURNS)
         num_slices = max(1, round(1 / (self._load.scenario.report_hz * _TICK_S)))
         self._reports: list[list[tuple[StreamClient, Character]]] = [[] for _ in range(num_slices * turns)]
         self._pings: list[list[StreamClient]] = [[] for _ in range(_PING_TICKS * turns)]
         for index, lane in enumerate(self._lanes):
-            # Seven: in all turns, and of one stream not always in that in which it reports.
+            # Seven steps through all turns, so that a stream is not always pinged in the turn in which it reports.
             self._pings[index * 7 % len(self._pings)].append(lane)
         turn_of = {lane: index % turns for index, lane in enumerate(self._lanes)}
         for number, character in self._character_of.items():
@@ -85,7 +85,7 @@ class Generator:
             self._reports[number % num_slices * turns + turn_of[lane]].append((lane, character))
 
     def _draw_up(self) -> list[tuple[float, int, int, int]]:
-        """(at_s, character, rule, value) of all that this process is to send; rule -1 opens, -2 closes."""
+        """(at_s, character, rule, value) of everything that this process is to send. Rule -1 opens, -2 closes."""
         schedule = self._schedule
         intents = []
         for number, character in self._character_of.items():
@@ -98,7 +98,7 @@ class Generator:
         return sorted(intents)
 
     def numbers(self) -> list[int]:
-        """The characters that are this process's."""
+        """The numbers of this process's characters."""
         return sorted(self._character_of)
 
     async def connect(self) -> None:
@@ -107,10 +107,10 @@ class Generator:
         await asyncio.gather(*(stream_client.start() for stream_client in self._lanes))
 
     async def play(self, start_at_s: float, tell: Callable[[Progress], None]) -> Report:
-        """Play the schedule from the moment start_at_s of the clock. tell: called once a second."""
+        """Play the schedule from start_at_s on the clock. tell: called once a second."""
         self._started_at_s = start_at_s
         gc.collect()
-        gc.freeze()  # so that collections are short: a pause of ours would be measured as one of the server
+        gc.freeze()  # keeps collections short: the load's own pauses would count as the server's
         try:
             probe = asyncio.create_task(self._probe(), name="bench-probe")
             await self._drive(tell)
@@ -123,7 +123,7 @@ class Generator:
             character.look(end_s)
             character.give_up_edits(end_s)
             character.end(end_s, as_planned=True)
-        made = Report(  # now, as motiongen-load does: what comes while streams end is no part of it
+        made = Report(  # made now, as in motiongen-load: what comes while streams end is not part of it
             process=self._process,
             recorder=self._recorder.pack(),
             cpu_s=(self._cpu_to_s or time.process_time()) - (self._cpu_from_s or time.process_time()),
@@ -145,7 +145,7 @@ class Generator:
                 position += 1
             if now_s >= next_turn * turn_s:
                 last = max(next_turn, int(now_s / turn_s))
-                # A tick that was missed is not made up for.
+                # Missed ticks are not made up for.
                 for turn in range(max(next_turn, last - self._num_turns + 1), last + 1):
                     self._report_playheads(self._reports[turn % len(self._reports)], now_s)
                     for stream_client in self._pings[turn % len(self._pings)]:
@@ -168,7 +168,7 @@ class Generator:
         now_s = self._now_s()
         if rule == _OPEN:
             character.open_sent = True
-            if stream_client.lost:  # to its player it is like one that was lost
+            if stream_client.lost:  # to its player, the character is lost
                 self._recorder.counts["opens_not_sent"] += 1
                 character.end(now_s, as_planned=False)
                 return
@@ -197,18 +197,18 @@ class Generator:
                 stream_client.put(report(character, now_s))
 
     async def _probe(self) -> None:
-        """How late the event loop wakes who sleeps."""
+        """Measure how late the event loop wakes a sleeper."""
         while True:
             due_s = self._now_s() + _PROBE_S
             try:
                 await self._clock.sleep(_PROBE_S)
-            finally:  # the run may be over before it is woken
+            finally:  # the run may end before it wakes
                 self._note_loop_lag(due_s)
 
     def _note_loop_lag(self, due_s: float) -> None:
-        """What a probe that was due then found, and those that would have been due until it was woken.
+        """Record the lag of a probe, and of those that would have been due until it was woken.
 
-        Else a time in which all stood still would be one sample among a hundred a second, however long it was.
+        Otherwise a stall would be a single sample among a hundred a second, however long it was.
         """
         now_s = self._now_s()
         while due_s <= now_s:
@@ -219,11 +219,11 @@ class Generator:
         self._record(ROUND_TRIP, STREAMS, now_s, seconds)
 
     def _record_lag(self, what: str, due_s: float, lag_s: float) -> None:
-        """By when it was due, as latencies are by when edits were meant: a stall may last until all is measured."""
+        """Attributed to when it was due, as edits' latencies are: a stall may last until the end of the measurement."""
         self._record(what, GENERATOR, due_s, max(lag_s, 0.0))
 
     def _record(self, what: str, owner: str, at_s: float, seconds: float) -> None:
-        """What belongs to a moment, where that is measured."""
+        """Record a value if its time is within the measurement."""
         if self._phases.measure_from_s <= at_s < self._phases.measure_to_s:
             self._recorder.record(what, owner, seconds)
 

@@ -1,4 +1,4 @@
-"""What a run is asked for, and what the generator processes say of it."""
+"""What a run is to play, and what the generator processes report."""
 
 from __future__ import annotations
 
@@ -22,7 +22,7 @@ class Load:
     """What is to be played, the same for all processes.
 
     seconds: of measuring, after ramp and settling. denoise_steps: None leaves them to the server. connection: how the
-    server is reached. program: a motiongen-load that plays it; None: processes of this one's kind.
+    server is reached. program: a motiongen-load that plays it; None: processes of this package.
     """
 
     address: str
@@ -39,7 +39,7 @@ class Load:
         return make_schedule(self.scenario, self.characters, self.seconds, self.seed)
 
     def num_streams(self, schedule: Schedule, max_sessions_per_stream: int) -> int:
-        """Of all processes; characters go round them."""
+        """The number of streams of all processes; characters are dealt to them in turn."""
         at_once = min(self.scenario.characters_per_stream, max_sessions_per_stream)
         return max(math.ceil(max(schedule.most_at_once(), 1) / at_once), self.processes)
 
@@ -49,7 +49,7 @@ class Load:
 
 @dataclass(frozen=True)
 class Progress:
-    """How it goes, from one process. missed: frames in the second before; edits, refused: so far."""
+    """Progress of one process. missed: frames in the last second; edits, refused: so far."""
 
     process: int
     at_s: float
@@ -61,7 +61,7 @@ class Progress:
 
 @dataclass(frozen=True)
 class Report:
-    """What one process brings home. cpu_s: its own, while measuring. streams: calls it held. program: what played."""
+    """One process's report. cpu_s: its own, while measuring; streams: calls it held; program: what played the load."""
 
     process: int
     recorder: PackedBook

@@ -1,4 +1,4 @@
-"""What a figure was measured on."""
+"""Facts about the machine that a figure was measured on."""
 
 from __future__ import annotations
 
@@ -11,7 +11,7 @@ _DISTRIBUTIONS = ("motiongen-client", "grpcio", "protobuf", "numpy")
 
 
 def machine_facts() -> dict[str, str]:
-    """What the generator ran on; the same machine as the server's, if its address is a local one."""
+    """Facts about the generator's machine, which is also the server's if that has a local address."""
     return {
         "processor": processor(),
         "cores": cores(),
@@ -22,14 +22,14 @@ def machine_facts() -> dict[str, str]:
 
 
 def cores() -> str:
-    """How many there are, and how many of them this process may use, where the system tells."""
-    if not hasattr(os, "sched_getaffinity"):  # only Linux tells
+    """How many cores there are, and how many this process may use, if the system tells."""
+    if not hasattr(os, "sched_getaffinity"):  # only Linux has it
         return str(os.cpu_count())
     return f"{len(os.sched_getaffinity(0))} usable of {os.cpu_count()}"
 
 
 def installed(distribution: str) -> str:
-    """The version of a distribution."""
+    """The installed version of a distribution."""
     try:
         return version(distribution)
     except PackageNotFoundError:
@@ -37,7 +37,7 @@ def installed(distribution: str) -> str:
 
 
 def processor() -> str:
-    """Its name, where the system tells it."""
+    """Name of the processor, if the system tells."""
     try:
         lines = Path("/proc/cpuinfo").read_text(encoding="utf-8").splitlines()
     except OSError:

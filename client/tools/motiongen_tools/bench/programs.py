@@ -1,6 +1,6 @@
-"""motiongen-load in place of generator processes: the same load, played by a program in C++, and what it brings home.
+"""motiongen-load instead of generator processes: a program in C++ that plays the same load.
 
-The load is drawn and judged here; the program is told it as a line of JSON (client/cpp/load/load.proto).
+The load is drawn and judged here; the program receives it as a line of JSON (client/cpp/load/load.proto).
 """
 
 from __future__ import annotations
@@ -25,14 +25,14 @@ from motiongen_tools.connection import PLAIN, Connection
 
 _HEAD_START_S = 0.3
 _READY_TIMEOUT_S = 60.0
-_SILENCE_TIMEOUT_S = 60.0  # a program tells its progress every second
+_SILENCE_TIMEOUT_S = 60.0  # a program reports its progress every second
 _END_TIMEOUT_S = 10.0
 _MOST_LINE_BYTES = 64 << 20
-_MESSAGES = ("ready", "progress", "book", "failed")  # what a program may say: Told of load.proto
+_MESSAGES = ("ready", "progress", "book", "failed")  # what a program may send: Told in load.proto
 
 
 class Programs:
-    """The programs of one run, told and heard as `Workers` are. Use it as `async with`, so that none is left behind."""
+    """The programs of one run; interface as `Workers`. Use it as `async with`, so that none is left running."""
 
     def __init__(self, load: Load, catalog: Catalog) -> None:
         self._load = load
@@ -41,7 +41,7 @@ class Programs:
         self._names: list[str] = []
 
     async def ready(self) -> None:
-        """Start them, and wait until all are connected. Raises GeneratorFailed."""
+        """Start the programs, and wait until all are connected. Raises GeneratorFailed."""
         load, schedule = self._load, self._load.schedule()
         for number in range(load.processes):
             try:
@@ -56,7 +56,7 @@ class Programs:
         self._names = [message["ready"]["program"] for message in told]
 
     async def go(self) -> float:
-        """Set them off. Returns the moment at which the run starts, on time.monotonic."""
+        """Start the run. Returns its starting time, on time.monotonic."""
         start_at_s = time.monotonic() + _HEAD_START_S
         for process in self._processes:
             await _say(process, {"start_at_s": start_at_s})
@@ -77,7 +77,7 @@ class Programs:
             tell(Progress(number, progress["at_s"], **counts))
 
     async def _hear(self, process: Process, timeout_s: float) -> dict[str, Any]:
-        """The next message. Raises GeneratorFailed for its last words, silence, and an end without any."""
+        """The next message. Raises GeneratorFailed for a reported error, silence, or an end without a report."""
         assert process.stdout is not None
         try:
             line = await asyncio.wait_for(process.stdout.readline(), timeout_s)
@@ -112,7 +112,7 @@ class Programs:
 async def _say(process: Process, message: dict[str, Any]) -> None:
     assert process.stdin is not None
     process.stdin.write(json.dumps(message).encode() + b"\n")
-    with contextlib.suppress(ConnectionError):  # it has ended; what it said last is heard next
+    with contextlib.suppress(ConnectionError):  # it has ended; its last message is read next
         await process.stdin.drain()
 
 
@@ -171,7 +171,7 @@ def _access(connection: Connection) -> dict[str, Any]:
 
 
 def read_book(book: dict[str, Any]) -> PackedBook:
-    """What a program measured, as a process of ours would bring it home."""
+    """What a program measured, in the form that the processes of `workers` report it."""
     histograms = {}
     for latencies in book["latencies"]:
         histogram = new_histogram()

@@ -1,4 +1,4 @@
-"""What a run measured: latencies as HdrHistograms, counts, and figures by the second. Recorders of processes add up."""
+"""The measurements of a run: latencies as HdrHistograms, counts, and values by second. Recorders can be merged."""
 
 from __future__ import annotations
 
@@ -15,13 +15,13 @@ if TYPE_CHECKING:
 OPEN, EVENT, SCREEN, ANSWER = "open_to_first_frame", "event_to_first_frame", "event_to_screen", "event_to_answer"
 LATENESS, SLACK = "chunk_lateness", "chunk_slack"
 LATENCIES = (OPEN, EVENT, SCREEN, ANSWER, LATENESS, SLACK)
-# of the generator itself, under the owner GENERATOR: how late it sent, how late its event loop woke, and how long a
-# message that was ready waited for gRPC to take it (which the server can cause, by not reading)
+# Of the generator itself, with the owner GENERATOR: how late it sent, how late its event loop woke, and how long a
+# message that was ready waited for gRPC to accept it (which the server can cause by not reading).
 SEND_LAG, LOOP_LAG, WRITE_WAIT = "send_lag", "loop_lag", "write_wait"
 GENERATOR_LAGS = (SEND_LAG, LOOP_LAG, WRITE_WAIT)
 VOIDING_LAGS = (SEND_LAG, LOOP_LAG)
 GENERATOR = "generator"
-# of a stream, under the owner STREAMS: from a ping to its pong
+# Of a stream, with the owner STREAMS: from a ping to its pong.
 ROUND_TRIP = "round_trip"
 STREAMS = "streams"
 ALL = "all"
@@ -30,7 +30,7 @@ PERCENTILES = {"p50": 50.0, "p90": 90.0, "p95": 95.0, "p99": 99.0, "p99_9": 99.9
 
 BY_SECOND = ("frames", "due", "missed", "underruns", "edits", "opens", "refused")
 
-_MOST_US = 600_000_000  # ten minutes; what takes longer is counted as that
+_MOST_US = 600_000_000  # ten minutes; longer times are recorded as ten minutes
 _DIGITS = 3
 
 
@@ -44,7 +44,7 @@ def new_histogram() -> HdrHistogram:
 
 
 def summary_ms(histogram: HdrHistogram) -> dict[str, float]:
-    """Count, percentiles, mean and maximum, milliseconds; only the count where nothing was recorded."""
+    """Count, percentiles, mean and maximum, milliseconds; only the count if nothing was recorded."""
     count = int(histogram.get_total_count())
     if count == 0:
         return {"count": 0}
@@ -59,7 +59,7 @@ def summary_ms(histogram: HdrHistogram) -> dict[str, float]:
 
 @dataclass(frozen=True)
 class PackedBook:
-    """A book as it crosses processes: histograms in their own compressed form."""
+    """The contents of a recorder for other processes, with histograms in their own compressed form."""
 
     histograms: dict[tuple[str, str], bytes]
     counts: dict[str, int]
@@ -67,7 +67,7 @@ class PackedBook:
 
 
 class Recorder:
-    """What one process measured. groups: names of the scenario's groups; num_seconds: from start to end of the run."""
+    """The measurements of one process. groups: names of the scenario's groups; num_seconds: length of the run."""
 
     def __init__(self, groups: tuple[str, ...], num_seconds: int) -> None:
         self.groups = groups
@@ -77,7 +77,7 @@ class Recorder:
         self._histograms: dict[tuple[str, str], HdrHistogram] = {}
 
     def record(self, what: str, group: str, seconds: float) -> None:
-        """Note one latency."""
+        """Record one latency."""
         histogram = self._histograms.get((what, group))
         if histogram is None:
             histogram = self._histograms[what, group] = new_histogram()
@@ -90,13 +90,13 @@ class Recorder:
             self.seconds[what][group][second] += amount
 
     def add_span(self, what: str, group: str, from_s: float, to_s: float, rate_hz: float) -> None:
-        """Count something that went on at a rate."""
+        """Count something that went on at a constant rate."""
         row = self.seconds[what][group]
         for second in range(max(int(from_s), 0), min(int(to_s) + 1, self.num_seconds)):
             row[second] += max(0.0, min(second + 1.0, to_s) - max(float(second), from_s)) * rate_hz
 
     def histogram(self, what: str, group: str = ALL) -> HdrHistogram:
-        """Of one group, or of all together; to be read, not recorded into."""
+        """The histogram of one group, or of all together; for reading only."""
         owned = [
             histogram for (name, owner), histogram in self._histograms.items() if name == what and group in (owner, ALL)
         ]
@@ -108,12 +108,12 @@ class Recorder:
         return merged
 
     def total(self, what: str, from_s: int, to_s: int, group: str = ALL) -> float:
-        """Sum over seconds from_s up to to_s - 1."""
+        """The sum over the seconds from_s to to_s - 1."""
         rows = self.seconds[what]
         return sum(sum(row[from_s:to_s]) for name, row in rows.items() if group in (name, ALL))
 
     def by_second(self, what: str) -> Iterator[float]:
-        """Over all groups, one figure a second."""
+        """One value per second, over all groups."""
         return (sum(column) for column in zip(*self.seconds[what].values(), strict=True))
 
     def pack(self) -> PackedBook:
@@ -121,7 +121,7 @@ class Recorder:
         return PackedBook(histograms, dict(self.counts), self.seconds)
 
     def merge(self, packed: PackedBook) -> None:
-        """Add what another process measured in the same run."""
+        """Add the measurements of another process of the same run."""
         for key, encoded in packed.histograms.items():
             if key not in self._histograms:
                 self._histograms[key] = new_histogram()

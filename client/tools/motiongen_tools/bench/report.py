@@ -1,4 +1,4 @@
-"""The report of a run or a search: result.json, report.png, and report.html, which needs nothing but itself."""
+"""The report of a run or a search: result.json, report.png, and report.html, which needs no other file."""
 
 from __future__ import annotations
 
@@ -48,9 +48,9 @@ $body
 
 
 def write_report(out: Path, standard: Standard, result: Result | None, found: Found | None = None) -> list[Path]:
-    """Write the files into a folder, which is made. Returns them.
+    """Write the files into a folder, which is created. Returns them.
 
-    result: the run, or the one that confirmed the answer of a search; None when that found no number to confirm.
+    result: the run, or the one that confirmed the answer of a search; None if the search found nothing to confirm.
     """
     out.mkdir(parents=True, exist_ok=True)
     figures = _draw(standard, result, found)
@@ -66,7 +66,7 @@ def write_report(out: Path, standard: Standard, result: Result | None, found: Fo
 
 
 def document(result: Result | None, found: Found | None) -> dict[str, Any]:
-    """What result.json holds."""
+    """The contents of result.json."""
     return {
         "format": FORMAT,
         "result": None if result is None else result.document(),

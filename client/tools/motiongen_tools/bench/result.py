@@ -1,4 +1,4 @@
-"""What came of a run: figures, whether they count, and all of it as JSON."""
+"""The results of a run: figures, whether they count, and all of it as JSON."""
 
 from __future__ import annotations
 
@@ -29,7 +29,7 @@ _FULL = "service level: FULL"
 
 @dataclass(frozen=True)
 class Standard:
-    """max_miss_ratio: served in full is below it. max_lag_ms: figures count if the load itself is not later (p99)."""
+    """Served in full: fewer misses than max_miss_ratio. Figures count: the load's p99 lag is at most max_lag_ms."""
 
     max_miss_ratio: float = 0.01
     max_lag_ms: float = 5.0
@@ -37,10 +37,10 @@ class Standard:
 
 @dataclass(frozen=True)
 class Figures:
-    """Of a group or of all, while measuring. missed: frames that were not there when playback needed them.
+    """Figures of a group or of all, while measuring. missed: frames that were not there when playback needed them.
 
-    miss_ratio: of those that were due; 1 where somebody is there and nothing was due, 0 where nobody is.
-    frames_per_s: received; on_time_per_s: frames played when they were due. underruns: times that playback stood still.
+    miss_ratio: missed frames per frame due; if nothing was due, 1 if the group has anyone, otherwise 0. frames_per_s:
+    received; on_time_per_s: played when due. underruns: how often playback stood still.
     """
 
     due: int
@@ -56,9 +56,8 @@ class Figures:
 
 @dataclass(frozen=True)
 class Result:
-    """One run. generator_cores: of each process, processor seconds a second. server_use: None for another's server.
-
-    program: what played the load.
+    """One run. generator_cores: of each process, processor seconds a second. server_use: None for a server that was not
+    started by the command. program: what played the load.
     """
 
     started_at: str
@@ -93,7 +92,7 @@ class Result:
         return summary_ms(self.recorder.histogram(what, group))
 
     def void_reasons(self) -> list[str]:
-        """Why the figures do not count: the generator was late itself. Empty when they do."""
+        """Why the figures do not count: the generator itself was late. Empty if they count."""
         reasons, allowed_ms = [], self.standard.max_lag_ms
         for what in VOIDING_LAGS:
             lag = self.latency_ms(what, GENERATOR)
@@ -103,7 +102,7 @@ class Result:
         return reasons
 
     def shortfalls(self) -> list[str]:
-        """In what the characters were not served in full. Empty when they were."""
+        """In what respect characters were not served in full. Empty if they were."""
         found = []
         ratio, allowed = self.figures().miss_ratio, self.standard.max_miss_ratio
         if ratio >= allowed:
@@ -122,7 +121,7 @@ class Result:
         return sorted(self.recorder.counts.items())
 
     def groups(self) -> list[str]:
-        """`all`, and each group where there are several."""
+        """`all`, and each group if there are several."""
         names = [group.name for group in self.load.scenario.groups]
         return [ALL, *names] if len(names) > 1 else [ALL]
 
@@ -137,7 +136,7 @@ class Result:
         return line
 
     def document(self) -> dict[str, Any]:
-        """All of it as JSON can say it. histograms: HdrHistogram's own form, microseconds, base64."""
+        """Everything as JSON. histograms: HdrHistogram's own format, microseconds, base64."""
         groups = [ALL, *(group.name for group in self.load.scenario.groups)]
         scenario = self.load.scenario
         return {
@@ -177,7 +176,7 @@ class Result:
         }
 
     def _has_anyone(self, group: str) -> bool:
-        """Whether the load has a character of the group: of few characters, a small share may be none."""
+        """Whether the load has any character of the group: of few characters, a small share may be none."""
         groups = self.load.scenario.groups
         return group == ALL or group in {groups[n].name for n in self.load.scenario.group_indices(self.load.characters)}
 
@@ -197,7 +196,7 @@ _COUNTED_AGAINST = (
 
 
 def merge_reports(recorder: Recorder, reports: Sequence[Report]) -> Recorder:
-    """All that the processes measured, in one book."""
+    """The measurements of all processes, in one recorder."""
     for report in reports:
         recorder.merge(report.recorder)
     return recorder

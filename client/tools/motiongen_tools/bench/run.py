@@ -1,4 +1,4 @@
-"""One run: processes set off together, watched, and their books joined."""
+"""One run: start the processes together, follow them, and merge their measurements."""
 
 from __future__ import annotations
 
@@ -25,9 +25,9 @@ async def run_load(
 ) -> Result:
     """Play a load and measure. tell: called once a second for each process.
 
-    server_pid: of a server to watch; ops_address: host:port of its metrics, where these are to be read too.
+    server_pid: a server process to watch; ops_address: host:port of its metrics, if these are to be read too.
 
-    Raises InvalidInput for steps the model cannot do, ServerUnavailable, GeneratorFailed.
+    Raises InvalidInput for steps that the model cannot do, ServerUnavailable, GeneratorFailed.
     """
     async with load.connection.client(load.address) as client:
         catalog = client.catalog

@@ -1,4 +1,4 @@
-"""What load is: a scenario, read from a YAML or JSON file and checked once."""
+"""Scenario: the definition of a load, read from a YAML or JSON file and checked once."""
 
 from __future__ import annotations
 
@@ -21,18 +21,18 @@ TIMINGS = ("regular", "random", "together")
 
 
 class InvalidScenario(MotiongenError, ValueError):
-    """A scenario file that cannot be used: says which field, what was given and what is allowed."""
+    """A scenario file that cannot be used. The message names the field, what was given and what is allowed."""
 
 
 @dataclass(frozen=True)
 class EditRule:
-    """What the characters of a group are told again and again.
+    """Edits that the characters of a group receive again and again.
 
-    kind: prompt (another of the group's prompts), constraints (waypoints along a path, in place of those before) or
+    kind: prompt (another of the group's prompts), constraints (waypoints along a path, replacing the previous ones) or
     velocity (a stick held in a direction that turns). every_s: seconds between two edits of a character. timing:
-    regular (each character at a phase of its own), random (a Poisson process), together (all at the same moments).
-    waypoints: of a constraints edit. ahead_s: from the playhead to the first of them. spacing_frames: from one to the
-    next. speed_m_s: along the path, or of the stick. hold_s: how long a velocity holds without a new one.
+    regular (each character at a phase of its own), random (a Poisson process), together (all at the same times).
+    waypoints: number in a constraints edit. ahead_s: from the playhead to the first of them. spacing_frames: from one
+    to the next. speed_m_s: along the path, or of the stick. hold_s: how long a velocity holds without a new one.
     """
 
     kind: str
@@ -59,9 +59,9 @@ class Life:
 
 @dataclass(frozen=True)
 class Group:
-    """Characters of one kind. share: of all characters. life: None lives as long as the run.
+    """Characters of one kind. share: of all characters. life: None means for the whole run.
 
-    With a life, characters open as a Poisson process at the rate that keeps the group's number steady.
+    With a life, characters open as a Poisson process, at the rate that keeps the size of the group steady.
     """
 
     name: str
@@ -74,12 +74,12 @@ class Group:
 
 @dataclass(frozen=True)
 class Scenario:
-    """A load that can be played at any number of characters.
+    """A load that can be played with any number of characters.
 
-    revision: raised whenever the file changes the load. characters: when the command does not say.
-    characters_per_stream: of one call. ramp_s: over which the opens are spread; settle_s: after it, before measuring;
-    tail_s: for which the load goes on after measuring, so that the last edits can be answered. report_hz: playhead
-    reports of a character. sha256: of the file's bytes.
+    revision: raised whenever the file changes the load. characters: the default number. characters_per_stream: on one
+    call. ramp_s: over which the opens are spread; settle_s: after it, before measuring; tail_s: for which the load
+    continues after measuring, so that the last edits can be answered. report_hz: playhead reports of a character.
+    sha256: of the file.
     """
 
     name: str
@@ -95,7 +95,7 @@ class Scenario:
     sha256: str
 
     def group_indices(self, num_characters: int) -> list[int]:
-        """The group of each character, so that the first n of them have the shares as nearly as n can, for every n."""
+        """The group of each character. For every n, the shares among the first n are as exact as n allows."""
         counts, chosen = [0] * len(self.groups), []
         for number in range(1, num_characters + 1):
             deficits = [group.share * number - count for group, count in zip(self.groups, counts, strict=True)]
@@ -119,14 +119,14 @@ def load_scenario(name_or_file: str) -> Scenario:
 
 
 def read_scenario(content: bytes, where: str) -> Scenario:
-    """A scenario from the bytes of its file. Raises InvalidScenario, which begins with `where`."""
+    """A scenario from the bytes of its file. Raises InvalidScenario, whose message begins with `where`."""
     try:
         import yaml
     except ImportError:
         raise MissingExtra("reading a scenario", "pyyaml", "bench") from None
     try:
         document = yaml.safe_load(content)
-    except (yaml.YAMLError, ValueError, RecursionError) as error:  # a number of thousands of digits
+    except (yaml.YAMLError, ValueError, RecursionError) as error:  # ValueError: a number with thousands of digits
         raise InvalidScenario(f"{where}: not YAML or JSON: {' '.join(str(error).split())}") from None
     top = _Fields(document, where, "")
     given = top.take("format", _whole(1))
@@ -200,7 +200,7 @@ _REQUIRED = object()
 
 
 class _Fields:
-    """A mapping of the file whose keys are taken one by one; a key nobody took is an error that lists the known."""
+    """A mapping in the file. Keys are taken one by one; finish() reports a key that was not, listing the known ones."""
 
     def __init__(self, value: object, where: str, path: str) -> None:
         self._where, self._path = where, path
@@ -245,7 +245,7 @@ class _Fields:
 
 
 class _NotAllowed(ValueError):
-    """A value outside what is allowed, which the message names."""
+    """A value outside what is allowed; the message says what is."""
 
 
 _SHORT = reprlib.Repr()
@@ -253,7 +253,7 @@ _SHORT.maxlevel, _SHORT.maxstring, _SHORT.maxlong, _SHORT.maxother = 3, 60, 60, 
 
 
 def _shown(value: object) -> str:
-    text = _SHORT.repr(value)  # of what holds itself many times over, the whole would have no end
+    text = _SHORT.repr(value)  # aliases can nest a value into itself without end
     return text if len(text) <= 60 else text[:57] + "..."
 
 

@@ -1,7 +1,7 @@
-"""A scenario drawn from a seed, before the run: who opens and closes when, and what is said to whom when.
+"""A scenario drawn from a seed before the run: who opens and closes when, and who gets which edit when.
 
-Every moment is an intended one, seconds from the start of the run, and nothing that happens in the run moves it. What
-one character does depends on the seed and its number alone: not on how many there are, nor on how many processes.
+All times are intended ones, in seconds from the start of the run, and nothing that happens in the run changes them.
+What a character does depends only on the seed and its number, not on how many characters or processes there are.
 """
 
 from __future__ import annotations
@@ -15,7 +15,7 @@ from numpy.typing import NDArray
 
 from motiongen_tools.bench.scenario import EditRule, Group, Scenario
 
-_TOGETHER_PHASE = 0.5  # of every_s: where in each period the edits lie that all characters make together
+_TOGETHER_PHASE = 0.5  # where in each period of every_s the simultaneous edits of all characters are
 
 
 @dataclass(frozen=True)
@@ -34,7 +34,7 @@ class Phases:
 
 @dataclass(frozen=True)
 class CharacterPlan:
-    """When one character lives. close_s: infinity when it outlives the run. seed: of its session and of its paths."""
+    """The life of one character. close_s: infinity if it outlives the run. seed: of its session and of its paths."""
 
     number: int
     group: int
@@ -46,9 +46,9 @@ class CharacterPlan:
 
 @dataclass(frozen=True, eq=False)
 class Schedule:
-    """All that is intended. The arrays are parallel, one entry an edit, in order of edit_at_s.
+    """A drawn load. The arrays are parallel, with one entry per edit, in order of edit_at_s.
 
-    edit_rule: index into the group's edits. edit_value: which prompt, or the number of the edit by its rule.
+    edit_rule: index into the group's edits. edit_value: which prompt, or the running number of the edit under its rule.
     """
 
     phases: Phases
@@ -59,7 +59,7 @@ class Schedule:
     edit_value: NDArray[np.int64]
 
     def most_at_once(self) -> int:
-        """The most characters that live at one moment."""
+        """The greatest number of characters that live at the same time."""
         changes = [(plan.open_s, 1) for plan in self.characters] + [(plan.close_s, -1) for plan in self.characters]
         alive = most = 0
         for _, change in sorted(changes):
@@ -76,14 +76,14 @@ class Schedule:
 
 
 def make_phases(scenario: Scenario, seconds: int) -> Phases:
-    """Measuring begins at a whole second, so that figures by the second have whole seconds."""
+    """The phases of a run. Measuring begins at a whole second, so that values by second cover whole seconds."""
     measure_from_s = math.ceil(scenario.ramp_s + scenario.settle_s)
     measure_to_s = measure_from_s + seconds
     return Phases(scenario.ramp_s, measure_from_s, measure_to_s, measure_to_s + scenario.tail_s)
 
 
 def make_schedule(scenario: Scenario, num_characters: int, seconds: int, seed: int) -> Schedule:
-    """Draw it all. num_characters: how many live at once; where characters come and go, about as many."""
+    """Draw a load. num_characters: how many live at once; if characters come and go, approximately."""
     phases = make_phases(scenario, seconds)
     groups = scenario.group_indices(num_characters)
     characters = [
@@ -116,12 +116,12 @@ def _generator(seed: int, *what: int) -> np.random.Generator:
 def _first_character(
     group: Group, group_index: int, number: int, num_characters: int, phases: Phases, seed: int
 ) -> CharacterPlan:
-    """One of those that are there from the ramp on; opens are evenly spread over it, each moved a little at random."""
+    """A character that is present from the ramp on. Opens are spread evenly over the ramp, with a little jitter."""
     random = _generator(seed, 0, number)
     open_s = phases.ramp_s * (number + float(random.random())) / num_characters
     close_s = math.inf
     if group.life is not None:
-        # In the steady state of arrivals and lives, who is there is there for a length-biased life, part of it over.
+        # In the steady state, those who are present have a length-biased life, part of which is already over.
         mu = math.log(group.life.median_s) + group.life.sigma**2
         close_s = phases.ramp_s + float(random.random() * random.lognormal(mu, group.life.sigma))
     return _character(group, group_index, number, phases, random, open_s=open_s, close_s=close_s)
@@ -130,7 +130,7 @@ def _first_character(
 def _arrivals(
     scenario: Scenario, group_index: int, num_alive: int, first_number: int, phases: Phases, seed: int
 ) -> list[CharacterPlan]:
-    """Those that come later, so that about num_alive are there at any moment (Little's law)."""
+    """Characters that come later, at the rate at which about num_alive are present at any time (Little's law)."""
     group = scenario.groups[group_index]
     if group.life is None or num_alive == 0:
         return []
@@ -175,7 +175,7 @@ def _edits(group: Group, plan: CharacterPlan, phases: Phases, seed: int) -> list
         prompt = plan.prompt
         for number, at_s in enumerate(_moments(rule, plan.open_s, end_s, random)):
             value = number
-            if rule.kind == "prompt":  # another one than before: the same text changes nothing
+            if rule.kind == "prompt":  # not the one before: the same text would change nothing
                 prompt = (prompt + 1 + int(random.integers(len(group.prompts) - 1))) % len(group.prompts)
                 value = prompt
             found.append((at_s, index, value))

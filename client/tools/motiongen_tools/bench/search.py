@@ -1,4 +1,4 @@
-"""The most characters that a server serves in full, found by doubling, bisection, and a longer run to confirm."""
+"""Finds the most characters that a server serves in full: doubling, bisection, and a longer run to confirm."""
 
 from __future__ import annotations
 
@@ -12,12 +12,12 @@ from motiongen_tools.bench.load import Load
 from motiongen_tools.bench.recorder import EVENT
 from motiongen_tools.bench.result import Result
 
-_TRIES_WHEN_VOID = 3  # something else on the machine may have made the load late
+_TRIES_WHEN_VOID = 3  # another process on the machine may have made the load late
 
 
 @dataclass(frozen=True)
 class Trial:
-    """One run of a search. shortfalls: empty when all were served in full; void: when the figures do not count."""
+    """One run of a search. shortfalls: empty if all were served in full; void: why its figures do not count."""
 
     characters: int
     seconds: int
@@ -33,10 +33,10 @@ class Trial:
 
 @dataclass(frozen=True)
 class Found:
-    """What a search came to. result: the confirming run of `characters`; None when not one was served.
+    """The result of a search. result: the confirming run of `characters`; None if not even one was served.
 
-    limited_by_generator: a larger number was void, so the server may well serve more. out_of_time: the search ended
-    before it had come as near as it does else, or before its answer was confirmed.
+    limited_by_generator: the run with more was void, so the server may be able to serve more. out_of_time: the time
+    ended before the search was as precise as usual, or before its answer was confirmed.
     """
 
     characters: int
@@ -56,14 +56,14 @@ async def find_most(
     within_s: float = math.inf,
     clock: Callable[[], float] = time.monotonic,
 ) -> Found:
-    """Start with load.characters. Trials measure trial_seconds, the run that confirms the answer load.seconds.
+    """Start with load.characters. Trials measure for trial_seconds, the confirming run for load.seconds.
 
-    note: called after each trial. rest: lets the server get over a trial that was too much for it. within_s: no trial
-    is begun that would leave too little of it, by the clock, for the run that confirms.
+    note: called after each trial. rest: lets the server recover from a trial that overloaded it. within_s: no trial
+    starts that would not leave enough of this time, on the clock, for the confirming run.
     """
     bracket = Bracket(load.characters)
     trials: list[Trial] = []
-    began_at, beside_s = clock(), 0.0  # what a run takes beside what it measures, at the most so far
+    began_at, beside_s = clock(), 0.0  # beside_s: greatest time so far that a run took beyond its measuring
 
     def is_time_for(*seconds: int) -> bool:
         return clock() - began_at + sum(seconds) + len(seconds) * beside_s <= within_s

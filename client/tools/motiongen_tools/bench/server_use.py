@@ -1,4 +1,4 @@
-"""What a server process of one's own uses while it is measured: processor time, memory, and steps for nothing."""
+"""What a server that the command started uses while it is measured: processor time, memory, and wasted steps."""
 
 from __future__ import annotations
 
@@ -21,9 +21,9 @@ _STEPS, _DISCARDED = "motiongen_batch_rows_sum", "motiongen_steps_discarded_tota
 
 @dataclass(frozen=True)
 class ServerUse:
-    """Of a server and its child processes, while measuring. cores: processor seconds a second; memory is resident.
+    """Use of a server and its child processes, while measuring. cores: processor seconds a second; memory is resident.
 
-    thrown_away: the share of denoising steps whose windows nobody got; None where that is not known.
+    thrown_away: the share of denoising steps whose windows were discarded; None if it is not known.
     """
 
     cores: float
@@ -32,9 +32,9 @@ class ServerUse:
 
 
 class ServerWatch:
-    """Reads a process from outside. Raises MissingExtra without psutil.
+    """Watches a process from outside. Raises MissingExtra without psutil.
 
-    ops_address: host:port of the server's metrics, "" where they are not to be read.
+    ops_address: host:port of the server's metrics; "" if they are not to be read.
     """
 
     def __init__(self, pid: int, ops_address: str = "") -> None:
@@ -47,7 +47,7 @@ class ServerWatch:
         self._gone = psutil.NoSuchProcess
 
     async def follow(self, start_at_s: float, phases: Phases) -> ServerUse | None:
-        """Wait until measuring is over. start_at_s: on time.monotonic. None when the server ended."""
+        """Wait until the measurement is over. start_at_s: on time.monotonic. Returns None if the server ended."""
         try:
             await asyncio.sleep(max(start_at_s + phases.measure_from_s - time.monotonic(), 0))
             steps = await self._steps()
@@ -63,7 +63,7 @@ class ServerWatch:
             return None
 
     async def _steps(self) -> tuple[float, float] | None:
-        """Rows of denoising steps so far, and those of them that were for nothing."""
+        """Rows of denoising steps so far, and how many of them were discarded."""
         if not self._ops_address:
             return None
         try:
@@ -82,13 +82,13 @@ def _cpu_s(process: Process) -> float:
 
 
 def total(metrics: str, name: str) -> float:
-    """The sum of a metric over its labels, from the text that a server gives. 0 where there is none of the name."""
+    """The sum of a metric over its labels, from the text of /metrics; 0 if there is none of the name."""
     found = (line.rsplit(" ", 1) for line in metrics.splitlines() if line.startswith((f"{name} ", f"{name}{{")))
     return sum(float(value) for _, value in found)
 
 
 def thrown_away(before: tuple[float, float] | None, after: tuple[float, float] | None) -> float | None:
-    """The share of the steps between two readings that were for nothing."""
+    """The share of discarded steps between two readings."""
     if before is None or after is None or after[0] <= before[0]:
         return None
     return (after[1] - before[1]) / (after[0] - before[0])

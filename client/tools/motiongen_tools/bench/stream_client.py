@@ -1,4 +1,4 @@
-"""One stream with hundreds of characters: what it writes, and what it does with what it reads."""
+"""One stream that carries hundreds of characters: what it sends, and how it handles what it receives."""
 
 from __future__ import annotations
 
@@ -19,7 +19,7 @@ from motiongen_tools.bench.recorder import GENERATOR, WRITE_WAIT, Recorder
 from motiongen_tools.connection import PLAIN, Connection
 
 _CHANNEL_OPTIONS = (
-    ("grpc.use_local_subchannel_pool", 1),  # a connection for each stream, as separate clients have
+    ("grpc.use_local_subchannel_pool", 1),  # a connection per stream, as with separate clients
     ("grpc.max_receive_message_length", 64 << 20),
     ("grpc.http2.bdp_probe", 0),
     ("grpc.http2.lookahead_bytes", 1 << 20),
@@ -33,9 +33,9 @@ _CLIENT = session_pb2.CLOSE_REASON_CLIENT
 
 
 class StreamClient:
-    """One call. Made before the run, so that no connecting is measured.
+    """One call. Made before the run, so that connecting is not measured.
 
-    clock: seconds from the start of the run. What the server refuses is counted in `recorder` and is no failure.
+    clock: seconds from the start of the run. Refusals are counted in `recorder`; they are not failures.
     """
 
     def __init__(
@@ -47,7 +47,7 @@ class StreamClient:
         connection: Connection = PLAIN,
         note_round_trip: Callable[[float, float], None] = lambda now_s, seconds: None,
     ) -> None:
-        """note_round_trip: told of each pong, when it came and after how long."""
+        """note_round_trip: called for each pong, with its arrival time and the round trip."""
         self._address = address
         self._connection = connection
         self._max_bytes = max_request_bytes * 9 // 10
@@ -66,7 +66,7 @@ class StreamClient:
         self.lost = ""
 
     def adopt(self, characters: Iterable[tuple[Character, str]]) -> None:
-        """The characters of this stream, each with the name of its group."""
+        """Set the characters of this stream, each with the name of its group."""
         for character, group in characters:
             self._characters[character.handle] = character
             self._groups[character.handle] = group
@@ -78,11 +78,11 @@ class StreamClient:
     async def start(self) -> None:
         """Connect and exchange hellos. Raises ServerUnavailable."""
         self._channel = self._connection.channel(self._address, _CHANNEL_OPTIONS)
-        with contextlib.suppress(TimeoutError):  # where nobody answers, the call says why
+        with contextlib.suppress(TimeoutError):  # on a timeout, the call's status says why
             await asyncio.wait_for(self._channel.channel_ready(), _CONNECT_TIMEOUT_S)
         self._call = MotionServiceStub(self._channel).StreamMotion(metadata=self._connection.metadata())
         self._reading = asyncio.create_task(self._read(), name="bench-read")
-        # Awaited before anything is written: a write that waits for a connection is not ended by cancelling its call.
+        # Awaited before anything is written: cancelling a call does not end a write that waits for a connection.
         self._connecting = asyncio.create_task(self._call.wait_for_connection(), name="bench-connect")
         self._writing = asyncio.create_task(self._write(), name="bench-write")
         greeted = asyncio.create_task(self._greeted.wait(), name="bench-hello")
@@ -94,7 +94,7 @@ class StreamClient:
             raise ServerUnavailable(self._address, why)
 
     async def stop(self) -> None:
-        """End the call: the server closes what is open."""
+        """End the call. The server closes its sessions."""
         self._ending = True
         self._filled.set()
         if self._greeted.is_set():
@@ -116,7 +116,7 @@ class StreamClient:
         self._filling_bytes += num_bytes
 
     def put_ping(self) -> None:
-        """Ask for a pong, and tell the server the last round trip."""
+        """Send a ping, with the last round trip."""
         self._begin_request()
         assert self._filling is not None
         ping = self._filling.ping
@@ -125,7 +125,7 @@ class StreamClient:
             ping.round_trip.FromNanoseconds(int(self._round_trip_s * 1e9))
 
     def flush(self) -> None:
-        """Let the write loop have what is queued."""
+        """Hand what is queued to the write loop."""
         if self._filling is not None:
             self._filling = None
             self._filled.set()
@@ -191,13 +191,13 @@ class StreamClient:
         for update in response.updates:
             character = self._characters.get(update.session)
             if character is None or character.ended:
-                continue  # what was under way when it ended here
+                continue  # sent before the server knew that it had ended
             kind = update.WhichOneof("update")
             if kind == "chunk":
                 started = character.started
                 character.take_chunk(update.chunk, now_s)
                 if not started:
-                    self.put(report(character, now_s))  # the server's idea of its clock begins here
+                    self.put(report(character, now_s))  # starts the server's clock for it
                     self.flush()
             elif kind == "plan":
                 character.take_notice(update.plan, now_s)
@@ -233,7 +233,7 @@ class StreamClient:
 
 
 def _short_name(name_of: Callable[[Any], str], number: int, prefix: str) -> str:
-    """A name of an enum's value without what all of them begin with; of a value of a later version, the number."""
+    """The name of an enum value without the common prefix; for a value that a later version added, its number."""
     try:
         return name_of(number).removeprefix(prefix)
     except ValueError:
@@ -241,7 +241,7 @@ def _short_name(name_of: Callable[[Any], str], number: int, prefix: str) -> str:
 
 
 def report(character: Character, now_s: float) -> session_pb2.SessionEvent:
-    """Where it plays, what it holds, and for how many frame times it had to hold a pose."""
+    """A playhead: the frame shown, the frames held, and for how many frame times a pose was held."""
     playhead = session_pb2.Playhead(
         frame=character.playhead(now_s),
         buffered_to=character.buffered_to,

@@ -1,4 +1,4 @@
-"""A run on the terminal: how it goes, its figures, and what a search found."""
+"""A run on the terminal: its progress, its figures, and the result of a search."""
 
 from __future__ import annotations
 
@@ -36,10 +36,10 @@ LATENCY_NAMES = {
 
 @contextmanager
 def showing(console: Console, load: Load) -> Iterator[Callable[[Progress], None]]:
-    """A bar while a run goes on; what it gives takes the progress of each process."""
+    """Show a bar during a run. Yields the function that takes the progress of each process."""
     phases, latest = load.schedule().phases, dict[int, Progress]()
     bars = make_progress(console)
-    bars.disable = not console.is_terminal  # else each leaves an empty line in a log
+    bars.disable = not console.is_terminal  # otherwise each bar leaves an empty line in a log
     with bars:
         bar = bars.add_task(f"{load.characters} characters", total=phases.end_s, state="starting")
 
@@ -60,7 +60,7 @@ def showing(console: Console, load: Load) -> Iterator[Callable[[Progress], None]
 
 
 def describe(load: Load) -> str:
-    """What is about to be done."""
+    """What is about to be run."""
     scenario = load.scenario
     return (
         f"{scenario.name} (revision {scenario.revision}): {scenario.description}\n"
@@ -69,7 +69,7 @@ def describe(load: Load) -> str:
 
 
 def print_result(console: Console, result: Result) -> None:
-    """Tables of figures and latencies, and whether they count."""
+    """Print tables of figures and latencies, and whether they count."""
     console.print(_table(("measured", *result.groups()), figure_rows(result)))
     console.print(_table(("latency, ms", *LATENCY_COLUMNS), latency_rows(result)))
     console.print(_table(("lag of the load, ms", *LATENCY_COLUMNS), generator_rows(result)))
@@ -83,7 +83,7 @@ def print_result(console: Console, result: Result) -> None:
 
 
 def describe_trial(trial: Trial) -> str:
-    """A line a trial."""
+    """A trial in one line."""
     verdict = "void: " + "; ".join(trial.void) if trial.void else "; ".join(trial.shortfalls) or "served in full"
     event = "-" if trial.event_p99_ms is None else f"{trial.event_p99_ms:.0f} ms"
     return (
@@ -93,7 +93,7 @@ def describe_trial(trial: Trial) -> str:
 
 
 def describe_found(found: Found) -> str:
-    """The answer of a search."""
+    """The result of a search in words."""
     sure = "" if found.result is not None or found.characters == 0 else "; that was not confirmed"
     if found.limited_by_generator:
         return (
@@ -108,7 +108,7 @@ def describe_found(found: Found) -> str:
 
 
 def figure_rows(result: Result) -> list[tuple[str, ...]]:
-    """Name, then a value for each of `result.groups()`."""
+    """A name and a value for each of `result.groups()`."""
     figures = [result.figures(group) for group in result.groups()]
     return [
         ("frames due", *(f"{each.due:,}" for each in figures)),
@@ -123,7 +123,7 @@ def figure_rows(result: Result) -> list[tuple[str, ...]]:
 
 
 def latency_rows(result: Result) -> list[tuple[str, ...]]:
-    """Name, count, p50, p95, p99 and maximum in milliseconds, for what was recorded."""
+    """Name, count, p50, p95, p99 and maximum in milliseconds of everything that was recorded."""
     rows = []
     for what, name in LATENCY_NAMES.items():
         for group in result.groups():
@@ -135,7 +135,7 @@ def latency_rows(result: Result) -> list[tuple[str, ...]]:
 
 
 def generator_rows(result: Result) -> list[tuple[str, ...]]:
-    """As latency_rows, of the load itself."""
+    """As latency_rows, for the lag of the load itself."""
     found = (_latency_row(what.replace("_", " "), result.latency_ms(what, GENERATOR)) for what in GENERATOR_LAGS)
     return [row for row in found if row]
 

@@ -1,4 +1,4 @@
-"""Generator processes: started apart from this one, set off together, and brought home."""
+"""Generator processes: started, set off together, and their reports collected."""
 
 from __future__ import annotations
 
@@ -16,9 +16,9 @@ from motiongen_client.errors import MotiongenError
 from motiongen_tools.bench.generator import Generator
 from motiongen_tools.bench.load import GeneratorFailed, Load, Progress, Report
 
-_HEAD_START_S = 0.3  # from "go" to the run's start, so that all processes have heard it
+_HEAD_START_S = 0.3  # from "go" to the run's start, so that it reaches all processes
 _READY_TIMEOUT_S = 60.0
-_SILENCE_TIMEOUT_S = 60.0  # a process tells its progress every second
+_SILENCE_TIMEOUT_S = 60.0  # a process reports its progress every second
 _END_TIMEOUT_S = 10.0
 
 
@@ -33,14 +33,14 @@ class _Failed:
 
 
 def work(load: Load, process: int, connection: Connection) -> None:
-    """What a generator process does from its start to its end."""
-    signal.signal(signal.SIGINT, signal.SIG_IGN)  # a Ctrl-C goes to all of them; the first process decides
+    """The body of a generator process."""
+    signal.signal(signal.SIGINT, signal.SIG_IGN)  # Ctrl-C reaches all processes; the parent decides
     try:
         asyncio.run(_work(load, process, connection))
     except MotiongenError as error:
         connection.send(_Failed(str(error)))
     except BrokenPipeError:
-        pass  # the first process is gone, and nobody is left to tell
+        pass  # the parent is gone, so there is nobody to report to
 
 
 async def _work(load: Load, process: int, connection: Connection) -> None:
@@ -53,7 +53,7 @@ async def _work(load: Load, process: int, connection: Connection) -> None:
 
 
 class Workers:
-    """The generator processes of one run. Use it as `async with`, so that none is left behind."""
+    """The generator processes of one run. Use it as `async with`, so that none is left running."""
 
     def __init__(self, load: Load) -> None:
         context = multiprocessing.get_context("spawn")  # gRPC does not survive a fork
@@ -73,7 +73,7 @@ class Workers:
             waiting.remove(process)
 
     async def go(self) -> float:
-        """Set them off. Returns the moment at which the run starts, on time.monotonic."""
+        """Start the run. Returns its starting time, on time.monotonic."""
         start_at_s = time.monotonic() + _HEAD_START_S
         for connection in self._connections:
             connection.send(start_at_s)
@@ -92,7 +92,7 @@ class Workers:
         return [reports[process] for process in sorted(reports)]
 
     async def _messages(self, waiting: set[int], timeout_s: float) -> AsyncIterator[tuple[int, Any]]:
-        """What the processes in `waiting` say, until the caller has emptied it. Raises GeneratorFailed."""
+        """Messages of the processes in `waiting`, until the caller has emptied it. Raises GeneratorFailed."""
         while waiting:
             listening = {self._connections[process]: process for process in waiting}
             speaking = await asyncio.to_thread(pipes.wait, list(listening), timeout_s)
@@ -118,7 +118,7 @@ class Workers:
 
 
 def _receive(connection: Connection) -> Any:
-    """The next message. Raises GeneratorFailed for a process's last words, and when it has gone without any."""
+    """The next message. Raises GeneratorFailed if the process reported an error, or ended without a report."""
     try:
         message = connection.recv()
     except (EOFError, ConnectionResetError):

@@ -1,1 +1,1 @@
-"""`motiongen demo`: one story and seven characters beside it on one stream, from a server of its own."""
+"""`motiongen demo`: plays a story and seven more characters on one stream of a server that it starts."""

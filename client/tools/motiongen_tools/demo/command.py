@@ -1,4 +1,4 @@
-"""`motiongen demo`, from the server it starts to its exit code."""
+"""`motiongen demo`: start a server, play the script, write the results, report problems."""
 
 from __future__ import annotations
 
@@ -28,15 +28,15 @@ if TYPE_CHECKING:
 
 
 async def demo(options: argparse.Namespace) -> int:
-    """Run it all. Returns 0 if every frame came, every waypoint was reached and the server behaved, else 1."""
+    """Run the demo. Returns 0 if all frames came, all waypoints were reached and the server exited cleanly, else 1."""
     console = make_console()
     check_folder_to_write("--out", options.out)
     with contextlib.ExitStack() as stack:
         address, problems, connection = options.server, [], connection_of(options)
         if address is None:
             with starting(console, "starting the server with the built-in model") as tell:
-                # Played this fast, the cast would look like a crowd that has to make do with fewer steps; and as
-                # nothing is shown in real time, a slow machine only takes longer.
+                # At this speed, the load monitor would take the cast for a crowd and give it fewer steps. Nothing is
+                # shown in real time, so a slow machine only takes longer.
                 settings = ["--degrade", "false", "--admit-load", "1000", "--playback-rate", "1000"]
                 own = ServerProcess(settings, ready_timeout_s=options.start_timeout, tell=tell)
                 server = stack.enter_context(own)
@@ -84,7 +84,7 @@ async def perform(client: MotionClient, seconds: float, console: Console) -> lis
 
 
 async def show_progress(takes: Sequence[Take], seconds: float, console: Console) -> None:
-    """A bar with the frames taken and the windows received, until cancelled."""
+    """Show a bar with the frames taken and the windows received, until cancelled."""
     expected = sum(take.session.rig.frames_in(seconds) for take in takes)
     with make_progress(console) as progress:
         bar = progress.add_task("playing", total=expected, state="")
@@ -96,7 +96,7 @@ async def show_progress(takes: Sequence[Take], seconds: float, console: Console)
 
 
 def write_results(takes: Sequence[Take], out: Path, console: Console) -> None:
-    """A BVH file for each character that moved, and the contact sheets."""
+    """Write a BVH file for each character that moved, and the contact sheets."""
     out.mkdir(parents=True, exist_ok=True)
     scenes = []
     for number, take in enumerate(takes, 1):

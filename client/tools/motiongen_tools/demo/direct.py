@@ -1,4 +1,4 @@
-"""Actions of the script to what a session is sent, and to goals in the world, from where the character then is."""
+"""Turns actions of the script into edits of a session and goals in the world, relative to where the character is."""
 
 from __future__ import annotations
 
@@ -16,13 +16,13 @@ from motiongen_tools.demo.goals import Facing, Goal, Pace, velocities_mps
 from motiongen_tools.demo.script import Action, Circle, GoTo, Move, Reach, Say, Turn
 from motiongen_tools.poses import headings_rad
 
-_MOVING_MPS = 0.3  # slower than this, the way of a character is where it faces
-_PATH_RAMP_S = 1.0  # from a stand to the speed of a path
+_MOVING_MPS = 0.3  # below this speed, a character's way is its heading
+_PATH_RAMP_S = 1.0  # time to accelerate from a stand to the speed of a path
 
 
 @dataclass(frozen=True, eq=False)
 class Here:
-    """Where a character is. frame: shown now; position_m: (3,) of the root; way_rad: where it goes, or would go."""
+    """Where a character is. frame: shown now; position_m: (3,), the root's; way_rad: direction of travel or heading."""
 
     frame: int
     position_m: NDArray[np.float64]
@@ -30,14 +30,14 @@ class Here:
     way_rad: float
 
     def off(self, metres: float, turn_deg: float) -> tuple[float, float]:
-        """The place x, z in metres, some metres away, turned to the left of the way."""
+        """The place x, z in metres that is some metres away, turn_deg to the left of the way."""
         angle = self.way_rad + math.radians(turn_deg)
         return self.position_m[0] + metres * math.sin(angle), self.position_m[2] + metres * math.cos(angle)
 
 
 @dataclass(frozen=True, eq=False)
 class Asked:
-    """One action as it was sent. scheduled_frame: where its edit begins, and is answered only then; None: at once."""
+    """One action as sent. scheduled_frame: where its edit begins, if it is answered only then; None: at once."""
 
     edit: Edit
     action: Action
@@ -55,7 +55,7 @@ def here(motion: Motion) -> Here:
 
 
 def ask(session: Session, action: Action, at: Here) -> list[Asked]:
-    """Send an action. Raises UnknownName for a joint the rig has not, SessionEnded or StreamLost when it is over."""
+    """Send an action. Raises UnknownName for a joint that the rig lacks, SessionEnded or StreamLost if it is over."""
     match action:
         case Say(text):
             return [Asked(session.set_prompt(text), action)]
@@ -108,7 +108,7 @@ def _circle(session: Session, action: Circle, at: Here) -> list[Asked]:
 
 
 def circle_m(action: Circle, at: Here, frame_rate_hz: int) -> NDArray[np.float32]:
-    """(N, 2) x, z in metres of a circle to the left that begins where the character is, from a stand to full speed."""
+    """(N, 2) x, z in metres of a circle to the left that begins at the character, accelerating from a stand."""
     seconds = np.arange(round(action.seconds * frame_rate_hz)) / frame_rate_hz
     ramp = np.minimum(seconds, _PATH_RAMP_S)
     metres = action.speed_mps * (seconds - ramp + ramp**2 / (2 * _PATH_RAMP_S))

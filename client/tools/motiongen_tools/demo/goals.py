@@ -1,4 +1,4 @@
-"""What was asked of a character in numbers, and how near it came."""
+"""Goals of a character as numbers, and how near its motion came to them."""
 
 from __future__ import annotations
 
@@ -13,8 +13,8 @@ from motiongen_client.motion import Motion
 from motiongen_client.types import JointTargets, RootTrajectory, Waypoint
 from motiongen_tools.poses import headings_rad
 
-_STILL_MPS = 0.15  # who stands sways
-_SMOOTH_S = 0.5  # a step is about as long, and the root sways with each
+_STILL_MPS = 0.15  # a standing character sways
+_SMOOTH_S = 0.5  # about the length of a step; the root sways with each
 
 
 @dataclass(frozen=True)
@@ -40,7 +40,7 @@ Aim: TypeAlias = Waypoint | RootTrajectory | JointTargets | Facing | Pace
 
 @dataclass(frozen=True, eq=False)
 class Goal:
-    """label: the aim in words; asked_frame: the frame that was shown when it was asked."""
+    """A goal. label: in words; asked_frame: the frame that was shown when it was asked for."""
 
     label: str
     asked_frame: int
@@ -48,7 +48,7 @@ class Goal:
 
     @property
     def frames(self) -> range:
-        """The frames at which it is judged: of a path all, of a velocity the second half."""
+        """The frames at which the goal is judged: all of a path, the second half of a velocity."""
         match self.aim:
             case RootTrajectory(first_frame=first, positions_m=positions):
                 return range(first, first + len(positions))
@@ -69,7 +69,7 @@ class Goal:
 
 @dataclass(frozen=True)
 class Reached:
-    """error: the mean over the frames at which a goal is judged, in its unit; reached_s: when first within bound."""
+    """error: the mean over the frames at which a goal is judged, in its unit; reached_s: first time within bound."""
 
     error: float
     reached_s: float | None
@@ -77,14 +77,14 @@ class Reached:
 
 
 def bound(goal: Goal, place_m: float) -> float:
-    """What a goal may be missed by, in its unit: place_m for places, paths, hands; 15 degrees; a tenth of a speed."""
+    """Greatest allowed error in the goal's unit: place_m for places, paths, hands; 15 degrees; a tenth of a speed."""
     if isinstance(goal.aim, Pace):
         return max(0.1 * math.hypot(goal.aim.x_mps, goal.aim.z_mps), _STILL_MPS)
     return 15.0 if isinstance(goal.aim, Facing) else 100 * place_m
 
 
 def measure(goal: Goal, motion: Motion, place_m: float) -> Reached | None:
-    """How near a motion came; None when it ends before the goal is due."""
+    """How near a motion came to a goal; None if it ends before the goal is due."""
     if goal.frames.start < motion.first_frame or goal.frames.stop > motion.first_frame + len(motion):
         return None
     errors, allowed = errors_over_time(goal, motion), bound(goal, place_m)
@@ -96,7 +96,7 @@ def measure(goal: Goal, motion: Motion, place_m: float) -> Reached | None:
 
 
 def errors_over_time(goal: Goal, motion: Motion) -> NDArray[np.float64]:
-    """(T,) distance from what is asked at each frame, in the goal's unit; of a path, from its nearest frame in time."""
+    """(T,) distance from the goal at each frame, in its unit; for a path, from its place at the nearest frame."""
     root = motion.root_translation_m[:, [0, 2]].astype(np.float64)
     match goal.aim:
         case Waypoint(x_m=x, z_m=z):
@@ -107,7 +107,7 @@ def errors_over_time(goal: Goal, motion: Motion) -> NDArray[np.float64]:
         case JointTargets(joints=joints, positions_m=positions):
             moved = (
                 motion.joint_positions_m()[:, joints[1:]].astype(np.float64) - positions[1:]
-            )  # the root is not the aim
+            )  # the root, which comes first, is not a target
             return 100 * np.asarray(np.linalg.norm(moved, axis=2).max(axis=1))
         case Facing(heading_rad=heading):
             turned = headings_rad(motion) - heading

@@ -1,4 +1,4 @@
-"""A way from above: goals as stars, where the character was at their frames, and the distance between the two."""
+"""A path from above: goals as stars, where the character was at their frames, and the distances between them."""
 
 from __future__ import annotations
 
@@ -17,11 +17,11 @@ if TYPE_CHECKING:
     from matplotlib.axes import Axes
 
 _TICK_S = 2.0
-_NEAR_M = 0.3  # nearer than this, texts would lie on each other
+_NEAR_M = 0.3  # nearer than this, texts would overlap
 
 
 def draw_ground(axes: Axes, motion: Motion, goals: Sequence[Goal]) -> None:
-    """The way with arrows of the facing and times, and what was asked of it in green."""
+    """Draw the path with arrows for the heading and times; goals are green."""
     draw_way(axes, motion, every_s=0.5, arrow_width=0.006)
     root = motion.root_translation_m[:, [0, 2]].astype(np.float64)
     points, places = [root], list[NDArray[np.float64]]()
@@ -54,7 +54,7 @@ def draw_ground(axes: Axes, motion: Motion, goals: Sequence[Goal]) -> None:
 
 
 def _draw_times(axes: Axes, motion: Motion, root: NDArray[np.float64]) -> None:
-    """The time at every other second, left out while the character stands."""
+    """Draw the time every other second, except while the character stands."""
     last = np.full(2, np.inf)
     for row in range(0, len(motion), max(motion.rig.frames_in(_TICK_S), 1)):
         if np.linalg.norm(root[row] - last) > _NEAR_M:
@@ -64,7 +64,7 @@ def _draw_times(axes: Axes, motion: Motion, root: NDArray[np.float64]) -> None:
 
 
 def _draw_miss(axes: Axes, motion: Motion, goal: Goal, frame: int, place: NDArray[np.float64], above: int) -> None:
-    """From the star to where the character was at its frame, with the distance, `above` lines up, in centimetres."""
+    """Draw a line from the star to where the character was at its frame, and the distance, `above` lines up."""
     reached = measure(goal, motion, place_m=1.0)
     if reached is None:
         return

@@ -1,8 +1,7 @@
-"""Playing the script: all characters on one stream, as fast as the server makes them.
+"""Plays the script: all characters on one stream, as fast as the server generates them.
 
-Frames are taken without waiting for their time. So that what is asked at a time of the motion shows right after it,
-whatever the speed, a character that has come to a cue tells the server where it is and takes no frame until the server
-has answered.
+Frames are taken without waiting for real time. When a character reaches a cue, it tells the server where it is and
+takes no frame until the server has answered. So what the cue asks for shows right after it, whatever the speed.
 """
 
 from __future__ import annotations
@@ -25,14 +24,14 @@ from motiongen_tools.demo.direct import Asked, ask, here
 from motiongen_tools.demo.goals import Goal
 from motiongen_tools.demo.script import Action, Role, Say
 
-_REPORT_S = 0.06  # a report of the playhead has gone out by then
-_ANSWER_S = 3.0  # an edit that is answered later shows later; its frames tell
-_SLOWEST = 3.0  # times real time that a performance may take
+_REPORT_S = 0.06  # by then, a report of the playhead has been sent
+_ANSWER_S = 3.0  # an edit whose answer takes longer shows later, as its effective frame tells
+_SLOWEST = 3.0  # longest that a performance may take, relative to real time
 
 
 @dataclass
 class Take:
-    """One character's performance. prompts: what it was told, by the frame from which it shows."""
+    """One character's performance. prompts: the prompts it was given, by the frame from which each shows."""
 
     role: Role
     session: Session
@@ -51,16 +50,16 @@ class Take:
 
     @property
     def warnings(self) -> list[ModelWarning]:
-        """What the server took, but does not promise."""
+        """What the server accepted but does not promise."""
         outcomes = [edit.outcome for edit in self.edits]
         return [*self.session.opened.warnings, *(each for given in outcomes if given for each in given.warnings)]
 
     def motion(self) -> Motion | None:
-        """What was shown; None when nothing was."""
+        """The frames that were shown; None if there were none."""
         return self.session.motion() if self.session.playback.started else None
 
     def problem(self, num_expected: int) -> str:
-        """Why this is not what was asked for, its goals aside; empty when it is."""
+        """What is wrong with the take, apart from its goals; empty if nothing is."""
         motion = self.motion()
         if self.failure:
             return self.failure
@@ -76,7 +75,7 @@ class Take:
 
 
 async def open_cast(stream: Stream, cast: Sequence[Role]) -> list[Take]:
-    """A session for each role; the seeds are fixed, and so is what comes of the same weights."""
+    """Open a session for each role. The seeds are fixed, so the same weights give the same motion."""
     options = [SessionOptions(seed=seed) for seed in range(len(cast))]
     opening = [stream.open(role.prompt, options=own, keep_s=None) for role, own in zip(cast, options, strict=True)]
     sessions = await asyncio.gather(*opening)
@@ -84,7 +83,7 @@ async def open_cast(stream: Stream, cast: Sequence[Role]) -> list[Take]:
 
 
 async def play(take: Take, stream: Stream, seconds: float) -> None:
-    """Play one character through its cues; what went wrong is left in `take.failure`."""
+    """Play one character through its cues. An error is stored in `take.failure`."""
     session, cues, limit_s = take.session, list(take.role.cues), _SLOWEST * seconds + 10
     began_s = time.monotonic()
     try:
@@ -94,7 +93,7 @@ async def play(take: Take, stream: Stream, seconds: float) -> None:
                     await _give(take, stream, cues.pop(0).actions)
         for edit in take.edits:
             if edit.done():
-                await edit  # a refusal is raised here
+                await edit  # raises a refusal
     except TimeoutError:
         take.failure = f"only {len(session.motion()) if session.playback.started else 0} frames in {limit_s:g} s"
     except MotiongenError as error:
@@ -103,7 +102,7 @@ async def play(take: Take, stream: Stream, seconds: float) -> None:
 
 
 async def _give(take: Take, stream: Stream, actions: Iterable[Action]) -> None:
-    """Ask for the actions of a cue together, and wait for the answers."""
+    """Send the actions of a cue together, and wait for the answers."""
     stream.report_soon()
     await asyncio.sleep(_REPORT_S)
     at = here(take.session.motion())
@@ -124,12 +123,12 @@ def _first_frame(asked: Asked, now_frame: int) -> int:
 
 
 async def _answered(edit: Edit) -> None:
-    """Until the answer to an edit has come, whatever it is."""
-    with contextlib.suppress(MotiongenError):  # `play` raises it when it has shown what there is
+    """Wait for the answer to an edit, whatever it is."""
+    with contextlib.suppress(MotiongenError):  # `play` raises it at the end
         await edit
 
 
 async def close(take: Take) -> None:
-    """End a session, unless it has failed already."""
+    """Close a session, unless it has already failed."""
     if not take.failure:
         await take.session.close()

@@ -1,4 +1,4 @@
-"""What is printed after a demo: each prompt and what was done under it, each goal and how near it came, figures."""
+"""The printed report of a demo: prompts and what was done under them, goals and how near each came, figures."""
 
 from __future__ import annotations
 
@@ -22,7 +22,7 @@ if TYPE_CHECKING:
 
 @dataclass(frozen=True)
 class Deed:
-    """What a character did while one prompt held."""
+    """What a character did while one prompt was in force."""
 
     from_s: float
     to_s: float
@@ -32,7 +32,7 @@ class Deed:
 
 
 def deeds(motion: Motion, prompts: Sequence[tuple[int, str]]) -> list[Deed]:
-    """One for each prompt that held for two frames or more. prompts: (frame, text) in the order of time."""
+    """A deed for each prompt that was in force for two frames or more. prompts: (frame, text), in order of time."""
     facing, rate, end = np.unwrap(headings_rad(motion)), motion.rig.frame_rate_hz, motion.first_frame + len(motion)
     found = []
     for (start, text), stop in zip(prompts, [frame for frame, _ in prompts[1:]] + [end], strict=True):
@@ -63,7 +63,7 @@ def missed_places(take: Take, place_m: float) -> list[str]:
 
 
 def print_report(takes: Sequence[Take], place_m: float, console: Console) -> None:
-    """The story, the goals of all, the warnings and the figures."""
+    """Print the story, everyone's goals, the warnings and the figures."""
     story = takes[0].motion()
     if story is not None:
         table = make_table("The story", "prompt", "from", "to", "travelled", "turned left")
@@ -84,7 +84,7 @@ def print_report(takes: Sequence[Take], place_m: float, console: Console) -> Non
         for warning in take.warnings:
             console.print(f"warning for {take.role.name}: {warning.message}", soft_wrap=True)
     if not any(take.warnings for take in takes):
-        console.print("no warnings: the model claims nothing that the script leaves")
+        console.print("no warnings: the script stays within what the model knows")
     _print_figures(takes, console)
 
 
@@ -117,6 +117,6 @@ def _print_figures(takes: Sequence[Take], console: Console) -> None:
 
 
 def milliseconds(seconds: Sequence[float | None], percentile: float = 50) -> str:
-    """A percentile in milliseconds of those that are known; a dash when none is."""
+    """A percentile of the known values, in milliseconds; a dash if there are none."""
     known = [each for each in seconds if each is not None]
     return f"{1000 * float(np.percentile(known, percentile)):.0f} ms" if known else "-"

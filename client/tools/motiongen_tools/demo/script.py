@@ -1,6 +1,6 @@
-"""What the characters of the demo are asked, and when: the script as data.
+"""The script of the demo as data: what the characters are asked for, and when.
 
-Angles are degrees to the left of where the character goes; a place is told as a distance from where it then is.
+Angles are degrees to the left of the direction of travel. Places are distances from where the character then is.
 """
 
 from __future__ import annotations
@@ -20,7 +20,7 @@ class Say:
 
 @dataclass(frozen=True)
 class GoTo:
-    """Be metres away, turned to the left of the way by turn_deg, in_s later: a waypoint."""
+    """Be `metres` away, turn_deg to the left of the way, in_s later: a waypoint."""
 
     metres: float
     in_s: float
@@ -37,9 +37,9 @@ class Turn:
 
 @dataclass(frozen=True)
 class Move:
-    """Move at a speed, turned to the left of the way by turn_deg, for some seconds: a velocity. 0 m/s is to stop.
+    """Move at a speed, turn_deg to the left of the way, for some seconds: a velocity. 0 m/s stops.
 
-    keep_prompt: whether the prompt holds meanwhile, in place of the model's own for that speed.
+    keep_prompt: whether the prompt stays in force, instead of the model's own for that speed.
     """
 
     speed_mps: float
@@ -50,7 +50,7 @@ class Move:
 
 @dataclass(frozen=True)
 class Circle:
-    """Follow a circle to the left, tangent to the way: a path. It begins begins_s later, with a prompt."""
+    """Follow a circle to the left, tangent to the way: a path. It begins begins_s later, together with a prompt."""
 
     radius_m: float
     speed_mps: float
@@ -61,7 +61,7 @@ class Circle:
 
 @dataclass(frozen=True)
 class Reach:
-    """Have a joint up_m above the ground, ahead_m ahead and left_m to the left of the root, in_s later."""
+    """Have a joint up_m above the ground, ahead_m ahead of and left_m to the left of the root, in_s later."""
 
     joint: str
     up_m: float
@@ -75,7 +75,7 @@ Action: TypeAlias = Say | GoTo | Turn | Move | Circle | Reach
 
 @dataclass(frozen=True)
 class Cue:
-    """Actions asked together when the character has come to at_s."""
+    """Actions that are sent together when the character has reached at_s."""
 
     at_s: float
     actions: tuple[Action, ...]
@@ -83,7 +83,7 @@ class Cue:
 
 @dataclass(frozen=True)
 class Role:
-    """A character: the prompt it opens with, and its cues in the order of time."""
+    """A character: the prompt it opens with, and its cues in order of time."""
 
     name: str
     prompt: str
@@ -91,7 +91,7 @@ class Role:
 
 
 STORY_S = 18.5
-PLACE_BOUND_M = 0.2  # what a waypoint may be missed by
+PLACE_BOUND_M = 0.2  # by how much a waypoint may be missed
 
 STORY = Role(
     "story",

@@ -1,4 +1,4 @@
-"""The contact sheets: for each character its way from above, and beside it what it did, asked and touched over time.
+"""The contact sheets: for each character, its path from above, and its poses, prompts, goals and contacts over time.
 
 Needs matplotlib: `pip install 'motiongen-tools[pictures]'`.
 """
@@ -22,7 +22,7 @@ _DPI = 100
 
 @dataclass(frozen=True, eq=False)
 class Scene:
-    """One character. prompts: (frame, text) in the order of time, each until the next; goals: what else was asked."""
+    """One character. prompts: (frame, text) in order of time, each until the next; goals: what else was asked for."""
 
     title: str
     motion: Motion
@@ -31,15 +31,15 @@ class Scene:
 
 
 def write_story(path: Path | str, scene: Scene, *, every_s: float = 0.5, row_s: float = 6.5) -> None:
-    """A PNG of one character at length: its way, and rows of row_s with a pose every every_s.
+    """Write a PNG of one character at length: its path, and rows of row_s seconds with a pose every every_s.
 
-    Raises InvalidInput for a scene without frames, MissingExtra without matplotlib.
+    Raises InvalidInput if there are no frames, MissingExtra without matplotlib.
     """
     _write(path, [scene], every_s, row_s)
 
 
 def write_scenes(path: Path | str, scenes: Sequence[Scene], *, every_s: float = 1.25) -> None:
-    """A PNG of several characters, each in one row with a pose every every_s. Raises as `write_story`."""
+    """Write a PNG of several characters, one row each with a pose every every_s. Raises as `write_story`."""
     if not scenes:
         raise InvalidInput("scenes", scenes, "one scene or more")
     _write(path, scenes, every_s, max(scene.motion.duration_s for scene in scenes))

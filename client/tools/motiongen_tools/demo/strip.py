@@ -1,4 +1,4 @@
-"""A character over time: poses from the side, below them prompts, goals, and which foot touches the ground."""
+"""A character over time: poses from the side; below them prompts, goals, and which foot touches the ground."""
 
 from __future__ import annotations
 
@@ -16,7 +16,7 @@ if TYPE_CHECKING:
     from matplotlib.axes import Axes
 
 _PROMPT_COLOURS = ("#e8eef6", "#f6efe2")
-_LINE_M = 0.23  # of the page, between the lines below the ground
+_LINE_M = 0.23  # spacing of the lines below the ground, in metres of the page
 _FEET = (("left heel", LEFT), ("left toe", LEFT), ("right heel", RIGHT), ("right toe", RIGHT))
 
 
@@ -30,7 +30,7 @@ def draw_strip(
     to_s: float,
     every_s: float,
 ) -> None:
-    """The part of a motion from from_s to to_s, a pose every every_s; each pose in place, its root above its time."""
+    """Draw a motion from from_s to to_s, a pose every every_s without its displacement, the root above its time."""
     rate, end = motion.rig.frame_rate_hz, motion.first_frame + len(motion)
 
     def at(frame: float) -> float:
@@ -56,7 +56,7 @@ def draw_strip(
 def _draw_prompts(
     axes: Axes, prompts: Sequence[tuple[int, str]], first: int, last: int, at: Callable[[float], float]
 ) -> None:
-    """A band for each prompt, from the frame at which it shows to the next one's; its text ends where it does."""
+    """Draw a band for each prompt, from the frame at which it shows to the next one's; its text is cut off there."""
     from matplotlib.patches import Rectangle
 
     ends = [frame for frame, _ in prompts[1:]] + [last]
@@ -73,7 +73,7 @@ def _draw_prompts(
 def _draw_goals(
     axes: Axes, motion: Motion, goals: Sequence[Goal], first: int, last: int, at: Callable[[float], float]
 ) -> float:
-    """A line for each goal, from when it was asked to when it is due, with its residual. Returns where they end."""
+    """Draw a line for each goal, from when it was asked for to when it is due, with its error. Returns the lowest y."""
     low, taken_to = -0.5, -np.inf
     for goal in goals:
         start, end = goal.asked_frame, goal.frames.stop - 1
@@ -100,7 +100,7 @@ def _draw_goals(
 def _draw_contacts(
     axes: Axes, motion: Motion, first: int, last: int, at: Callable[[float], float], top: float
 ) -> float:
-    """Bars while heel and toe of each foot touch the ground. Returns where they end."""
+    """Draw bars while heel and toe of each foot touch the ground. Returns the lowest y."""
     rows = motion.foot_contact if CONTACT_BLOCK in motion.rig.blocks else np.zeros((0, 0), np.float32)
     low = top - 0.1
     for column, (name, colour) in enumerate(_FEET[: rows.shape[1]]):

@@ -1,1 +1,1 @@
-"""`motiongen gallery`: a page of what a model makes of its presets and of targets, which opens from the disk."""
+"""`motiongen gallery`: a page of what a model makes of its presets and of targets; it opens from the disk."""

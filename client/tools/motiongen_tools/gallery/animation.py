@@ -1,4 +1,4 @@
-"""Animation: one take as the page plays it: joints by frame, what was asked, and what became of that."""
+"""Animation: one take as the page plays it: joint positions by frame, what was asked for, and the result."""
 
 from __future__ import annotations
 
@@ -19,7 +19,7 @@ _MOST_MM = 32_000
 
 @dataclass(frozen=True, eq=False)
 class Goal:
-    """What was asked at a frame, or, without one, over the whole take. points_m: (K, 3); is_path: they are a line."""
+    """What was asked for at a frame; frame None: over the whole take. points_m: (K, 3); is_path: they form a line."""
 
     frame: int | None
     points_m: NDArray[np.float32]
@@ -28,9 +28,9 @@ class Goal:
 
 @dataclass(frozen=True, eq=False)
 class Animation:
-    """positions_m: (T, J, 3), world; contacts: (T, 4) bool, left heel and toe, right heel and toe; feet: their joints.
-
-    detail: what is said below the picture. verdict: met, missed, refused, or "" where nothing was asked for.
+    """One take. positions_m: (T, J, 3), world. contacts: (T, 4) bool, left heel and toe, right heel and toe. feet: the
+    joints that contacts are of. detail: text below the picture. verdict: met, missed, refused, or "" if nothing was
+    asked for.
     """
 
     positions_m: NDArray[np.float32]
@@ -53,19 +53,19 @@ class Animation:
             raise InvalidInput("positions_m", "numbers that are not finite", "finite metres")
 
     def slide_mps(self) -> float:
-        """How fast the feet that are said to stand move over the ground, on average; 0 where none stands."""
+        """Average speed over the ground of the feet that are marked as in contact; 0 if there are none."""
         ground = self.positions_m[:, list(self.feet)][..., [0, 2]]
         speeds = np.linalg.norm(np.diff(ground, axis=0), axis=-1) * self.frame_rate_hz
         stands = (self.contacts[1:] & self.contacts[:-1])[:, : len(self.feet)]
         return float(speeds[stands].mean()) if stands.any() else 0.0
 
     def speed_mps(self) -> float:
-        """Of the root over the ground, on average."""
+        """Average speed of the root over the ground."""
         steps = np.linalg.norm(np.diff(self.positions_m[:, 0, [0, 2]], axis=0), axis=-1)
         return float(steps.mean() * self.frame_rate_hz) if len(steps) else 0.0
 
     def shown(self) -> dict[str, Any]:
-        """As the page reads it: whole millimetres of two bytes, seen from where the take begins."""
+        """The take as the page reads it: whole millimetres in two bytes each, relative to where the take begins."""
         frames = self.positions_m[: round(LONGEST_S * self.frame_rate_hz)]
         origin = np.array([frames[0, 0, 0], 0.0, frames[0, 0, 2]], np.float32)
         whole = np.clip(np.rint((frames - origin) * _MM), -_MOST_MM, _MOST_MM).astype("<i2")
@@ -85,12 +85,12 @@ class Animation:
 
 
 def refused(reason: str) -> dict[str, Any]:
-    """In place of an animation that the server would not make."""
+    """Takes the place of an animation that the server refused."""
     return {"num_frames": 0, "detail": reason, "verdict": "refused"}
 
 
 def feet_of(joint_names: Sequence[str]) -> tuple[int, ...]:
-    """The joints that the four contacts speak of, where the names tell them; none where they do not."""
+    """The joints of the four contacts, as far as their names tell; empty if they do not."""
     names = ("LeftFoot", "LeftToeBase", "RightFoot", "RightToeBase")
     return tuple(joint_names.index(name) for name in names) if all(name in joint_names for name in names) else ()
 

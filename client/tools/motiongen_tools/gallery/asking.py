@@ -1,4 +1,4 @@
-"""Takes for the gallery, made through a server as any client makes them."""
+"""Generates the takes of the gallery through a server, as any client does."""
 
 from __future__ import annotations
 
@@ -35,14 +35,14 @@ STANDS_ON_M = 0.01
 
 @dataclass(frozen=True)
 class Asked:
-    """One question and what came of it, as the page reads it."""
+    """One question and its result, as the page reads it."""
 
     question: Question
     shown: dict[str, Any]
 
 
 async def ask_all(client: MotionClient, model: Model, steps: int | None, seed: int) -> list[Asked]:
-    """Ask a model everything. Questions about joints that its rig does not have are left out."""
+    """Ask a model all questions. Questions about joints that its rig does not have are left out."""
     rig = client.catalog.rig(model.rig_id)
     options = SessionOptions(model_id=model.model_id, seed=seed, denoise_steps=steps)
     poses = await _poses(client, model, rig, options)
@@ -61,7 +61,7 @@ async def ask_all(client: MotionClient, model: Model, steps: int | None, seed: i
 
 
 async def _poses(client: MotionClient, model: Model, rig: Rig, options: SessionOptions) -> Poses:
-    """The model's own poses after two seconds, the gesture of the last preset where the usual one is not known."""
+    """Poses that the model reaches after two seconds. If it lacks the usual gesture, its last preset is used."""
     count = rig.frames_in(2) + 1
     presets = list(model.presets)
     gesture = GESTURE if GESTURE in presets else (presets[-1] if presets else None)
@@ -88,7 +88,7 @@ async def _ask(
 
 
 def animation_of(clip: Clip, constraints: list[Constraint]) -> Animation:
-    """A clip with its goals, and how near it came to them."""
+    """A clip with its goals and how near it came to them."""
     motion = clip.motion
     names = motion.rig.joint_names
     return Animation(
@@ -98,7 +98,7 @@ def animation_of(clip: Clip, constraints: list[Constraint]) -> Animation:
 
 
 def _verdict(clip: Clip) -> tuple[str, str]:
-    """What is said of it, and whether everything that was asked for was met."""
+    """A clip's verdict: the text below its picture, and whether everything asked for was met."""
     told = [warning.message for warning in clip.warnings]
     for residual in clip.residuals:
         errors = []
@@ -124,7 +124,7 @@ def _goal(constraint: Constraint, motion: Motion) -> Goal:
         case Keyframe(frame=frame, positions_m=places) | JointTargets(frame=frame, positions_m=places):
             return Goal(frame, np.asarray(places, np.float32))
         case HeadingTarget(frame=frame, heading_rad=heading):
-            # a metre from where it is then, the way it should face
+            # a point one metre away in the direction that it should face
             x, _, z = motion.root_translation_m[min(frame, len(motion) - 1)]
             away = [x + math.sin(heading), z + math.cos(heading)]
             return Goal(frame, _ground([[x, z], away]), is_path=True)

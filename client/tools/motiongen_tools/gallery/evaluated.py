@@ -1,4 +1,4 @@
-"""Takes that `python -m motiongen_ardy.evaluate --takes FOLDER` wrote, as animations."""
+"""Reads takes that `python -m motiongen_ardy.evaluate --takes FOLDER` wrote, as animations."""
 
 from __future__ import annotations
 
@@ -21,7 +21,7 @@ _BROKEN = (
 
 
 def read_takes(folder: Path) -> list[tuple[str, str, Animation]]:
-    """All takes of a folder: the part of the evaluation, the take's title, and the take. Raises InvalidInput."""
+    """All takes of a folder: for each, the part of the evaluation, the title and the take. Raises InvalidInput."""
     if not folder.is_dir():
         raise InvalidInput(
             "--takes", str(folder), "a folder that the evaluation wrote: make gate ARGS='--takes FOLDER'"
@@ -41,7 +41,7 @@ def _read(path: Path) -> tuple[str, str, Animation]:
         if error.field == "--takes":
             raise
         raise InvalidInput("--takes", f"{path}, whose {error.field} is {error.given}", error.allowed) from None
-    except _BROKEN as error:  # half a file, as where the evaluation was ended while it wrote, or one of other arrays
+    except _BROKEN as error:  # an incomplete file of an interrupted evaluation, or other arrays
         raise InvalidInput("--takes", str(path), f"an NPZ file of the form {FORMAT}: {error}") from None
 
 

@@ -1,4 +1,4 @@
-"""The page of a gallery: one file, with its style, its program and all takes in it."""
+"""The page of a gallery: a single file that contains its style, its program and all takes."""
 
 from __future__ import annotations
 
@@ -16,27 +16,27 @@ PAGE = Path(__file__).with_name("page")
 
 @dataclass
 class Gallery:
-    """columns: what is side by side, models or step counts. parts: title -> rows, each a title and a take a column."""
+    """columns: models or step counts, side by side. parts: title -> rows, each with a title and one take per column."""
 
     title: str
     columns: list[str]
     parts: dict[str, dict[str, list[dict[str, Any] | None]]] = field(default_factory=dict)
 
     def add(self, part: str, row: str, column: int, shown: dict[str, Any]) -> None:
-        """Put a take into its place."""
+        """Add a take."""
         rows = self.parts.setdefault(part, {})
         rows.setdefault(row, [None] * len(self.columns))[column] = shown
 
 
 def write_gallery(path: Path, gallery: Gallery, made_at: datetime | None = None) -> None:
-    """Write the page. made_at: said on it; now unless given."""
+    """Write the page. made_at: the time shown on it, by default now."""
     made = (made_at or datetime.now(UTC)).strftime("%Y-%m-%d %H:%M UTC")
     parts = [
         {"title": part, "rows": [{"title": row, "takes": takes} for row, takes in rows.items()]}
         for part, rows in gallery.parts.items()
     ]
     told = {"columns": gallery.columns, "parts": parts}
-    data = json.dumps(told, separators=(",", ":"), ensure_ascii=True).replace("<", "\\u003c")  # no end of the script
+    data = json.dumps(told, separators=(",", ":"), ensure_ascii=True).replace("<", "\\u003c")  # no text ends the script
     filled = {
         "{title}": escape(gallery.title),
         "{heading}": escape(gallery.title),

@@ -1,4 +1,4 @@
-"""What every model is asked: each of its presets, and a target of each kind. Times are seconds, places metres."""
+"""The questions for every model: each of its presets, and a target of each kind. Times in seconds, places in metres."""
 
 from __future__ import annotations
 
@@ -27,7 +27,7 @@ STAND, WALK = "a person stands still", "a person walks forward"
 
 @dataclass(frozen=True, eq=False)
 class Poses:
-    """Poses of the model itself, (J, 3) metres at the origin: one who stands, and one in a gesture."""
+    """Poses that the model itself made, (J, 3) metres, at the origin: one standing, one in a gesture."""
 
     rig: Rig
     standing_m: Float32
@@ -37,14 +37,14 @@ class Poses:
         return self.rig.frames_in(seconds)
 
     def limb(self, name: str, away_m: tuple[float, float, float]) -> tuple[int, Float32]:
-        """The joint that leads a limb, and a place away from where it is in one who stands."""
+        """The first joint of a limb, and a place that is away_m from where that joint is in the standing pose."""
         joint = self.rig.limbs[name][0]
         return joint, (self.standing_m[joint] + np.array(away_m, np.float32)).astype(np.float32)
 
 
 @dataclass(frozen=True)
 class Question:
-    """A row of the gallery. targets: makes the constraints; None: a model without such joints is not asked."""
+    """A row of the gallery. targets: makes the constraints; None, which leaves the row out, if the rig lacks joints."""
 
     part: str
     title: str
@@ -55,7 +55,7 @@ class Question:
 
 
 def questions_of(model: Model) -> list[Question]:
-    """All that a model is asked."""
+    """All questions for a model."""
     told = model.preset_descriptions
     names = {name: f"{name}: {told[name]}" if told.get(name) else name for name in model.presets}
     asked = [Question("Presets", title, Preset(name)) for name, title in names.items()]
@@ -73,7 +73,7 @@ def _limb(name: str, away_m: tuple[float, float, float]) -> Callable[[Poses], li
 
 
 def _curve(poses: Poses) -> list[Constraint]:
-    """An S of 3 m, at about a metre a second, from a metre ahead on."""
+    """An S of 3 m at about a metre a second, starting a metre ahead."""
     ahead = np.linspace(0, 3, poses.frame(3))
     places = np.stack([0.3 * np.sin(2 * math.pi * ahead / 3), 1 + ahead], axis=-1)
     return [RootTrajectory(poses.frame(1.5), places.astype(np.float32))]

@@ -1,4 +1,4 @@
-"""Who may look and who may steer: tokens, and pages of other sites kept out."""
+"""Access control of the bridge: tokens for watching and steering, and protection against pages of other sites."""
 
 from __future__ import annotations
 
@@ -10,11 +10,11 @@ from ipaddress import ip_address
 from urllib.parse import SplitResult, urlsplit
 
 _OUR_SITES = ("same-origin", "none")
-"""Values of Sec-Fetch-Site: our page asks, or the user does, who has typed the address."""
+"""Allowed values of Sec-Fetch-Site: our page makes the request, or the user, who typed the address."""
 
 
 class Role(enum.Enum):
-    """What a browser may do: steer, or only look on."""
+    """What a browser may do: steer, or only watch."""
 
     CONTROL = "control"
     WATCH = "watch"
@@ -22,20 +22,20 @@ class Role(enum.Enum):
 
 @dataclass(frozen=True)
 class Access:
-    """The rules of one bridge. control_token, watch_token: None where nobody is asked, which only loopback allows."""
+    """The rules of one bridge. control_token, watch_token: None if no token is required, which only loopback allows."""
 
     control_token: str | None = field(default=None, repr=False)
     watch_token: str | None = field(default=None, repr=False)
 
     @classmethod
     def to_listen_at(cls, host: str, wants_token: bool = False) -> Access:
-        """Open on loopback; with fresh tokens on any other address, or where they are wanted."""
+        """No tokens on loopback; new tokens on any other address, or if they are wanted."""
         if is_loopback(host) and not wants_token:
             return cls()
         return cls(secrets.token_urlsafe(16), secrets.token_urlsafe(16))
 
     def role_of(self, token: str) -> Role | None:
-        """What the bearer of a token may do; None: nothing."""
+        """The role that a token gives; None if it gives none."""
         if self.control_token is None or self.watch_token is None:
             return Role.CONTROL
         given = token.encode()
@@ -44,16 +44,17 @@ class Access:
         return Role.WATCH if hmac.compare_digest(given, self.watch_token.encode()) else None
 
     def admits_host(self, host: str) -> bool:
-        """Whether a request may name this host: without tokens only loopback, so that no name that somebody else
-        points at this machine reaches the bridge."""
+        """Whether a request may name this host. Without tokens only loopback is allowed, so that a name which somebody
+        else points at this machine does not reach the bridge.
+        """
         return self.control_token is not None or is_loopback(_split(f"//{host}").hostname or "")
 
 
 def is_own_page(origin: str | None, host: str, fetch_site: str | None = None) -> bool:
-    """Whether something was asked by our page, or by a program, which sends neither origin nor fetch_site.
+    """Whether our page makes the request, or a program, which sends neither origin nor fetch_site.
 
-    A browser lets any site open WebSockets here, and post what needs no leave of ours; only reading is kept from it.
-    What it gets for another site, as a picture say or by a link, has no origin: there its Sec-Fetch-Site tells.
+    A browser lets any site open WebSockets here, and send posts that need no permission; only reading is prevented.
+    What it requests for another site as a picture or through a link has no origin: there, Sec-Fetch-Site tells.
     """
     if fetch_site not in (None, *_OUR_SITES):
         return False
@@ -64,7 +65,7 @@ def is_own_page(origin: str | None, host: str, fetch_site: str | None = None) ->
 
 
 def _split(address: str) -> SplitResult:
-    """The parts of an address; of what is none, empty ones."""
+    """The parts of an address; empty ones if it is not valid."""
     try:
         return urlsplit(address)
     except ValueError:
@@ -72,7 +73,7 @@ def _split(address: str) -> SplitResult:
 
 
 def is_loopback(host: str) -> bool:
-    """Whether only this machine reaches an address."""
+    """Whether an address can only be reached from this machine."""
     if host == "localhost":
         return True
     try:

@@ -1,4 +1,4 @@
-"""Bridge: rooms of characters, and the beat at which they move and browsers are told."""
+"""Bridge: all rooms of characters, and the beat at which characters move and browsers are updated."""
 
 from __future__ import annotations
 
@@ -15,7 +15,7 @@ _ROOM = re.compile(r"[\w-]{1,40}")
 
 
 class Bridge:
-    """All rooms over one line to the server. `beat` is awaited by whoever tells a browser what is new."""
+    """All rooms, over one connection to the server. Whoever updates a browser awaits `beat`."""
 
     def __init__(self, line: Line) -> None:
         self.line = line
@@ -23,7 +23,7 @@ class Bridge:
         self._beat = asyncio.Event()
 
     def room(self, name: str) -> Room:
-        """The room of a name, made where there is none. Raises InvalidInput."""
+        """The room of a name, created if it does not exist. Raises InvalidInput."""
         if not _ROOM.fullmatch(name):
             raise InvalidInput("room", name, "1 to 40 letters, digits, _ and -")
         if name not in self.rooms:
@@ -43,11 +43,11 @@ class Bridge:
         await self._beat.wait()
 
     def tick(self) -> None:
-        """Move every character to the present, and wake those who wait."""
+        """Move every character to the present, and wake those who wait for the beat."""
         for room in self.rooms.values():
             room.tick()
         self._beat.set()
-        self._beat.clear()  # those that wait are woken all the same, and wait for the next one after it
+        self._beat.clear()  # whoever waits is still woken; later calls wait for the next beat
 
     async def run(self) -> None:
         """Connect, and tick for ever."""

@@ -1,4 +1,4 @@
-"""Browser: one page over its WebSocket: what it says, and what it is told at each beat."""
+"""Browser: one page and its WebSocket: what it sends, and what it is sent at each beat."""
 
 from __future__ import annotations
 
@@ -19,17 +19,17 @@ from motiongen_tools.view.session_file import session_of
 from motiongen_tools.view.wire import Head, catalog_json, pack_frames, pack_history, rig_json, to_json
 
 HEAD_PERIOD_S = 0.25
-"""A page's clock runs by itself; this often it is told where the playhead really is."""
+"""A page's clock runs by itself; this often it is sent the real playhead."""
 MOST_HISTORY_S = 200.0
 MOST_WAITING = 32
-"""Answers, pieces of history and requests under way; a page that has as many is not listened to until some are gone."""
+"""Most answers, pieces of history and requests under way. A page that has as many is not read until some are done."""
 FOR_WATCHERS = ("ping", "history")
 
 _log = logging.getLogger(__name__)
 
 
 class Socket(Protocol):
-    """What a browser needs of a WebSocket. Sending waits while the other side is slow."""
+    """The interface of a WebSocket that a browser needs. Sending waits while the other side is slow."""
 
     async def send_text(self, data: str) -> None: ...
 
@@ -39,7 +39,7 @@ class Socket(Protocol):
 
 
 class Browser:
-    """Slow pages get fewer messages, never old ones: each is made of what the page lacks when it is sent."""
+    """One page. A slow page gets fewer messages, not outdated ones: each has what the page lacks when it is sent."""
 
     def __init__(self, socket: Socket, bridge: Bridge, room: Room, role: Role) -> None:
         self._socket = socket
@@ -56,22 +56,22 @@ class Browser:
         self._histories: list[tuple[Character, int, int]] = []  # with first and end frame
         self._tasks: set[asyncio.Task[None]] = set()
 
-    # ---- for the room
+    # ---- called by the room
 
     def rewind(self, character: int, frame: int) -> None:
-        """Frames from here on are new or replaced."""
+        """Frames from here on are new or replaced: send them again."""
         if character in self._sent_to:
             self._sent_to[character] = min(self._sent_to[character], frame)
 
     def forget(self, character: int) -> None:
-        """There is no such character any more."""
+        """The character has been removed."""
         for book in (self._sent_to, self._told, self._headed_at_s):
             book.pop(character, None)
 
     # ---- both directions
 
     async def serve(self) -> None:
-        """Until the page is gone; raises what its socket raises then."""
+        """Serve the page until it is gone; then raises what its socket raises."""
         self._room.viewers.add(self)
         telling = asyncio.create_task(self._tell())
         hearing = asyncio.create_task(self._hear())
@@ -90,7 +90,7 @@ class Browser:
             for message in self.news():
                 await self._socket.send_text(to_json(message))
             histories, self._histories = self._histories, []
-            for character, first, end in histories:  # each is packed when it is sent: it may be of a megabyte
+            for character, first, end in histories:  # packed only when sent: each may have a megabyte
                 await self._socket.send_bytes(pack_history(character.number, *character.history(first, end)))
             heads = self.heads()
             if heads:
@@ -98,14 +98,14 @@ class Browser:
             await self._bridge.beat()
 
     def news(self) -> list[dict[str, Any]]:
-        """The messages that the page has not been told yet."""
+        """The messages that the page has not been sent yet."""
         room, line = self._room, self._bridge.line
         news, self._answers = self._answers, []
         shown = line.shown(len(room.characters))
         if shown != self._line:
             self._line = shown
             news.append({"type": "server", "role": self._role.value, **shown})
-        if line.has_catalog and line.client.catalog is not self._catalog:  # the first, or another server's
+        if line.has_catalog and line.client.catalog is not self._catalog:  # the first, or one of another server
             self._catalog = line.client.catalog
             news.append({"type": "catalog", **catalog_json(self._catalog)})
         if room.changes != self._changes:
@@ -118,7 +118,7 @@ class Browser:
         return news
 
     def _rig_besides(self, character: Character) -> dict[str, Any]:
-        """Its rig, where the catalogue has that no more: the page could not draw it, nor tell whose rows are whose."""
+        """The character's rig, if the catalogue no longer has it: the page needs it to read and draw frames."""
         rig = character.session.rig
         is_offered = self._catalog is not None and any(each.rig_id == rig.rig_id for each in self._catalog.rigs)
         return {} if is_offered else {"described": rig_json(rig)}
@@ -128,7 +128,7 @@ class Browser:
         heads, now_s = [], self._room.clock()
         for number, character in self._room.characters.items():
             if number not in self._told:
-                continue  # it came while a message was sent: first the page is to know whose frames these are
+                continue  # added while a message was sent: the page must know the character before its frames
             buffered_to = character.session.playback.buffered_to
             sent_to = self._sent_to.get(number, 0)
             is_due = now_s - self._headed_at_s.get(number, -HEAD_PERIOD_S) >= HEAD_PERIOD_S
@@ -140,17 +140,17 @@ class Browser:
 
     @property
     def num_waiting(self) -> int:
-        """What the page has asked for, and has not been sent."""
+        """How many things the page has asked for and has not been sent."""
         return len(self._answers) + len(self._histories) + len(self._tasks)
 
     async def _hear(self) -> None:
         while True:
-            while self.num_waiting >= MOST_WAITING:  # it asks for more than it reads
+            while self.num_waiting >= MOST_WAITING:  # the page asks for more than it reads
                 await self._bridge.beat()
             try:
                 message = json.loads(await self._socket.receive_text())
             except (ValueError, RecursionError, KeyError):
-                # ValueError: also a number of thousands of digits; KeyError: bytes have come, and no text
+                # ValueError: also a number with thousands of digits; KeyError: bytes instead of text
                 message = None
             if not isinstance(message, dict):
                 self._answer(None, error="the message is not a JSON object")
@@ -158,7 +158,7 @@ class Browser:
             if message.get("op") == "ping":
                 self._answer(message, at=message.get("at"))
                 continue
-            task = asyncio.create_task(self._do(message))  # opening takes a while, and a key must not wait for it
+            task = asyncio.create_task(self._do(message))  # keys must not wait for an open
             self._tasks.add(task)
             task.add_done_callback(self._tasks.discard)
 
@@ -169,12 +169,12 @@ class Browser:
             self._answer(message, error=str(error))
         except Exception:
             _log.exception("a message of a page failed")
-            self._answer(message, error="the bridge failed at this; its log says why")
+            self._answer(message, error="the bridge failed to do this; its log says why")
 
     async def _carry_out(self, message: Message) -> dict[str, Any]:
         operation = message.get("op")
         if self._role is not Role.CONTROL and operation not in FOR_WATCHERS:
-            raise InvalidInput("op", operation, "looking on: this page was opened with the token of spectators")
+            raise InvalidInput("op", operation, "only watching: this page was opened with the token for spectators")
         match operation:
             case "add":
                 return {"numbers": await self._room.add(message)}

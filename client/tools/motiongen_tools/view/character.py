@@ -1,4 +1,4 @@
-"""Character: one session as the page sees it: its frames, its edits, its script, and where it was late."""
+"""Character: one session as the page shows it: its frames, edits, script, and when it was late."""
 
 from __future__ import annotations
 
@@ -25,15 +25,15 @@ from motiongen_tools.view.wire import Head
 MOST_MARKS = 400
 LEAST_SCALE, MOST_SCALE = 0.1, 2.0
 CUTS = ("teleport", "cut_to")
-BRIDGE_FAILED = "the bridge failed at it; its log says why"
+BRIDGE_FAILED = "the bridge failed; its log says why"
 
 _log = logging.getLogger(__name__)
 
 
 class Character:
-    """number: its name on the wire; opening: the message that asked for it; rehearsal: what it is to be told again.
+    """One session. number: its name on the wire; opening: the message that asked for it; rehearsal: edits to repeat.
 
-    revision rises with everything that the page shows of it beside frames.
+    revision rises with every change of what the page shows of it, except frames.
     """
 
     def __init__(
@@ -57,7 +57,7 @@ class Character:
         self.edits = EditLog()
         self.revision = 1
         self._end = ""  # why the session is over
-        self._mishap = ""  # what went wrong beside it: the session lives on
+        self._mishap = ""  # what else went wrong; the session continues
         self._rehearsal = rehearsal
         self.time_scale = 1.0
         self._feed = Feed(session.playback)
@@ -72,10 +72,10 @@ class Character:
             prompt = {"op": "set_prompt", "text": opening.get("text"), "preset": opening.get("preset")}
             self.script.take(prompt, session.playback.playhead, 1, (), 0)
 
-    # ---- what it is told
+    # ---- commands
 
     def tell(self, message: Message, *, can_be_undone: bool = True) -> Entry:
-        """Do what a message says. Raises InvalidInput, or what ended the session."""
+        """Apply a message. Raises InvalidInput, or what ended the session."""
         if message.get("op") == "undo":
             return self._undo()
         is_option = message.get("op") == "set_options"
@@ -103,7 +103,7 @@ class Character:
         return [self.tell(message, can_be_undone=False) for message in last.takes_back][-1]
 
     def rest(self, *, is_over: bool = False) -> None:
-        """Pause while nobody looks, or go on once that is over. Raises what ended the session."""
+        """Pause while nobody is watching, or resume if is_over. Raises what ended the session."""
         if is_over:
             self.session.resume()
         else:
@@ -111,34 +111,34 @@ class Character:
         self.revision += 1
 
     def set_time_scale(self, scale: float) -> None:
-        """Raises InvalidInput."""
+        """Play faster or slower. Raises InvalidInput."""
         if not LEAST_SCALE <= scale <= MOST_SCALE:
             raise InvalidInput("scale", scale, f"a number from {LEAST_SCALE} to {MOST_SCALE}")
         self.session.set_time_scale(scale)
         self.time_scale = scale
         self.revision += 1
 
-    # ---- what is seen of it
+    # ---- state
 
     @property
     def failure(self) -> str:
-        """Why it has ended, or does not do what it was to do; "" where all is well."""
+        """Why the session has ended, or what went wrong in it; "" if all is well."""
         return self._end or self._mishap
 
     @property
     def has_ended(self) -> bool:
-        """Whether its session is over, so that nothing can be told to it any more."""
+        """Whether its session has ended, so that no message can be applied any more."""
         return bool(self._end)
 
     def tick(self) -> int | None:
         """Move to the present. Returns the first frame that is new or replaced since the last tick, if any.
 
-        Whatever goes wrong is its own failure, not raised: one character must not end the others'.
+        Errors are stored in `failure`, not raised, so that one character does not end the others.
         """
         try:
             return self._move()
         except Exception:
-            if self._mishap != BRIDGE_FAILED:  # once: it may be the same at every tick
+            if self._mishap != BRIDGE_FAILED:  # logged once: it may fail in the same way at every tick
                 _log.exception("character %d failed", self.number)
                 self._mishap = BRIDGE_FAILED
                 self.revision += 1
@@ -170,16 +170,16 @@ class Character:
         return changed
 
     def _look_at(self, first_frame: int) -> None:
-        """Say it where frames that came have numbers that no picture can be made of."""
+        """Report frames with numbers that are not finite, which cannot be drawn."""
         playback = self.session.playback
         rows = playback.held_rows(first_frame, playback.buffered_to)
         broken = next((n for n, row in enumerate(rows) if not np.isfinite(row).all()), None)
         if broken is not None and not self._mishap:
-            self._mishap = f"frame {first_frame + broken} came with a number that is not finite: it cannot be shown"
+            self._mishap = f"frame {first_frame + broken} has a number that is not finite: it cannot be shown"
             self.revision += 1
 
     def head(self, now_s: float, sent_to: int) -> Head:
-        """Where it stands, with the frames from sent_to on, less those that are past."""
+        """The playhead, and the frames from sent_to on that have not been played yet."""
         playback = self.session.playback
         first = max(sent_to, playback.first_kept, playback.playhead - 1)
         rows = playback.held_rows(first, playback.buffered_to) if first < playback.buffered_to else []
@@ -190,7 +190,7 @@ class Character:
         return Head(self.number, place, pace, playback.committed_to, playback.buffered_to, first, rows)
 
     def _rehearse(self) -> None:
-        """Tell what is due of what another was told; after its last frame, rest."""
+        """Repeat the edits of the rehearsal that are due; after its last frame, pause."""
         if self._rehearsal is None or self.has_ended:
             return
         playhead = self.session.playback.playhead
@@ -201,28 +201,28 @@ class Character:
             except Exception as failure:
                 why = str(failure)
                 if not isinstance(failure, MotiongenError):
-                    _log.exception("character %d failed at what was said at frame %d", self.number, then.at_frame)
+                    _log.exception("character %d failed to repeat the edit at frame %d", self.number, then.at_frame)
                     why = BRIDGE_FAILED
-                self._mishap = f"what was said at frame {then.at_frame} cannot be said again: {why}"
+                self._mishap = f"the edit at frame {then.at_frame} cannot be repeated: {why}"
                 self._rehearsal = None
                 self.revision += 1
                 return
         if playhead >= self._rehearsal.end_frame - 1:
             left, self._rehearsal = self._rehearsal.left, None
             if left:
-                self._mishap = f"its last frame came before {len(left)} of its edits, which are not said again"
-            with contextlib.suppress(MotiongenError):  # it has ended, which `poll` tells when its frames are over
+                self._mishap = f"its last frame came before {len(left)} of its edits, which are not repeated"
+            with contextlib.suppress(MotiongenError):  # it has ended; `poll` raises that when its frames are over
                 self.session.pause()
             self.revision += 1
 
     def history(self, first_frame: int, end_frame: int) -> tuple[int, list[Float32]]:
-        """The frames shown so far within a range, as far as they are kept."""
+        """The frames played so far within a range, as far as they are kept."""
         playback = self.session.playback
         first = max(first_frame, playback.first_kept)
         return first, playback.held_rows(first, max(min(end_frame, playback.playhead + 1), first))
 
     def shown(self) -> dict[str, Any]:
-        """All but its frames, as the page shows it."""
+        """Everything about it that the page shows, except frames."""
         session, stats = self.session, self.session.stats
         return {
             "number": self.number,
@@ -255,7 +255,7 @@ class Character:
         if not self.has_ended:
             await self.session.close()
 
-    # ---- what the server says
+    # ---- reports of the server
 
     def _note_answer(self, entry: Entry) -> None:
         is_accepted = entry.state == "accepted"
@@ -269,12 +269,12 @@ class Character:
         self.revision += 1
 
     def _way_back(self, entry: Entry) -> list[Message]:
-        """What undoes an edit, by what held until now: others may have been on their way when it was said."""
+        """What undoes an edit that was accepted, according to the state before it."""
         operation = entry.message.get("op")
         if operation == "set_options":
             back = self._served_with.inverse(entry.message)
-            return [back] if len(back) > 1 else []  # it named none
-        if operation in CUTS:  # back to where it was: on from the frames before the cut
+            return [back] if len(back) > 1 else []  # it named no option
+        if operation in CUTS:  # back to where it was: continue the frames before the cut
             frame = entry.effective_frame or 0
             return [{"op": "cut_to", "frame": frame}] if frame >= CUT_FRAMES else []
         return self.script.inverse(entry.message, entry.edit.prompt_id, entry.edit.constraint_ids)

@@ -1,4 +1,4 @@
-"""What a browser or a session file may tell a character, as messages with `op`, and the call that each is."""
+"""Commands of browsers and session files: messages with `op`, and the calls of a session that they stand for."""
 
 from __future__ import annotations
 
@@ -15,18 +15,18 @@ from motiongen_tools.view.fields import MOST_ID, Message
 
 LONGEST_HOLD_S = 20.0
 CUT_FRAMES = 16
-"""How many played frames a cut goes on from: whole patches, and all that a window looks back."""
+"""How many played frames a cut continues from: whole patches, and as many as a window sees of its history."""
 PRIORITIES = {each.value: each for each in Priority}
 Call = Callable[[Session], Edit]
 
 
 def apply(session: Session, message: Message) -> Edit:
-    """Tell a session what a message says. Raises InvalidInput naming the field, or what ended the session."""
+    """Apply a message to a session. Raises InvalidInput naming the field, or what ended the session."""
     return read(message)(session)
 
 
 def read(message: Message) -> Call:
-    """The call that a message is, of any session. Raises InvalidInput naming the field."""
+    """The call that a message stands for, for any session. Raises InvalidInput naming the field."""
     operation = OPERATIONS.get(str(message.get("op")))
     if operation is None:
         raise InvalidInput("op", message.get("op"), f"one of {', '.join(OPERATIONS)}")
@@ -34,7 +34,7 @@ def read(message: Message) -> Call:
 
 
 def read_prompt(message: Message) -> Prompt:
-    """A preset by `preset`, else the words of `text`."""
+    """The preset named by `preset`, otherwise the text in `text`."""
     if message.get("preset") is not None:
         return Preset(fields.text(message, "preset"))
     words = fields.text(message, "text").strip()
@@ -94,7 +94,7 @@ def _teleport(message: Message) -> Call:
 
 
 def _cut_to(message: Message) -> Call:
-    """Go on from frames that were played: those before `frame`, as many as a cut takes."""
+    """Continue from frames that were played: those before `frame`, as many as a cut takes."""
     end = fields.whole(message, "frame", CUT_FRAMES)
     return lambda session: session.cut_to(session.motion(end - CUT_FRAMES, end))
 

@@ -1,6 +1,6 @@
-"""Constraints as a browser and a session file write them, and back.
+"""Constraints as browsers and session files write them, to the client's classes and back.
 
-An object with `kind` and the fields of the client's class of that kind, lists in place of arrays:
+Each is an object with `kind` and the fields of the client's class for it, with lists instead of arrays:
 
 | kind | fields |
 |---|---|
@@ -79,7 +79,7 @@ def read_constraint(message: Message) -> Constraint:
 
 
 def _check_sendable(message: Message) -> None:
-    """Refuse what those classes take, and no message of the contract can hold."""
+    """Refuse values that these classes accept but that do not fit into the messages of the contract."""
     for name in _FRAMES:
         optional_whole(message, name)
     for name in _FLAGS:
@@ -91,7 +91,7 @@ def _check_sendable(message: Message) -> None:
 
 
 def write_constraint(constraint: Constraint) -> dict[str, Any]:
-    """The object that `read_constraint` makes the same constraint of."""
+    """The object from which `read_constraint` makes an equal constraint."""
     target = constraint.target if isinstance(constraint, Flexible) else constraint
     written: dict[str, Any] = {"kind": _NAMES[type(target)], **_written(target)}
     if isinstance(constraint, Flexible):
@@ -113,7 +113,7 @@ def _written(described: Constraint) -> dict[str, Any]:
 
 
 def frames_of(constraint: Constraint) -> tuple[int, int] | None:
-    """Its first and its last frame; None where the server chooses them."""
+    """The first and the last frame of a constraint; None if the server chooses them."""
     if isinstance(constraint, Flexible):
         frames = frames_of(constraint.target)
         if frames is None or constraint.at_any_frame or constraint.frames_from_effect:

@@ -1,4 +1,4 @@
-"""The targets of a take as the JSON list of constraints that ARDY's and Kimodo's tools exchange, and back."""
+"""The targets of a take in the JSON constraint list that ARDY's and Kimodo's tools exchange, and back."""
 
 from __future__ import annotations
 
@@ -34,10 +34,10 @@ Entry = dict[str, Any]
 
 
 def write_constraint_list(targets: Iterable[Target], take: Motion) -> tuple[str, list[str]]:
-    """The file's text, and what it could not say, or says beside what was asked. Frames count from the take's first.
+    """The text of the file, and notes on what it leaves out or adds. Frames count from the take's first.
 
-    The list knows poses and limbs as rotations of a whole pose. A keyframe's are fitted to its places; those of a limb
-    are the take's at that frame, with the limb bent to where it was asked for.
+    The list can describe keyframes and limbs only by the rotations of a whole pose. For a keyframe, these are fitted to
+    its places; for a limb, they are the take's at that frame, with the limb bent to its target.
     """
     entries: list[Entry] = []
     told: list[str] = []
@@ -65,7 +65,7 @@ def read_list(data: bytes, rig: Rig, max_path_frames: int) -> list[Entry]:
 
 
 def moved(specs: Iterable[Entry], frames: int) -> list[Entry]:
-    """The same constraints so many frames later."""
+    """The same constraints, `frames` frames later."""
     return [
         {name: value + frames if name in ("frame", "first_frame") else value for name, value in spec.items()}
         for spec in specs
@@ -73,14 +73,14 @@ def moved(specs: Iterable[Entry], frames: int) -> list[Entry]:
 
 
 class _Unsaid(Exception):
-    """The list has no words for a target; the message says why."""
+    """The list cannot express a target; the message says why."""
 
 
 def _entry(target: Target, take: Motion) -> tuple[Entry, str]:
     wanted = settled(target)
     match wanted:
         case None:
-            raise _Unsaid("the server has not said yet when and where it is meant")
+            raise _Unsaid("the server has not placed it yet")
         case Waypoint(frame=frame, x_m=x, z_m=z, heading_rad=heading):
             return _ground([_row(frame, take)], [[x, z]], None if heading is None else [heading]), ""
         case RootTrajectory(first_frame=first, positions_m=places, headings_rad=headings):
@@ -91,16 +91,16 @@ def _entry(target: Target, take: Motion) -> tuple[Entry, str]:
             return _ground([first + n - take.first_frame for n in inside], places[inside].tolist(), facing), ""
         case RootPath():
             if target.placement is None:
-                raise _Unsaid("the server has not said yet when it is walked")
+                raise _Unsaid("the server has not placed it yet")
             first = max(target.placement.first_frame - take.first_frame, 0)
             rows = list(range(first, min(target.placement.last_frame - take.first_frame + 1, len(take))))
             if not rows:
                 raise _Unsaid("none of its frames is in the take")
-            return _ground(rows, take.root_translation_m[rows][:, [0, 2]].tolist()), "said as it was walked"
+            return _ground(rows, take.root_translation_m[rows][:, [0, 2]].tolist()), "written as it was walked"
         case HeadingTarget(frame=frame, heading_rad=heading):
             row = _row(frame, take)
             x, _, z = take.root_translation_m[row].tolist()
-            return _ground([row], [[x, z]], [heading]), "said with the place where the take had it"
+            return _ground([row], [[x, z]], [heading]), "written with the place that it has in the take"
         case Keyframe(frame=frame, positions_m=places):
             row, where = _row(frame, take), places.astype(np.float64)
             local = to_local(take.rig, fitted(take.rig, where, _pose_of(take, row)[1]))
@@ -108,7 +108,7 @@ def _entry(target: Target, take: Motion) -> tuple[Entry, str]:
         case JointTargets(frame=frame):
             return _limbs(wanted, _row(frame, take), take)
         case FootContact():
-            raise _Unsaid("lists of ARDY have no feet that stand")
+            raise _Unsaid("lists of ARDY have no foot contacts")
         case JointRotations(frame=frame):
             return _rotated(wanted, _row(frame, take), take)
 
@@ -125,7 +125,7 @@ def _limbs(wanted: JointTargets, row: int, take: Motion) -> tuple[Entry, str]:
             local = reached(rig, root, local, joint, place)
     entry = _whole("end-effector", row, local, root)
     entry["joint_names"] = list(dict.fromkeys(names))
-    return entry, "said with the pose that the take had: where its root, its heading and the limb's other joints were"
+    return entry, "written with the pose of the take for its root, its heading and the limb's other joints"
 
 
 def _rotated(wanted: JointRotations, row: int, take: Motion) -> tuple[Entry, str]:
@@ -134,21 +134,21 @@ def _rotated(wanted: JointRotations, row: int, take: Motion) -> tuple[Entry, str
     for joint, rotation in zip(wanted.joints, wanted.rotations_quat_wxyz, strict=True):
         name = _limb_of(rig, joint)
         if rig.limbs[name][0] != joint:
-            raise _Unsaid(f"the list turns the first joint of a limb only, and {rig.joint_names[joint]} is another")
+            raise _Unsaid(f"the list only rotates first joints of limbs, and {rig.joint_names[joint]} is not one")
         names.append(name)
         _, rotations = pose(rig, np.zeros(3), local)
         parent = np.eye(3) if rig.parents[joint] < 0 else rotations[rig.parents[joint]]
         local[joint] = parent.T @ quaternion_to_matrix(rotation.astype(np.float64))
     entry = _whole("end-effector", row, local, take.root_translation_m[row].astype(np.float64))
     entry["joint_names"] = names
-    return entry, "said with the places that the take had"
+    return entry, "written with the places of the take"
 
 
 def _limb_of(rig: Rig, joint: int) -> str:
     for name, joints in rig.limbs.items():
         if joint in joints:
             return name
-    raise _Unsaid(f"{rig.joint_names[joint]} is of no limb that the list names ({', '.join(rig.limbs) or 'none'})")
+    raise _Unsaid(f"{rig.joint_names[joint]} belongs to no limb that the list names ({', '.join(rig.limbs) or 'none'})")
 
 
 def _row(frame: int, take: Motion) -> int:

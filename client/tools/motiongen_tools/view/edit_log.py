@@ -1,4 +1,4 @@
-"""The edits of one character: sent, accepted or refused, when they showed, and how they are taken back."""
+"""The edits of one character: whether they were accepted, when they showed, and how to undo them."""
 
 from __future__ import annotations
 
@@ -20,7 +20,7 @@ WITH_CONSTRAINTS = ("add_constraints", "set_constraints")
 
 @dataclass
 class Entry:
-    """One edit. at_frame: the playhead when it was sent; takes_back: once it is accepted, the messages that undo it."""
+    """One edit. at_frame: the playhead when it was sent; takes_back: the messages that undo it, once it is accepted."""
 
     number: int
     message: Message
@@ -50,11 +50,11 @@ class Entry:
 
 
 class EditLog:
-    """All edits of one character, and those that can be undone."""
+    """All edits of one character, including those that can be undone."""
 
     def __init__(self) -> None:
         self.entries: list[Entry] = []
-        self.num_forgotten = 0  # the first ones of a long session
+        self.num_forgotten = 0  # the oldest edits of a long session
         self._undoable: list[Entry] = []
         self._unshown: list[Entry] = []
         self._answering: set[asyncio.Task[None]] = set()
@@ -70,7 +70,7 @@ class EditLog:
         *,
         can_be_undone: bool,
     ) -> Entry:
-        """Note an edit that was sent; on_answer, called once it is accepted or refused, says what takes it back."""
+        """Note an edit that was sent. on_answer: called once it is answered; sets what undoes it."""
         can_be_undone = can_be_undone and message.get("op") not in NOT_UNDONE
         entry = Entry(self._next, message, what, at_frame, edit, can_be_undone=can_be_undone)
         self._next += 1
@@ -94,14 +94,14 @@ class EditLog:
             entry.state, entry.effective_frame = "accepted", outcome.effective_frame
             entry.detail = "; ".join(warning.message for warning in outcome.warnings)
             entry.placements = outcome.placements
-            if "frame" not in entry.message:  # one that is scheduled shows when its time comes
+            if "frame" not in entry.message:  # an edit for a later frame shows when its time comes
                 self._unshown.append(entry)
         on_answer(entry)
         if entry.can_be_undone and not entry.takes_back:
             self._undoable = [each for each in self._undoable if each is not entry]
 
     def look(self) -> bool:
-        """Whether an edit's first frame has come since the last look."""
+        """Whether the first frame of any edit has been shown since the last look."""
         if not self._unshown:
             return False
         came = False
@@ -114,19 +114,19 @@ class EditLog:
         return came
 
     def pop_undoable(self) -> Entry | None:
-        """The last edit that can be undone, which it then cannot be again. Raises InvalidInput until it is answered."""
+        """Take the last edit that can be undone off the stack. Raises InvalidInput while it has no answer."""
         if self._undoable and self._undoable[-1].state == "sent":
             what = self._undoable[-1].what
-            raise InvalidInput("op", "undo", f"to undo {what!r} once the server has answered it: it is on its way")
+            raise InvalidInput("op", "undo", f"to undo {what!r} once the server has answered it")
         return self._undoable.pop() if self._undoable else None
 
     @property
     def latency_ms(self) -> int | None:
-        """Of the last edit that showed."""
+        """Latency of the last edit that has shown."""
         return next((e.latency_ms for e in reversed(self.entries[-MOST_SHOWN:]) if e.latency_ms is not None), None)
 
     def shown(self) -> list[dict[str, Any]]:
-        """The last edits, newest first; of velocities in a row only the newest, as a held key sends many."""
+        """The last edits, newest first. Of consecutive velocities only the newest, because a held key sends many."""
         listed: list[Entry] = []
         for entry in reversed(self.entries[-4 * MOST_SHOWN :]):
             is_more = listed and entry.message.get("op") == listed[-1].message.get("op") == "set_velocity"
@@ -135,13 +135,13 @@ class EditLog:
         return [entry.shown() for entry in listed[:MOST_SHOWN]]
 
     def close(self) -> None:
-        """Wait for no answer any more."""
+        """Stop waiting for answers."""
         for task in self._answering:
             task.cancel()
 
 
 def named(message: Message, what: str) -> str:
-    """An edit's name for the list: of constraints, which kinds."""
+    """The name of an edit for the list; for constraints, their kinds."""
     given = message["constraints"] if message.get("op") in WITH_CONSTRAINTS else []
     kinds = [str(one["kind"]).replace("_", " ") for one in given]
     if not kinds:

@@ -1,4 +1,4 @@
-"""Feed: which frames of a character a browser has not seen, and from where a new plan replaced them."""
+"""Feed: finds the frames of a character that are new, or that a new plan replaced."""
 
 from __future__ import annotations
 
@@ -7,7 +7,7 @@ from motiongen_client.playback import Playback
 
 
 class Feed:
-    """Watches a playback. `changed_from` tells what is new; frames that were replaced are other arrays than before."""
+    """Watches a playback. A frame that was replaced is recognised because its array is another object."""
 
     def __init__(self, playback: Playback) -> None:
         self._playback = playback
@@ -16,7 +16,7 @@ class Feed:
         self._plan = playback.plan
 
     def changed_from(self) -> int | None:
-        """The first frame that came or was replaced since the last call; None where nothing did."""
+        """The first frame that was added or replaced since the last call; None if there is none."""
         playback = self._playback
         end = self._first + len(self._rows)
         if playback.plan == self._plan and playback.buffered_to == end:

@@ -1,4 +1,4 @@
-"""Values of a message from a browser, checked: each reader returns the value or raises InvalidInput."""
+"""Checked access to the values of a browser's message: each reader returns the value or raises InvalidInput."""
 
 from __future__ import annotations
 
@@ -10,14 +10,14 @@ from motiongen_client.errors import InvalidInput
 
 Message = Mapping[str, Any]
 MOST_ID = (1 << 32) - 1
-"""Of prompts, constraints and joints: the contract has 32 bits for them."""
+"""Greatest id of prompts, constraints and joints, which the contract stores in 32 bits."""
 
 
 def number(message: Message, name: str, default: float | None = None) -> float:
     """A finite number."""
     value = message.get(name, default)
     is_number = isinstance(value, int | float) and not isinstance(value, bool)
-    if not is_number or not abs(value) <= sys.float_info.max:  # JSON's whole numbers may be of any length
+    if not is_number or not abs(value) <= sys.float_info.max:  # JSON's whole numbers have no bound
         raise InvalidInput(name, value, "a finite number")
     return float(value)
 
@@ -41,7 +41,7 @@ def optional_whole(message: Message, name: str, least: int = 0, most: int = 1 <<
 
 
 def text(message: Message, name: str, default: str | None = None) -> str:
-    """A string that UTF-8 can write."""
+    """A string that can be encoded as UTF-8."""
     value = message.get(name, default)
     if not isinstance(value, str) or any("\ud800" <= sign <= "\udfff" for sign in value):
         raise InvalidInput(name, value, "a text")
@@ -65,7 +65,7 @@ def mapping(message: Message, name: str) -> Message:
 
 
 def ids(message: Message, name: str) -> list[int]:
-    """A list of whole numbers that can be those of prompts, constraints or joints."""
+    """A list of whole numbers that can be ids of prompts, constraints or joints."""
     value = message.get(name)
     if not isinstance(value, list) or not all(type(each) is int and 0 <= each <= MOST_ID for each in value):
         raise InvalidInput(name, value, f"a list of whole numbers from 0 to {MOST_ID}")

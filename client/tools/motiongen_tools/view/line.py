@@ -1,4 +1,4 @@
-"""Line: the one client that all rooms share, and the server's catalogue once there is a server."""
+"""Line: the connection that all rooms share, and the server's catalogue once the server has been reached."""
 
 from __future__ import annotations
 
@@ -13,36 +13,36 @@ RETRY_S = 1.0
 
 
 class Line:
-    """Connects in the background, as often as it takes. make_client: a client for the server, not connected yet."""
+    """Connects in the background, for as long as it takes. make_client: a client for the server, not connected yet."""
 
     def __init__(self, make_client: Callable[[], MotionClient]) -> None:
         self._make_client = make_client
         self._client: MotionClient | None = None
-        self._detail = ""  # as a page shows it
-        self._why = "it is being asked"
+        self._detail = ""  # shown by pages
+        self._why = "the first attempt to connect is under way"
         self.address = ""
 
     @property
     def client(self) -> MotionClient:
-        """Raises ServerUnavailable while there is none."""
+        """The connected client. Raises ServerUnavailable while there is none."""
         if self._client is None:
             raise ServerUnavailable(self.address, self._why)
         return self._client
 
     @property
     def has_catalog(self) -> bool:
-        """Whether a server has ever answered."""
+        """Whether the server has ever been reached."""
         return self._client is not None
 
     def shown(self, num_open: int) -> dict[str, Any]:
-        """As the page shows it. num_open: characters that there are; without any there is no stream to be lost."""
+        """The connection as the page shows it. num_open: number of characters; without any, no stream can be lost."""
         if self._client is None:
             return {"state": "connecting", "address": self.address, "detail": self._detail}
         state = "connected" if self._client.is_connected or num_open == 0 else "lost"
         return {"state": state, "address": self.address, "detail": ""}
 
     async def run(self) -> None:
-        """Connect, and return when that is done. Raises NotAllowed where the server never will have us."""
+        """Connect; returns when connected. Raises NotAllowed if the server refuses the caller."""
         while self._client is None:
             client = self._make_client()
             self.address = client.address
@@ -56,6 +56,6 @@ class Line:
                 await asyncio.sleep(RETRY_S)
 
     async def close(self) -> None:
-        """End all sessions and the connection."""
+        """Close all sessions and the connection."""
         if self._client is not None:
             await self._client.close()

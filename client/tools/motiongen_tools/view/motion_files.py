@@ -1,4 +1,4 @@
-"""Motion files of a user: any that the tools read, by the client's own reader or the converter."""
+"""Reads a user's motion files, with the client's own reader or with the converter."""
 
 from __future__ import annotations
 
@@ -17,15 +17,15 @@ from motiongen_tools.npz import read_npz
 
 MAX_BYTES = 64 << 20
 FOLDER_PREFIX = "motiongen-view-"
-"""Of the folders in which files lie while they are read and written."""
+"""Prefix of the temporary folders in which files are read and written."""
 MOST_FRAMES = 20_000
 MOST_HZ = 1000
 MOST_SIGNS = 60
-"""Of the end of a name, which a file gets here: what systems take is 255 bytes."""
+"""Most characters of an uploaded name's suffixes that are kept: systems allow names of 255 bytes."""
 
 
 def read_upload(name: str, data: bytes, rigs: Sequence[Rig]) -> Motion:
-    """The motion in a file's bytes; its name says what it is. rigs: whose motion the server knows.
+    """The motion in a file's bytes; the suffix of its name tells the format. rigs: those that the server knows.
 
     Raises InvalidInput or ConversionFailed.
     """
@@ -49,7 +49,7 @@ def read_upload(name: str, data: bytes, rigs: Sequence[Rig]) -> Motion:
 
 
 def _mistake(motion: Motion) -> str:
-    """Why a page could not draw it; "" where it can. A file says itself what its skeleton is."""
+    """Why the page could not draw a motion, "" if it can: files bring their own skeleton."""
     rig, joints = motion.rig, motion.rig.num_joints
     widths = {ROOT_BLOCK: 3, ROTATION_BLOCK: 4 * joints, CONTACT_BLOCK: 4}
     for name, width in widths.items():
@@ -60,7 +60,7 @@ def _mistake(motion: Motion) -> str:
     if not joints or len(rig.parents) != joints or np.shape(rig.offsets_m) != (joints, 3):
         return f"{joints} joints, {len(rig.parents)} parents, offsets of shape {np.shape(rig.offsets_m)}"
     if any(not -1 <= parent < joint or (parent < 0) != (joint == 0) for joint, parent in enumerate(rig.parents)):
-        return "its parents are no tree, parents first"
+        return "its joints do not form a tree with parents first"
     if not 1 <= rig.frame_rate_hz <= MOST_HZ:
         return f"{rig.frame_rate_hz} frames a second, not 1 to {MOST_HZ}"
     for numbers in (rig.offsets_m, motion.rows):
@@ -70,7 +70,7 @@ def _mistake(motion: Motion) -> str:
 
 
 def _read_own(source: Path) -> Motion | None:
-    """None where it is an NPZ of other tools."""
+    """The motion of an NPZ file of motiongen; None if it comes from another tool."""
     try:
         return read_npz(source)
     except InvalidInput:

@@ -17,13 +17,13 @@ _INLINE = re.compile(r"<script type=\"importmap\">(?P<text>.*?)</script>", re.DO
 
 
 class ThreeMissing(MotiongenError):
-    """three.js, which the page draws with, is not there."""
+    """three.js, which the page draws with, was not found."""
 
     def __init__(self, folder: Path) -> None:
         wanted = json.loads((PAGE / "package.json").read_text())["dependencies"]["three"]
         super().__init__(
             f"the page draws with three.js, which is not in {folder}: run `make viewer` (it needs npm), or unpack the "
-            f"npm package three {wanted} somewhere and say --three FOLDER"
+            f"npm package three {wanted} somewhere and give --three FOLDER"
         )
 
 
@@ -36,7 +36,7 @@ def three_folder(given: Path | None = None) -> Path:
 
 
 def content_policy() -> str:
-    """The Content-Security-Policy: scripts and styles of our own alone, and the page's import map."""
+    """The Content-Security-Policy: only our own scripts and styles, and the import map of the page."""
     found = _INLINE.search((PAGE / "index.html").read_text(encoding="utf-8"))
     digest = base64.b64encode(hashlib.sha256(found["text"].encode() if found else b"").digest()).decode()
     return (

@@ -1,4 +1,4 @@
-"""Poses as rotations that come to given places: of all joints, or of one limb's end. One frame at a time."""
+"""Fits the rotations of a pose to given places: of all joints, or of one limb's end. One frame at a time."""
 
 from __future__ import annotations
 
@@ -17,8 +17,8 @@ _NEAR_M = 1e-5
 def fitted(rig: Rig, positions_m: Float64, like: Float64) -> Float64:
     """(J, 3, 3) world rotations of a pose whose joints are at positions_m (J, 3).
 
-    like: those of another pose, from which bones turn about themselves no more than they have to. A joint with several
-    children is turned to fit them best (Kabsch 1976); one without keeps its place against its parent.
+    like: rotations of another pose; bones twist no more than necessary from it. A joint with several children is
+    rotated to fit them best (Kabsch 1976); a joint without children keeps its rotation relative to its parent.
     """
     children: list[list[int]] = [[] for _ in rig.parents]
     for joint, parent in enumerate(rig.parents):
@@ -36,7 +36,7 @@ def fitted(rig: Rig, positions_m: Float64, like: Float64) -> Float64:
 
 
 def reached(rig: Rig, root_m: Float64, local: Float64, joint: int, place_m: Float64) -> Float64:
-    """(J, 3, 3) local rotations with a joint at a place, or as near as its limb lets it, the two bones above it turned.
+    """(J, 3, 3) local rotations with a joint at a place, or as near as it gets by turning the two bones above it.
 
     root_m: (3,) of the root; local: (J, 3, 3). By cyclic coordinate descent (Wang and Chen 1991).
     """
@@ -58,13 +58,13 @@ def reached(rig: Rig, root_m: Float64, local: Float64, joint: int, place_m: Floa
 
 
 def pose(rig: Rig, root_m: Float64, local: Float64) -> tuple[Float64, Float64]:
-    """World positions (J, 3) and rotations (J, 3, 3) of local rotations (J, 3, 3)."""
+    """World positions (J, 3) and rotations (J, 3, 3) from local rotations (J, 3, 3)."""
     positions, rotations = forward_kinematics(rig.parents, rig.offsets_m, root_m, matrix_to_quaternion(local))
     return np.asarray(positions, np.float64), np.asarray(rotations, np.float64)
 
 
 def to_local(rig: Rig, rotations: Float64) -> Float64:
-    """(J, 3, 3) world rotations -> those against the parents."""
+    """(J, 3, 3) world rotations -> rotations relative to the parents."""
     parents = np.array(rig.parents)
     local = rotations.copy()
     local[1:] = np.swapaxes(rotations[parents[1:]], -1, -2) @ rotations[1:]
@@ -76,12 +76,12 @@ def axis_angles(local: Float64) -> Float64:
     quaternions = matrix_to_quaternion(local)
     sines = np.linalg.norm(quaternions[:, 1:], axis=-1, keepdims=True)
     angles = 2 * np.arctan2(sines, quaternions[:, :1])
-    # near no turn at all the axis is anything, and angle / sine goes to 2
+    # near no rotation, the axis is arbitrary, and angle / sine approaches 2
     return np.asarray(quaternions[:, 1:] * np.where(sines > 1e-9, angles / np.maximum(sines, 1e-9), 2.0))
 
 
 def _least_turn(before: Float64, after: Float64) -> Float64:
-    """(3, 3): the rotation that brings vectors (K, 3) nearest to others; of one pair the least there is."""
+    """(3, 3): the rotation that brings vectors (K, 3) nearest to others; for one pair, the smallest such rotation."""
     if len(before) > 1:
         left, _, right = np.linalg.svd(after.T @ before)
         sign = np.sign(np.linalg.det(left @ right))
@@ -90,7 +90,7 @@ def _least_turn(before: Float64, after: Float64) -> Float64:
     if lengths < 1e-12:
         return np.eye(3)
     axis, cosine = np.cross(before[0], after[0]) / lengths, float(before[0] @ after[0]) / lengths
-    if cosine < -1 + 1e-9:  # opposite: half a turn about anything at right angles
+    if cosine < -1 + 1e-9:  # opposite vectors: half a turn about any perpendicular axis
         side = np.cross(before[0], np.eye(3)[np.argmin(np.abs(before[0]))])
         side /= np.linalg.norm(side)
         return np.asarray(2 * np.outer(side, side) - np.eye(3))

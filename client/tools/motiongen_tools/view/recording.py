@@ -1,4 +1,4 @@
-"""Takes: what was played of a character, as a file of any format."""
+"""Takes: the played motion of a character as a file of any format."""
 
 from __future__ import annotations
 
@@ -26,7 +26,8 @@ async def write_take(
 ) -> tuple[bytes, str, list[str]]:
     """The bytes of a file, its media type, and what the format could not keep.
 
-    first_frame, end_frame: of what was played and is kept; None: all of it. Raises InvalidInput or ConversionFailed.
+    first_frame, end_frame: the part of what was played and is kept; None: all of it. Raises InvalidInput or
+    ConversionFailed.
     """
     suffix = next((each for each in SUFFIXES if name.endswith(each)), None)
     if suffix is None:
@@ -34,14 +35,14 @@ async def write_take(
     if suffix == ".session.json":
         gone = character.edits.num_forgotten
         said = [f"the first {gone} edits are not kept, and are not in the file"] if gone else []
-        text = await asyncio.to_thread(write_session, session_of(character))  # of thousands of edits
+        text = await asyncio.to_thread(write_session, session_of(character))  # there may be thousands of edits
         return text.encode(), JSON, said
     if not character.session.playback.started:
         raise InvalidInput("frames", "none", "a character that has played a frame")
     take = character.session.motion(first_frame, end_frame)
     if suffix == ".constraints.json":
-        targets = [dataclasses.replace(each) for each in character.script.targets.values()]  # as they are by now
-        text, left_out = await asyncio.to_thread(write_constraint_list, targets, take)  # a limb takes a while to bend
+        targets = [dataclasses.replace(each) for each in character.script.targets.values()]  # their state now
+        text, left_out = await asyncio.to_thread(write_constraint_list, targets, take)  # fitting a limb takes a while
         return text.encode(), JSON, left_out
     prompts = "; then ".join(str(span.message.get("text") or span.message["preset"]) for span in character.script.spans)
     data, warnings = await asyncio.to_thread(_convert, suffix, take, prompts)

@@ -1,4 +1,4 @@
-"""Rehearsal: a character that is told what another was told, at the same frames."""
+"""Rehearsal: repeats the edits of one character on another, at the same frames."""
 
 from __future__ import annotations
 
@@ -9,16 +9,16 @@ from typing import Any
 from motiongen_client.edit import Edit
 from motiongen_tools.view.fields import Message
 
-ONLY_PLAYBACK = ("pause", "resume")  # the playhead stood then, and no frame came of it
+ONLY_PLAYBACK = ("pause", "resume")  # they only affected the playhead, not the frames
 MOST_AT_ONCE = 64
-"""Edits that are told between two looks at the playhead: as many as servers let wait. A file may have any number."""
+"""Most edits that are repeated between two looks at the playhead: servers let no more wait. A file may have more."""
 
 
 @dataclass(frozen=True)
 class ToldAt:
-    """One edit. at_frame: where the playhead was; effective_frame: the first that showed it, if any did.
+    """One edit. at_frame: where the playhead was; effective_frame: the first frame that showed it, if any did.
 
-    prompt_id, constraint_ids: those that the edit was given, by which later ones name what it made.
+    prompt_id, constraint_ids: the ids that the edit was given, by which later edits refer to what it made.
     """
 
     at_frame: int
@@ -29,7 +29,7 @@ class ToldAt:
 
 
 class Rehearsal:
-    """Edits that wait for their frame. end_frame: the first that is not played any more."""
+    """Edits that wait for their frame. end_frame: the first frame that is not played any more."""
 
     def __init__(self, edits: Iterable[ToldAt], end_frame: int) -> None:
         self.end_frame = end_frame
@@ -40,9 +40,9 @@ class Rehearsal:
         self._constraints: dict[int, int] = {}
 
     def due(self, playhead: int) -> list[ToldAt]:
-        """Those whose frame has come, in their order; each once, and the first of very many first.
+        """The edits whose frame has come, in order, each once. Of very many, only the first are returned now.
 
-        Say `told` of one before the next is `renumbered`.
+        Call `told` for each before the next is `renumbered`.
         """
         near = self._waiting[:MOST_AT_ONCE]
         count = next((n for n, edit in enumerate(near) if edit.at_frame > playhead), len(near))
@@ -51,11 +51,11 @@ class Rehearsal:
 
     @property
     def left(self) -> list[ToldAt]:
-        """Those that were not due yet."""
+        """The edits that were not due yet."""
         return list(self._waiting)
 
     def renumbered(self, message: Message) -> Message:
-        """A message with the ids that this character gave to what it names. What was refused then took ids too."""
+        """A message with this character's ids for what it refers to. Edits that were refused had ids, too."""
         moved = dict(message)
         for one, several, book in (
             ("prompt_id", "prompt_ids", self._prompts),
@@ -68,7 +68,7 @@ class Rehearsal:
         return moved
 
     def told(self, then: ToldAt, edit: Edit) -> None:
-        """An edit was told again, and has been given its ids."""
+        """Note that an edit was repeated, and which ids it was given."""
         if then.prompt_id is not None and edit.prompt_id is not None:
             self._prompts[then.prompt_id] = edit.prompt_id
         self._note(then.constraint_ids, edit.constraint_ids)
@@ -79,5 +79,5 @@ class Rehearsal:
 
 
 def _renumbered(key: Any, book: Mapping[int, int]) -> Any:
-    """What is no id stays as it is, for whoever reads the message to refuse."""
+    """The present ids for recorded ones. What is not an id stays as it is: reading the message will refuse it."""
     return book.get(key, key) if isinstance(key, int) else key

@@ -22,25 +22,25 @@ from motiongen_tools.view.session_file import OPENING, SessionFile
 
 MOST_CHARACTERS = 200
 KEEP_S = 120.0
-"""How much of what was played can be looked at again, and recorded."""
+"""How much of the played motion can be looked at again, and recorded."""
 SPACING_M = 1.6
 MOST_SEED_DIGITS = 20  # of 2^64 - 1
 IDLE_S = 20.0
-"""How long characters go on that nobody looks at, before they pause."""
+"""After how long characters that nobody watches pause."""
 
 
 class Viewer(Protocol):
-    """A browser, as a room knows it."""
+    """The interface of a browser that a room needs."""
 
     def rewind(self, character: int, frame: int) -> None:
         """Frames from here on are new or replaced."""
 
     def forget(self, character: int) -> None:
-        """There is no such character any more."""
+        """The character has been removed."""
 
 
 class Room:
-    """name: which is in the address of the page. changes counts comings and goings of characters."""
+    """name: as in the address of the page. changes: counts characters that were added or removed."""
 
     def __init__(self, name: str, line: Line, clock: Callable[[], float] = time.monotonic) -> None:
         self.name = name
@@ -50,15 +50,15 @@ class Room:
         self.clock = clock
         self._line = line
         self._next = 1
-        self._places: set[int] = set()  # where somebody was put, or is about to be
+        self._places: set[int] = set()  # taken by characters, or by those that are being opened
         self._place_of: dict[int, int] = {}
         self._num_opening = 0
         self._watched_at_s = clock()
-        self._idle: set[int] = set()  # those that were paused because nobody looks
+        self._idle: set[int] = set()  # characters paused because nobody is watching
 
     @property
     def is_empty(self) -> bool:
-        """Whether nobody is there, or comes, and nobody looks."""
+        """Whether it has no characters, none is being opened, and nobody is watching."""
         return not (self.characters or self.viewers or self._num_opening)
 
     async def add(self, message: Message) -> list[int]:
@@ -77,7 +77,7 @@ class Room:
         if failures:
             first = failures[0]
             if numbers and isinstance(first, MotiongenError):
-                raise InvalidInput("count", count, f"{len(numbers)}, which came; the others were refused: {first}")
+                raise InvalidInput("count", count, f"{len(numbers)}, which are open; the others were refused: {first}")
             raise first
         return numbers
 
@@ -103,7 +103,7 @@ class Room:
         session = await self._line.client.open(prompt, options=options, keep_s=KEEP_S)
         try:
             model = self._line.client.catalog.model(session.opened.model_id)
-        except MotiongenError:  # it was loaded since, and the page does not know it
+        except MotiongenError:  # it was loaded since then, and the page does not know it
             await session.close()
             raise
         self.characters[number] = Character(
@@ -114,9 +114,9 @@ class Room:
         return number
 
     async def again(self, recorded: SessionFile, changes: Message) -> int:
-        """Open a character that is told what another was told, at the same frames. Returns its number.
+        """Open a character that repeats the edits of a recorded one, at the same frames. Returns its number.
 
-        recorded: what that was; changes: other fields of its opening, such as `steps`. Raises InvalidInput and
+        recorded: that character; changes: fields of its opening to override, such as `steps`. Raises InvalidInput and
         EventRefused.
         """
         if len(self.characters) + self._num_opening >= MOST_CHARACTERS:
@@ -132,7 +132,7 @@ class Room:
             self._num_opening -= 1
 
     async def remove(self, number: int) -> None:
-        """End a character. Raises InvalidInput."""
+        """Remove a character. Raises InvalidInput."""
         character = self.character(number)
         del self.characters[number]
         self._places.discard(self._place_of.pop(number))
@@ -143,14 +143,14 @@ class Room:
         await character.close()
 
     def character(self, number: int) -> Character:
-        """Raises InvalidInput."""
+        """The character of a number. Raises InvalidInput."""
         found = self.characters.get(number)
         if found is None:
             raise InvalidInput("character", number, f"one of {', '.join(map(str, self.characters)) or 'none, add one'}")
         return found
 
     def tick(self) -> None:
-        """Move every character to the present, and tell the viewers which frames they lack."""
+        """Move every character to the present, and tell the viewers which frames are new."""
         self._mind_the_unwatched()
         for character in self.characters.values():
             changed = character.tick()
@@ -159,12 +159,12 @@ class Room:
                     viewer.rewind(character.number, changed)
 
     def _mind_the_unwatched(self) -> None:
-        """Characters that nobody looks at pause, and go on when somebody does."""
+        """Pause characters that nobody watches, and resume them when somebody does."""
         if self.viewers:
             self._watched_at_s = self.clock()
             idle, self._idle = self._idle, set()
             for number in idle:
-                with contextlib.suppress(MotiongenError):  # it has ended meanwhile, which its next ticks find out
+                with contextlib.suppress(MotiongenError):  # it has ended meanwhile, which its next ticks will notice
                     self.characters[number].rest(is_over=True)
         elif self.clock() - self._watched_at_s > IDLE_S:
             for character in self.characters.values():
@@ -174,24 +174,24 @@ class Room:
                         character.rest()
 
     def listed(self) -> dict[str, Any]:
-        """Who is there."""
+        """The list of characters, as a message."""
         return {"type": "characters", "room": self.name, "numbers": sorted(self.characters)}
 
     async def close(self) -> None:
-        """End all characters."""
+        """Close all characters."""
         for number in list(self.characters):
             with contextlib.suppress(MotiongenError):
                 await self.remove(number)
 
 
 def session_options(message: Message, start: StartPose) -> SessionOptions:
-    """What a message asks a session to be opened with. Raises InvalidInput."""
+    """The options with which a message asks for a session. Raises InvalidInput."""
     priority = fields.text(message, "priority", "near")
     if priority not in PRIORITIES:
         raise InvalidInput("priority", priority, f"one of {', '.join(PRIORITIES)}")
     seed = message.get("seed")
     if isinstance(seed, str) and len(seed) <= MOST_SEED_DIGITS and seed.isdecimal():
-        message = {**message, "seed": int(seed)}  # more digits than a browser's numbers have
+        message = {**message, "seed": int(seed)}  # a string, because it may have more digits than a browser's numbers
     if message.get("start") is not None:
         given = fields.mapping(message, "start")
         heading = fields.number(given, "heading_rad", 0.0)
@@ -211,7 +211,7 @@ def session_options(message: Message, start: StartPose) -> SessionOptions:
 
 
 def place_of(place: int) -> StartPose:
-    """From 1 on, on a grid that grows from the middle, so that the first stands where the camera looks."""
+    """Where a character starts: on a grid that grows from the middle, so that the first is in the camera's view."""
     ring = math.ceil((math.sqrt(place) - 1) / 2)
     if ring == 0:
         return StartPose()

@@ -1,4 +1,4 @@
-"""What one character was told and has taken: prompt spans, constraints and what became of them, and how to undo."""
+"""Script: the prompt spans and constraints of one character, what became of them, and how to undo them."""
 
 from __future__ import annotations
 
@@ -18,7 +18,7 @@ PRESENT_PROMPT = 1  # the id of the prompt that is set without a frame
 
 @dataclass
 class Span:
-    """A prompt over frames. message: that set it; start, end: None while nothing has ended it."""
+    """A prompt over frames. message: the one that set it; start, end: None as long as nothing has ended it."""
 
     prompt_id: int
     message: Message
@@ -39,7 +39,7 @@ class Span:
 
 @dataclass
 class Target:
-    """A constraint that was taken. reached: what became of it, once that is known; placement: where it was put."""
+    """An accepted constraint. reached: its outcome, once known; placement: where the server placed it."""
 
     constraint_id: int
     spec: Message
@@ -50,7 +50,7 @@ class Target:
 
     @property
     def frames(self) -> tuple[int, int] | None:
-        """The first and the last frame that it is meant for; None while the server has not chosen them."""
+        """The first and the last frame that it applies to; None until the server has chosen them."""
         if self.placement is not None:
             return self.placement.first_frame, self.placement.last_frame
         return self._own_frames
@@ -82,7 +82,7 @@ class Target:
 
 @dataclass
 class Script:
-    """The spans and targets of one character, in the order they were taken; the oldest are forgotten."""
+    """The spans and targets of one character, in the order in which they were accepted. The oldest are forgotten."""
 
     spans: list[Span] = field(default_factory=list)
     targets: dict[int, Target] = field(default_factory=dict)
@@ -90,7 +90,7 @@ class Script:
     def take(
         self, message: Message, effective_frame: int | None, prompt_id: int | None, ids: tuple[int, ...], playhead: int
     ) -> None:
-        """The server has taken a message. ids: of its constraints; playhead: where nothing altered a frame."""
+        """Note a message that the server accepted. ids: of its constraints; playhead: used if it altered no frame."""
         frame = playhead if effective_frame is None else effective_frame
         match message.get("op"):
             case "set_prompt" if prompt_id is not None:
@@ -113,27 +113,27 @@ class Script:
             del self.targets[key]
 
     def note_placements(self, placements: Iterable[Placement]) -> None:
-        """Where the server put what was left to it."""
+        """Note where the server placed constraints that left choices to it."""
         for placement in placements:
             target = self.targets.get(placement.constraint_id)
             if target is not None:
                 target.placement = placement
 
     def note_reached(self, reached: ConstraintReached) -> None:
-        """A constraint's last frame cannot change any more."""
+        """Note the outcome of a constraint whose last frame can no longer change."""
         target = self.targets.get(reached.constraint_id)
         if target is not None:
             target.reached = reached
 
     def note_reopened(self, frame: int) -> None:
-        """Another session goes on at `frame`, and is not told of constraints whose frames have passed."""
+        """Note that another session continues at `frame`, which does not get constraints whose frames have passed."""
         for target in self.targets.values():
             frames = target.frames
             if target.reached is None and frames is not None and frames[1] < frame:
                 target.is_removed = True
 
     def inverse(self, message: Message, prompt_id: int | None, ids: tuple[int, ...]) -> list[Message]:
-        """The messages that take one back, seen before `take`; none for what cannot be taken back."""
+        """The messages that undo one, computed before `take`; empty if it cannot be undone."""
         match message.get("op"):
             case "set_prompt":
                 return self._without_prompt(prompt_id)
@@ -156,7 +156,7 @@ class Script:
         return []
 
     def shown(self) -> dict[str, Any]:
-        """As the page draws it."""
+        """The script as the page draws it."""
         return {
             "spans": [span.shown() for span in self.spans],
             "targets": [target.shown() for target in self.targets.values()],
@@ -208,6 +208,6 @@ class Script:
 
 
 def _again(span: Span) -> Message:
-    """The message that sets a span once more, under its own id."""
+    """The message that sets a span again, under its own id."""
     kept = {key: value for key, value in span.message.items() if key in ("op", "text", "preset", "frame", "end_frame")}
     return kept if span.prompt_id == PRESENT_PROMPT else {**kept, "prompt_id": span.prompt_id}

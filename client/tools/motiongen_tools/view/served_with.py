@@ -1,4 +1,4 @@
-"""ServedWith: class, steps, guidance, look-ahead and history of one character, and how a change of them is undone."""
+"""ServedWith: priority, steps, guidance, look-ahead and history of one character, and how to undo changes of them."""
 
 from __future__ import annotations
 
@@ -11,7 +11,7 @@ WEIGHTS = ("text_guidance", "constraint_guidance")
 
 
 class ServedWith:
-    """The options that a session plays with, under the names that messages have for them."""
+    """The options of a session, under the names that messages use for them."""
 
     def __init__(self, options: SessionOptions, opened: Opened, model: Model) -> None:
         defaults = (model.default_text_guidance, model.default_constraint_guidance)
@@ -27,7 +27,7 @@ class ServedWith:
         self._under_way: list[Message] = []
 
     def completed(self, message: Message) -> Message:
-        """The message with both weights where it has one, as the server sets both anew: those asked for last."""
+        """The message with both guidance weights if it has one, since the server sets both; the other as asked last."""
         if all(message.get(name) is None for name in WEIGHTS):
             return message
         asked = dict(self._values)
@@ -36,15 +36,15 @@ class ServedWith:
         return {**message, **{name: asked[name] for name in WEIGHTS if message.get(name) is None}}
 
     def inverse(self, message: Message) -> Message:
-        """The message that undoes one, seen before its `answer`."""
+        """The message that undoes one, computed before its `answer`."""
         return {"op": "set_options", **{name: self._values[name] for name in _named(message, self._values)}}
 
     def ask(self, message: Message) -> None:
-        """A message was sent."""
+        """Note that a message was sent."""
         self._under_way.append(message)
 
     def answer(self, message: Message, is_accepted: bool) -> None:
-        """The server has accepted a message that was sent, or not."""
+        """Note that the server has accepted or refused a message."""
         self._under_way = [each for each in self._under_way if each is not message]
         if is_accepted:
             self._values |= _named(message, self._values)

@@ -1,7 +1,7 @@
-"""Session files: how a character was opened and what it was told at which frame, to be played again.
+"""Session files: how a character was opened and which edits it was given at which frame, so that it can be replayed.
 
 JSON: format, `opening` (model, seed, options, start and prompt), num_frames, and `edits`: objects with at_frame (the
-playhead when it was said), effective_frame, `gave` (the ids that it was given) and the message.
+playhead when the edit was made), effective_frame, `gave` (the ids that it was given) and the message.
 """
 
 from __future__ import annotations
@@ -26,7 +26,7 @@ _AS_ASKED = (
     "keep_prompts",
 )  # fmt: skip
 OPENING = (*_AS_ASKED, "model", "seed", "steps", "start", "name")
-"""What an opening may say."""
+"""The fields of an opening."""
 
 
 @dataclass(frozen=True)
@@ -39,7 +39,7 @@ class SessionFile:
 
 
 def session_of(character: Character) -> SessionFile:
-    """What a character was told so far; what was refused is left out, as it changed nothing."""
+    """The edits of a character so far, without those that were refused, which changed nothing."""
     session, start = character.session, character.options.start
     opening = {key: character.opening[key] for key in _AS_ASKED if character.opening.get(key) is not None}
     opening |= {
@@ -57,7 +57,7 @@ def session_of(character: Character) -> SessionFile:
 
 
 def write_session(session: SessionFile) -> str:
-    """The file's text."""
+    """The text of the file."""
     edits = [
         {"at_frame": e.at_frame, "effective_frame": e.effective_frame, "gave": _ids(e), **e.message}
         for e in session.edits
@@ -73,7 +73,7 @@ def _ids(edit: ToldAt) -> dict[str, Any]:
 
 
 def read_session(path: Path) -> SessionFile:
-    """Raises InvalidInput naming the file, the edit and the field."""
+    """A session file. Raises InvalidInput naming the file, the edit and the field."""
     try:
         if path.stat().st_size > MAX_BYTES:
             raise InvalidInput("file", str(path), f"a file of at most {MAX_BYTES >> 20} MiB")
@@ -83,10 +83,10 @@ def read_session(path: Path) -> SessionFile:
 
 
 def parse_session(data: bytes, name: str) -> SessionFile:
-    """A session file's bytes. name: for errors. Raises InvalidInput, also for an edit that no server could take."""
+    """A session file from its bytes. name: for errors. Raises InvalidInput, also for edits that no server accepts."""
     try:
         whole: Any = json.loads(data)
-    except (ValueError, RecursionError) as error:  # ValueError: no UTF-8, no JSON, a number of thousands of digits
+    except (ValueError, RecursionError) as error:  # ValueError: no UTF-8, no JSON, a number with thousands of digits
         raise InvalidInput("file", name, f"a session file, which is JSON: {error}") from None
     if not isinstance(whole, dict) or whole.get("format") != FORMAT:
         raise InvalidInput("file", name, f"a session file of the format {FORMAT}")
@@ -105,7 +105,7 @@ def _read_edit(edit: dict[str, Any]) -> ToldAt:
     gave = fields.mapping(edit, "gave") if "gave" in edit else {}
     at_frame = fields.whole(edit, "at_frame")
     try:
-        read(message)  # its call is made again when its turn comes: by then what it names has other ids
+        read(message)  # only a check: the call is made again when it is due, with other ids
     except InvalidInput as error:
         raise InvalidInput(f"edit at frame {at_frame}, {error.field}", error.given, error.allowed) from None
     return ToldAt(

@@ -1,4 +1,4 @@
-"""Targets as they came to be meant: at frames of the session and at places of the world."""
+"""Targets after placement: at frames of the session and at places in the world."""
 
 from __future__ import annotations
 
@@ -26,7 +26,7 @@ from motiongen_tools.view.script import Target
 
 
 def settled(target: Target) -> Wanted | None:
-    """What a target asks for, once the server has said when and from where; None while it has not."""
+    """What a target asks for, once the server has said when and from where; None until then."""
     constraint = read_constraint(target.spec)
     if not isinstance(constraint, Flexible):
         return constraint
@@ -44,7 +44,7 @@ def settled(target: Target) -> Wanted | None:
 
 
 def _in_world(wanted: Wanted, placement: Placement) -> Wanted:
-    """x to the left of the character and z ahead of it, as it stood when the target took effect."""
+    """Transform from the character's view when the target took effect (x to its left, z ahead of it) to the world."""
     heading = placement.anchor_heading_rad
     cos, sin = np.cos(heading), np.sin(heading)
     turn = np.array([[cos, 0, sin], [0, 1, 0], [-sin, 0, cos]])

@@ -1,4 +1,4 @@
-"""The bridge's web server: the page, its WebSocket, takes to download and motion files to open."""
+"""The bridge's web server: the page, its WebSocket, downloads of takes, uploads of motion files."""
 
 from __future__ import annotations
 
@@ -33,33 +33,33 @@ from motiongen_tools.view.wire import pack_motion
 DENIED = 4401
 """Close code of a WebSocket whose token is wrong."""
 UNKNOWN_ROOM = 4400
-"""Close code of one whose room cannot be had. Pages take both as final, and show the reason."""
+"""Close code of a WebSocket whose room cannot be had. Pages treat both as final, and show the reason."""
 MOST_REASON_BYTES = 123
-"""Of a close frame; a longer reason is an error of the protocol."""
+"""Most bytes of the reason in a close frame; more is an error of the protocol."""
 _OWN_FILE = re.compile(rf"[^\s'\"]*{FOLDER_PREFIX}\w+/[\w.-]+")
 MOST_HEADER_SIGNS = 800
 MOST_DIGITS = 15
-"""Of a frame; Python refuses to read thousands."""
+"""Most digits of a frame number; Python refuses to read thousands."""
 MOST_MADE_AT_ONCE = 2
-"""Files that are converted, for which processes are started: whoever looks on may ask for any number of them."""
+"""Most files converted at the same time, each by a process of its own: anyone who watches may ask for any number."""
 MARGIN_S = 0.6
-"""What may be committed while a list of constraints is under way, and is computed."""
+"""How much may be committed while a list of constraints is sent and takes effect."""
 LEAST_MARGIN_FRAMES = 12
 
 _log = logging.getLogger(__name__)
 
 
 def web_app(bridge: Bridge, access: Access, three: Path) -> Starlette:
-    """three: the folder of the npm package."""
+    """The application. three: the folder of the npm package."""
 
     making = asyncio.Semaphore(MOST_MADE_AT_ONCE)
 
     async def socket(websocket: WebSocket) -> None:
         host = websocket.headers.get("host", "")
         role = access.role_of(websocket.query_params.get("token", ""))
-        await websocket.accept()  # a refusal before it would tell a page nothing
+        await websocket.accept()  # a page cannot see the reason of an earlier refusal
         if role is None or not is_own_page(websocket.headers.get("origin"), host):
-            await websocket.close(DENIED, "the token is missing or wrong, or the page is another site's")
+            await websocket.close(DENIED, "the token is missing or wrong, or the page belongs to another site")
             return
         try:
             room = bridge.room(websocket.query_params.get("room", "main"))
@@ -112,7 +112,7 @@ def web_app(bridge: Bridge, access: Access, three: Path) -> Starlette:
         async def check(request: Request) -> Response:
             headers = request.headers
             if not is_own_page(headers.get("origin"), headers.get("host", ""), headers.get("sec-fetch-site")):
-                return PlainTextResponse("the page is another site's", status_code=403)
+                return PlainTextResponse("the page belongs to another site", status_code=403)
             token = headers.get("authorization", "").removeprefix("Bearer ")
             if access.role_of(token) not in roles:
                 return PlainTextResponse("the token is missing, or for spectators only", status_code=401)
@@ -121,10 +121,10 @@ def web_app(bridge: Bridge, access: Access, three: Path) -> Starlette:
             except MotiongenError as error:
                 return JSONResponse({"error": _said(error, request)}, status_code=400)
             except ClientDisconnect:
-                return PlainTextResponse("nobody is there any more", status_code=400)
+                return PlainTextResponse("the client is gone", status_code=400)
             except Exception:
                 _log.exception("a request of a page failed")
-                return JSONResponse({"error": "the bridge failed at this; its log says why"}, status_code=500)
+                return JSONResponse({"error": "the bridge failed to do this; its log says why"}, status_code=500)
 
         return check
 
@@ -143,7 +143,7 @@ def web_app(bridge: Bridge, access: Access, three: Path) -> Starlette:
 
 
 def _said(error: MotiongenError, request: Request) -> str:
-    """An error's text, which calls a file by its name on the page: in a folder of ours it lies for the moment only."""
+    """The text of an error, with the name that the page knows instead of that of a temporary file."""
     name = request.query_params.get("name") or request.path_params.get("name") or "the file"
     return _OWN_FILE.sub(lambda _: name, str(error))
 
@@ -153,12 +153,12 @@ def _frame(text: str) -> int | None:
 
 
 def _header(text: str) -> str:
-    """A text as headers may have it: in one line of ASCII, and not of any length."""
+    """A text that can be sent in a header: one line of ASCII of limited length."""
     return " ".join(text.encode("ascii", "replace").decode().split())[:MOST_HEADER_SIGNS]
 
 
 def _first_free(character: Character) -> int:
-    """The frame that a list's frame 0 becomes: one that can surely still change when the message comes."""
+    """The frame that stands for a list's frame 0: one that can surely still change when the message arrives."""
     session, playback = character.session, character.session.playback
     margin_frames = max(session.rig.frames_in(MARGIN_S), LEAST_MARGIN_FRAMES)
     return max(playback.committed_to, playback.playhead) + margin_frames
@@ -171,7 +171,7 @@ async def _body(request: Request) -> bytes:
 
 
 class _Guard:
-    """Refuses requests that name a host we are not, and says on every answer what a page may load."""
+    """Refuses requests for hosts other than ours, and adds to every answer what a page may load."""
 
     def __init__(self, app: ASGIApp, access: Access) -> None:
         self._app = app

@@ -1,7 +1,7 @@
-"""What goes to a browser: catalogues and rigs as JSON, frames as binary messages.
+"""Messages to a browser: catalogues and rigs as JSON, frames as binary messages.
 
-A binary message is the length of its header (uint32, little endian), the header (JSON, padded with spaces to a multiple
-of four bytes), and rows of float32, little endian, one after the other as the header counts them.
+A binary message consists of the length of its header (uint32, little endian), the header (JSON, padded with spaces to a
+multiple of four bytes), and rows of float32, little endian, in the order and number that the header gives.
 """
 
 from __future__ import annotations
@@ -21,10 +21,10 @@ from motiongen_client.types import Catalog, Model
 
 @dataclass(frozen=True, eq=False)
 class Head:
-    """Where one character stands, and the frames that a browser lacks of it.
+    """Where one character is, and the frames of it that a browser lacks.
 
-    playhead: with the share of the way to the next frame. pace: frames a second that it moves with at present.
-    committed_to, buffered_to: the first frame that may change, the first that is not there. first_frame: of `rows`.
+    playhead: including the fraction of the way to the next frame. pace: frames a second at which it moves at present.
+    committed_to, buffered_to: the first frame that may change, the first that is missing. first_frame: of `rows`.
     """
 
     character: int
@@ -37,7 +37,7 @@ class Head:
 
 
 def pack_frames(heads: Sequence[Head]) -> bytes:
-    """One binary message of all characters that have news. widths: numbers in a row of each, 0 where none comes."""
+    """One binary message for all characters with news. widths: numbers in a row of each, 0 if it has no rows."""
     listed = [
         [h.character, round(h.playhead, 3), round(h.pace, 3), h.committed_to, h.buffered_to, h.first_frame, len(h.rows)]
         for h in heads
@@ -59,7 +59,7 @@ def pack_history(character: int, first_frame: int, rows: Sequence[Float32]) -> b
 
 
 def to_json(message: Any) -> str:
-    """A message as a browser reads it. JSON knows finite numbers only: others, which a server may say, are null."""
+    """A message as JSON. JSON only has finite numbers: others, which a server may send, become null."""
     try:
         return json.dumps(message, separators=(",", ":"), allow_nan=False)
     except ValueError:
@@ -81,7 +81,7 @@ def _pack(header: dict[str, Any], rows: Sequence[Float32]) -> bytes:
 
 
 def rig_json(rig: Rig) -> dict[str, Any]:
-    """What a browser poses and draws a skeleton with. columns: first column of each block of a row, and its width."""
+    """What a browser needs to pose and draw a skeleton. columns: first column and width of each block of a row."""
     return {
         "id": rig.rig_id,
         "joints": list(rig.joint_names),

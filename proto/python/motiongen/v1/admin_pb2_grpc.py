@@ -26,9 +26,9 @@ if _version_not_supported:
 
 
 class MotionAdminServiceStub(object):
-    """Loads and unloads models while others are served. A call that the server cannot follow ends with a status whose
-    ErrorInfo names the reason; the models that are served are not touched by it. A call goes on when its client does not
-    wait for the answer.
+    """Loads and unloads models while others are served. A call that the server cannot carry out changes nothing, and ends
+    with a status whose ErrorInfo names the reason. A call is carried out even if its client does not wait for the
+    answer.
     """
 
     def __init__(self, channel):
@@ -60,9 +60,9 @@ class MotionAdminServiceStub(object):
 
 
 class MotionAdminServiceServicer(object):
-    """Loads and unloads models while others are served. A call that the server cannot follow ends with a status whose
-    ErrorInfo names the reason; the models that are served are not touched by it. A call goes on when its client does not
-    wait for the answer.
+    """Loads and unloads models while others are served. A call that the server cannot carry out changes nothing, and ends
+    with a status whose ErrorInfo names the reason. A call is carried out even if its client does not wait for the
+    answer.
     """
 
     def ListModels(self, request, context):
@@ -73,22 +73,22 @@ class MotionAdminServiceServicer(object):
         raise NotImplementedError('Method not implemented!')
 
     def LoadModel(self, request, context):
-        """Loads one more model and answers when sessions can be opened with it. Sessions of other models go on meanwhile.
+        """Loads one more model, and answers when sessions can be opened with it. Sessions of other models continue meanwhile.
         """
         context.set_code(grpc.StatusCode.UNIMPLEMENTED)
         context.set_details('Method not implemented!')
         raise NotImplementedError('Method not implemented!')
 
     def UnloadModel(self, request, context):
-        """Opens no more sessions with a model, and answers when its memory is free. The last one cannot be unloaded.
+        """Stops opening sessions with a model, and answers when its memory is free. The last model cannot be unloaded.
         """
         context.set_code(grpc.StatusCode.UNIMPLEMENTED)
         context.set_details('Method not implemented!')
         raise NotImplementedError('Method not implemented!')
 
     def ReloadModel(self, request, context):
-        """Loads a model again from where it came from, and then replaces the one that is served. While the new one loads the
-        old one is held too; where the new one cannot be loaded, the old one stays.
+        """Loads a model again from its source, and then replaces the one that is served. The old one stays in memory while
+        the new one loads, and stays in service if the new one cannot be loaded.
         """
         context.set_code(grpc.StatusCode.UNIMPLEMENTED)
         context.set_details('Method not implemented!')
@@ -126,9 +126,9 @@ def add_MotionAdminServiceServicer_to_server(servicer, server):
 
  # This class is part of an EXPERIMENTAL API.
 class MotionAdminService(object):
-    """Loads and unloads models while others are served. A call that the server cannot follow ends with a status whose
-    ErrorInfo names the reason; the models that are served are not touched by it. A call goes on when its client does not
-    wait for the answer.
+    """Loads and unloads models while others are served. A call that the server cannot carry out changes nothing, and ends
+    with a status whose ErrorInfo names the reason. A call is carried out even if its client does not wait for the
+    answer.
     """
 
     @staticmethod

@@ -52,16 +52,16 @@ class TextEncoderServiceServicer(object):
     """
 
     def GetTextEncoder(self, request, context):
-        """Which encoder it is. Does not change while the service lives.
+        """Which encoder it is. This does not change while the service runs.
         """
         context.set_code(grpc.StatusCode.UNIMPLEMENTED)
         context.set_details('Method not implemented!')
         raise NotImplementedError('Method not implemented!')
 
     def EncodeTexts(self, request, context):
-        """Vectors of texts, each depending on its own text only. INVALID_ARGUMENT for too many or too long texts,
-        FAILED_PRECONDITION where the caller expects another encoder, RESOURCE_EXHAUSTED where too many texts wait already,
-        UNAVAILABLE where the encoder fails; ErrorInfo names the reason, and RetryInfo says when trying again helps.
+        """The vectors of texts; each depends only on its own text. INVALID_ARGUMENT: too many or too long texts.
+        FAILED_PRECONDITION: the caller expects another encoder. RESOURCE_EXHAUSTED: too many texts are already waiting.
+        UNAVAILABLE: the encoder failed. ErrorInfo names the reason, and RetryInfo says when to try again, if that helps.
         """
         context.set_code(grpc.StatusCode.UNIMPLEMENTED)
         context.set_details('Method not implemented!')

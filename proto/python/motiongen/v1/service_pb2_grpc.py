@@ -57,26 +57,26 @@ class MotionServiceServicer(object):
     """
 
     def GetCatalog(self, request, context):
-        """Rigs, models and limits. Changes only where the operator loads or unloads models.
+        """Rigs, models and limits. The answer changes only when the operator loads or unloads models.
         """
         context.set_code(grpc.StatusCode.UNIMPLEMENTED)
         context.set_details('Method not implemented!')
         raise NotImplementedError('Method not implemented!')
 
     def StreamMotion(self, request_iterator, context):
-        """A stream carries any number of sessions up to Limits.max_sessions_per_stream. The client's first message must carry
-        `hello`, the server's first message does; an event before that ends the stream with INVALID_ARGUMENT. A mistake in
-        an event is answered in the stream, which lives on. When the client finishes writing, its sessions are closed, each
-        with its SessionClosed, and the stream ends with OK. When the transport is lost instead, or the client cancels, its
-        sessions are kept for Limits.resume_grace, so that another stream can go on with them.
+        """One stream carries up to Limits.max_sessions_per_stream sessions. The first message of each side must carry
+        `hello`; if the client's first message does not, the stream ends with INVALID_ARGUMENT. A mistake in an event is
+        answered within the stream, and the stream continues. When the client finishes writing, its sessions are closed,
+        each with its SessionClosed, and the stream ends with OK. When the transport is lost instead, or the client
+        cancels, the sessions are kept for Limits.resume_grace, so that they can be resumed on another stream.
         """
         context.set_code(grpc.StatusCode.UNIMPLEMENTED)
         context.set_details('Method not implemented!')
         raise NotImplementedError('Method not implemented!')
 
     def GenerateClip(self, request, context):
-        """Bounded clips for planners and tools: made as fast as there is room beside the sessions, whose frames come first. The
-        deadline of the call is kept: when it passes, or the client cancels, the work stops. Refused with a status.
+        """Bounded clips for planners and tools, generated as fast as the sessions leave room; sessions have precedence. When
+        the deadline of the call passes or the client cancels, the work stops. A refused call ends with a status.
         """
         context.set_code(grpc.StatusCode.UNIMPLEMENTED)
         context.set_details('Method not implemented!')

@@ -1,4 +1,4 @@
-// The gallery: stick figures on canvases, all at one moment and from one side. No library, so that it opens from the disk.
+// The gallery: stick figures on canvases, in sync and from the same side. It needs no library, so it opens from the disk.
 "use strict";
 
 const told = JSON.parse(document.getElementById("takes").textContent);
@@ -31,7 +31,7 @@ function caption(name, take) {
 function picture(title, takes) {
   const canvas = make("canvas", { tabIndex: 0 });
   canvas.setAttribute("role", "img");
-  canvas.setAttribute("aria-label", `${title}. Left and right arrows look from elsewhere.`);
+  canvas.setAttribute("aria-label", `${title}. Left and right arrows turn the view.`);
   const shown = { canvas, takes, isSeen: false, longestS: Math.max(...takes.map(({ take }) => take.num_frames / take.fps)) };
   pictures.push(shown);
   turnable(canvas);
@@ -94,7 +94,7 @@ function rowOf(row) {
   return make("article", { className: `row ${worst}` }, make("h3", {}, row.title), figures);
 }
 
-/** Where a point of a take is on a canvas, seen from the camera that follows: [x, y, metres away]. */
+/** Where a point of a take is on a canvas, seen from the following camera: [x, y, metres away]. */
 function projection(canvas, centre) {
   const { width, height } = canvas;
   const [sin, cos] = [Math.sin(state.turn), Math.cos(state.turn)];
@@ -151,7 +151,7 @@ function grid(context, place, [x, z], colours, ratio) {
   const [cx, cz] = [Math.round(x), Math.round(z)];
   for (let n = -GRID_M; n <= GRID_M; n++) {
     const far = (k) => [k, k + 1];
-    for (let k = -GRID_M; k < GRID_M; k++) { // in pieces: what lies behind the camera is left out
+    for (let k = -GRID_M; k < GRID_M; k++) { // in pieces, without those behind the camera
       stroke(context, far(k).map((m) => place(cx + n, 0, cz + m)), colours.grid, ratio);
       stroke(context, far(k).map((m) => place(cx + m, 0, cz + n)), colours.grid, ratio);
     }
@@ -171,7 +171,7 @@ function figure(context, place, { take, shift, at, name, line }, colours, ratio)
     context.fill();
   }
   const bones = take.parents.map((parent, joint) => [parent, joint]).filter(([parent, joint]) => parent >= 0 && points[parent] && points[joint]);
-  bones.sort(([a, b], [c, d]) => points[c][2] + points[d][2] - points[a][2] - points[b][2]); // the far ones first
+  bones.sort(([a, b], [c, d]) => points[c][2] + points[d][2] - points[a][2] - points[b][2]); // far ones first
   for (const [parent, joint] of bones) {
     stroke(context, [points[parent], points[joint]], colours[take.sides[joint]], (34 * ratio) / points[joint][2]);
   }
@@ -182,7 +182,7 @@ function figure(context, place, { take, shift, at, name, line }, colours, ratio)
     context.font = `${11 * ratio}px system-ui, sans-serif`;
     context.textAlign = "center";
     const under = floor[1] + (20 + 13 * line) * ratio;
-    context.fillText(name, floor[0], Math.min(under, context.canvas.height - 5 * ratio)); // who stands in front is low in the picture
+    context.fillText(name, floor[0], Math.min(under, context.canvas.height - 5 * ratio)); // whoever is in front is low in the picture
     context.textAlign = "start";
   }
 }
@@ -265,4 +265,4 @@ function start() {
 }
 
 start();
-globalThis.gallery = { state, pictures }; // what tests and consoles look at
+globalThis.gallery = { state, pictures }; // for tests and the console

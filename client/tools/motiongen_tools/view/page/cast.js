@@ -1,4 +1,4 @@
-// Cast: the characters of the room, what the server offers, and which character is chosen.
+// Cast: the characters of the room, the server's catalogue, and which character is chosen.
 import { Rig } from "./motion/rig.js";
 import { Track } from "./motion/track.js";
 import { splitRows } from "./net/messages.js";
@@ -30,7 +30,7 @@ export class Cast extends EventTarget {
     this._tell("choice");
   }
 
-  /** Tell the chosen character; resolves with the answer. */
+  /** Send a message to the chosen character; resolves with the answer. */
   tell(message) {
     if (this.chosen === null) return Promise.reject(new Error("no character is chosen; add one"));
     return this._connection.ask({ ...message, character: this.chosen });
@@ -40,7 +40,7 @@ export class Cast extends EventTarget {
     return this._connection.ask(message);
   }
 
-  /** Ask for frames that were played before this page knew them. */
+  /** Ask for frames that were played before this page was opened. */
   askHistory(member, first, end) {
     return this.ask({ op: "history", character: member.number, first_frame: first, end_frame: end });
   }
@@ -56,7 +56,7 @@ export class Cast extends EventTarget {
         this.server = message;
         this._tell("server");
         break;
-      case "catalog": // again whenever the server has another: who is there keeps the rig that it came with
+      case "catalog": // sent again whenever it changes; existing characters keep their rigs
         this._rigs = new Map(message.rigs.map((rig) => [rig.id, new Rig(rig)]));
         this.models = message.models;
         this.limits = message.limits;
@@ -82,9 +82,9 @@ export class Cast extends EventTarget {
 
   _note(info) {
     let member = this.members.get(info.number);
-    if (!member || member.info.seed !== info.seed) { // another bridge may have given the number to somebody else
-      const rig = this._rigs.get(info.rig) ?? (info.described && new Rig(info.described)); // one that is offered no more
-      if (!rig) return; // the catalogue is on its way
+    if (!member || member.info.seed !== info.seed) { // a restarted bridge reuses numbers
+      const rig = this._rigs.get(info.rig) ?? (info.described && new Rig(info.described)); // one not offered any more
+      if (!rig) return; // the catalogue has not arrived yet
       member = { number: info.number, rig, track: new Track(rig), info };
       this.members.set(info.number, member);
       this.members = new Map([...this.members].sort(([a], [b]) => a - b));

@@ -1,4 +1,4 @@
-// The page: joins connection, stage, characters, steering and panels, and draws.
+// The page: connects connection, stage, characters, steering and panels, and draws.
 import { Cast } from "./cast.js";
 import { Connection } from "./net/connection.js";
 import { Bodies, colourOf } from "./scene/bodies.js";
@@ -26,12 +26,12 @@ const byId = (id) => document.getElementById(id);
 const MOST_FAILURES = 20;
 const failures = new Set();
 
-/** A mistake of the page is said once, however often it is made; the console says where. */
+/** An error of the page is shown once, however often it occurs; the console says where. */
 function sayFailure(error) {
   const what = error instanceof Error ? error.message : String(error);
   if (failures.has(what) || failures.size >= MOST_FAILURES) return;
   failures.add(what);
-  note(`the page has failed at something: ${what}. Load it again if it does not go on`, "error");
+  note(`an error occurred in the page: ${what}. Reload the page if it stops working`, "error");
 }
 addEventListener("error", ({ error }) => error && sayFailure(error));
 addEventListener("unhandledrejection", ({ reason }) => sayFailure(reason));
@@ -67,7 +67,7 @@ function makeStage() {
   try {
     return new Stage(byId("stage"), address.get("draw") === "plain");
   } catch (error) {
-    byId("status").textContent = `motiongen: this browser does not draw with WebGL, which the page needs (${error.message})`;
+    byId("status").textContent = `motiongen: this browser does not support WebGL, which the page needs (${error.message})`;
     throw error;
   }
 }
@@ -76,7 +76,7 @@ cast.addEventListener("server", () => document.body.classList.toggle("watching",
 cast.addEventListener("catalog", addFirst, { once: true });
 
 async function addFirst() {
-  await new Promise((resolve) => setTimeout(resolve, 300)); // who is there already is told in the next message
+  await new Promise((resolve) => setTimeout(resolve, 300)); // the next message lists the characters that exist
   if (cast.members.size || cast.role !== "control" || address.has("empty")) return;
   const stand = cast.models[0]?.presets.find(({ id }) => id === "stand");
   await trying(() => cast.ask({ op: "add", count: 1, preset: stand?.id ?? null }));
@@ -170,7 +170,7 @@ function draw(nowMs) {
   }
 }
 
-/** What belongs to the chosen character alone; rigs are shared, so it is posed once more. */
+/** Draw what belongs only to the chosen character. Rigs are shared, so it is posed again. */
 function drawChosen(nowMs) {
   const member = cast.one;
   if (!member) return;
@@ -181,10 +181,10 @@ function drawChosen(nowMs) {
     member.rig.pose(row);
     if (follows) stage.follow(member.rig.position(0));
   }
-  marks.update(member, place, compare.pair ? null : row, nowMs); // two that stand aside of where they are have none
+  marks.update(member, place, compare.pair ? null : row, nowMs); // characters that are drawn displaced have no marks
   tools.update(member);
 }
 requestAnimationFrame(draw);
 
-// What tests and consoles look at.
+// For tests and the console.
 globalThis.motiongen = { cast, connection, stage, bodies, status, timeline, tools, takes, compare, velocity, pick, marks, plots };

@@ -1,20 +1,20 @@
-// Motions out of files: of a rig of ours as frames, of any other glTF as the scene that it brings.
+// Motions from files: frames of a rig that the page knows, or the scene of any other glTF file.
 import { AnimationMixer } from "three";
 import { GLTFLoader } from "three/addons/loaders/GLTFLoader.js";
 import { Track } from "./track.js";
 
 const COLOUR = 0xcfd6de;
-const SCENE_HZ = 30; // a scene has no frames of its own; so many are counted
+const SCENE_HZ = 30; // a scene has no frames of its own; they are counted at this rate
 
 export class OpenedMotion {
-  /** rows: of frames 0 and on. */
+  /** rows: of the frames from 0 on. */
   constructor(name, rig, rows) {
     Object.assign(this, { name, rig, numFrames: rows.length, frameRate: rig.frameRate, fromMs: performance.now() });
     this.track = new Track(rig);
     this.track.put(0, rows);
   }
 
-  /** Draw the frame at a place, so far aside. */
+  /** Draw the frame `place`, which may be between two, displaced over the ground. */
   draw(bodies, place, x, z) {
     this.rig.pose(this.track.sample(place));
     this.rig.shift(x, z);
@@ -33,7 +33,7 @@ class OpenedScene {
     this._mixer.clipAction(clip).play();
     gltf.scene.traverse((each) => {
       each.castShadow = Boolean(each.isMesh);
-      each.frustumCulled = false; // bones carry it away from where its mesh was
+      each.frustumCulled = false; // bones move it away from the bounds of its mesh
     });
     scene.add(gltf.scene);
   }
@@ -53,7 +53,7 @@ class OpenedScene {
   }
 }
 
-/** The first animation of a binary glTF. Throws where it has none. */
+/** The first animation of a binary glTF file. Throws if it has none. */
 export async function openScene(name, bytes, scene) {
   const gltf = await new GLTFLoader().parseAsync(bytes, "").catch((error) => {
     throw new Error(`${name} cannot be read as a binary glTF: ${error.message}`);

@@ -1,11 +1,11 @@
-// Rig: a skeleton, and the way from a frame's row to where its joints are.
+// Rig: a skeleton, and its joints' positions from a frame's row.
 import { Quaternion, Vector3 } from "three";
 
 const UP = new Vector3(0, 1, 0);
 const LEAST_BONE_M = 0.012;
 const LIMB = /(hand|foot)$/i;
 
-// Radius of the bone that begins at a joint, metres; the first that fits decides.
+// Radius of the bone that begins at a joint, metres; the first match decides.
 const RADII = [
   [/head/i, 0.095], [/neck/i, 0.05], [/hips|pelvis|waist/i, 0.085], [/spine|chest|torso/i, 0.1],
   [/upleg|thigh|hip/i, 0.075], [/leg|knee|shin/i, 0.055], [/toe/i, 0.035], [/foot|ankle/i, 0.042],
@@ -27,7 +27,7 @@ export class Rig {
     this._rotations = this.columns.joint_rotation_quat_wxyz[0];
     this._root = this.columns.root_translation_m[0];
     this._contacts = this.columns.foot_contact?.[0] ?? -1;
-    /** Joints of left heel, left toe, right heel, right toe, as contacts are told; undefined where there is none. */
+    /** Joints of left heel, left toe, right heel, right toe, in the order of contacts; undefined if there is none. */
     this.feet = ["LeftFoot", "RightFoot"].flatMap((name) => [0, 1].map((n) => this.limbs[name]?.[n]));
     /** Joints at the ends of limbs, by which hands and feet are dragged. */
     this.ends = Object.entries(this.limbs).filter(([name]) => LIMB.test(name)).map(([, joints]) => joints[0]);
@@ -60,7 +60,7 @@ export class Rig {
     }
   }
 
-  /** Move the last pose over the ground, metres. */
+  /** Displace the last pose over the ground, metres. */
   shift(x, z) {
     for (let at = 0; at < this.positions.length; at += 3) {
       this.positions[at] += x;
@@ -73,7 +73,7 @@ export class Rig {
     return target.fromArray(this.positions, 3 * joint);
   }
 
-  /** Root on the ground in a row: [x, z], metres. */
+  /** Ground position of the root in a row: [x, z], metres. */
   rootOf(row) {
     return [row[this._root], row[this._root + 2]];
   }
@@ -83,7 +83,7 @@ export class Rig {
     return this._contacts < 0 ? [] : Array.from(row.subarray(this._contacts, this._contacts + 4), (v) => v > 0.5);
   }
 
-  /** Which way the last pose faces: radians about +Y, 0 toward +Z, from the line of the hips. */
+  /** Heading of the last pose: radians about +Y, 0 toward +Z, from the line of the hips. */
   heading() {
     if (!this.hipJoints) {
       const [x, y, z, w] = this.turns;
@@ -93,7 +93,7 @@ export class Rig {
     return Math.atan2(right.z - left.z, -(right.x - left.x));
   }
 
-  /** What is drawn: from a joint along a direction, in the joint's own axes. */
+  /** What is drawn: bones from a joint along a direction, in the joint's own axes. */
   _makeBones() {
     const bones = [];
     const isParent = new Set(this.parents);

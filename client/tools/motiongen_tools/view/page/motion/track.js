@@ -1,6 +1,6 @@
-// Track: the frames of one character by number, past and planned, and the clock that walks over them.
+// Track: the past and planned frames of one character by number, and the clock that plays them.
 
-const LONGEST_S = 180; // of what was played that a page keeps
+const LONGEST_S = 180; // how much of the played motion a page keeps
 const SNAP_S = 0.15;
 const SLEW = 0.12;
 
@@ -10,7 +10,7 @@ export class Track {
     this.first = 0; // frame of rows[0]
     this.rows = [];
     this.committedTo = 0;
-    this.replaced = null; // {first, rows}: the plan that a newer one took the place of
+    this.replaced = null; // {first, rows}: the plan that a newer one replaced
     this._place = 0;
     this._pace = 0;
     this._atMs = performance.now();
@@ -21,11 +21,11 @@ export class Track {
     return this.first + this.rows.length;
   }
 
-  /** Take frames from `first` on in place of all that there were from there. */
+  /** Add frames from `first` on, replacing all from there on. */
   put(first, rows) {
     if (!rows.length && first >= this.end) return;
     if (first > this.end || first < this.first) {
-      this.first = first; // a hole, after this page was away: what is before it is of no use
+      this.first = first; // a gap, after the connection was lost: the frames before it are of no use
       this.rows = [];
     }
     const gone = this.rows.splice(first - this.first);
@@ -33,7 +33,7 @@ export class Track {
     this.rows.push(...rows);
   }
 
-  /** Take older frames in front of those there are. */
+  /** Add older frames before the first one. */
   putHistory(first, rows) {
     if (first < this.first && first + rows.length >= this.first) {
       this.rows.unshift(...rows.slice(0, this.first - first));
@@ -41,7 +41,7 @@ export class Track {
     }
   }
 
-  /** The bridge says where the playhead is; small differences are walked off, not jumped over. */
+  /** Take the bridge's playhead; small differences are corrected gradually, without a jump. */
   setHead(place, pace, committedTo, nowMs) {
     const here = this.playhead(nowMs);
     const error = place - here;
@@ -56,7 +56,7 @@ export class Track {
     }
   }
 
-  /** The frame that is shown now, with the share of the way to the next; never one that is not there. */
+  /** The frame shown now, with the fraction of the way to the next; never beyond the frames there are. */
   playhead(nowMs = performance.now()) {
     const place = this._place + ((nowMs - this._atMs) / 1000) * this._pace;
     return Math.max(Math.min(place, this.end - 1), this._place > this.end - 1 ? this.end - 1 : 0);
@@ -71,7 +71,7 @@ export class Track {
     return this.rows[frame - this.first];
   }
 
-  /** The row at a moment between frames, or null. The same array each time. */
+  /** The interpolated row between frames, or null. The same array each time. */
   sample(place) {
     const frame = Math.min(Math.max(Math.floor(place), this.first), this.end - 1);
     const here = this.row(frame);
@@ -90,7 +90,7 @@ export class Track {
     for (let at = start; at < stop; at += 4) {
       let dot = 0;
       for (let n = 0; n < 4; n++) dot += here[at + n] * next[at + n];
-      const far = dot < 0 ? -share : share; // the shorter way; between two frames a line is the arc
+      const far = dot < 0 ? -share : share; // the shorter way; between two frames, a line is close to the arc
       let length = 0;
       for (let n = 0; n < 4; n++) {
         mixed[at + n] = (1 - share) * here[at + n] + far * next[at + n];

@@ -1,11 +1,11 @@
-// Connection: the WebSocket to the bridge. It comes back by itself, and every request is answered or fails.
+// Connection: the WebSocket to the bridge. It reconnects by itself, and every request is answered or fails.
 import { unpack } from "./messages.js";
 
 const FIRST_WAIT_MS = 300;
 const LONGEST_WAIT_MS = 5000;
 const PING_MS = 2000;
-const SILENT_MS = 20_000; // after a question that nothing followed: the network has gone, and tells nobody
-const FINAL = new Set([4400, 4401]); // the room cannot be had, the token is wrong: the next line would be refused too
+const SILENT_MS = 20_000; // without any message after a request: the network is gone, which no event reports
+const FINAL = new Set([4400, 4401]); // the room cannot be had, the token is wrong: retrying would not help
 
 export class Connection extends EventTarget {
   /**
@@ -22,7 +22,7 @@ export class Connection extends EventTarget {
     this._waiting = new Map();
     this._next = 1;
     this._waitMs = FIRST_WAIT_MS;
-    this._askedMs = null; // since when nothing was heard that was asked for
+    this._askedMs = null; // since when a request has been followed by no message
     this._connect();
     setInterval(() => this._ping(), PING_MS);
   }
@@ -31,9 +31,9 @@ export class Connection extends EventTarget {
     return this._socket.readyState === WebSocket.OPEN;
   }
 
-  /** Send a request; resolves with its answer, rejects with an Error that says why not. */
+  /** Send a request; resolves with its answer, rejects with an Error that says why. */
   ask(message) {
-    if (!this.isOpen) return Promise.reject(new Error(this.refusal || "the line to the bridge is lost; it is being tried again"));
+    if (!this.isOpen) return Promise.reject(new Error(this.refusal || "the connection to the bridge is lost; trying again"));
     const request = this._next++;
     this._socket.send(JSON.stringify({ ...message, request }));
     return new Promise((resolve, reject) => this._waiting.set(request, { resolve, reject }));
@@ -50,7 +50,7 @@ export class Connection extends EventTarget {
     socket.onclose = (event) => this._lose(event);
   }
 
-  /** Give up a line on which nothing comes. Its end would be told after minutes only. */
+  /** Give up a connection on which nothing comes. The browser would notice its end only after minutes. */
   _drop() {
     this._socket.onmessage = this._socket.onclose = null;
     this._socket.close();
@@ -75,7 +75,7 @@ export class Connection extends EventTarget {
   }
 
   _lose(event) {
-    for (const { reject } of this._waiting.values()) reject(new Error("the line to the bridge was lost"));
+    for (const { reject } of this._waiting.values()) reject(new Error("the connection to the bridge was lost"));
     this._waiting.clear();
     this.roundTripMs = this._askedMs = null;
     if (FINAL.has(event.code)) {
@@ -100,7 +100,7 @@ export class Connection extends EventTarget {
       await this.ask({ op: "ping", at });
       this.roundTripMs = performance.now() - at;
     } catch {
-      this.roundTripMs = null; // the line was lost, which is told elsewhere
+      this.roundTripMs = null; // the connection was lost, which is reported elsewhere
     }
   }
 

@@ -2,7 +2,7 @@
 
 const decoder = new TextDecoder();
 
-/** ArrayBuffer -> {header, rows: Float32Array of all rows after one another}. */
+/** ArrayBuffer -> {header, rows: Float32Array of all rows in sequence}. */
 export function unpack(buffer) {
   const length = new DataView(buffer).getUint32(0, true);
   const header = JSON.parse(decoder.decode(new Uint8Array(buffer, 4, length)));

@@ -1,10 +1,10 @@
-// Bodies: all characters in one instanced mesh, a bone an instance; one draw call however many there are.
+// Bodies: all characters in one instanced mesh, with one instance per bone; one draw call for any number of them.
 import * as THREE from "three";
 
 const PROFILE = [[0, -0.06], [0.55, -0.04], [0.92, 0.06], [1, 0.25], [0.9, 0.7], [0.78, 0.95], [0.45, 1.04], [0, 1.06]];
 const COLOURS = [0xf2a65a, 0x6fb3e0, 0x8fd18a, 0xe58aa5, 0xb79ae0, 0xe0cf6a, 0x6fd0c4, 0xd99a76];
 const FEW_POINTS = [[0, -0.06], [1, 0.25], [0.8, 0.95], [0, 1.06]];
-const MOST_FINE = 24; // characters whose bones are drawn round; more are far away, or small
+const MOST_FINE = 24; // most characters whose bones are drawn round; in a larger crowd they look small
 const GROWTH = 1.5;
 
 export function colourOf(number) {
@@ -30,13 +30,13 @@ export class Bodies {
     this._colour = new THREE.Color();
   }
 
-  /** Between begin and end, `add` puts one character after the other. */
+  /** Between `begin` and `end`, `add` is called for each character. */
   begin() {
     this._used = 0;
     this._count = 0; // characters
   }
 
-  /** The rig has been posed. */
+  /** Add a character, whose rig has been posed. */
   add(rig, colour) {
     const bones = rig.bones;
     if (this._used + bones.length > this._room) this._grow(GROWTH * (this._used + bones.length));

@@ -1,4 +1,4 @@
-// Marks on the stage: targets of the chosen character, trails, the plan that was replaced, feet on the ground.
+// Marks on the stage: targets of the chosen character, trails, the replaced plan, feet in contact.
 import * as THREE from "three";
 import { labelled, make } from "../ui/dom.js";
 
@@ -24,7 +24,7 @@ export class Marks {
     this.showsContacts = true;
   }
 
-  /** The choice of the joint that leaves a trail beside the root. */
+  /** The selection of a joint that leaves a trail besides the root. */
   choice(cast) {
     const show = () => {
       const joints = cast.one?.rig.joints ?? [];
@@ -37,7 +37,7 @@ export class Marks {
     return labelled("trail of", this._joint);
   }
 
-  /** At every frame that is drawn. place: the frame that is shown; row: of it. */
+  /** Called for every frame drawn. place: the frame that is shown; row: its row. */
   update(member, place, row, nowMs) {
     this._group.visible = Boolean(member && row);
     if (!this._group.visible) return;
@@ -95,7 +95,7 @@ export class Marks {
   }
 }
 
-/** Take a mark off the stage, and what it has on the GPU. */
+/** Remove a mark from the stage, and free its GPU memory. */
 function discard(object) {
   object.removeFromParent();
   object.traverse((each) => {
@@ -157,7 +157,7 @@ function setLine(drawn, rows, rig) {
   }));
 }
 
-/** points: [[x, y, z]]; the last of them where there are too many. */
+/** points: [[x, y, z]]; if there are too many, the last of them are drawn. */
 function setPoints(drawn, points) {
   drawn.visible = points.length > 1;
   if (!drawn.visible) return;

@@ -1,8 +1,8 @@
-// Whose body a pointer is on: by where roots are on the screen, as cheap for 200 characters as for one.
+// Finds the body under the pointer from the roots' places on the screen: as cheap for 200 characters as for one.
 import { Vector3 } from "three";
 
 const REACH_M = 0.95; // from the root to head or feet
-const ASIDE = 0.4; // of that, to the sides
+const ASIDE = 0.4; // fraction of REACH_M to the sides
 
 export class Pick {
   constructor(stage) {
@@ -11,7 +11,7 @@ export class Pick {
     this._point = new Vector3();
   }
 
-  /** Between begin and the next one, `add` says where bodies are drawn. */
+  /** After `begin`, `add` is called for each body that is drawn. */
   begin() {
     this._roots.length = 0;
   }
@@ -20,7 +20,7 @@ export class Pick {
     this._roots.push([owner, rig.positions[0], rig.positions[1], rig.positions[2]]);
   }
 
-  /** The nearest one to the camera under a pointer, or null. */
+  /** The character under a pointer that is nearest to the camera, or null. */
   at(event) {
     const box = this._stage.canvas.getBoundingClientRect();
     const [px, py] = [event.clientX - box.left, event.clientY - box.top];

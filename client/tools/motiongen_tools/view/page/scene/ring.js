@@ -1,4 +1,4 @@
-// The heading ring: around a character's feet, with a knob where it is to face.
+// The heading ring around a character's feet, with a knob in the direction that it should face.
 import * as THREE from "three";
 
 const RADIUS_M = 0.75;
@@ -14,7 +14,7 @@ export class HeadingRing {
     scene.add(this._group);
   }
 
-  /** Around a place on the ground, facing so; null hides it. */
+  /** Show it around a place on the ground, with a heading; null hides it. */
   show(place, heading) {
     this._group.visible = Boolean(place);
     if (!place) return;
@@ -22,7 +22,7 @@ export class HeadingRing {
     this._group.rotation.y = heading;
   }
 
-  /** Where the knob is, in the world. */
+  /** World position of the knob. */
   knobAt(target = new THREE.Vector3()) {
     this._group.updateMatrixWorld();
     return this.knob.getWorldPosition(target);

@@ -7,14 +7,14 @@ const TILE_PX = 128;
 const LEAST_HZ = 24;
 const TRIED_MS = 2500;
 const LEAST_RATIO = 0.5;
-const PLAIN_MS = 60; // between two pictures that are drawn by software: the processor has more to do than that
+const PLAIN_MS = 60; // between two frames with software rendering: the processor has other work too
 const THEMES = {
   dark: { sky: 0x14171c, ground: "#2a2f37", line: "#4a5360" },
   light: { sky: 0xe9edf2, ground: "#ccd3db", line: "#9aa6b4" },
 };
 
 export class Stage {
-  /** isPlain: for machines that draw by software: no shadows, no smooth edges, fewer pixels, 15 pictures a second. */
+  /** isPlain: for software rendering: no shadows, no antialiasing, fewer pixels, 15 frames a second. */
   constructor(canvas, isPlain = false) {
     this.canvas = canvas;
     this.renderer = new THREE.WebGLRenderer({ canvas, antialias: !isPlain, preserveDrawingBuffer: false });
@@ -54,7 +54,7 @@ export class Stage {
     this._ground.material.needsUpdate = true;
   }
 
-  /** Move camera and target along with a place on the ground, gently. */
+  /** Let camera and target follow a place on the ground smoothly. */
   follow(place) {
     if (!isPlace(place)) return;
     const wanted = new THREE.Vector3(place.x, this.controls.target.y, place.z);
@@ -63,7 +63,7 @@ export class Stage {
     this.camera.position.add(step);
   }
 
-  /** Put the camera behind a place, looking the way it faces, or above a crowd of some radius. */
+  /** Put the camera behind a place, facing in its direction, or above a crowd of some radius. */
   frame(place, heading, radiusM = 0) {
     if (!isPlace(place)) return;
     const distance = 4.6 + 2.1 * radiusM;
@@ -100,12 +100,12 @@ export class Stage {
     return [((seen.x + 1) / 2) * this.canvas.clientWidth, ((1 - seen.y) / 2) * this.canvas.clientHeight];
   }
 
-  /** Shadows of a crowd are drawn anew at every second or third picture: nobody sees that, and they cost half of it. */
+  /** A crowd's shadows are redrawn every second or third frame: nobody sees that, and they take half of the time. */
   setCrowd(count) {
     this._shadowEvery = count <= 20 ? 1 : count <= 60 ? 2 : 3;
   }
 
-  /** Draw with less where this machine does not keep up: first without shadows, then coarser. */
+  /** Reduce the quality if this machine does not keep up: first no shadows, then fewer pixels. */
   adapt(rateHz, nowMs) {
     this._slowSinceMs = rateHz >= LEAST_HZ || document.hidden ? null : (this._slowSinceMs ?? nowMs);
     if (this._slowSinceMs === null || nowMs - this._slowSinceMs < TRIED_MS) return;
@@ -125,7 +125,7 @@ export class Stage {
     this._drawnMs = nowMs;
     const { x, z } = this.controls.target;
     this._ground.position.set(Math.round(x), 0, Math.round(z));
-    if (this._drawn++ % this._shadowEvery === 0) { // the light stays where its shadows were drawn from
+    if (this._drawn++ % this._shadowEvery === 0) { // the light only moves when its shadows are redrawn
       this._sun.position.set(x + 5, 11, z - 4);
       this._sun.target.position.set(x, 0, z);
       this.renderer.shadowMap.needsUpdate = true;
@@ -151,14 +151,14 @@ export class Stage {
   }
 
   _addGround() {
-    const material = new THREE.MeshLambertMaterial({ depthWrite: false }); // nothing is below it
+    const material = new THREE.MeshLambertMaterial({ depthWrite: false }); // nothing is below the ground
     this._ground = new THREE.Mesh(new THREE.PlaneGeometry(GROUND_M, GROUND_M).rotateX(-Math.PI / 2), material);
     this._ground.receiveShadow = true;
     this._ground.renderOrder = -1;
     this.scene.add(this._ground);
   }
 
-  /** A square metre of the ground, its edges drawn. */
+  /** A square metre of ground with its edges. */
   _tile(theme) {
     const canvas = Object.assign(document.createElement("canvas"), { width: TILE_PX, height: TILE_PX });
     const context = canvas.getContext("2d");
@@ -184,7 +184,7 @@ export class Stage {
   }
 }
 
-/** A broken frame is at no place: a camera that went there would never come back. */
+/** A broken frame has no place: a camera that followed it would never come back. */
 function isPlace({ x, z }) {
   return Number.isFinite(x) && Number.isFinite(z);
 }

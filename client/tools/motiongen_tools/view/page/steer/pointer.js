@@ -1,4 +1,4 @@
-// The pointer on the stage: a click is not a drag; each tool says what clicks and drags do.
+// The pointer on the stage: tells clicks from drags; the tools define what these do.
 
 const CLICK_PX = 5;
 

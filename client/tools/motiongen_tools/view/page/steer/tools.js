@@ -1,4 +1,4 @@
-// The tools of the pointer: walk there, draw a path, drag a hand or foot, turn to face, place a pose.
+// The pointer's tools: walk there, draw a path, drag a hand or foot, turn to face, place a pose.
 import * as THREE from "three";
 import { HeadingRing } from "../scene/ring.js";
 import { make, trying } from "../ui/dom.js";
@@ -8,7 +8,7 @@ const HANDLE_M = 0.07;
 const STEP_M = 0.08;
 
 export class Tools {
-  /** inSeconds: how far ahead a target of a tool is set. */
+  /** inSeconds: how far ahead the target of a tool is. */
   constructor(element, stage, cast, pick, ghosts) {
     Object.assign(this, { _stage: stage, _cast: cast, _pick: pick, _ghosts: ghosts });
     this._ring = new HeadingRing(stage.scene);
@@ -20,33 +20,33 @@ export class Tools {
     this._tools = {
       walk: ["Walk", "click the ground: walk there", { click: (event) => this._walk(event) }],
       path: ["Path", "drag over the ground: walk along it", this._pathTool()],
-      limb: ["Hand, foot", "drag a ball: be there with it", this._limbTool()],
+      limb: ["Hand, foot", "drag a ball: move the hand or foot there", this._limbTool()],
       face: ["Face", "turn the ring: face that way then, wherever the character is", this._faceTool()],
       pose: ["Pose", "drag the ghost over the ground: have this pose there", this._poseTool()],
     };
     this._seconds = make("input", { id: "tool-seconds", type: "number", min: 0.5, max: 10, step: 0.5, value: 2, title: "seconds after it takes effect" });
     this._buttons = Object.entries(this._tools).map(([name, [label, title]]) =>
       make("button", { id: `tool-${name}`, title, onclick: () => this.choose(name) }, label));
-    const clear = make("button", { id: "clear", title: "drop all targets", onclick: () => trying(() => cast.tell({ op: "clear_constraints" })) }, "Clear");
-    this._keeps = make("input", { type: "checkbox", id: "keep-prompt", title: "keys and stick shift the motion and leave its prompt" });
+    const clear = make("button", { id: "clear", title: "remove all targets", onclick: () => trying(() => cast.tell({ op: "clear_constraints" })) }, "Clear");
+    this._keeps = make("input", { type: "checkbox", id: "keep-prompt", title: "keys and stick only move the character, and keep its prompt" });
     element.append(
       ...this._buttons, make("label", { className: "inline" }, "in s", this._seconds),
       make("label", { className: "inline" }, this._keeps, "keep prompt"), clear,
     );
     this.choose("walk");
-    cast.addEventListener("choice", () => this.drop()); // what was dragged was another character's
+    cast.addEventListener("choice", () => this.drop()); // the drag was of another character
   }
 
   get current() {
     return this._tools[this._name][2];
   }
 
-  /** Whether a velocity leaves the prompt as it is. */
+  /** Whether a velocity keeps the prompt. */
   get keepsPrompt() {
     return this._keeps.checked;
   }
 
-  /** Leave a drag without doing it. */
+  /** Cancel a drag. */
   drop() {
     this._drag = null;
     this._drawLine([]);
@@ -58,7 +58,7 @@ export class Tools {
     for (const button of this._buttons) button.setAttribute("aria-pressed", String(button.id === `tool-${name}`));
   }
 
-  /** At every frame that is drawn, with the chosen character posed. */
+  /** Called for every frame drawn, with the chosen character posed. */
   update(member) {
     this._handles.visible = Boolean(member) && this._name === "limb";
     if (member && this._name === "limb" && !this._drag) this._placeHandles(member);
@@ -79,19 +79,19 @@ export class Tools {
     this._ring.show(root, place && root ? Math.atan2(place.x - root.x, place.z - root.z) : (member?.rig.heading() ?? 0));
   }
 
-  /** Where a tool's handle is in the world, by a joint's name, or of the ring's knob. */
+  /** World position of a tool's handle: that of the joint of this name, or of the ring's knob. */
   handleAt(name) {
     if (name === "ring") return this._ring.knobAt();
     const joint = this._cast.one?.rig.joints.indexOf(name);
     return this._handles.children.find(({ userData }) => userData.joint === joint)?.position;
   }
 
-  /** So many seconds after it takes effect: however late that is, there is time for it. */
+  /** Seconds after the edit takes effect, so that there is time for it however late that is. */
   _timing(member) {
     return { frame: Math.round((Number(this._seconds.value) || 2) * member.rig.frameRate), frames_from_effect: true };
   }
 
-  /** The frame that a target of now will be for, as far as can be told. */
+  /** The frame that a target set now will probably be for. */
   _frame(member) {
     return Math.floor(member.track.playhead()) + leadFrames(member) + this._timing(member).frame;
   }
@@ -152,7 +152,7 @@ export class Tools {
         const frame = this._frame(member);
         const root = rootAt(member, frame), here = rootAt(member, Math.floor(member.track.playhead()));
         const { x, y, z } = handle.position;
-        // the target moves along with where the body will be by then
+        // the target moves with the body to where that will be by then
         const hand = [x + root.x - here.x, y, z + root.z - here.z];
         this._say({ kind: "joint_targets", ...this._timing(member), joints: [handle.userData.joint], positions_m: [hand] });
       },
@@ -206,7 +206,7 @@ export class Tools {
     };
   }
 
-  /** points: [[x, z]], metres; none takes the line away. */
+  /** points: [[x, z]], metres; without any, the line is removed. */
   _drawLine(points) {
     this._drawn.geometry.dispose();
     this._drawn.geometry = new THREE.BufferGeometry();
@@ -215,7 +215,7 @@ export class Tools {
 
   _placeHandles(member) {
     const joints = member.rig.ends;
-    while (this._handles.children.length > joints.length) { // of another rig
+    while (this._handles.children.length > joints.length) { // left over from another rig
       const gone = this._handles.children.at(-1);
       gone.removeFromParent();
       gone.geometry.dispose();

@@ -1,4 +1,4 @@
-// Walking by keys and gamepad: a velocity relative to the camera, said again and again while it is held.
+// Walking by keys and gamepad: a velocity relative to the camera, repeated while a key is held.
 import { Vector3 } from "three";
 import { RUN_MPS, WALK_MPS } from "./commands.js";
 
@@ -12,7 +12,7 @@ const STAND_S = 1.0;
 const DEAD_ZONE = 0.2;
 
 export class Velocity {
-  /** say: sends a message to the chosen character. canSteer: whether it may at present. keepsPrompt: whether its prompt holds. */
+  /** say: sends a message to the chosen character. canSteer: whether that is allowed now. keepsPrompt: keep its prompt. */
   constructor(stage, say, canSteer, keepsPrompt) {
     this._stage = stage;
     this._say = say;
@@ -29,7 +29,7 @@ export class Velocity {
     document.addEventListener("visibilitychange", () => document.hidden && this._held.clear());
   }
 
-  /** At every frame that is drawn: say what has changed, or what lasts. */
+  /** Called for every frame drawn: send a change, or repeat what lasts. */
   update(nowMs) {
     const wanted = this._canSteer() ? this._wanted() : null;
     if (!wanted && !this._last) return;
@@ -53,14 +53,14 @@ export class Velocity {
   _press(event, isDown) {
     this.isRunning = event.shiftKey;
     this.isStrafing = event.altKey;
-    if (event.key === "Meta") this._held.clear(); // macOS tells of no other key that is let go meanwhile
-    if (!isDown) this._held.delete(event.code); // wherever the focus is by now, and whatever else is held
+    if (event.key === "Meta") this._held.clear(); // macOS does not report other keys that are released meanwhile
+    if (!isDown) this._held.delete(event.code); // wherever the focus is now, and whichever modifiers are held
     if (!KEYS[event.code] || event.ctrlKey || event.metaKey || isTyping(event.target)) return;
     event.preventDefault();
     if (isDown) this._held.add(event.code);
   }
 
-  /** Metres a second in the world, or null where nothing is held. */
+  /** Metres a second in the world, or null if nothing is held. */
   _wanted() {
     let [right, ahead] = [0, 0];
     for (const code of this._held) {
@@ -83,13 +83,13 @@ export class Velocity {
     return { x: way.x, z: way.z };
   }
 
-  /** Where the camera looks, over the ground. */
+  /** The direction of the camera over the ground. */
   _ahead() {
     return this._stage.camera.getWorldDirection(new Vector3()).setY(0).normalize();
   }
 }
 
-/** Whether keys belong to a field, not to the stage. A box that is ticked wants none but Space. */
+/** Whether keys belong to an input field, not to the stage. A checkbox only needs Space. */
 export function isTyping(element) {
   return element instanceof HTMLElement && (element.matches("input:not([type=checkbox], [type=file]), textarea, select") || element.isContentEditable);
 }

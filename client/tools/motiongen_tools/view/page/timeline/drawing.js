@@ -1,10 +1,10 @@
-// The timeline's picture: ruler, what is committed and planned, prompt spans, targets, seams, underruns.
+// Draws the timeline: ruler, committed and planned frames, prompt spans, targets, seams, underruns.
 
 export const ROWS = { ruler: [0, 18], plan: [20, 30], spans: [34, 58], targets: [64, 82], marks: [84, 96] };
 const SIGNS = { waypoint: "◆", trajectory: "▬", path: "▬", keyframe: "☻", joint_targets: "✚", heading: "➤", joint_rotations: "↻" };
 const HUES = [24, 200, 120, 340, 270, 50, 170, 90];
 
-/** colours: of the theme; seek: the frame looked at, or null while live. drag: a span as it is being moved. */
+/** colours: of the theme; seek: the frame looked at, or null while live. drag: a span that is being moved. */
 export function drawTimeline(context, view, member, { colours, place, seek, drag }) {
   const { track, info, rig } = member;
   const height = ROWS.marks[1];
@@ -24,12 +24,12 @@ export function drawTimeline(context, view, member, { colours, place, seek, drag
   if (seek !== null) line(context, view.toX(seek), colours.text, height, 2);
 }
 
-/** Spans with the one that is dragged where it is dragged to. */
+/** The spans, with a dragged one at its new place. */
 export function spansShown(info, drag) {
   return info.spans.map((span) => (drag && span.prompt_id === drag.prompt_id && span.start === drag.from ? { ...span, ...drag } : span));
 }
 
-/** Where a span ends on the timeline: its own end, or where a later one takes over. */
+/** Where a span ends on the timeline: at its own end, or where a later span takes over. */
 export function endOf(span, spans, horizon) {
   if (span.end !== null) return span.end;
   const later = spans.filter(({ start }) => start > span.start).map(({ start }) => start);

@@ -1,4 +1,4 @@
-// Timeline: what was played, what is planned, and the edits of the chosen character; seek, pause, pace, undo.
+// Timeline: played and planned frames and the edits of the chosen character; seek, pause, pace, undo.
 import { labelled, make, trying } from "../ui/dom.js";
 import { drawTimeline, endOf, ROWS } from "./drawing.js";
 import { TimeView } from "./view.js";
@@ -6,14 +6,14 @@ import { TimeView } from "./view.js";
 const EDGE_PX = 7;
 
 export class Timeline {
-  /** seek: the frame looked at while looking back, else null. */
+  /** seek: the frame looked at while looking back, otherwise null. */
   constructor(element, cast) {
     this._cast = cast;
     this._view = new TimeView();
     this.seek = null;
     this._plays = 0; // frames a second while looking back
     this._drag = null;
-    this._sent = null; // a drag that was let go, and has no answer yet
+    this._sent = null; // a drag that has ended and has no answer yet
     this._loop = null;
     this._canvas = make("canvas", { id: "timeline-canvas", tabIndex: 0 });
     this._canvas.setAttribute("aria-label", "Timeline. Left and right look back and forward, Home goes live.");
@@ -30,7 +30,7 @@ export class Timeline {
     this._listen();
   }
 
-  /** The place to show of a member: where it is looked at, or its playhead. */
+  /** The frame of a member to show: the one looked at, or its playhead. */
   place(member, nowMs) {
     if (this.seek === null) return member.track.playhead(nowMs);
     return Math.min(Math.max(this.seek, member.track.first), member.track.end - 1);
@@ -51,18 +51,18 @@ export class Timeline {
     trying(() => this._cast.tell({ op: "undo" }));
   }
 
-  /** Look at a frame that was played. Asks for it where this page does not have it. */
+  /** Look at a frame that was played. Requests it if this page does not have it. */
   lookAt(frame) {
     const member = this._cast.one;
     if (!member) return;
     const most = Math.floor(member.track.playhead());
     this.seek = Math.min(Math.max(frame, member.info.first_kept), most);
     if (this.seek >= member.track.first || member.isAsking) return;
-    member.isAsking = true; // for all that there is: a pointer that moves would ask again and again
+    member.isAsking = true; // once for all frames: a moving pointer would ask again and again
     trying(() => this._cast.askHistory(member, member.info.first_kept, member.track.first)).finally(() => (member.isAsking = false));
   }
 
-  /** At every frame that is drawn. */
+  /** Called for every frame drawn. */
   draw(nowMs) {
     const member = this._cast.one;
     const spentS = Math.min((nowMs - (this._drawnMs ?? nowMs)) / 1000, 0.2);
@@ -128,7 +128,7 @@ export class Timeline {
   }
 
   _down(event) {
-    if (event.button !== 0) return; // a menu opens, and nobody tells when the button is let go
+    if (event.button !== 0) return; // a menu opens, and the button's release is not reported
     this._canvas.setPointerCapture(event.pointerId);
     const frame = this._view.toFrame(event.offsetX);
     const span = this._spanAt(event.offsetX, event.offsetY);
@@ -170,7 +170,7 @@ export class Timeline {
     if (this._sent === drag) this._sent = null;
   }
 
-  /** The scheduled span under a point; others have begun with an edit, and stay. */
+  /** The scheduled span under a point; spans that began with an edit cannot be moved. */
   _spanAt(x, y) {
     const member = this._cast.one;
     if (!member || y < ROWS.spans[0] || y > ROWS.spans[1]) return null;

@@ -1,6 +1,6 @@
-// What part of time the timeline shows: frames to pixels and back.
+// The visible part of the timeline: converts frames to pixels and back.
 
-const BEHIND = 0.4; // of the width that lies behind the playhead
+const BEHIND = 0.4; // fraction of the width behind the playhead
 
 export class TimeView {
   constructor() {

@@ -1,4 +1,4 @@
-// Two takes side by side: of two characters, or of one and a file, at the same frame; and a take made again otherwise.
+// Compare two takes at the same frame, of two characters or of one and a file; and repeat a take with other options.
 import * as THREE from "three";
 import { colourOf } from "../scene/bodies.js";
 import { labelled, make, note, trying } from "./dom.js";
@@ -18,7 +18,7 @@ export class Compare {
     this._said = make("output", { id: "compare-said" });
     this._steps = make("input", { id: "again-steps", type: "number", min: 1, placeholder: "same" });
     this._model = make("select", { id: "again-model" });
-    const again = make("button", { id: "again", title: "another character, with the same seed, told the same at the same frames", onclick: () => this._again() }, "Again");
+    const again = make("button", { id: "again", title: "another character with the same seed and the same edits at the same frames", onclick: () => this._again() }, "Again");
     this.element = make(
       "details", { id: "compare-panel" }, make("summary", {}, "Compare takes"),
       make("div", { className: "row steering" }, labelled("model", this._model), labelled("steps", this._steps), again),
@@ -38,7 +38,7 @@ export class Compare {
     else trying(async () => this._begin());
   }
 
-  /** Begin to compare the chosen character with another one or an opened file. */
+  /** Start comparing the chosen character with another one or an opened file. */
   _begin() {
     const [kind, key] = [this._other.value[0], Number(this._other.value.slice(1))];
     const other = kind === "c" ? this._cast.members.get(key) : this._takes.opened[key];
@@ -57,7 +57,7 @@ export class Compare {
     this._said.value = "";
   }
 
-  /** Move to the frame of now. seek: the frame that is looked at on the timeline, or null. */
+  /** Move to the current frame. seek: the frame that is looked at on the timeline, or null. */
   update(spentS, seek) {
     if (!this.pair) return;
     if (this.pair.some((one) => (one.info ? this._cast.members.get(one.number) !== one : !this._takes.opened.includes(one)))) {
@@ -71,7 +71,7 @@ export class Compare {
     this.frame = Math.max(this.frame, first);
   }
 
-  /** The frames that both have: first and last. */
+  /** First and last of the frames that both have. */
   _range() {
     const begins = this.pair.map((one) => one.track?.first ?? 0);
     const ends = this.pair.map((one) => (one.info ? Math.floor(one.track.playhead()) : one.numFrames - 1));
@@ -81,14 +81,14 @@ export class Compare {
   draw(bodies, ghosts, camera) {
     if (!this.pair) return;
     camera.getWorldDirection(this._side).setY(0).normalize();
-    this._side.set(-this._side.z, 0, this._side.x); // to the right, as the camera sees it
+    this._side.set(-this._side.z, 0, this._side.x); // to the right of the camera's view
     const apart = this._how.value === BESIDE ? APART_M : 0;
     const places = this.pair.map((one, n) => {
       const [x, z] = [this._side.x * apart * (2 * n - 1), this._side.z * apart * (2 * n - 1)];
       const into = n && !apart ? ghosts : bodies;
       if (one.info) {
         const row = one.track.sample(this.frame);
-        if (!row) return null; // nothing has come of it yet
+        if (!row) return null; // it has no frames yet
         one.rig.pose(row);
         one.rig.shift(x, z);
         into.add(one.rig, colourOf(one.number));
@@ -98,7 +98,7 @@ export class Compare {
     this._say(places);
   }
 
-  /** A file's frames may be of another rate. */
+  /** The frame rate of a file may differ. */
   _placeIn(one) {
     return Math.min((this.frame / this.pair[0].rig.frameRate) * one.frameRate, one.numFrames - 1);
   }
@@ -123,7 +123,7 @@ export class Compare {
     if (words) changes.name += `, ${words}`;
     const answer = await trying(() => this._cast.tell({ op: "again", changes }));
     if (!answer) return;
-    note(`${changes.name}: it is told the same, from its first frame on`);
+    note(`${changes.name}: it gets the same edits, from its first frame on`);
     this._wanted = `c${answer.numbers[0]}`;
     this._list();
   }
@@ -144,7 +144,7 @@ export class Compare {
   }
 }
 
-/** Where the joints of the last pose are, without what it was shifted by. */
+/** The joints' positions in the last pose, without its displacement on the stage. */
 function unshifted(rig, x, z) {
   const where = rig.positions.slice();
   for (let at = 0; at < where.length; at += 3) {

@@ -40,7 +40,7 @@ export function labelled(name, input) {
 const NOTE_MS = 6000;
 const MOST_NOTES = 4;
 
-/** Say something to the user; kind: "info" or "error". */
+/** Show a message to the user; kind: "info" or "error". */
 export function note(text, kind = "info") {
   const notes = document.getElementById("notes");
   const line = make("p", { className: kind }, text);
@@ -49,7 +49,7 @@ export function note(text, kind = "info") {
   setTimeout(() => line.remove(), NOTE_MS);
 }
 
-/** Do what may fail, and say so. */
+/** Do something that may fail, and show the error if it does. */
 export async function trying(act) {
   try {
     return await act();

@@ -1,4 +1,4 @@
-// The page of keys.
+// The overview of keys.
 import { make } from "./dom.js";
 
 const KEYS = [

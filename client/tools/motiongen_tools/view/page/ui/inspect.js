@@ -1,4 +1,4 @@
-// The chosen character: how it is served, what was said to it and what became of that, its take and its plots.
+// The chosen character: how it is served, its edits and their outcomes, its take and its plots.
 import { list, make, trying } from "./dom.js";
 
 const STATE_SIGNS = { sent: "…", accepted: "✓", refused: "✗" };
@@ -23,17 +23,17 @@ export class Inspect {
   _show() {
     const info = this._cast.one?.info;
     if (!info) {
-      this._facts.textContent = "Nobody is here; add a character.";
+      this._facts.textContent = "There are no characters; add one.";
       this._edits.replaceChildren();
       this._targets.replaceChildren();
       return;
     }
     const facts = [`${info.name}: ${info.model}, ${info.steps} steps, seed ${info.seed}`];
     if (info.failure) facts.push(info.failure);
-    if (info.reopenings) facts.push(`opened anew ${info.reopenings} times`);
+    if (info.reopenings) facts.push(`reopened ${info.reopenings} times`);
     if (info.resumes) facts.push(`resumed ${info.resumes} times`);
     this._facts.textContent = facts.join(" · ");
-    // every plan comes here: a line that says the same stays, with the button that somebody is about to press
+    // called at every plan: an unchanged line stays, with the button that somebody may be about to press
     const whose = `${info.number} ${info.seed}`;
     list(this._edits, info.edits.slice(0, MOST_EDITS).map((edit) => [`${whose} ${JSON.stringify(edit)}`, () => editLine(edit)]));
     const last = info.targets.slice(-MOST_TARGETS).reverse();

@@ -1,4 +1,4 @@
-// How a character is served, changed while it plays; and cuts: put elsewhere, or gone on from what is looked at.
+// Options of a character that change while it plays; and cuts, to another place or to the frame that is looked at.
 import { labelled, make, trying } from "./dom.js";
 
 const FIELDS = {
@@ -13,7 +13,7 @@ export class Options {
     const [x, z, heading] = ["x", "z", "heading"].map((name) => make("input", { id: `put-${name}`, type: "number", step: "any", value: 0 }));
     const put = () => trying(() => cast.tell({ op: "teleport", x_m: Number(x.value), z_m: Number(z.value), heading_rad: (Number(heading.value) * Math.PI) / 180 }));
     const cut = () => trying(async () => {
-      if (timeline.seek === null) throw new Error("look at a frame that was played first: it goes on from there");
+      if (timeline.seek === null) throw new Error("first look at a frame that was played: it continues from there");
       await cast.tell({ op: "cut_to", frame: Math.floor(timeline.seek) + 1 });
       timeline.goLive();
     });
@@ -22,7 +22,7 @@ export class Options {
       make("form", { onsubmit: (event) => this._say(event) },
         make("div", { className: "row" }, labelled("class", this._priority), ...Object.entries(FIELDS).map(([name, label]) => labelled(label, this._fields[name])), make("button", { id: "options-set" }, "Set"))),
       make("div", { className: "row" }, labelled("x m", x), labelled("z m", z), labelled("heading °", heading), make("button", { id: "put", onclick: put }, "Put there")),
-      make("button", { id: "cut", onclick: cut }, "Go on from what is looked at"),
+      make("button", { id: "cut", onclick: cut }, "Continue from the frame looked at"),
     );
   }
 

@@ -1,4 +1,4 @@
-// Who is there: choose, add, remove; by which model and how.
+// The list of characters: choose, add, remove; with which model and options.
 import { colourOf } from "../scene/bodies.js";
 import { labelled, list, make, trying } from "./dom.js";
 
@@ -30,7 +30,7 @@ export class People {
   _showModels() {
     const before = this._model.value;
     this._model.replaceChildren(...this._cast.models.map(({ id }) => make("option", { value: id }, id)));
-    if (this._cast.model(before)) this._model.value = before; // it may not be the first catalogue
+    if (this._cast.model(before)) this._model.value = before; // keep the choice when the catalogue changes
     const [model] = this._cast.models;
     if (model) [this._steps.min, , this._steps.max] = model.steps.map(String);
   }
@@ -66,7 +66,7 @@ export class People {
     if (answer?.numbers.length === 1) this._cast.choose(answer.numbers[0]);
   }
 
-  /** Someone who stands obeys clicks and keys best: where no target holds, he waits. */
+  /** A standing character obeys clicks and keys best: without a target, it waits. */
   _standing() {
     const presets = this._cast.models.find(({ id }) => id === this._model.value)?.presets ?? [];
     return (presets.find(({ id }) => id === "stand") ?? presets[0])?.id ?? null;

@@ -1,5 +1,5 @@
-// Plots of the chosen character that run with what is shown: root speed, how feet on the ground slide, and how far it is
-// from its next target, which is the residual once that is reached.
+// Running plots of the chosen character: root speed, how fast feet on the ground slide, and the distance to
+// its next target, which is the residual once the target's frame is reached.
 import { make } from "./dom.js";
 
 const SECONDS = 6;
@@ -12,12 +12,12 @@ export class Plots {
     this._canvas = make("canvas", { width: 262, height: HEIGHT });
     this._canvas.setAttribute("aria-label", "Root speed, sliding of feet and distance to the next target over the last seconds");
     this._context = this._canvas.getContext("2d");
-    this.element = make("section", {}, make("h2", {}, "Root speed, foot slide (m/s), way to the target (m), to 3"), this._canvas);
+    this.element = make("section", {}, make("h2", {}, "Root speed, foot slide (m/s), distance to the target (m), up to 3"), this._canvas);
     this._drawnMs = 0;
     this.drawn = { speeds: [], slides: [], ways: [] };
   }
 
-  /** At every frame that is drawn. place: the frame that is shown. */
+  /** Called for every frame drawn. place: the frame that is shown. */
   draw(member, place, nowMs) {
     if (nowMs - this._drawnMs < PERIOD_MS || !member || !this.element.checkVisibility()) return;
     this._drawnMs = nowMs;
@@ -32,7 +32,7 @@ export class Plots {
   }
 }
 
-/** At each of the last frames, metres a second of the root and of the fastest foot that is said to stand; metres to go. */
+/** For each of the last frames: metres a second of the root and of the fastest foot in contact; metres to the target. */
 export function figures(member, last) {
   const { rig, track } = member;
   const { feet } = rig;
@@ -55,7 +55,7 @@ export function figures(member, last) {
   return { speeds, slides, ways };
 }
 
-/** Metres from the pose of the rig to the target that comes next at a frame; NaN where there is none. */
+/** Metres from the rig's pose to the next target at a frame; NaN if there is none. */
 function wayLeft(member, frame, rig) {
   const next = member.info.targets.find(({ last, arrival, state }) => state !== "removed" && (arrival ?? last) >= frame);
   const { spec } = next ?? {};

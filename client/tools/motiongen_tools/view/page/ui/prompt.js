@@ -1,4 +1,4 @@
-// The prompt box: words, presets, what was said before; now or from a time on.
+// The prompt box: text, presets, earlier prompts; for now or for a later time.
 import { frameIn } from "../steer/commands.js";
 import { labelled, make, note, trying } from "./dom.js";
 
@@ -57,7 +57,7 @@ export class PromptBox {
     try {
       localStorage.setItem(STORED, JSON.stringify(this._said));
     } catch {
-      // this browser keeps nothing for pages: they are offered until it is closed
+      // this browser stores nothing for pages: earlier prompts are offered until it is closed
     }
     this._showSaid();
   }
@@ -75,7 +75,7 @@ export class PromptBox {
   }
 }
 
-/** What was said before, as far as this browser has kept it and nobody else has written there. */
+/** Earlier prompts, as far as this browser has stored them and the stored value is valid. */
 function stored() {
   try {
     const said = JSON.parse(localStorage.getItem(STORED));

@@ -24,7 +24,7 @@ export class Status {
     }
   }
 
-  /** At every frame that is drawn; returns the frames a second, when there is a new figure. */
+  /** Called for every frame drawn; returns the frames a second whenever there is a new value. */
   count(nowMs) {
     this._frames++;
     const spentMs = nowMs - this._sinceMs;
@@ -57,9 +57,9 @@ export class Status {
 
   _serverState(server) {
     if (this._line === "refused") return this._connection.refusal;
-    if (this._line !== "open") return "the bridge is gone; trying again";
+    if (this._line !== "open") return "no connection to the bridge; trying again";
     if (server.state === "connected") return server.address;
-    if (server.state === "lost") return `${server.address} is lost; trying again`;
+    if (server.state === "lost") return `the connection to ${server.address} is lost; trying again`;
     return server.detail || `waiting for ${server.address}`;
   }
 }

@@ -9,12 +9,12 @@ const BESIDE_M = 1.2;
 const MOST_SAID = 200;
 
 export class Takes extends EventTarget {
-  /** Event: "opened", whenever `opened` has changed. scene: of three.js. */
+  /** Event: "opened", whenever `opened` has changed. scene: a three.js scene. */
   constructor(cast, room, token, scene) {
     super();
     Object.assign(this, { _cast: cast, _room: room, _scene: scene });
     this._headers = { Authorization: `Bearer ${token}` };
-    this.opened = []; // of motion/opened.js
+    this.opened = []; // instances of the classes in motion/opened.js
     const buttons = FORMATS.map((format) =>
       make("button", { className: "preset", dataset: { take: format }, onclick: () => trying(() => this._save(format)) }, format));
     this._file = make("input", { type: "file", id: "open-file", accept: ".npz,.bvh,.csv,.glb,.json", onchange: () => trying(() => this._open()) });
@@ -25,7 +25,7 @@ export class Takes extends EventTarget {
     );
   }
 
-  /** Draw the opened motions, looped, beside the others; not the one that is drawn elsewhere. */
+  /** Draw the opened motions, looped, side by side; except the one that is drawn elsewhere. */
   draw(bodies, nowMs, elsewhere = null) {
     this.opened.forEach((one, n) => {
       if (one !== elsewhere) one.draw(bodies, ((nowMs - one.fromMs) / 1000) * one.frameRate % one.numFrames, BESIDE_M * (n + 1), 0);
@@ -59,10 +59,10 @@ export class Takes extends EventTarget {
     return this._fetch(address, { method: "POST", body });
   }
 
-  /** An answer that is one. Throws what the bridge, or whoever is before it, says instead. */
+  /** A successful answer. Otherwise throws the message of the bridge, or of a proxy before it. */
   async _fetch(address, how = {}) {
     const answer = await fetch(address, { ...how, headers: this._headers }).catch(() => {
-      throw new Error("the bridge does not answer; is it there?");
+      throw new Error("the bridge does not answer; is it running?");
     });
     if (answer.ok) return answer;
     const said = await answer.text();
@@ -77,16 +77,16 @@ export class Takes extends EventTarget {
     return new OpenedMotion(header.name, rig, splitRows(rows, rig.rowWidth, 0, header.num_frames));
   }
 
-  /** A session file is played again by a character of its own; a list of constraints is for the chosen one. */
+  /** A session file is replayed by a new character; a list of constraints is for the chosen one. */
   async _load(file) {
     const held = parsed(file.name, await file.text());
     if (!Array.isArray(held)) {
       const answer = await (await this._send(`session/${this._room}?name=${encodeURIComponent(file.name)}`, file)).json();
-      note(`${file.name} is played again by character ${answer.numbers[0]}`);
+      note(`${file.name} is replayed by character ${answer.numbers[0]}`);
       return;
     }
     const member = this._cast.one;
-    if (!member) throw new Error("no character is chosen that these constraints could be for");
+    if (!member) throw new Error("choose the character that these constraints are for");
     const list = `constraints/${this._room}/${member.number}?name=${encodeURIComponent(file.name)}`;
     const answer = await (await this._send(list, file)).json();
     note(`${answer.count} constraints of ${file.name}, from now on`);

@@ -1,4 +1,4 @@
-// Targets by words: everything that a constraint can say, for those who have no pointer or want exact numbers.
+// Targets as numbers: all fields of a constraint, for those who have no pointer or want exact values.
 import { frameIn } from "../steer/commands.js";
 import { labelled, make, trying } from "./dom.js";
 
@@ -7,7 +7,7 @@ const KINDS = {
   place: ["x", "z", "heading"], heading: ["heading"], joint: ["joint", "x", "y", "z"], height: ["y"], foot: ["limb", "x", "z", "heading"], path: ["corners", "speed", "smoothing"],
 };
 const FEET = ["LeftFoot", "RightFoot"];
-const WHENS = { soon: "as soon as can be", at: "at", within: "from … to", after: "so long after it takes effect" };
+const WHENS = { soon: "as soon as possible", at: "at", within: "from … to", after: "this long after it takes effect" };
 
 export class TargetForm {
   constructor(cast) {
@@ -62,7 +62,7 @@ export class TargetForm {
     if (hand >= 0) this._fields.joint.value = String(hand);
   }
 
-  /** The constraint as the bridge reads it. */
+  /** The constraint, in the bridge's JSON form. */
   constraint(member) {
     const value = (name) => (this._fields[name].value === "" ? null : Number(this._fields[name].value));
     const heading = value("heading") === null ? {} : { heading_rad: value("heading") * RADIANS };
@@ -97,12 +97,12 @@ export class TargetForm {
     return { frame: frameIn(member, from) };
   }
 
-  /** The root's place then as planned: its height alone is asked for. */
+  /** The planned place of the root at that time, because only its height is asked for. */
   _here(member, frame) {
     if (this._isRelative.checked) return [0, 0];
     const { track, rig } = member;
     const row = track.row(Math.min(Math.max(frame, track.first), track.end - 1));
-    if (!row) throw new Error("no frame of this character has come yet");
+    if (!row) throw new Error("this character has no frames yet");
     return rig.rootOf(row);
   }
 

@@ -19,7 +19,7 @@ MOST_REST_S = 600.0
 
 
 class AbsentModels:
-    """The models that an engine process and its successors serve their other models without. Used by their thread.
+    """The models that are missing while an engine process or its successor serves the others. Used by their thread.
 
     awaited_s: for how long models have been loading again, counted from when the last of them finished.
     """

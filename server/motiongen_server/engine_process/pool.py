@@ -1,4 +1,4 @@
-"""EnginePool: all engine processes of a server. Each holds every model; a session is given to one of them."""
+"""EnginePool: all engine processes of a server. Each holds every model; each session runs on one of them."""
 
 from __future__ import annotations
 
@@ -41,11 +41,11 @@ ENGINE_COMMAND = (sys.executable, "-m", "motiongen_server.engine_process")
 """Starts an engine process, given the folder of its gateway's sockets."""
 END_S = 5.0
 LOOK_EVERY_S = 1.0
-"""How often it is looked whether a model that is being loaded can still come."""
+"""How often to check whether something prevents a model from being loaded."""
 _log = logging.getLogger(__name__)
 
 ObserverOf = Callable[[str, str], Observe]
-"""Takes the reports of a model, by its id, on an engine, by its name."""
+"""Returns what takes the reports of a model, by its id, on an engine, by its name."""
 
 
 class EnginePool:
@@ -62,7 +62,7 @@ class EnginePool:
         hung_s: float = HUNG_S,
         rest_s: float = REST_S,
     ) -> None:
-        """command: starts an engine process that is not ours, given a folder of sockets."""
+        """command: starts another program as engine process, given the folder of its gateway's sockets."""
         self._admit_load = admit_load_for(devices) if config.admit_load is None else config.admit_load
         config = replace(config, admit_load=self._admit_load)
         self._config = config
@@ -71,7 +71,7 @@ class EnginePool:
         self._text: EngineTextEncoder | None = None
         self._spare = spare_engines(devices)
         at_work = Counter(device.kind for device in engines_at_work(devices))
-        # One is the smaller where it is alone: what others are forked from stays in memory. CUDA is best left alone.
+        # A single process takes less memory without a fork server, which stays in memory. CUDA is not forked.
         shares = command is None and sum(device.kind == "cpu" for device in devices) > 1
         self._fork_server = ForkServerLink() if shares else None
         fresh: StartChild = partial(FreshChild, command or ENGINE_COMMAND)
@@ -104,7 +104,7 @@ class EnginePool:
     def load(self, source: str) -> EngineGroup:
         """Load a model on every engine process, and wait until it is warm.
 
-        Raises SettingError for what is wrong with the settings, EngineLost if it cannot be loaded for another reason.
+        Raises SettingError if the settings are wrong, EngineLost if it cannot be loaded for another reason.
         """
         slot = next(self._slots)
         links = [process.load_model(slot, source) for process in self.processes]
@@ -132,7 +132,7 @@ class EnginePool:
         return group
 
     def _hindered(self) -> list[BaseException]:
-        """Why a model is not loaded: what a process held before is loaded by the same thread, and does not come."""
+        """Why models cannot be loaded now: a process is still loading again what it held before, on the same thread."""
         loading = [(process, "a model", process.absent.awaited_s) for process in self.processes]
         if self._text is not None:
             loading.append((self.processes[0], "the text encoder", self._text.loading_s))
@@ -146,17 +146,17 @@ class EnginePool:
         ]
 
     def _tell_others(self, process: EngineProcess, slot: int, taken: StepsOf) -> None:
-        """What the engine of a slot did for owners that have a quota counts for all engines."""
+        """Tell all engines what the engine of a slot did for owners that have a quota."""
         for each in self.processes:
-            if each.pid is not None:  # else one that begins later begins anew
+            if each.pid is not None:  # a process that starts later starts its count at zero
                 each.tell(StepsElsewhere(slot if each is process else 0, taken))
 
     def load_text(self, facts: ModelFacts) -> TextEncoder:
-        """The text encoder for a model, here where it needs no torch. Raises SettingError."""
+        """The text encoder for a model; if it needs no torch, in this process. Raises SettingError."""
         return load_encoder(self._config, facts, self._text_encoder)
 
     def _text_encoder(self, width: int, timeout_s: float) -> EngineTextEncoder:
-        """The configured text encoder, in the first engine process. Raises SettingError where it cannot be loaded."""
+        """The configured text encoder, in the first engine process. Raises SettingError if it cannot be loaded."""
         if self._text is None:
             self._text = EngineTextEncoder(self.processes[0], width, timeout_s)
         if self._text.width != width:
@@ -166,7 +166,7 @@ class EnginePool:
         return self._text
 
     def stop(self) -> None:
-        """End all engine processes; at once those that have loaded nothing yet."""
+        """End all engine processes, at once those that are loading a model for the first time."""
         for process in self.processes:
             process.stop()
         if self._fork_server is not None:
@@ -189,7 +189,7 @@ class EnginePool:
 def start_engine_processes(
     config: ServerConfig, deliver: Deliver, metrics: Metrics, command: Sequence[str] | None = None
 ) -> EnginePool:
-    """The engine processes that the settings ask for. Raises SettingError where there are no such devices."""
+    """The engine processes that the settings ask for. Raises SettingError if there are no such devices."""
 
     def observer_of(model_id: str, engine: str) -> Observe:
         return metrics.of_engine(model_id, engine).observer()

@@ -1,4 +1,4 @@
-"""Silence: for how long the engines of a process have said nothing, or models that it held have not come back."""
+"""Silence: how long engines of a process have sent nothing, or models that it held have not been loaded again."""
 
 from __future__ import annotations
 
@@ -9,17 +9,17 @@ from motiongen_server.engine_process.connection import EngineLost
 from motiongen_server.engine_process.model_link import ModelLink
 
 LOAD_AGAIN_S = 600.0
-"""For which no more of the models that the process before it held have come: a driver hangs, or a disk. How long a
-model takes that was never loaded, as from the hub, nobody knows.
+"""If no further model is loaded again for this long, a driver or a disk hangs. This does not hold for a model that was
+never loaded, such as one from the hub: nobody knows how long that takes.
 """
 
 
 class Silence:
-    """Of the models of one engine process, while it serves. Used by its thread."""
+    """Watches the models of one engine process while it serves. Used by its thread."""
 
     def __init__(self, links: Iterable[ModelLink], most_at_once_s: float) -> None:
-        """most_at_once_s: what counts of the time between two looks. Not all of it: when this process was stopped for
-        a while, the engine process is not to blame.
+        """most_at_once_s: how much of the time between two calls of `look` counts at most. If this process was stopped
+        for a while, the engine process is not to blame.
         """
         self._links = links
         self._most_at_once_s = most_at_once_s
@@ -28,7 +28,7 @@ class Silence:
         self.missing_s = 0.0  # since one of them came back
 
     def look(self) -> None:
-        """Note that time has passed. What is said takes back its own model's."""
+        """Add the time that has passed. A model's own messages reset its `silent_s`."""
         now = time.monotonic()
         passed_s, self._looked_at = min(now - self._looked_at, self._most_at_once_s), now
         for link in self._links:
@@ -40,8 +40,8 @@ class Silence:
         self._missing = missing
 
     def check(self, hung_s: float) -> None:
-        """Raises EngineLost where an engine has said nothing for so many seconds, whatever the others say; or where
-        nothing that was held comes back.
+        """Raises EngineLost if an engine has sent nothing for `hung_s`, whatever the others send, or if none of the
+        models that were held is loaded again.
         """
         silent_s = max((link.silent_s for link in self._links), default=0.0)
         if silent_s > hung_s:

@@ -78,7 +78,7 @@ class Connection:
     def pid(self) -> int:
         return self._child.pid
 
-    # ---- the beginning ----------------------------------------------------------------------------------------------
+    # ---- the handshake ----------------------------------------------------------------------------------------------
 
     def begin(self, message: Begin) -> None:
         """Do the handshake. Raises EngineLost, or Stopped if asked to stop meanwhile."""
@@ -129,7 +129,7 @@ class Connection:
             raise EngineLost(f"the engine process said {type(message).__name__} where {kind.__name__} was due")
         return message
 
-    # ---- what goes and what comes -----------------------------------------------------------------------------------
+    # ---- sending and receiving --------------------------------------------------------------------------------------
 
     @property
     def has_room(self) -> bool:

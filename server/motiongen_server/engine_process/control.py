@@ -36,7 +36,7 @@ class ControlQueue:
         """Whether a model is being loaded for the first time."""
         return any(not link.ready.done() for link in self)
 
-    # ---- what there is to hold --------------------------------------------------------------------------------------
+    # ---- models -----------------------------------------------------------------------------------------------------
 
     def add(self, link: ModelLink) -> bool:
         """Request that a model is loaded. False if no engine process will ever load it."""
@@ -78,7 +78,7 @@ class ControlQueue:
             self._unsent += told_first()
             return not self._is_closed
 
-    # ---- what there is to say ---------------------------------------------------------------------------------------
+    # ---- messages ---------------------------------------------------------------------------------------------------
 
     def tell(self, message: ToEngine) -> bool:
         """Queue a message that is sent ahead of events. False if there will be no process to receive it."""

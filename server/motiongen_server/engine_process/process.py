@@ -137,7 +137,7 @@ class EngineProcess:
     def serve_text(
         self, take: TakeText, on_begin: Callable[[], Sequence[ToEngine]], on_loss: Callable[[], None]
     ) -> None:
-        """Encode prompts too. take: gets the answers. on_begin: what to tell each new process. on_loss: it is gone."""
+        """Encode prompts too. take: gets the answers. on_begin: what to tell each new process. on_loss: at its end."""
         self._take_text, self._on_loss = take, on_loss
         if not self._control.serve_text(on_begin):
             on_loss()

@@ -34,9 +34,9 @@ class PresetPrompt:
 
 @dataclass(frozen=True)
 class LocomotionPreset:
-    """The prompt for moving at from_mps metres a second or more in a direction, seen from where the body faces.
+    """The prompt for moving in a direction, relative to the body's facing, at from_mps metres a second or more.
 
-    to_mps: faster than this bodies glide; infinity where nothing is claimed.
+    to_mps: above this speed the feet slide; infinity if no such speed is stated.
     """
 
     name: str
@@ -47,15 +47,15 @@ class LocomotionPreset:
 
     @property
     def quarter(self) -> int:
-        """Quarter turns from the front to the left, as `locomotion.gait` counts directions."""
+        """The direction as a quarter turn: 0 forward, 1 left, 2 backward, 3 right, as in `locomotion.gait`."""
         return DIRECTIONS.index(self.direction)
 
 
 @dataclass(frozen=True)
 class Capabilities:
-    """forms: of all FORMS, each with one of SUPPORT; empty where nothing is claimed of them.
+    """forms: one of SUPPORT for every entry of FORMS; empty if the file says nothing about them.
 
-    knows: words for what the captions are about. domain: None where the folder has no file of it.
+    knows: in words, what the captions are about. domain: None if the folder has no file of it.
     """
 
     forms: Mapping[str, str] = field(default_factory=dict)
@@ -66,7 +66,7 @@ class Capabilities:
 
 
 def read_capabilities(folder: Path) -> Capabilities:
-    """What a checkpoint folder says of its training; without files, nothing. Raises CheckpointError."""
+    """What a checkpoint folder says about its training; empty if it has no such files. Raises CheckpointError."""
     path, domain_path = path_inside(folder, CAPABILITIES_FILE), path_inside(folder, DOMAIN_FILE)
     try:
         domain = read_domain(domain_path) if domain_path.exists() else None
@@ -80,7 +80,7 @@ def read_capabilities(folder: Path) -> Capabilities:
 
 
 def parse_capabilities(content: object, where: str, domain: PromptDomain | None = None) -> Capabilities:
-    """The content of a capabilities file. where: names it in messages. Raises CheckpointError with all mistakes."""
+    """Parse the content of a capabilities file, named `where` in messages. Raises CheckpointError with all mistakes."""
     reading = _Reading()
     top = reading.mapping(content, "the file", ("forms", "presets", "locomotion", "knows"))
     found = Capabilities(
@@ -99,7 +99,7 @@ def parse_capabilities(content: object, where: str, domain: PromptDomain | None 
 
 
 class _Reading:
-    """Reads one file and notes what is wrong with it."""
+    """Reads one file and collects its mistakes."""
 
     def __init__(self) -> None:
         self.problems: list[str] = []
@@ -114,7 +114,7 @@ class _Reading:
         return value
 
     def forms(self, value: object) -> dict[str, str]:
-        """All forms, once any is named: what a file leaves out must not count as trained."""
+        """All forms or none: a form that a file leaves out must not count as trained."""
         if value is None:
             return {}
         given = self.mapping(value, "forms", FORMS)
@@ -162,7 +162,7 @@ class _Reading:
         return ""
 
     def check_names(self, found: Capabilities) -> None:
-        """Names and ranges that stand for two things stand for none."""
+        """No two presets may share a name, and no two gaits a direction and from_mps."""
         keys: dict[str, list[object]] = {
             "presets": [preset.name for preset in found.presets],
             "locomotion": [(gait.direction, gait.from_mps) for gait in found.locomotion],

@@ -1,4 +1,4 @@
-"""`python -m motiongen_server`: read the configuration, run the application."""
+"""`python -m motiongen_server`: reads the configuration and runs the application."""
 
 from __future__ import annotations
 
@@ -10,17 +10,17 @@ SIGNALS = (signal.SIGTERM, signal.SIGINT)
 
 
 def end_at_once(_number: int, _frame: object) -> None:
-    """Nothing has begun yet, so nothing has to be ended."""
+    """End the process: nothing has been started yet that would have to be stopped."""
     os._exit(0)
 
 
 def main() -> int:
-    """0 after an orderly end, 2 for a wrong setting, 1 when start-up or the engine failed."""
+    """The exit code: 0 after an orderly end, 2 for an invalid setting, 1 if startup or the engines failed."""
     for number in SIGNALS:
         signal.signal(number, end_at_once)
-    # Else each header that gRPC cannot read, and each handshake that is none, adds a line to the log.
+    # Without this, every header that gRPC cannot read and every failed handshake is logged.
     os.environ.setdefault("GRPC_VERBOSITY", "NONE")
-    # Only now, because they take a second: who is asked to stop meanwhile ends as at any other time.
+    # Imported only now, because that takes a second: a signal in that time must end the process as well.
     import asyncio
 
     from motiongen_server.config import parse_config

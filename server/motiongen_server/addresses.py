@@ -1,4 +1,4 @@
-"""Addresses to listen on: how they are written, and whether others than this machine can reach them."""
+"""Network addresses: how they are written, which count as one, and whether other machines can reach them."""
 
 from __future__ import annotations
 
@@ -23,15 +23,15 @@ def host_of(address: str) -> str:
 
 
 def network_of(host: str) -> str:
-    """What is counted as one address, for limits that hold for each: an IPv4 address, or the /64 of an IPv6 one.
+    """What counts as one address for limits: an IPv4 address, or the /64 network of an IPv6 address.
 
-    Whoever has any IPv6 address has all of its /64 (RFC 6177), so that each of them would have a budget of its own. An
-    IPv4 address that is written as an IPv6 one counts as the former; what is no address is left as it is.
+    Whoever has one IPv6 address has all of its /64 (RFC 6177), and would otherwise have a budget for each. An
+    IPv4-mapped IPv6 address counts as the IPv4 address; anything that is not an address is returned unchanged.
     """
     if ":" not in host:
         return host
     try:
-        address = IPv6Address(host.partition("%")[0])  # without the interface of a link-local one
+        address = IPv6Address(host.partition("%")[0])  # without the zone of a link-local address
     except ValueError:
         return host
     if address.ipv4_mapped is not None:
@@ -40,9 +40,9 @@ def network_of(host: str) -> str:
 
 
 def is_local(host: str) -> bool:
-    """Whether only programs of this machine reach what listens there. host: a name, an IP address, or unix:PATH.
+    """Whether only programs on this machine can reach a listener there. host: a name, an IP address, or unix:PATH.
 
-    A name other than localhost may mean any address, so it counts as one that others reach.
+    A name other than localhost may mean any address, so it counts as reachable by others.
     """
     if host == "localhost" or host.startswith(UNIX):
         return True
@@ -53,25 +53,25 @@ def is_local(host: str) -> bool:
 
 
 def is_port(text: str) -> bool:
-    """Whether it is a port's number, 0 too, in the digits that everybody reads."""
+    """Whether it is a port number or 0, in ASCII digits."""
     return text.isascii() and text.isdecimal() and len(text) <= 5 and int(text) <= 65535
 
 
 def check_exposure(setting: str, host: str, lacking: Sequence[str], insecure: bool) -> None:
-    """Raise SettingError where others reach a listener without the protection that it lacks, unless that is meant.
+    """Raise SettingError if other machines can reach a listener that lacks protection, unless `insecure` is set.
 
-    setting: the name of the host's; lacking: what would protect it, in words.
+    setting: the name of the setting for the host. lacking: the protection that is missing, in words.
     """
     if lacking and not insecure and not is_local(host):
         raise SettingError(
-            f"{setting} is {host!r}, which other machines reach, without {' and without '.join(lacking)}; give that, "
-            "listen on a loopback address, or say --insecure where the network itself keeps others away"
+            f"{setting} is {host!r}, which other machines reach, without {' and without '.join(lacking)}; add that, "
+            "listen on a loopback address, or use --insecure if the network itself keeps others out"
         )
 
 
 def proxy_options(address: str) -> tuple[tuple[str, int], ...]:
-    """Options of a gRPC channel to host:port: to this machine itself never by a proxy that the environment names.
+    """Options of a gRPC channel to host:port, so that this machine itself is never reached through a proxy.
 
-    gRPC would go by `http_proxy` there too, which may lie elsewhere, where it finds another machine, or nobody.
+    gRPC would use the proxy of `http_proxy` there, too; from a proxy elsewhere, the address means another machine.
     """
     return (("grpc.enable_http_proxy", 0),) if is_local(host_of(address)) else ()

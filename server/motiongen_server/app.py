@@ -1,4 +1,4 @@
-"""The application: startup, serve, drain, stop. The only place that joins the rooms."""
+"""The application: starts, serves, drains, stops. The only place that connects the rooms."""
 
 from __future__ import annotations
 
@@ -43,21 +43,21 @@ from motiongen_server.transport import make_admin_server
 _log = logging.getLogger("motiongen_server")
 
 HEARTBEAT_LIMIT_S = 2.0
-"""Older than this, the engine is too busy to be given more sessions."""
+"""If the last heartbeat is older than this, the engine is too busy for more sessions."""
 HUNG_S = 30.0
-"""Older than this, the engine will not come back and the process had better be restarted."""
+"""If the last heartbeat is older than this, the engine will not recover, and the process should be restarted."""
 STOP_GRACE_S = 2.0
-"""For each of the last words: to streams after the drain's grace, and to the engine's thread."""
+"""For streams that the drain's end closes, for engines still being started, and for calls when the port is shut."""
 LAST_CALLS_S = 0.5
-"""For calls that have been answered to be told so; one that only watches the health does not hold the end up longer."""
+"""For the last answers to reach their clients; a call that only watches the health delays the end no longer."""
 
 T = TypeVar("T")
 MakeEngines = Callable[[ServerConfig, Deliver, Metrics], Engines]
-"""Makes what computes, on a thread of its own. Raises SettingError."""
+"""Starts the engine processes, on a thread of its own. Raises SettingError."""
 
 
 class StoppedEarly(Exception):
-    """Asked to stop before it was ready."""
+    """Raised when the server is asked to stop before it is ready."""
 
 
 class Application:
@@ -86,7 +86,7 @@ class Application:
     async def start(self) -> None:
         """Listen, load, warm up, and become ready.
 
-        Raises SettingError for settings that cannot be served, StoppedEarly when asked to stop before it was ready.
+        Raises SettingError if the settings cannot be served, StoppedEarly if asked to stop before it is ready.
         """
         tls, self._callers = make_tls(self._config), make_callers(self._config)
         self._port = GrpcPort(self._config, tls, self._door, self._health)
@@ -114,12 +114,12 @@ class Application:
         snapshots = await asyncio.to_thread(open_snapshot_store, asked, config.snapshot_keep_s, folder)
         self._snapshots = snapshots
         if snapshots is None:
-            config = replace(config, snapshot_store=NONE)  # engines take snapshots only where they are kept
+            config = replace(config, snapshot_store=NONE)  # engines take no snapshots without a store
         self._loop = asyncio.get_running_loop()
         making = start_in_background(partial(self._make_engines, config, self._deliver, self.metrics), "starting")
         try:
             self._engines = await self._unless_stopped(asyncio.shield(making))
-        except StoppedEarly:  # processes that are being started would be left behind
+        except StoppedEarly:  # else processes that are being started would be left behind
             with contextlib.suppress(TimeoutError, SettingError, OSError):
                 self._engines = await asyncio.wait_for(making, STOP_GRACE_S)
             raise
@@ -146,7 +146,7 @@ class Application:
         self._door.open(self._service)
         self.metrics.heartbeat_age.set_function(self._heartbeat_age_s)
         self.metrics.tasks.set_function(lambda: len(asyncio.all_tasks(self._loop)))
-        self.metrics.free_share.set_function(lambda: self._manager.models.free_share)
+        self.metrics.watch_models(self._manager.models)
         self.metrics.watch_service(self._service)
         self.metrics.prompts_waiting.set_function(lambda: self._factory.num_waiting_prompts)
         self._ready = True
@@ -159,7 +159,7 @@ class Application:
             print(json.dumps(ports | ({"admin_port": self.admin_port} if config.admin_listen else {})), flush=True)
 
     async def _unless_stopped(self, work: asyncio.Future[T]) -> T:
-        """What the work comes to, unless it is to be stopped before. Raises StoppedEarly."""
+        """The result of `work`. Cancels it and raises StoppedEarly if the server is asked to stop first."""
         stopping = asyncio.create_task(self._stop.wait())
         either: set[asyncio.Future[Any]] = {work, stopping}
         await asyncio.wait(either, return_when=asyncio.FIRST_COMPLETED)
@@ -170,7 +170,7 @@ class Application:
         raise StoppedEarly
 
     async def _stop_engines(self) -> None:
-        """At once where they still load."""
+        """Stop the engine processes, at once those that are still loading, and wait for their end."""
         if self._engines is not None:
             self._engines.stop()
             await start_in_background(self._engines.join, "stopping")
@@ -178,14 +178,14 @@ class Application:
     def _deliver(self, outputs: Sequence[Output]) -> None:
         if outputs:
             self._service.deliver(outputs)
-        elif self._others_go_on:  # nothing: an engine process has been lost, whose sessions have been told
-            with contextlib.suppress(RuntimeError):  # the loop has been closed: the process is on its way out
+        elif self._others_go_on:  # no outputs: an engine process was lost, and its sessions have been told
+            with contextlib.suppress(RuntimeError):  # the loop has been closed: the process is ending
                 self._loop.call_soon_threadsafe(self._without_engines)
 
     def _without_engines(self) -> None:
-        """Engines were lost. Where none is left, and other servers hold the same sessions, clients shall go on there
-        instead of waiting for the next engine here: nobody can connect until there is one, since a refused connection
-        is what has every proxy ask another server at once.
+        """If no engine is left, and other servers can continue the sessions, send the clients there instead of letting
+        them wait for the next engine. Until there is one the port stays closed, since a refused connection makes every
+        proxy try another server at once.
         """
         if self._ready and self._door.is_open and not self._engine_is_well(HEARTBEAT_LIMIT_S):
             _log.warning("no engine is left: clients are sent to other servers until there is one again")
@@ -194,14 +194,14 @@ class Application:
             self._port.shut(STOP_GRACE_S)
 
     async def _let_in_again(self) -> None:
-        """There is an engine again."""
+        """Open the port again, since there is an engine."""
         try:
             await self._port.open()
         except SettingError as error:
-            _log.error("%s; it is tried again", error)
+            _log.error("%s; trying again", error)
         else:
             self._door.open(self._service)
-            self._without_engines()  # it may have been lost again meanwhile, of which a shut door has nobody told
+            self._without_engines()  # the engine may be lost again, which is ignored while the door is shut
 
     async def _start_ops(self) -> None:
         refusal_of = partial(self._callers.metrics_refusal, self._config.ops_host)
@@ -225,7 +225,7 @@ class Application:
             await self._admin.stop(None)
 
     def _tell_health(self) -> None:
-        """By gRPC what /readyz says: proxies ask for the one or the other."""
+        """Report over gRPC what /readyz says: some proxies ask for the one, some for the other."""
         status = HealthCheckResponse.SERVING if self._is_ready() else HealthCheckResponse.NOT_SERVING
         for name in ("", SERVICE_NAME):
             self._health.set(name, status)
@@ -245,13 +245,13 @@ class Application:
     # ---- serve, drain, stop -----------------------------------------------------------------------------------------
 
     def ask_to_stop(self) -> None:
-        """Begin to drain, which SIGTERM does; once more: wait for nobody any longer."""
+        """Begin to drain, as on SIGTERM. The second call: stop waiting for load balancers and clients."""
         if self._stop.is_set():
             self._hurry.set()
         self._stop.set()
 
     async def serve(self) -> None:
-        """Return when asked to stop, or when nothing can be served any more."""
+        """Return when asked to stop, or when no engine can be started any more."""
         while not self._stop.is_set() and self._manager.failure is None:
             self._manager.look_after()
             self._tell_health()
@@ -259,18 +259,18 @@ class Application:
                 await self._let_in_again()
             if self._freed.is_due(is_busy=(is_busy := self._service.num_streams > 0)):
                 if not is_busy:
-                    free_garbage()  # here: what gRPC's calls leave behind is for the thread of their loop
+                    free_garbage()  # on this thread: garbage of gRPC calls belongs to their loop's thread
                 await asyncio.to_thread(give_back_freed_memory)
             with contextlib.suppress(TimeoutError):
                 await asyncio.wait_for(self._stop.wait(), timeout=1.0)
 
     async def drain(self) -> int:
-        """Not ready, goodbye, grace, close what is left, stop. Returns the exit code."""
+        """Report not ready, say goodbye, wait, close what is left, stop. Returns the exit code."""
         config = self._config
         _log.info("draining")
         self._ready = False
         self._tell_health()
-        # Balancers see the changed health only some time later: until then, whoever they send is served.
+        # Load balancers notice that only after a while; clients that they send until then are served.
         hurry = asyncio.create_task(self._hurry.wait())
         await asyncio.wait({hurry}, timeout=config.drain_wait_s)
         await self._stop_admin()
@@ -281,7 +281,7 @@ class Application:
         self._service.close_all()
         await asyncio.wait({finished}, timeout=STOP_GRACE_S)
         hurry.cancel()
-        # A client that does not read keeps its stream from ending; nothing more can be told to it.
+        # A client that does not read keeps its stream from ending; nothing more can be sent to it.
         await self._port.close(LAST_CALLS_S if finished.done() else None)
         finished.cancel()
         failed = self._manager.failure is not None
@@ -294,7 +294,7 @@ class Application:
         return 1 if failed else 0
 
     async def stop_ops(self) -> None:
-        """End the HTTP server, and with it what tells operators of this one."""
+        """Stop the HTTP server and the export of spans."""
         await self._ops.stop()
         if self._spans is not None:
             await asyncio.to_thread(self._spans.close)

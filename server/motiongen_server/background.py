@@ -1,4 +1,4 @@
-"""Work beside the event loop that may take minutes, and may not keep the process from ending."""
+"""Runs work beside the event loop that may take minutes and must not keep the process from ending."""
 
 from __future__ import annotations
 
@@ -12,7 +12,7 @@ T = TypeVar("T")
 
 
 def start_in_background(work: Callable[[], T], name: str) -> asyncio.Future[T]:
-    """What `work` returns or raises, done on a thread of that name. Nobody need wait for it."""
+    """Run `work` on a daemon thread of that name; the future gets its result, and nobody has to await it."""
     loop = asyncio.get_running_loop()
     outcome: asyncio.Future[T] = loop.create_future()
 
@@ -28,7 +28,7 @@ def start_in_background(work: Callable[[], T], name: str) -> asyncio.Future[T]:
             failure = error  # outlives the except clause
             settle(lambda: outcome.set_exception(failure))
         else:
-            del work  # or it would hold what it is about for a moment after it was told to be done
+            del work  # else its objects would live on for a moment after the future is done
             settle(lambda: outcome.set_result(result))
 
     threading.Thread(target=run_work, name=name, daemon=True).start()

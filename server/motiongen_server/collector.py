@@ -1,4 +1,4 @@
-"""Where traces go: how the address of a collector is written."""
+"""The address of the OpenTelemetry collector that traces are sent to."""
 
 from __future__ import annotations
 
@@ -9,7 +9,7 @@ PLAIN, TLS = "grpc:", "grpcs:"
 
 
 def check_collector(address: str) -> None:
-    """Raise SettingError for what is neither empty nor the address of a collector."""
+    """Raise SettingError unless the address is empty or that of a collector."""
     scheme, _, rest = address.partition(":")
     host, _, port = rest.rpartition(":")
     if address and (f"{scheme}:" not in (PLAIN, TLS) or not host or not is_port(port) or not int(port)):

@@ -1,4 +1,4 @@
-"""ServerConfig: a field, a flag, an environment name, a meaning; checked once."""
+"""ServerConfig: the settings of the server, each with its default, meaning and range."""
 
 from __future__ import annotations
 
@@ -16,7 +16,7 @@ PRECISIONS = ("float32", "bfloat16", "auto")
 TEXT_PRECISIONS = ("float32", "bfloat16")
 LOG_LEVELS = ("DEBUG", "INFO", "WARNING", "ERROR")
 ENCODER_PREFIX = f"{ENVIRONMENT_PREFIX}ENCODER_"
-"""Of the environment of `python -m motiongen_server.text.encoder`, which may be that of this program too."""
+"""Of the environment variables of `python -m motiongen_server.text.encoder`, which may be set here too."""
 ENCODERS = (
     "static (built in), hashed (for tests: knows no meaning), llm2vec, grpc:HOST:PORT, grpcs:HOST:PORT (TLS), "
     "gradio:URL, prompts:FILE, or a folder"
@@ -39,7 +39,7 @@ class ServerConfig:
     admin_listen: str = setting("", "loopback host:port, or unix:PATH, to serve the admin service on")
     print_ports: bool = setting(False, "print one JSON line with both ports on standard output once ready")
     advertise_address: str = setting(
-        "", "host:port at which clients that another server of the same Redis has no room for reach this one"
+        "", "host:port at which clients reach this server if another one of the same Redis has no room for them"
     )
     reflection: bool = setting(True, "serve gRPC server reflection")
 
@@ -61,12 +61,12 @@ class ServerConfig:
     devices: str = setting(
         "",
         "one engine process for each: cpu:2 (two, of one thread each), cpu:2x4 (two, of four threads), cuda:0,cuda:1, "
-        "cuda:0x3 (three on that GPU), cuda:all; none: cuda:all if there is CUDA, else one of a thread for each core, "
-        "up to 8",
+        "cuda:0x3 (three on that GPU), cuda:all; none: cuda:all if there is CUDA, else one of one thread for each "
+        "core, up to 8",
         many=True,
     )
     precision: str = setting(
-        "auto", "of matrix products; auto: bfloat16 if it is at least 1.5 times as fast", choices=PRECISIONS
+        "auto", "precision of matrix products; auto: bfloat16 if at least 1.5 times as fast", choices=PRECISIONS
     )
     denoise_steps: int = setting(4, "denoising steps of a window, unless the session asks for others", 2, 1000)
     text_guidance: float | None = setting(
@@ -93,13 +93,13 @@ class ServerConfig:
 
     max_rows: int = setting(64, "most windows in one denoising step", 1, 4096, section="Denoising and admission")
     max_step_ms: int = setting(
-        35, "longest that a denoising step is planned to take, where smaller steps are as efficient", 1, 60_000
+        35, "longest planned time of a denoising step, if smaller steps are as efficient", 1, 60_000
     )
     cuda_graphs: bool = setting(True, "record usual batch sizes as CUDA graphs and replay them; no effect on a CPU")
     profile_s: float = setting(8.0, "longest time to measure the model for at start-up", 0, 600)
     admit_load: float | None = setting(
         None,
-        "share of the measured capacity up to which sessions are admitted; by itself 0.87; 0.9 under a CPU quota, 0.86 "
+        "share of the measured capacity up to which sessions are admitted; if unset, 0.87; 0.9 under a CPU quota, 0.86 "
         "if that is less than one core for each thread; 0.75 with more threads than cores, or with several engines on "
         "a GPU; 0.65 or 0.75 where the system does not report how much of a quota is used",
         0.01,
@@ -116,7 +116,7 @@ class ServerConfig:
     text_precision: str = setting("bfloat16", "precision of llm2vec", choices=TEXT_PRECISIONS)
     presets: str = setting("", "file of prompts encoded in advance, made by python -m motiongen_ardy.text")
     prompt_cache: int = setting(4096, "prompts whose embeddings are kept in memory", 1, 10_000_000)
-    prompt_store: str = setting("", "file that keeps embeddings of prompts when the process ends")
+    prompt_store: str = setting("", "file in which embeddings of prompts outlive the process")
     prompt_store_size: int = setting(65_536, "prompts kept in that file", 1, 100_000_000)
     prompt_timeout_s: float = setting(10.0, "longest time that an event waits for the text encoder", 0.01, 600)
     max_waiting_prompts: int = setting(256, "prompts that may wait for the text encoder", 1, 1_000_000)
@@ -126,11 +126,11 @@ class ServerConfig:
     )
     max_sessions_per_stream: int = setting(512, "open sessions on one stream", 1, 100_000)
     max_streams: int = setting(2048, "open streams", 1, 100_000)
-    max_clip_calls: int = setting(256, "calls for clips under way", 1, 100_000)
+    max_clip_calls: int = setting(256, "calls for clips in progress", 1, 100_000)
     max_prompt_characters: int = setting(1000, "characters of a prompt", 1, 100_000)
     max_request_bytes: int = setting(1 << 20, "bytes of one message from a client", 1024, 1 << 30)
     max_waiting_mib: int = setting(
-        256, "MiB held for clients: unsent updates of all streams and clips, and what waits to be read", 1, 1_000_000
+        256, "MiB held for clients: unsent updates of all streams and clips, and unread messages", 1, 1_000_000
     )
     loop_share: float = setting(0.4, "share of the event loop's time that clients' messages may take", 0.01, 1e9)
     events_per_second: float = setting(50.0, "events of one session per second", 1, 1e6)
@@ -145,7 +145,7 @@ class ServerConfig:
     silent_timeout_s: float = setting(90.0, "silence after which a stream counts as lost", 0.1, 1e6)
     keepalive_s: float = setting(30.0, "silence after which the server sends an HTTP/2 keepalive", 1, 1e6)
     keepalive_timeout_s: float = setting(10.0, "time for its answer, or the connection counts as lost", 0.1, 1e6)
-    min_ping_interval_s: float = setting(1.0, "least time between a client's keepalives; it is cut off else", 0, 1e6)
+    min_ping_interval_s: float = setting(1.0, "least time between a client's keepalives, or it is cut off", 0, 1e6)
 
     peer_streams: int = setting(1024, "open streams", 1, 100_000, section=BY_ADDRESS)
     peer_calls: int = setting(256, "open calls for catalogues and clips", 1, 100_000)
@@ -155,7 +155,7 @@ class ServerConfig:
     peer_bytes_per_second: float = setting(16e6, "bytes received per second", 1024, 1e12)
     peer_session_weight: int = setting(4096, "open sessions; a HERO counts 4, a NEAR 2, others 1", 4, 1_000_000)
     peer_heroes: int = setting(128, "open sessions of the class HERO", 0, 1_000_000)
-    peer_clip_samples: int = setting(32, "samples of clips under way", 1, 100_000)
+    peer_clip_samples: int = setting(32, "samples of clips in progress", 1, 100_000)
 
     resume_grace_s: float = setting(
         30.0, "time that sessions wait for a client that lost its connection", 0, 3600, section="Resuming and draining"
@@ -163,7 +163,7 @@ class ServerConfig:
     snapshot_store: str = setting("auto", SNAPSHOT_STORES)
     snapshot_keep_s: float = setting(600.0, "time that the store keeps a session that no server serves", 10, 1e6)
     state_dir: str = setting("", "folder for what outlives the server; none: motiongen in $XDG_STATE_HOME")
-    drain_wait_s: float = setting(0.5, "on SIGTERM: time to be not ready before clients are told", 0, 600)
+    drain_wait_s: float = setting(0.5, "on SIGTERM: time to report not ready before clients are told", 0, 600)
     drain_grace_s: float = setting(5.0, "on SIGTERM: time for clients to end their sessions", 0, 3600)
     reconnect_after_s: float = setting(
         0.0, "on SIGTERM: time after which clients are told to reconnect; 0: at once", 0, 3600
@@ -199,25 +199,25 @@ class ServerConfig:
         return tuple(name.strip() for name in self.model.split(","))
 
     def lookahead_for(self, horizon: int) -> int:
-        """Frames sent beyond the playhead of a session that does not say, of a model with that horizon."""
+        """The look-ahead in frames of a session that does not ask for one, for a model with that horizon."""
         return self.lookahead_frames or max(min(DEFAULT_LOOKAHEAD_FRAMES, self.max_lookahead_frames), horizon)
 
 
 def check_encoder_access(encoder: str, authorities: str, token: str) -> None:
-    """Raise SettingError for what would prove nobody: an encoder that is reached without it."""
+    """Raise SettingError for authorities or a token that the connection to this encoder would not use."""
     if authorities and not encoder.startswith("grpcs:"):
         raise SettingError(
-            f"text_encoder_ca is given, and text_encoder is {encoder!r}; only grpcs:HOST:PORT is reached by TLS"
+            f"text_encoder_ca is given, but text_encoder is {encoder!r}; only grpcs:HOST:PORT is reached by TLS"
         )
     if token and not encoder.startswith(("grpc:", "grpcs:")):
         raise SettingError(
-            f"text_encoder_token is given, and text_encoder is {encoder!r}; a token is shown to grpc:HOST:PORT and "
+            f"text_encoder_token is given, but text_encoder is {encoder!r}; a token is sent to grpc:HOST:PORT and "
             "grpcs:HOST:PORT only"
         )
 
 
 def check_advertised(given: str) -> None:
-    """Raise SettingError unless clients can be told it."""
+    """Raise SettingError unless it is an address that clients can connect to."""
     host, _, port = given.rpartition(":")
     if not host or not is_port(port) or not int(port) or len(given) > 256:
         raise SettingError(
@@ -227,14 +227,14 @@ def check_advertised(given: str) -> None:
 
 
 def check_admin_address(given: str) -> None:
-    """Raise SettingError unless it is an address of this machine that others cannot reach."""
+    """Raise SettingError unless it is an address that only this machine can reach."""
     host, _, port = given.rpartition(":")
     if given.startswith(UNIX) and given != UNIX:
         return
     if not is_local(host.removeprefix("[").removesuffix("]")) or not is_port(port):
         raise SettingError(
             f"admin_listen is {given!r}; it must be a loopback host and a port, such as 127.0.0.1:50052, or unix:PATH: "
-            "who reaches it may load any folder"
+            "whoever reaches it may load any folder"
         )
 
 

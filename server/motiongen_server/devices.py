@@ -1,4 +1,4 @@
-"""Which engine processes there are: `--devices` as one device for each of them."""
+"""The devices of the engine processes, as `--devices` or the machine says, and how much they admit by default."""
 
 from __future__ import annotations
 
@@ -20,7 +20,7 @@ from motiongen_server.settings import SettingError
 _log = logging.getLogger(__name__)
 
 MOST_BY_DEFAULT = 8
-"""Engines that are started on a processor where nobody says how many; each holds every model."""
+"""Engines that are started on a CPU if the setting does not say how many; each holds every model."""
 MOST_ENGINES = 64
 MOST_THREADS = 256
 FORMS = (
@@ -32,15 +32,16 @@ ADMIT_LOAD_QUOTA = 0.9
 ADMIT_LOAD_SCANT = 0.86
 ADMIT_LOAD_SHARED = 0.75
 ADMIT_LOAD_THROTTLED = 0.65
-"""Where nothing counts what the gateway uses; under a quota, of which all that is used counts, and under one of less
-than a core for each thread, so that engines stand still; with more threads than there are cores, or several engines on
-a GPU; and under a quota of which nobody knows what is used. With more, sessions were told of less
-(docs/performance/admission.md, gpu.md).
+"""Defaults of `--admit-load`, in this order: without a quota, where the use of the gateway is not counted; under a
+quota, all use of which is counted; under a quota of less than one core for each thread, where engines are throttled;
+with more threads than cores, or several engines on a GPU; and under too small a quota whose use is not reported. With
+more than these, sessions were degraded (docs/performance/admission.md, gpu.md).
 """
 KERNELS_KEPT = {"ONEDNN_PRIMITIVE_CACHE_CAPACITY": "192", "LRU_CACHE_CAPACITY": "64"}
-"""Compiled products that oneDNN keeps in an engine process, each of 0.6 MiB, and descriptions of such that torch keeps
-in each thread, of 0.3 where the product has gone; an operator's own setting holds. What has gone is made anew: a
-product in 0.3 ms, a description in 0.02. Both are full after some minutes, so that memory does not grow from then on.
+"""Sizes of two caches in an engine process: compiled matrix products of oneDNN, of 0.6 MiB each, and descriptions of
+them that torch keeps in each thread, of 0.3 MiB each once the product is gone. An operator's own values take
+precedence. A product is made again in 0.3 ms, a description in 0.02 ms. Both caches are full after some minutes, and
+memory does not grow from then on.
 """
 CUDA_VISIBLE = "CUDA_VISIBLE_DEVICES"
 _CPU = re.compile(r"cpu:(\d{1,4})(?:x(\d{1,4}))?")
@@ -51,29 +52,29 @@ _PROBE_S = 120.0
 
 @dataclass(frozen=True, slots=True)
 class EngineDevice:
-    """Where one engine process computes. kind: cpu or cuda; index: of the CUDA device; threads: on the processor."""
+    """Where one engine process computes. kind: cpu or cuda. index: of the CUDA device. threads: on the CPU."""
 
     kind: str
     index: int
     threads: int
 
     def environment(self) -> dict[str, str]:
-        """What its process must find in its environment before a library is loaded."""
+        """Environment variables that its process needs before it loads any library."""
         kept = {name: os.environ.get(name, value) for name, value in KERNELS_KEPT.items()}
         kept["OMP_NUM_THREADS"] = str(self.threads)
         if self.kind != "cuda":
             return kept
-        # One device to a process: it can then neither fill the memory of another nor fail with it.
+        # A process sees only its own device: it can neither fill the memory of another nor fail with it.
         return {**kept, CUDA_VISIBLE: self.cuda_name()}
 
     def cuda_name(self) -> str:
-        """Of a CUDA device, for the driver. Raises SettingError where this process's environment shows none of it."""
+        """The driver's name for a CUDA device. Raises SettingError if this process's environment hides the device."""
         visible = _visible_cuda()
         if visible is None:
             return str(self.index)
         if self.index >= len(visible):
             raise SettingError(
-                f"devices has {self}, counted from 0 among the {len(visible)} that {CUDA_VISIBLE} shows; it is "
+                f"devices has {self}, counted from 0 among the {len(visible)} that {CUDA_VISIBLE} shows, which is "
                 f"{os.environ[CUDA_VISIBLE]!r}"
             )
         return visible[self.index]
@@ -83,15 +84,15 @@ class EngineDevice:
 
 
 def check_devices(given: str) -> None:
-    """Raise SettingError for what no machine could have."""
+    """Raise SettingError for a value that is invalid on every machine."""
     _parsed(given, lambda: 1)
 
 
 def devices_of(given: str, count_cuda: Callable[[], int] | None = None) -> tuple[EngineDevice, ...]:
     """The device of each engine process that the setting asks for.
 
-    Where it is empty: all CUDA devices, and a thread on each core of the processor where there is none. count_cuda:
-    how many CUDA devices there are; it may take seconds. Raises SettingError.
+    given: if empty, all CUDA devices, or without any of them one engine with one thread for each core, up to
+    `MOST_BY_DEFAULT`. count_cuda: returns the number of CUDA devices; it may take seconds. Raises SettingError.
     """
     count = count_cuda or count_cuda_devices
     if not given:
@@ -102,14 +103,14 @@ def devices_of(given: str, count_cuda: Callable[[], int] | None = None) -> tuple
         devices = _parsed(given, count)
     for device in devices:
         if device.kind == "cuda":
-            device.cuda_name()  # that there is none is said at once, not by an engine process that does not start
+            device.cuda_name()  # raises now, instead of in an engine process that cannot start
     return devices
 
 
 def _visible_cuda() -> tuple[str, ...] | None:
-    """What the environment has this process see, by names that the driver knows; None where it says nothing of it.
+    """The CUDA devices that the environment shows to this process, by the driver's names; None if all of them.
 
-    As CUDA reads it: what comes after one that is no device is not seen, and neither is any where it is empty.
+    The variable is read as CUDA reads it: devices after an invalid one are hidden, and if it is empty, all are.
     """
     said = os.environ.get(CUDA_VISIBLE)
     if said is None:
@@ -140,7 +141,7 @@ def _parsed(given: str, count_cuda: Callable[[], int]) -> tuple[EngineDevice, ..
             named += indices
             devices += [EngineDevice("cuda", index, 1) for index in indices for _ in range(engines)]
         else:
-            raise SettingError(f"devices is {given!r}; it must be of {FORMS}, or several of these with commas")
+            raise SettingError(f"devices is {given!r}; it must be one of {FORMS}, or several of these with commas")
     repeated = next((index for index, times in Counter(named).items() if times > 1), None)
     if repeated is not None:
         raise SettingError(
@@ -152,10 +153,10 @@ def _parsed(given: str, count_cuda: Callable[[], int]) -> tuple[EngineDevice, ..
 
 
 def admit_load_for(devices: Sequence[EngineDevice]) -> float:
-    """The share of what was measured up to which sessions are let in where nobody says.
+    """The default of `--admit-load`: the share of the measured capacity up to which sessions are admitted.
 
-    Engines that share cores, or a GPU, wait for each other, longer than their margin where they are nearly full. Under
-    a quota all processes do, the gateway too; engines count what it uses where that is told (`quota_use`).
+    Engines that share cores or a GPU wait for each other, and longer than their margin if they are nearly full. Under a
+    quota all processes wait, including the gateway; engines count its use if that is reported (`quota_use`).
     """
     if any(count > 1 for device, count in Counter(devices).items() if device.kind == "cuda"):
         return ADMIT_LOAD_SHARED
@@ -171,10 +172,10 @@ def admit_load_for(devices: Sequence[EngineDevice]) -> float:
 
 
 def spare_engines(devices: Sequence[EngineDevice]) -> tuple[bool, ...]:
-    """Which engines, in their order, only stand in for others: for their threads no core of the processor is left.
+    """Which engines, in order, are spare: no core is left for their threads, so they only replace lost engines.
 
-    Engines that share a core stand still for each other, and make smaller steps than one of them would. Of two on a
-    quota of one core, one serves half as many characters again (docs/performance/admission.md).
+    Engines that share a core wait for each other, and make smaller steps than one of them alone would. On a quota of
+    one core, one engine serves half as many characters again as two (docs/performance/admission.md).
     """
     cores, spare = usable_cores(), []
     for device in devices:
@@ -185,7 +186,7 @@ def spare_engines(devices: Sequence[EngineDevice]) -> tuple[bool, ...]:
 
 
 def engines_at_work(devices: Sequence[EngineDevice]) -> tuple[EngineDevice, ...]:
-    """Those that are not spare, in their order."""
+    """The engines that are not spare, in order."""
     return tuple(device for device, spare in zip(devices, spare_engines(devices), strict=True) if not spare)
 
 
@@ -196,7 +197,7 @@ def usable_cores() -> int:
 
 
 def count_cuda_devices() -> int:
-    """CUDA devices that torch can use. Asked in a process of its own: this one never loads torch."""
+    """How many CUDA devices torch can use. A separate process asks torch: this one never loads it."""
     if not any(Path("/dev").glob("nvidia[0-9]*")) and not Path("/dev/dxg").exists():
         return 0
     try:

@@ -1,4 +1,4 @@
-"""The error family: what a caller can act on, and how each is told to a client."""
+"""Errors that a client can act on, and how a refused call is reported to it."""
 
 from __future__ import annotations
 
@@ -16,9 +16,9 @@ ERROR_DOMAIN = "motiongen"
 
 
 class StreamRefused(Exception):
-    """What ends a whole call with a status and details.
+    """Ends a whole call with a status and details.
 
-    retry_after_s: when to try again, 0 where it is of no use; allowed: what may stand in the field.
+    retry_after_s: when to try again; 0: trying again is of no use. allowed: what `field` may contain.
     """
 
     def __init__(
@@ -39,13 +39,13 @@ class StreamRefused(Exception):
 
     @classmethod
     def of(cls, refusal: EventRefused) -> StreamRefused:
-        """A refused event as the end of the call that it was all of."""
+        """The refusal of an event, for a call that consists of just this event."""
         message = f"{refusal}; allowed is {refusal.allowed}" if refusal.allowed else str(refusal)
         code, retry_after_s = grpc.StatusCode[refusal.code.name], refusal.retry_after_s or 0.0
         return cls(code, refusal.reason, message, refusal.field, retry_after_s, refusal.allowed)
 
     def status(self) -> grpc.Status:
-        """With ErrorInfo; BadRequest where a field is at fault, RetryInfo where waiting helps (google.rpc model)."""
+        """With ErrorInfo; BadRequest if a field is invalid; RetryInfo if waiting helps (google.rpc model)."""
         metadata = {"allowed": self.allowed} if self.allowed else {}
         packed = [_pack(error_details_pb2.ErrorInfo(reason=self.reason, domain=ERROR_DOMAIN, metadata=metadata))]
         if self.field:

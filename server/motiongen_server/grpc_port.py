@@ -1,4 +1,4 @@
-"""GrpcPort: the gRPC port of a server and what is served on it; it may be closed for a while and opened again."""
+"""GrpcPort: the gRPC port of a server and what is served on it; it can be shut for a while and opened again."""
 
 from __future__ import annotations
 
@@ -24,11 +24,11 @@ from motiongen_server.transport import make_grpc_server
 _log = logging.getLogger(__name__)
 
 TRY_AGAIN_S = 1.0
-"""Where the port cannot be opened again."""
+"""Between attempts to open the port again."""
 
 
 class GrpcPort:
-    """number: the port that is served, once it is; it stays the same when it is opened again."""
+    """number: the port that is served, once it is open; it stays the same when it is opened again."""
 
     def __init__(self, config: ServerConfig, tls: ServerTls | None, methods: Handlers, health: Health) -> None:
         """tls: None: plain text."""
@@ -47,7 +47,7 @@ class GrpcPort:
         return self._server is not None
 
     async def open(self) -> None:
-        """Listen. Raises SettingError where that cannot be."""
+        """Listen and serve. Raises SettingError if it cannot listen."""
         if self._ending is not None:
             await self._ending
         server, requests = make_grpc_server(self._config), Requests(self._config.hello_timeout_s)
@@ -65,20 +65,20 @@ class GrpcPort:
         self._outliving = asyncio.create_task(self._outlive(server))
 
     async def _outlive(self, server: grpc.aio.Server) -> None:
-        """Open the port again where its server has ended by itself, for a fault in gRPC: nobody could connect."""
-        with contextlib.suppress(Exception):  # which gRPC logs
-            # Shielded: where that is cancelled, gRPC's own wait for the end is, too.
+        """Open the port again if its server ends by itself, because of a fault in gRPC: else nobody could connect."""
+        with contextlib.suppress(Exception):  # gRPC logs it
+            # Shielded: cancelling it would also cancel gRPC's own wait for the end.
             await asyncio.shield(server.wait_for_termination())
         while self._server is server:
             _log.error("the gRPC server has ended by itself, and with it all streams; the port is opened again")
             try:
                 await self.open()
             except SettingError as error:
-                _log.error("%s; it is tried again", error)
+                _log.error("%s; trying again", error)
                 await asyncio.sleep(TRY_AGAIN_S)
 
     def shut(self, grace_s: float | None) -> None:
-        """Let nobody connect from now on. Calls under way go on, and are cancelled after the grace; None: at once."""
+        """Accept no more connections. Open calls continue, and are cancelled after `grace_s`; None: at once."""
         if self._outliving is not None:
             self._outliving.cancel()
         if self._server is not None:
@@ -86,7 +86,7 @@ class GrpcPort:
             self._server = None
 
     async def close(self, grace_s: float | None) -> None:
-        """As `shut`; returns when no call is left."""
+        """Like `shut`; returns when no call is left."""
         self.shut(grace_s)
         if self._ending is not None:
             await self._ending

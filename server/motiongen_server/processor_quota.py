@@ -1,4 +1,4 @@
-"""What part of the processor the control group of this process may use, and has used, as containers are given it."""
+"""The CPU quota of this process's control group, such as a container has, and how much of it has been used."""
 
 from __future__ import annotations
 
@@ -15,38 +15,38 @@ _ACCOUNT = "cpuacct"
 
 @dataclass(frozen=True)
 class _Group:
-    """folder: where its quota is. accounts: files that may say what it has used, of the first version or the second."""
+    """folder: holds its quota. accounts: files that may say how much it has used, for version 1 or 2 of cgroups."""
 
     folder: Path
     accounts: tuple[Path, ...]
 
     @property
     def cores(self) -> float:
-        """Its quota, infinity where it has none."""
+        """Its quota; infinity if it has none."""
         try:
             if (self.folder / "cpu.max").exists():
                 quota, period = (self.folder / "cpu.max").read_text(encoding="ascii").split()
             else:
                 quota, period = ((self.folder / name).read_text(encoding="ascii") for name in _FIRST_VERSION)
             return math.inf if quota == "max" or int(quota) <= 0 else int(quota) / int(period)
-        except (OSError, ValueError, ZeroDivisionError):  # no such group, or none that says so
+        except (OSError, ValueError, ZeroDivisionError):  # no such group, or it has no such files
             return math.inf
 
 
 def quota_cores(groups: Path = GROUPS, membership: Path = MEMBERSHIP) -> float:
-    """Cores that all processes of the group together may use, infinity where nobody has said.
+    """Cores that all processes of the control group together may use; infinity if there is no quota.
 
-    Of the group that this process is in and of those above it, the least counts. groups: where they are mounted, of the
-    first version (cpu.cfs_quota_us) or of the second (cpu.max); inside of a container that is its own.
+    The least quota counts, of this process's group and those above it. groups: where they are mounted, for version 1
+    (cpu.cfs_quota_us) or version 2 (cpu.max); within a container that is its own mount.
     """
     return min((group.cores for group in _groups(groups, membership)), default=math.inf)
 
 
 def quota_use(groups: Path = GROUPS, membership: Path = MEMBERSHIP) -> Callable[[], float] | None:
-    """Tells how many seconds of its quota the group whose quota counts has used so far, by all of its processes.
+    """A function that returns how many seconds of its quota the limiting group has used, with all of its processes.
 
-    A second is the quota's: of 1.5 cores, 1.5 seconds of processor time. None where there is no quota, or no account of
-    what is used. The call raises nothing; once it can tell no more, it says again what it said last.
+    A second of a quota of 1.5 cores is 1.5 seconds of CPU time. None if there is no quota, or its use is not reported.
+    The function raises nothing; if the use can no longer be read, it returns the last value again.
     """
     group = min(_groups(groups, membership), key=lambda each: each.cores, default=None)
     if group is None or group.cores == math.inf:
@@ -70,7 +70,7 @@ class _Use:
 
 
 def _used_s(account: Path) -> float | None:
-    """Seconds of processor time, None where the file does not say."""
+    """Seconds of CPU time; None if the file does not say."""
     try:
         text = account.read_text(encoding="ascii")
         if account.name == "cpu.stat":
@@ -93,12 +93,12 @@ def _groups(groups: Path, membership: Path) -> Iterator[_Group]:
         mount = groups / "cpu" if controllers else groups
         for folder in _with_those_above(mount, path):
             accounts = [folder / "cpu.stat", folder / "cpuacct.usage"]
-            if controllers and paths.get(_ACCOUNT) == path:  # the same group, in a hierarchy of accounts alone
+            if controllers and paths.get(_ACCOUNT) == path:  # the same group, in a separate hierarchy of cpuacct
                 accounts.append(groups / _ACCOUNT / folder.relative_to(mount) / "cpuacct.usage")
             yield _Group(folder, tuple(accounts))
 
 
 def _with_those_above(mount: Path, path: str) -> Iterator[Path]:
-    # A container may see its own group as the root and still be told its path outside.
+    # A container may see its own group as the root, but its path as seen from outside.
     folder = mount / path.lstrip("/")
     yield from (mount, folder, *(above for above in folder.parents if above.is_relative_to(mount)))

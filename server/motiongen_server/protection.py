@@ -1,4 +1,4 @@
-"""What protects a program's ports: the settings of TLS and callers that the gateway and the encoder service share."""
+"""The settings that protect a program's ports, for TLS and callers; the gateway and the encoder service share them."""
 
 from __future__ import annotations
 
@@ -9,7 +9,7 @@ from motiongen_server.settings import SettingError
 
 
 class Protection(Protocol):
-    """Settings of either program, by their names."""
+    """These settings, of either program."""
 
     @property
     def host(self) -> str: ...
@@ -37,13 +37,13 @@ class Protection(Protocol):
 
 
 def check_protection(config: Protection) -> None:
-    """Raise SettingError for settings that do not fit together, and for a port that others reach unprotected."""
+    """Raise SettingError if these settings contradict each other, or other machines can reach an unprotected port."""
     if bool(config.tls_certificate) != bool(config.tls_key):
         raise SettingError("tls_certificate and tls_key must be given together")
     if config.tls_client_ca and not config.tls_certificate:
-        raise SettingError("tls_client_ca is given, and no tls_certificate; clients show theirs within TLS only")
+        raise SettingError("tls_client_ca is given without tls_certificate; clients present certificates only over TLS")
     if config.ops_tls and not config.tls_certificate:
-        raise SettingError("ops_tls is given, and no tls_certificate; the port of operations shows that of gRPC")
+        raise SettingError("ops_tls is given without tls_certificate; the ops port uses the gRPC port's certificate")
     if config.host == UNIX:
         raise SettingError(f"host is {config.host!r}; give the path of a socket with it, such as unix:/run/motion.sock")
     if config.ops_host.startswith(UNIX):
@@ -55,12 +55,12 @@ def check_protection(config: Protection) -> None:
 
 
 def lacks(config: Protection) -> tuple[str, ...]:
-    """What would protect the gRPC port and is not there, in words."""
+    """The protection that the gRPC port lacks, in words."""
     asks = config.tenants or config.tls_client_ca
     tls = () if config.tls_certificate else ("TLS (--tls-certificate, --tls-key)",)
-    return tls if asks else (*tls, "asking who calls (--tenants or --tls-client-ca)")
+    return tls if asks else (*tls, "authentication of callers (--tenants or --tls-client-ca)")
 
 
 def ops_lacks(config: Protection) -> tuple[str, ...]:
-    """The same of the port of health checks and metrics."""
-    return () if config.tenants else ("asking who reads the metrics (--tenants)",)
+    """The protection that the port of health checks and metrics lacks, in words."""
+    return () if config.tenants else ("authentication for the metrics (--tenants)",)

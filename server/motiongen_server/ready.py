@@ -1,7 +1,7 @@
-"""`motiongen-server-ready`: whether the server, or with `--encoder` the text encoder, of this environment is ready.
+"""`motiongen-server-ready`: whether the server, or with `--encoder` the text encoder, on this machine is ready.
 
-For the health checks of containers and supervisors, with the settings that the program beside it has got by its
-environment: exit code 0 where it is ready, 1 where it is not, 2 for a wrong setting.
+For health checks of containers and supervisors. It reads the same environment variables as the program that it checks.
+Exit code 0: ready; 1: not ready; 2: an invalid setting.
 """
 
 from __future__ import annotations
@@ -21,11 +21,11 @@ from motiongen_server.text.encoder.config import ENCODER
 
 TIMEOUT_S = 2.0
 EVERY_ADDRESS = {"0.0.0.0": "127.0.0.1", "::": "::1", "": "127.0.0.1"}
-"""What means all addresses of a machine -> the one that it has itself."""
+"""An address that stands for all addresses of a machine -> the one by which it reaches itself."""
 
 
 class OpsSettings(Protocol):
-    """Settings of either program, by their names."""
+    """These settings, of either program."""
 
     @property
     def ops_host(self) -> str: ...
@@ -38,29 +38,29 @@ class OpsSettings(Protocol):
 
 
 def readiness_url(config: OpsSettings) -> str:
-    """Where a program says whether it is ready, as seen from its own machine. Raises SettingError for any free port."""
+    """The URL of a program's readiness, as seen from its own machine. Raises SettingError if its port is not fixed."""
     if config.ops_port == 0:
-        raise SettingError("ops_port is 0, which picks a free one; give a port that can be asked for")
+        raise SettingError("ops_port is 0, which picks a free one; give a fixed port")
     host = EVERY_ADDRESS.get(config.ops_host, config.ops_host)
     return f"http{'s' if config.ops_tls else ''}://{join_address(host, config.ops_port)}/readyz"
 
 
 def is_ready(url: str) -> bool:
-    """Whether it says so. Its certificate is not checked: it names the server as others know it."""
+    """Whether the URL answers 200. The certificate is not verified: it names the server as other machines know it."""
     https = urllib.request.HTTPSHandler(context=ssl._create_unverified_context())
-    # Not by a proxy that the environment names for what is far away.
+    # Never through a proxy of the environment: the program is on this machine.
     opener = urllib.request.build_opener(urllib.request.ProxyHandler({}), https)
     try:
         with opener.open(url, timeout=TIMEOUT_S) as answer:
             return bool(answer.status == 200)
-    except (OSError, ValueError, http.client.HTTPException):  # nobody listens, or who does speaks something else
+    except (OSError, ValueError, http.client.HTTPException):  # nobody listens, or the answer is not HTTP
         return False
 
 
 def main(arguments: Sequence[str] | None = None, environment: Mapping[str, str] | None = None) -> int:
-    """The exit code."""
+    """Returns the exit code."""
     parser = argparse.ArgumentParser(prog="motiongen-server-ready", description="Whether the server here is ready.")
-    parser.add_argument("--encoder", action="store_true", help="ask the text encoder, by its own settings")
+    parser.add_argument("--encoder", action="store_true", help="check the text encoder, with its own settings")
     options = parser.parse_args(arguments)
     parse = ENCODER.parse if options.encoder else SERVER.parse
     try:

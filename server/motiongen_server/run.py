@@ -1,4 +1,4 @@
-"""Runs the application until a signal, and says with which exit code it ends."""
+"""Runs the application until a signal, and ends the process with its exit code."""
 
 from __future__ import annotations
 
@@ -60,14 +60,14 @@ async def run(config: ServerConfig, make_engines: MakeEngines = start_engine_pro
 
 
 def leave(exit_code: int) -> NoReturn:
-    """End the process here and now, once all has been put away.
+    """End the process at once, after everything has been cleaned up.
 
-    The interpreter's own end would tear down what threads of libraries still use: seen once as a crash after a drain,
-    on a machine with much to do.
+    The interpreter's normal exit would tear down what libraries' threads still use: that crashed once after a drain, on
+    a busy machine.
     """
     logging.shutdown()
     for stream in (sys.stdout, sys.stderr):
-        if stream is not None:  # it was started without
-            with contextlib.suppress(OSError, ValueError):  # full, closed, or nobody reads it: that is no fault of ours
+        if stream is not None:  # the process was started without it
+            with contextlib.suppress(OSError, ValueError):  # full, closed, or nobody reads it
                 stream.flush()
     os._exit(exit_code)

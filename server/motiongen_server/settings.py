@@ -1,4 +1,4 @@
-"""Settings of a program, declared once as a frozen dataclass: flags, environment, help and checks follow from it."""
+"""Settings of a program, declared once as a frozen dataclass, from which flags, environment, help and checks follow."""
 
 from __future__ import annotations
 
@@ -20,14 +20,14 @@ _LINK_ADDRESS = re.compile(r"(tcp|udp|sctp)://")
 
 
 class SettingError(ValueError):
-    """A setting with a value it cannot have; the message names setting, value and allowed range."""
+    """A setting has an invalid value. The message names the setting, its value, and what is allowed."""
 
 
 def setting(default: Any, meaning: str, least: float | None = None, most: float | None = None, **more: Any) -> Any:
-    """A field of a program's settings: its default, what it means, and what it may be (a range, or `choices`).
+    """A field of a program's settings: its default, its meaning, and what is allowed (a range, or `choices`).
 
-    many: its flag may be given again, for more values, which are joined with commas. kind: the type of a value whose
-    default is None, and unset: what that stands for. section: the heading that begins here in the help.
+    many: the flag may be repeated, and its values are joined with commas. kind: the type of a setting whose default is
+    None; unset: what None stands for, in words. section: a heading of the help that begins at this setting.
     """
     return field(default=default, metadata={"meaning": meaning, "least": least, "most": most, **more})
 
@@ -53,7 +53,7 @@ def check_setting(name: str, value: Any, metadata: Mapping[str, Any]) -> None:
 class Program(Generic[Config]):
     """A program and its settings. A flag wins over the environment, the environment over the default.
 
-    prefix: of its environment variables; those that begin with one of other_prefixes belong to another program.
+    prefix: of its environment variables. other_prefixes: variables that begin with one belong to another program.
     """
 
     kind: type[Config]
@@ -70,7 +70,7 @@ class Program(Generic[Config]):
         """The configuration that flags and environment ask for. Raises SettingError; --help exits."""
         known = {each.name: each for each in fields(self.kind)}
         given_by_environment = self._own(os.environ if environment is None else environment)
-        names = {self.environment_name(name) for name in known}  # in capitals: others are read by nobody
+        names = {self.environment_name(name) for name in known}  # in capitals: any other spelling is an error
         unknown = sorted(name for name in given_by_environment if name not in names)
         if unknown:
             raise SettingError(f"unknown environment settings {', '.join(unknown)}; `{self.command} --help` lists all")
@@ -120,7 +120,7 @@ class Program(Generic[Config]):
 
 
 def _help(default: Any, metadata: Mapping[str, Any]) -> str:
-    """What a setting means, may be and is, its default as it would be given on the command line."""
+    """A setting's meaning, what is allowed, and its default as it would be given on the command line."""
     allowed = ""
     if metadata.get("choices"):
         allowed = f"; one of {', '.join(metadata['choices'])}"
@@ -137,9 +137,9 @@ def _help(default: Any, metadata: Mapping[str, Any]) -> str:
 
 
 def is_service_link(name: str, value: str) -> bool:
-    """Whether a variable is one that Kubernetes sets for each Service, one of the name motiongen or motiongen-... here.
+    """Whether Kubernetes sets a variable because there is a Service named motiongen or motiongen-...
 
-    Such as MOTIONGEN_SERVICE_HOST, and MOTIONGEN_PORT=tcp://10.0.0.7:50051, which has the name of a setting.
+    For example MOTIONGEN_SERVICE_HOST, or MOTIONGEN_PORT=tcp://10.0.0.7:50051, which has the name of a setting.
     """
     return name.startswith(ENVIRONMENT_PREFIX) and bool(
         _LINK_NAME.search(name) or (name.endswith("_PORT") and _LINK_ADDRESS.match(value))
@@ -162,8 +162,9 @@ def _converted(name: str, given: str, kind: type) -> Any:
 
 
 def _is_text(given: str) -> bool:
-    """Whether it is text throughout: bytes that are no UTF-8, which a system lets through, other processes cannot be
-    told."""
+    """Whether it is valid text. The system also passes bytes that are not UTF-8, which cannot be sent to other
+    processes.
+    """
     try:
         given.encode()
     except UnicodeEncodeError:

@@ -1,4 +1,4 @@
-"""The gRPC server as this service wants it: how far it reads ahead, how often it pings, how many it lets in."""
+"""The options of the gRPC servers: how far they read ahead, how often they ping, how many connections they take."""
 
 from __future__ import annotations
 
@@ -13,25 +13,25 @@ from motiongen_server.rpc.limits import HEALTH_CALLS, OTHER_CALLS
 from motiongen_server.settings import SettingError
 
 MOST_PENDING = 4096
-"""Calls of a method that have come and were not begun: gRPC begins them one after another, and cancels what is more by
-chance."""
+"""Calls of a method that have arrived and were not begun: gRPC begins them one after another, and cancels any beyond
+this number at random."""
 SPARE_CALLS = 256
-"""That are just being refused."""
+"""Calls that are just being refused."""
 RESERVED_FILES = 128
-"""Descriptors for everything but clients: engine processes, operations, logs, what libraries open."""
+"""Descriptors for everything but clients: engine processes, operators' ports, logs, files that libraries open."""
 ADMIN_CONNECTIONS = 16
-"""Of those; operations have 64 (`ops.http`)."""
+"""Part of the reserved descriptors; the port of health and metrics has 64 (`ops.http`)."""
 LEAST_CONNECTIONS = 32
 MOST_FILES = 65_536
-"""More are not asked for: some systems allow a billion, and libraries close them all one by one."""
+"""The limit is raised no further: some systems allow a billion, and libraries close them all one by one."""
 HANDSHAKE_MS = 5_000
-"""Within which whoever has connected must speak HTTP/2."""
+"""How soon a client that has connected must speak HTTP/2."""
 READ_AHEAD_BYTES = 64 << 10
-"""Of a stream that is not read: the rest waits at its client."""
+"""Read ahead of a stream while the server does not read it; the rest waits at its client."""
 
 
 def make_grpc_server(config: ServerConfig) -> grpc.aio.Server:
-    """A server without methods and ports. Raises SettingError where there are too few descriptors."""
+    """A server without methods and ports. Raises SettingError if there are too few file descriptors."""
     return make_server(
         options=[
             ("grpc.max_receive_message_length", config.max_request_bytes),
@@ -50,13 +50,13 @@ def make_grpc_server(config: ServerConfig) -> grpc.aio.Server:
             ("grpc.http2.max_ping_strikes", 4),
             ("grpc.so_reuseport", 0),
         ],
-        # No more than this are let in by those who know whose they are, each of its kind: so that none takes all.
+        # The sum of the limits of all kinds of calls. Each of these is enforced elsewhere, so that no kind takes all.
         most_calls=config.max_streams + config.max_clip_calls + OTHER_CALLS + HEALTH_CALLS + SPARE_CALLS,
     )
 
 
 def make_admin_server() -> grpc.aio.Server:
-    """The same for operators, who are few: whoever else connects to their port takes no descriptors from clients."""
+    """A server for the admin port. Operators are few: whoever else connects there takes no descriptors from clients."""
     return make_server(
         [
             ("grpc.max_allowed_incoming_connections", ADMIN_CONNECTIONS),
@@ -67,10 +67,10 @@ def make_admin_server() -> grpc.aio.Server:
 
 
 def allowed_connections() -> int:
-    """How many clients may be connected at once and leave descriptors for all else. Asks for more of them first.
+    """How many clients may connect at once with enough descriptors left for all else. Raises the process's limit first.
 
-    A server that has none left can neither take a connection nor refuse it, and tries again and again. Raises
-    SettingError where there are too few from the start.
+    A server without free descriptors can neither accept nor refuse a connection, and tries again and again. Raises
+    SettingError if there are too few from the start.
     """
     soft, hard = resource.getrlimit(resource.RLIMIT_NOFILE)
     most = MOST_FILES if hard == resource.RLIM_INFINITY else min(hard, MOST_FILES)
@@ -88,7 +88,7 @@ def allowed_connections() -> int:
 
 
 def open_files() -> int:
-    """How many descriptors this process has, 0 where the system does not tell."""
+    """How many descriptors this process has open; 0 if the system does not say."""
     try:
         return len(list(Path("/proc/self/fd").iterdir()))
     except OSError:  # no /proc

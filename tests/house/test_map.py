@@ -80,6 +80,15 @@ def test_the_readme_is_short(repository: Any) -> None:
     assert len((repository.root / "README.md").read_text(encoding="utf-8").splitlines()) <= README_LINES
 
 
+def test_every_decision_record_has_one_row_in_the_index(repository: Any) -> None:
+    folder = repository.root / "docs" / "adr"
+    index = (folder / "README.md").read_text(encoding="utf-8")
+    rows = re.findall(r"^\| \[(\d+)\]\(([^)]+)\) \| ([^|]+) \|", index, re.MULTILINE)
+    titles = {path.name: path.read_text(encoding="utf-8").splitlines()[0] for path in folder.glob("0*.md")}
+    assert sorted(name for _, name, _ in rows) == sorted(titles)
+    assert [(name, title) for number, name, title in rows if titles[name] != f"# {number}. {title}"] == []
+
+
 def test_a_folder_that_is_not_named_is_missed() -> None:
     page = "## The tree\n\n```\nardy/         models\n  text/       prompts\n```\n"
     files = (Path("ardy/text/one.py"), Path("ardy/data/bvh.py"), Path("docs/a.md"), Path("Makefile"))

@@ -44,6 +44,10 @@ class InProcessModel:
         return self.thread.failure
 
     @property
+    def num_engines(self) -> int:
+        return int(self.failure is None)
+
+    @property
     def free_share(self) -> float:
         return self.engine.free_share
 

@@ -217,8 +217,8 @@ def test_what_only_this_machine_reaches_needs_no_protection(host: str) -> None:
 @pytest.mark.parametrize(
     ("protection", "lacks"),
     [
-        ({}, r"without TLS \(--tls-certificate, --tls-key\) and without asking who calls"),
-        (TLS, "without asking who calls"),
+        ({}, r"without TLS \(--tls-certificate, --tls-key\) and without authentication of callers"),
+        (TLS, "without authentication of callers"),
         ({"tenants": "tenants.toml"}, "without TLS"),
     ],
 )
@@ -236,7 +236,7 @@ def test_what_other_machines_reach_may_be_served_to_those_that_are_known(who: di
 
 
 def test_metrics_that_other_machines_reach_need_tenants() -> None:
-    with pytest.raises(SettingError, match=r"^ops_host is '0\.0\.0\.0'.*without asking who reads the metrics"):
+    with pytest.raises(SettingError, match=r"^ops_host is '0\.0\.0\.0'.*without authentication for the metrics"):
         ServerConfig(ops_host="0.0.0.0")
     assert ops_lacks(ServerConfig(ops_host="0.0.0.0", tenants="tenants.toml")) == ()
 
@@ -246,8 +246,8 @@ def test_metrics_that_other_machines_reach_need_tenants() -> None:
     [
         ({"tls_certificate": "a.pem"}, "must be given together"),
         ({"tls_key": "a.key"}, "must be given together"),
-        ({"tls_client_ca": "ca.pem"}, "no tls_certificate"),
-        ({"ops_tls": True}, "no tls_certificate"),
+        ({"tls_client_ca": "ca.pem"}, "without tls_certificate"),
+        ({"ops_tls": True}, "without tls_certificate"),
     ],
 )
 def test_tls_settings_that_do_not_fit_together_are_refused(settings: dict[str, str], said: str) -> None:
@@ -262,7 +262,7 @@ def test_tls_settings_that_do_not_fit_together_are_refused(settings: dict[str, s
         ({"text_encoder_ca": "ca.pem"}, "text_encoder is 'static'; only grpcs:"),
         (
             {"text_encoder": "gradio:http://encoder", "text_encoder_token": "token"},
-            "shown to grpc:HOST:PORT and grpcs:",
+            "sent to grpc:HOST:PORT and grpcs:",
         ),
     ],
 )

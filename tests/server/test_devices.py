@@ -52,12 +52,12 @@ def test_without_cuda_each_core_has_an_engine_up_to_eight(monkeypatch: pytest.Mo
 @pytest.mark.parametrize(
     ("given", "said"),
     [
-        ("abacus", "it must be of cuda:0"),
-        ("cpu", "it must be of"),
+        ("abacus", "it must be one of cuda:0"),
+        ("cpu", "it must be one of"),
         ("cpu:0", "1 to 64 engines"),
         ("cpu:65", "1 to 64 engines"),
         ("cpu:1x0", "1 to 256"),
-        ("cpu:2,", "it must be of"),
+        ("cpu:2,", "it must be one of"),
         ("cuda:0,cuda:0", "each CUDA device once: cuda:0x2 has two"),
         ("cuda:1x2,cuda:1", "each CUDA device once"),
         ("cuda:1,cuda:3,cuda:3", "each CUDA device once: cuda:3x2 has two"),

@@ -1,1 +1,1 @@
-"""Checkpoint folders: by name or from the hub, read with suspicion, written in the released layout."""
+"""Checkpoint folders: found by name or on the hub, read as untrusted input, written in the released layout."""

@@ -45,8 +45,8 @@ def load_checkpoint(
     """The model of a checkpoint folder, in evaluation mode, on `device`.
 
     dtype: float32 or bfloat16, of the weight matrices (`motiongen_ardy.model.precision`). Raises CheckpointError with
-    everything that is wrong: files missing, unreadable or outside the folder, config keys and values, tensors
-    missing, extra, misshapen or not finite, statistics. Nothing in the folder is executed, and no memory is taken for
+    everything that is wrong: files missing, unreadable or outside the folder; config keys and values; tensors missing,
+    extra, misshapen or not finite; statistics. Nothing in the folder is executed, and no memory is allocated for
     tensors before config, header and file size agree.
     """
     check_precision(dtype)
@@ -97,7 +97,7 @@ def load_tokenizer(
 def save_checkpoint(model: Model, folder: str | Path) -> None:
     """Write a model as a checkpoint folder that `load_checkpoint`, and the public ARDY loader, can read.
 
-    The paces of prompts are written where the model has them; those of a folder that training writes to again stay.
+    The paces of prompts are written if the model has them; otherwise those already in the folder are kept.
     """
     folder = Path(folder)
     _write_yaml(write_model_config(model.config), folder / CONFIG_FILE)
@@ -118,7 +118,7 @@ def save_checkpoint(model: Model, folder: str | Path) -> None:
 
 
 def save_tokenizer(tokenizer: Tokenizer, folder: str | Path) -> None:
-    """Write a folder that `load_tokenizer` can read: a checkpoint without a denoiser."""
+    """Write a checkpoint folder without a denoiser, which `load_tokenizer` can read."""
     folder = Path(folder)
     layout = tokenizer.representation
     _write_yaml(write_tokenizer_config(tokenizer.config, layout.skeleton.name, layout.fps), folder / CONFIG_FILE)
@@ -127,7 +127,7 @@ def save_tokenizer(tokenizer: Tokenizer, folder: str | Path) -> None:
 
 
 def check_precision(dtype: torch.dtype) -> None:
-    """Raise ConfigError for a type that weights cannot be held in."""
+    """Raise ConfigError for a type in which weights cannot be held."""
     if dtype not in PRECISIONS.values():
         raise ConfigError(f"dtype is {dtype}; weights are held as {' or '.join(PRECISIONS)}")
 
@@ -136,7 +136,7 @@ def check_precision(dtype: torch.dtype) -> None:
 
 
 def _collect(problems: list[str], read: Callable[[], PART]) -> PART | None:
-    """What `read` returns; None, with its problems noted, if it refuses."""
+    """The result of `read`; None if it refuses, with its problems added to `problems`."""
     try:
         return read()
     except Problems as error:
@@ -150,7 +150,7 @@ def _read_config(folder: Path, read: Callable[[object], PART]) -> PART:
 
 
 def _read_sampling(folder: Path, config: ModelConfig) -> SamplingOptions:
-    """What `sampling.yaml` says, as released where there is none. Raises CheckpointError."""
+    """The options in `sampling.yaml`; without that file, those of the released models. Raises CheckpointError."""
     path = path_inside(folder, SAMPLING_FILE)
     if not path.exists():
         return released_options(config.guidance)
@@ -164,7 +164,7 @@ def _read_sampling(folder: Path, config: ModelConfig) -> SamplingOptions:
 
 
 def _read_paces(folder: Path, config: ModelConfig, sampling: SamplingOptions) -> PromptPaces | None:
-    """The paces of prompts; None where there are none. Raises CheckpointError, also where sampling needs them."""
+    """The paces of prompts, or None. Raises CheckpointError, also if they are missing but sampling needs them."""
     path = path_inside(folder, PACES_FILE)
     if path.exists():
         return read_paces(path, config.denoiser.text_dim)
@@ -177,7 +177,7 @@ def _read_paces(folder: Path, config: ModelConfig, sampling: SamplingOptions) ->
 
 
 def _built(folder: Path, build: Callable[[], PART]) -> PART:
-    """What is built from a folder's configuration; where that cannot be, CheckpointError names the file."""
+    """The result of `build`; a ConfigError that it raises becomes a CheckpointError that names the folder's config."""
     try:
         return build()
     except ConfigError as error:
@@ -197,7 +197,7 @@ def _identity_stats(width: int) -> Stats:
 def _prepare_tokenizer(
     tokenizer: Tokenizer, folder: Path, layout: FolderLayout, dtype: torch.dtype, problems: list[str]
 ) -> Callable[[], None] | None:
-    """Give a tokenizer its statistics and check its tensors; what is wrong goes to `problems`."""
+    """Give a tokenizer its statistics and check its tensors; problems are added to `problems`."""
     width = tokenizer.config.latent_dim
     for name in ("post", "pre"):
         relative = f"{layout.latent_stats}/{name}_quantization"
@@ -209,9 +209,9 @@ def _prepare_tokenizer(
 def _prepare(
     module: nn.Module, folder: Path, relative: str, name_of: Callable[[str], str | None], dtype: torch.dtype
 ) -> Callable[[], None]:
-    """Check a file's header against a module without tensors; returns what then reads them into the module.
+    """Check a file's header against a module without tensors; returns a function that then reads them into it.
 
-    name_of: our name of a tensor in the file, None for one that is not the module's.
+    name_of: maps a tensor's name in the file to ours; None for tensors that are not the module's.
     """
     file = TensorFile(path_inside(folder, relative))
     stored: dict[str, str] = {}

@@ -1,6 +1,6 @@
 """`config.yaml` of a checkpoint -> ModelConfig, in the released layout.
 
-A `_target_` names a class by its last component, which is looked up in fixed tables: nothing it names is imported.
+A `_target_` names a class by its last component, which is looked up in fixed tables: nothing that it names is imported.
 """
 
 from __future__ import annotations
@@ -53,7 +53,7 @@ DENOISER_KEYS = {
 }  # fmt: skip
 
 
-# Far beyond any released model; they keep a config from asking for what no file beside it could fill.
+# Far beyond any released model; these keep a config from requesting more than any file beside it could fill.
 MAX_FPS = 1000
 MAX_HORIZON = 2048
 MAX_BASE_STEPS = 1000
@@ -73,7 +73,7 @@ FOLDER_FORMS = re.compile(r"^\$\{(oc\.select:)?\s*checkpoint_dir\s*(,[^}]*)?\}/*
 
 @dataclass(frozen=True)
 class FolderLayout:
-    """Where the parts of a checkpoint lie, relative to its folder, with / between names."""
+    """Where the parts of a checkpoint are: paths relative to its folder, separated by /."""
 
     denoiser: str = DENOISER_FILE
     tokenizer: str = TOKENIZER_FILE
@@ -86,10 +86,10 @@ class FolderLayout:
 
 
 def read_model_config(content: object) -> tuple[ModelConfig, FolderLayout]:
-    """The configuration that a parsed `config.yaml` describes, and where it says that weights and statistics lie.
+    """The configuration that a parsed `config.yaml` describes, and where it says that weights and statistics are.
 
     Raises ConfigError listing every problem: missing or unknown keys, another `_target_`, values outside their range.
-    Unknown keys of `autoencoder` and `motion_rep` are ignored, as the released files' loader does.
+    Unknown keys of `autoencoder` and `motion_rep` are ignored, as by the released files' own loader.
     """
     problems: list[str] = []
     top = Section(content, "config.yaml", problems)
@@ -128,9 +128,9 @@ def read_model_config(content: object) -> tuple[ModelConfig, FolderLayout]:
 
 
 def read_tokenizer_config(content: object) -> tuple[TokenizerConfig, str, int, FolderLayout]:
-    """The tokenizer that a parsed `config.yaml` describes, its skeleton's name, its frame rate, where its files lie.
+    """The tokenizer that a parsed `config.yaml` describes, its skeleton's name, frame rate and files.
 
-    Needs the `autoencoder` section only, which is all that a folder with a tokenizer and no denoiser has.
+    Needs only the `autoencoder` section, the only one in a folder with a tokenizer and no denoiser.
     """
     problems: list[str] = []
     section = Section(content, "config.yaml", problems).section("autoencoder")
@@ -146,7 +146,7 @@ def read_tokenizer_config(content: object) -> tuple[TokenizerConfig, str, int, F
 
 @dataclass(frozen=True)
 class MotionRep:
-    """What both parts say of the motion they work on. stats: relative to the folder."""
+    """What denoiser and tokenizer each say about the motion they work on. stats: relative to the folder."""
 
     skeleton: str
     fps: int
@@ -185,7 +185,7 @@ def _read_layout(
 
 
 def _relative(section: Section, key: str, value: object, default: str) -> str | None:
-    """A path of the config, relative to the checkpoint folder that its placeholder stands for."""
+    """A path from the config, relative to the checkpoint folder for which its placeholder stands."""
     if value is None:
         return default
     allowed = f"a path in the checkpoint folder, such as ${{checkpoint_dir}}/{default}"
@@ -282,7 +282,7 @@ def _read_tokenizer(section: Section) -> TokenizerConfig | None:
 
 
 def _read_levels(section: Section, latent_dim: int) -> tuple[int, ...] | None:
-    """The levels of every latent dimension, from one number for all or a list."""
+    """The levels of every latent dimension, from a list or one number for all."""
     levels = section.content.get("fsq_level_list", 64)
     listed = levels if isinstance(levels, list) else [levels] * latent_dim
     if len(listed) == latent_dim and all(type(number) is int and 2 <= number <= MAX_LEVELS for number in listed):

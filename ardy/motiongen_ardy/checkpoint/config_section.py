@@ -1,4 +1,4 @@
-"""One mapping of a `config.yaml` while it is read: every value is checked, and all problems are collected."""
+"""Reads one mapping of a `config.yaml`: every value is checked, and all problems are collected."""
 
 from __future__ import annotations
 
@@ -12,12 +12,12 @@ _SHORT.maxlevel, _SHORT.maxdict, _SHORT.maxlist = 3, 4, 6
 
 
 def shown(value: object) -> str:
-    """A value as it may stand in a message: short, however large it is."""
+    """A value as it is shown in a message: short, however large it is."""
     return _SHORT.repr(value)
 
 
 class Section:
-    """A mapping with its place in the file. Getters note what is wrong in `problems` and return None instead."""
+    """A mapping and its place in the file. Getters add what is wrong to `problems`, and then return None."""
 
     def __init__(self, content: object, where: str, problems: list[str]) -> None:
         self.where = where
@@ -32,7 +32,7 @@ class Section:
         return key in self.content
 
     def refuse(self, key: str, allowed: str) -> None:
-        """Note that the value of a key is not what it must be."""
+        """Add the problem that the value of a key is not allowed."""
         self.problems.append(f"{self.where}.{key} is {shown(self.content.get(key))}; it must be {allowed}")
 
     def refuse_unknown(self, known: Collection[str]) -> None:
@@ -43,7 +43,7 @@ class Section:
             )
 
     def section(self, key: str) -> Section | None:
-        """The mapping under a key; None, and noted, when the key is missing."""
+        """The mapping under a key; None, with a problem added, if the key is missing."""
         if key not in self.content:
             self.problems.append(f"{self.where} lacks the key {key}")
             return None
@@ -66,7 +66,7 @@ class Section:
         return value is True
 
     def choice(self, key: str, allowed: Collection[str | None], default: str | None) -> str | None:
-        """One of `allowed`; the default, too, when the value is not, and noted."""
+        """One of `allowed`; the default if the key is missing or, with a problem added, if its value is not allowed."""
         value = self.content.get(key, default)
         if (value is None or isinstance(value, str)) and value in allowed:
             return value
@@ -74,7 +74,7 @@ class Section:
         return default
 
     def require(self, key: str, expected: object, default: object = None) -> None:
-        """Note a value other than the only one that is supported; `default` holds where the key is missing."""
+        """Add a problem unless the value is the only one that is supported; `default` applies if the key is missing."""
         if self.content.get(key, default) != expected or type(self.content.get(key, default)) is not type(expected):
             self.refuse(key, f"{shown(expected)}, all that is supported")
 

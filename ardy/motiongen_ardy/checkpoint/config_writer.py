@@ -1,4 +1,4 @@
-"""ModelConfig -> `config.yaml` of a checkpoint, in the released layout."""
+"""Writes a ModelConfig as the `config.yaml` of a checkpoint, in the released layout."""
 
 from __future__ import annotations
 
@@ -27,8 +27,8 @@ FOLDER = "${oc.select:checkpoint_dir}"
 
 
 def write_model_config(config: ModelConfig) -> dict[str, Any]:
-    """The mapping to write as `config.yaml`, such that `read_model_config` returns `config` again, but for its dropout,
-    which counts in training alone. Raises ConfigError for a skeleton of which there are no checkpoints.
+    """The mapping to write as `config.yaml`, from which `read_model_config` restores `config`, except for its dropout,
+    which matters in training alone. Raises ConfigError for a skeleton for which there is no checkpoint format.
     """
     motion_rep = _write_motion_rep(config.skeleton, config.fps)
     guidance = {name: key for key, name in GUIDANCE_TYPES.items()}[config.guidance]
@@ -51,12 +51,12 @@ def write_tokenizer_config(config: TokenizerConfig, skeleton: str, fps: int) -> 
 
 
 def check_model_config(config: ModelConfig) -> None:
-    """Raise ConfigError for a model whose checkpoint could not be written or read: before it is trained for hours."""
+    """Raise ConfigError for a model whose checkpoint could not be written or read: before hours of training."""
     read_model_config(write_model_config(config))
 
 
 def check_tokenizer_config(config: TokenizerConfig, skeleton: str, fps: int) -> None:
-    """As `check_model_config`, of a tokenizer alone."""
+    """As `check_model_config`, for a tokenizer alone."""
     read_tokenizer_config(write_tokenizer_config(config, skeleton, fps))
 
 

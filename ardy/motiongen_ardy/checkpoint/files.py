@@ -1,4 +1,4 @@
-"""The files of a checkpoint folder, read with suspicion: inside the folder, bounded, and nothing in them is run."""
+"""The files of a checkpoint folder, read as untrusted input: inside the folder, bounded, and never executed."""
 
 from __future__ import annotations
 
@@ -25,14 +25,14 @@ MAX_CONFIG_BYTES = 64 << 10
 MAX_CONFIG_NODES = 10_000
 MAX_CONFIG_DEPTH = 32
 MAX_CONFIG_CHARACTERS = 4 * MAX_CONFIG_BYTES
-"""Of all texts and numbers, as often as anchors repeat them."""
+"""Of all texts and numbers in total, counted as often as anchors repeat them."""
 MAX_INTEGER_CHARACTERS = 64
 INTEGER_TAG = "tag:yaml.org,2002:int"
 MAX_HEADER_BYTES = 1 << 20
 WEIGHT_TYPES = {"F64": torch.float64, "F32": torch.float32, "F16": torch.float16, "BF16": torch.bfloat16}
 OTHER_TYPES = {"BOOL": 1, "U8": 1, "I8": 1, "F8_E4M3": 1, "F8_E5M2": 1, "U16": 2, "I16": 2, "U32": 4, "I32": 4,
                "U64": 8, "I64": 8}  # fmt: skip
-"""Of tensors that are nobody's weights and may lie beside them: bytes of a number."""
+"""Bytes per number of types that weights cannot have, but that other tensors in the file may."""
 
 
 class CheckpointError(Problems):
@@ -42,7 +42,7 @@ class CheckpointError(Problems):
 def path_inside(folder: Path, relative: str) -> Path:
     """The path of a file of the folder. Raises CheckpointError for one that leads out of it, by name or by link.
 
-    In a cache of huggingface_hub files are links to the same repository's `blobs`, so there the repository counts.
+    In a cache of huggingface_hub, files are links into the repository's `blobs`; there, the whole repository counts.
     """
     if PurePosixPath(relative).is_absolute() or ".." in PurePosixPath(relative).parts or "\0" in relative:
         raise CheckpointError(
@@ -72,7 +72,7 @@ def read_bytes(path: Path, most: int) -> bytes:
 
 
 def file_size(path: Path) -> int:
-    """Bytes of a regular file. Raises CheckpointError when it is missing or a folder, pipe or device."""
+    """The size of a regular file in bytes. Raises CheckpointError if it is missing, or a folder, pipe or device."""
     try:
         status = path.stat()
     except (FileNotFoundError, NotADirectoryError):
@@ -88,17 +88,17 @@ def file_size(path: Path) -> int:
 
 
 def read_yaml(path: Path) -> object:
-    """The content of a YAML file: mappings, lists and scalars. Anchors are fine, tags other than YAML's own are not.
+    """The content of a YAML file: mappings, lists and scalars. Anchors are allowed, tags other than YAML's own are not.
 
-    Raises CheckpointError for what is not YAML, for keys given twice or that are no scalars, for a file that grows
-    beyond MAX_CONFIG_NODES or MAX_CONFIG_CHARACTERS when its anchors are followed, for one that contains itself, for
-    whole numbers of more than MAX_INTEGER_CHARACTERS, and for halves of surrogate pairs, which no text can hold.
+    Raises CheckpointError for what is not YAML, for duplicate keys and keys that are not scalars, for a file that
+    exceeds MAX_CONFIG_NODES or MAX_CONFIG_CHARACTERS when its anchors are followed, or that contains itself, for whole
+    numbers of more than MAX_INTEGER_CHARACTERS, and for halves of surrogate pairs, which no text can hold.
     """
     return parse_yaml(read_bytes(path, MAX_CONFIG_BYTES), path)
 
 
 def parse_yaml(text: str | bytes, path: Path) -> object:
-    """The content of YAML out of a file. Raises CheckpointError as `read_yaml` does, and above MAX_CONFIG_BYTES."""
+    """The content of YAML from a file. Raises CheckpointError as `read_yaml` does, and above MAX_CONFIG_BYTES."""
     import yaml
 
     if len(text) > MAX_CONFIG_BYTES:
@@ -147,7 +147,7 @@ def _check_nodes(root: yaml.Node, path: Path) -> None:
 
 
 def _check_keys(keys: Sequence[yaml.Node], path: Path) -> None:
-    """Of one mapping. Raises CheckpointError before a key of others' anchors is written out, which multiplies."""
+    """Raise CheckpointError for keys that are not scalars, or duplicate, before anchors in them expand enormously."""
     from yaml import ScalarNode
 
     if not all(isinstance(key, ScalarNode) for key in keys):
@@ -159,7 +159,7 @@ def _check_keys(keys: Sequence[yaml.Node], path: Path) -> None:
 
 
 def _check_scalar(node: yaml.ScalarNode, path: Path) -> None:
-    """Raise CheckpointError for a value that Python reads, but can neither write nor send."""
+    """Raise CheckpointError for a value that Python can read but neither write nor send."""
     if node.tag == INTEGER_TAG and len(node.value) > MAX_INTEGER_CHARACTERS:
         raise CheckpointError(
             f"{path} has a whole number of {len(node.value)} characters, {node.value[:20]}...; "
@@ -178,7 +178,7 @@ def _check_scalar(node: yaml.ScalarNode, path: Path) -> None:
 
 @dataclass(frozen=True)
 class TensorEntry:
-    """One tensor of a safetensors header: its type as written there, its shape, its bytes from start to end."""
+    """One tensor of a safetensors header: its type as written there, its shape, and its byte range."""
 
     dtype: str
     shape: tuple[int, ...]
@@ -230,7 +230,7 @@ class TensorFile:
         return entries
 
     def require_weights(self, names: Iterable[str]) -> None:
-        """Raise CheckpointError for those of the named tensors that are of a type that no weights have."""
+        """Raise CheckpointError if any of the named tensors has a type that weights cannot have."""
         odd = [name for name in names if self.entries[name].dtype not in WEIGHT_TYPES]
         if odd:
             allowed = f"weights must be one of {', '.join(WEIGHT_TYPES)}"
@@ -239,12 +239,12 @@ class TensorFile:
             )
 
     def read(self, wanted: Mapping[str, torch.dtype]) -> dict[str, Tensor]:
-        """The named tensors, each as the given floating-point type. Raises CheckpointError if the file has shrunk."""
+        """The named tensors, each in the given floating-point type. Raises CheckpointError if the file has shrunk."""
         tensors: dict[str, Tensor] = {}
         try:
             with safe_open(self.path, "pt") as file:
                 for name, dtype in sorted(wanted.items(), key=lambda item: self.entries[item[0]].start):
-                    # A copy in torch's own memory, which is aligned as products like it; they round alike on it, too.
+                    # A copy in torch's own memory: aligned as products need it, and so that they always round alike.
                     tensors[name] = file.get_tensor(name).clone().to(dtype)
         except (OSError, SafetensorError) as error:
             raise CheckpointError(f"{self.path} cannot be read, it may have changed meanwhile: {error}") from error
@@ -280,7 +280,7 @@ def _counts(value: object) -> bool:
 
 
 def _range_problems(entries: Mapping[str, TensorEntry], data_bytes: int) -> list[str]:
-    """Tensors must fill the data without overlap or gap, as the format demands."""
+    """Check that the tensors fill the data without overlap or gap, as the format demands."""
     problems = []
     position = 0
     for name, entry in sorted(entries.items(), key=lambda item: (item[1].start, item[1].end)):

@@ -1,4 +1,4 @@
-"""Checkpoint folders from the Hugging Face hub, by its own client: cached, resumed where they broke off, pinned."""
+"""Checkpoint folders from the Hugging Face hub, through its own client: cached, resumable, pinned to a revision."""
 
 from __future__ import annotations
 
@@ -15,25 +15,25 @@ CHECKPOINT_FILES = (
 )  # fmt: skip
 COMPANIONS = (
     "MODEL_CARD.md", "README.md", "LICENSE*",
-    # How the weights want to be sampled, without which they are sampled as released ones; what they were trained for.
+    # How the weights are to be sampled (without these files, as the released ones), and what they were trained for.
     "sampling.yaml", "prompt_paces.safetensors", "capabilities.yaml", "prompt_domain.safetensors",
 )  # fmt: skip
 NO_ROOM = (errno.ENOSPC, errno.EDQUOT)
 
 
 class HubError(ValueError):
-    """Raised for a repository that cannot be had; the message says why and what to do."""
+    """Raised for a repository that cannot be fetched; the message says why and what to do."""
 
 
 def fetch_checkpoint(
     repo_id: str, revision: str | None = None, cache: Path | None = None, endpoint: str | None = None
 ) -> Path:
-    """The folder of a repository's checkpoint, downloaded unless it is in the cache already.
+    """The folder of a repository's checkpoint, downloaded unless it is already in the cache.
 
-    revision: commit, tag or branch; None is `main`. A commit that the cache holds needs no network; of a branch or tag
-    the cached state is taken when the hub cannot be reached. cache: None is `$HF_HUB_CACHE`. Only the files of the
-    released layout and those that may lie beside them are fetched. Token, endpoint, proxy and offline mode are
-    huggingface_hub's own: `HF_TOKEN`, `HF_ENDPOINT`, `HTTPS_PROXY`, `HF_HUB_OFFLINE`. Raises HubError.
+    revision: commit, tag or branch; None: `main`. A commit that is in the cache needs no network; for a branch or tag,
+    the cached state is used if the hub cannot be reached. cache: None: `$HF_HUB_CACHE`. Only the files of the released
+    layout and those that may accompany them are fetched. Token, endpoint, proxy and offline mode are those of
+    huggingface_hub: `HF_TOKEN`, `HF_ENDPOINT`, `HTTPS_PROXY`, `HF_HUB_OFFLINE`. Raises HubError.
     """
     folder = fetch_files(repo_id, (*CHECKPOINT_FILES, *COMPANIONS), revision, cache, endpoint)
     missing = [name for name in CHECKPOINT_FILES if not (folder / name).is_file()]
@@ -51,7 +51,7 @@ def fetch_files(
     cache: Path | None = None,
     endpoint: str | None = None,
 ) -> Path:
-    """The folder with those files of a repository that match a pattern; the rest as in `fetch_checkpoint`."""
+    """The folder with the files of a repository that match a pattern; otherwise as `fetch_checkpoint`."""
     from huggingface_hub import snapshot_download
     from huggingface_hub.errors import HTTPError
 
@@ -70,7 +70,7 @@ def _called(repo_id: str, revision: str | None) -> str:
 
 
 def _advice(repo_id: str, revision: str | None, error: Exception) -> str:
-    """What went wrong, in words that say what to do about it."""
+    """What went wrong, and what to do about it."""
     from huggingface_hub import errors
 
     called = _called(repo_id, revision)
@@ -103,6 +103,6 @@ def _advice(repo_id: str, revision: str | None, error: Exception) -> str:
 
 
 def _cause(error: Exception) -> str:
-    """The first line of the innermost reason."""
+    """The first line of the innermost cause."""
     innermost = error.__cause__ if isinstance(error.__cause__, Exception) else error
     return (str(innermost).strip() or type(innermost).__name__).splitlines()[0][:300]

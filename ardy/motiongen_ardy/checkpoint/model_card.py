@@ -1,4 +1,4 @@
-"""A model by its name: which folder it lies in, and what its card says of licence and attribution."""
+"""Finds a model's folder by the model's name, and reads licence and attribution from its card."""
 
 from __future__ import annotations
 
@@ -24,12 +24,12 @@ REVISION = re.compile(r"[A-Za-z0-9][\w./-]{0,199}", re.ASCII)
 
 
 class UnknownModel(ValueError):
-    """Raised for a name that stands for no model; the message lists what is known."""
+    """Raised for a name that is not that of a model; the message lists the known ones."""
 
 
 @dataclass(frozen=True)
 class ModelCard:
-    """model_id: the name to ask for; licence: of the weights, "unknown" where the folder has no card."""
+    """model_id: the name to load the model by; licence: of the weights, "unknown" if the folder has no card."""
 
     model_id: str
     licence: str
@@ -43,11 +43,12 @@ def built_in_models() -> tuple[str, ...]:
 
 
 def model_folder(name: str) -> Path:
-    """The checkpoint folder that a name stands for, downloaded where it must be.
+    """The checkpoint folder for a name, downloaded if necessary.
 
-    In this order: a built-in model; a folder; a folder of `$CHECKPOINTS_DIR`; a released model by nickname or full
-    name; a repository `owner/name` of the Hugging Face hub. The last two may end in `@revision` (commit, tag or
-    branch), which asks the hub or its cache for exactly that. Raises UnknownModel, and HubError where the hub fails.
+    Tried in this order: a built-in model; a folder; a folder in `$CHECKPOINTS_DIR`; a released model, by
+    nickname or full name; a repository `owner/name` of the Hugging Face hub. The last two may end in `@revision`
+    (commit, tag or branch), which is requested from the hub or its cache. Raises UnknownModel, and HubError if the hub
+    fails.
     """
     if len(name) > MAX_NAME_CHARACTERS:
         raise UnknownModel(f"a name of {len(name)} characters; give one of at most {MAX_NAME_CHARACTERS}")
@@ -68,7 +69,7 @@ def model_folder(name: str) -> Path:
 
 
 def _path(name: str) -> Path:
-    """A path as a shell reads it; `~somebody` stands for itself where nobody has that name."""
+    """A path as a shell reads it; `~name` is left as it is if there is no such user."""
     try:
         return Path(name).expanduser()
     except RuntimeError:
@@ -80,7 +81,7 @@ def _is_one_name(name: str) -> bool:
 
 
 def _local_checkpoint(full_name: str) -> Path | None:
-    """The folder of that name in `$CHECKPOINTS_DIR`; None where there is none."""
+    """The folder of that name in `$CHECKPOINTS_DIR`; None if there is none."""
     home = os.environ.get(CHECKPOINTS_DIR)
     folder = _path(home) / full_name if home else None
     return folder if folder is not None and (folder / "config.yaml").is_file() else None
@@ -98,7 +99,7 @@ def _what_is_known(name: str) -> str:
 
 
 def read_model_card(folder: Path) -> ModelCard:
-    """What the front matter of a folder's card says; a folder without a card gets its own name and no licence."""
+    """The front matter of a folder's card; a folder without a card gets its own name and no licence."""
     front = next((front for name in CARD_FILES if (front := _front_matter(folder / name))), {})
     licence = _said(front, "licence") or _said(front, "license_name") or _said(front, "license")
     return ModelCard(
@@ -109,7 +110,7 @@ def read_model_card(folder: Path) -> ModelCard:
 
 
 def _said(front: dict[str, object], key: str) -> str:
-    """The text under a key, or the texts of a list there, no longer than anybody reads; "" where there is none."""
+    """The text, or list of texts, under a key, cut to a readable length; "" if there is none."""
     value = front.get(key)
     said = [one for one in value[:MAX_LISTED] if isinstance(one, str)] if isinstance(value, list) else [value]
     texts = [str(one)[:MAX_SAID_CHARACTERS] for one in said if one is not None and not isinstance(one, dict | set)]
@@ -117,7 +118,7 @@ def _said(front: dict[str, object], key: str) -> str:
 
 
 def _own_name(folder: Path) -> str:
-    """A folder's name; in the hub's cache, where that is a commit, the repository's."""
+    """A folder's name; in the hub's cache, where that is a commit, the repository's name instead."""
     folder = folder.resolve()
     repository = folder.parent.parent.name
     if folder.parent.name == "snapshots" and repository.startswith("models--"):
@@ -126,7 +127,7 @@ def _own_name(folder: Path) -> str:
 
 
 def _front_matter(path: Path) -> dict[str, object]:
-    """The YAML between the first two lines of dashes; empty where there is none that can be read."""
+    """The YAML between the first two lines of dashes; empty if there is none or it cannot be read."""
     try:
         if not path.is_file() or path.stat().st_size > MAX_CARD_BYTES:
             return {}

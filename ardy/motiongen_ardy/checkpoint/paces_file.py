@@ -13,7 +13,7 @@ from motiongen_ardy.model.sampling.paces import PromptPaces
 
 PACES_FILE = "prompt_paces.safetensors"
 MAX_ROWS = 4096
-# Of each tensor: its dimensions, by letters that must agree within the file. W is the width of the model's texts.
+# The dimensions of each tensor, as letters that must agree within the file. W is the width of the model's texts.
 _SHAPES = {
     "mean": "W",
     "directions": "NW",
@@ -26,9 +26,9 @@ _SHAPES = {
 
 
 def read_paces(path: Path, text_dim: int) -> PromptPaces:
-    """The paces of a file that `write_paces` wrote, for texts of text_dim numbers.
+    """The paces in a file written by `write_paces`, for texts of text_dim numbers.
 
-    Raises CheckpointError for a file that is no such, is too large, or holds numbers outside their range.
+    Raises CheckpointError for any other file, and for one that is too large or holds numbers outside their range.
     """
     file = TensorFile(path)
     if file.entries.keys() != _SHAPES.keys():
@@ -58,9 +58,9 @@ def read_paces(path: Path, text_dim: int) -> PromptPaces:
 
 
 def write_paces(path: Path, paces: PromptPaces) -> None:
-    """Write it, in place of what is there once it is whole.
+    """Write the file, atomically replacing any earlier one.
 
-    Texts are kept with 11 bits, which is more than telling them apart takes.
+    Texts are stored with 11 bits of precision, more than is needed to tell them apart.
     """
     from safetensors.torch import save_file
 

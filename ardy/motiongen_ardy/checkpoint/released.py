@@ -1,7 +1,7 @@
-"""The models that NVIDIA has released: their names, and what their configurations say. No weights come with this.
+"""The models released by NVIDIA: their names and configurations. Their weights are not included.
 
-What is needed to run one is read from its own folder; the configurations here build models of the same size, to
-measure or to test with random weights.
+To run one, everything is read from its own folder; the configurations here serve to build models of the same size with
+random weights, for measurements and tests.
 """
 
 from __future__ import annotations

@@ -14,7 +14,7 @@ Group = TypeVar("Group", bound=CheckedOptions)
 
 
 def read_options(content: object, mode: GuidanceMode) -> SamplingOptions:
-    """The options that a parsed file asks for; what it does not name is as released. mode: of `config.yaml`.
+    """The options in a parsed file; those that it does not name are as released. mode: from `config.yaml`.
 
     Raises ConfigError listing every problem: unknown keys with the known ones, and values outside their range.
     """
@@ -26,12 +26,12 @@ def read_options(content: object, mode: GuidanceMode) -> SamplingOptions:
 
 
 def write_options(options: SamplingOptions) -> dict[str, Any]:
-    """The mapping that `read_options` reads as the same options."""
+    """The mapping that `read_options` reads as these options."""
     return asdict(options)
 
 
 def _read_group(default: Group, content: object, where: str, problems: list[str]) -> Group:
-    """A group of options with the values of a mapping over its defaults; what is wrong goes to `problems`."""
+    """A group of options: the values of a mapping over the defaults; problems are added to `problems`."""
     section = Section(content, where, problems)
     names = [one.name for one in fields(default)]  # type: ignore[arg-type]
     section.refuse_unknown(names)

@@ -1,4 +1,4 @@
-"""The statistics in a checkpoint folder: `mean.npy` and `std.npy`, read and written."""
+"""Reads and writes the statistics of a checkpoint folder: `mean.npy` and `std.npy`."""
 
 from __future__ import annotations
 
@@ -18,11 +18,11 @@ MAX_STATS_BYTES = 1 << 20
 
 
 def load_stats(folder: Path, width: int) -> Stats:
-    """Read `mean.npy` and `std.npy` (vectors of `width` numbers) of a folder.
+    """Read `mean.npy` and `std.npy` (vectors of `width` numbers) from a folder.
 
-    Raises StatsError listing what is wrong: a file missing or not such a vector, numbers that are not finite, a
-    standard deviation that is negative or too large to be squared, or none above zero. A single zero is sound: it
-    belongs to a number that never changed.
+    Raises StatsError listing what is wrong: a missing file or one that is not such a vector, numbers that are not
+    finite, a standard deviation that is negative or too large to be squared, or no standard deviation above zero.
+    Single zeros are valid: they belong to numbers that never changed.
     """
     problems: list[str] = []
     vectors = [_load_vector(folder / name, width, problems) for name in ("mean.npy", "std.npy")]
@@ -40,7 +40,7 @@ def load_stats(folder: Path, width: int) -> Stats:
 
 
 def _load_vector(path: Path, width: int, problems: list[str]) -> Tensor | None:
-    """A float32 vector of `width` finite numbers; None, and noted, if the file holds anything else."""
+    """A float32 vector of `width` finite numbers; None, with a problem added, if the file holds anything else."""
     try:
         vector = read_npy(read_bytes(path, MAX_STATS_BYTES))
     except NpyError as error:
@@ -52,7 +52,7 @@ def _load_vector(path: Path, width: int, problems: list[str]) -> Tensor | None:
     if vector.shape != (width,) or vector.dtype.kind != "f":
         problems.append(f"{path} is {vector.dtype} {vector.shape}; it must be {width} floating-point numbers")
         return None
-    with np.errstate(over="ignore"):  # a float64 beyond float32 becomes infinite, which is what is asked next
+    with np.errstate(over="ignore"):  # a float64 beyond float32 becomes infinite, which is checked next
         values = torch.from_numpy(vector.astype(np.float32))
     if not bool(torch.isfinite(values).all()):
         problems.append(f"{path} holds NaN or infinite numbers; every one must be finite")
@@ -61,7 +61,7 @@ def _load_vector(path: Path, width: int, problems: list[str]) -> Tensor | None:
 
 
 def save_stats(stats: Stats, folder: Path) -> None:
-    """Write `mean.npy` and `std.npy`, float32, into a folder that is made if need be."""
+    """Write `mean.npy` and `std.npy`, float32, into a folder, which is created if necessary."""
     folder.mkdir(parents=True, exist_ok=True)
     for name, vector in (("mean.npy", stats.mean), ("std.npy", stats.std)):
         with written_whole(folder / name) as partial, partial.open("wb") as file:

@@ -1,1 +1,1 @@
-"""What motion is: skeletons, rotations, motion, features and their scales, constraints."""
+"""The representation of motion: skeletons, rotations, motion, features and their statistics, constraints."""

@@ -1,7 +1,7 @@
-"""Small tables of numbers that a computation needs on its device, copied there once.
+"""Small tables of constants on the device that computes with them, copied there once.
 
-A copy from the host waits for the device, and cannot be part of a captured CUDA graph; a table that is already there
-costs nothing.
+A copy from the host synchronises with the device and cannot be captured in a CUDA graph; reusing a table that is
+already there costs nothing.
 """
 
 from __future__ import annotations
@@ -14,18 +14,18 @@ from torch import Tensor
 Numbers = tuple[float, ...] | tuple[int, ...] | tuple[tuple[float, ...], ...]
 
 
-# Graphs read tables where they are, so none may go that one was recorded with. On a GPU they follow skeletons and
-# options, and there are some dozens; on a processor also which joints a seam touches.
+# CUDA graphs read tables by address, so a table that a graph was recorded with must never be evicted. On a GPU there is
+# a table per skeleton and set of options, some dozens in all; on a CPU also one per set of joints that a seam touches.
 MOST_TABLES = 4096
 
 
 @lru_cache(maxsize=MOST_TABLES)
 def constant(numbers: Numbers, dtype: torch.dtype, device: torch.device) -> Tensor:
-    """The tensor of `numbers`; the same one at every call, so it must not be written to."""
-    with torch.inference_mode(False):  # a table first used while serving may be used in training later
+    """`numbers` as a tensor. Every call returns the same tensor, so it must not be written to."""
+    with torch.inference_mode(False):  # a table first created while serving may later be used in training
         return torch.tensor(numbers, dtype=dtype, device=device)
 
 
 def index(numbers: tuple[int, ...], device: torch.device) -> Tensor:
-    """Whole numbers to select with, on a device."""
+    """`numbers` as an int64 index tensor on a device."""
     return constant(numbers, torch.int64, device)

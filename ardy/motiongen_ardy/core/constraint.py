@@ -1,4 +1,4 @@
-"""Constraints: waypoint, root trajectory, keyframe, end effector -> observed features and mask.
+"""Constraints (waypoints, root trajectories, keyframes, end effectors) as observed features and a mask.
 
 World units: metres, radians, global rotations. Velocities and contacts are never constrained.
 """
@@ -25,7 +25,7 @@ from motiongen_ardy.core.skeleton import Skeleton
 
 
 def limb_chains(skeleton: Skeleton) -> Mapping[str, tuple[int, ...]]:
-    """The joint chains that end-effector constraints can name."""
+    """The joint chains that end-effector constraints can name, by name."""
     return {
         "LeftHand": skeleton.left_hand,
         "RightHand": skeleton.right_hand,
@@ -41,14 +41,17 @@ def facings(angles: NDArray[np.floating[Any]]) -> NDArray[np.floating[Any]]:
 
 
 class Targets:
-    """What features shall be at which frames, gathered from constraints; of two that disagree, the later one holds.
+    """Target values for features at frames, gathered from constraints; where two disagree, the later one wins.
 
-    Frames are absolute, from 0; `fill` is told which of them it is to lay out, and leaves the others alone. The groups
-    are independent: a waypoint overrides the ground position of an earlier keyframe at its frame but not its pose.
-    planned, faced: frames whose ground position, and whose heading, nobody asked for, but which lead to what was asked:
-    the root may sway about them. All is held, and may be given, as float32 arrays on the CPU: there are many small
-    ones, and tensors take longer to make. ground: (2); height: (); heading: (2) cosine and sine; positions: (3);
-    rotations: (3, 3). own_roots: (2), where the root is in the pose that a limb was taken from, of limbs without it.
+    Frames are absolute and start at 0; `fill` and `observe` lay out any range of them. The groups are independent: a
+    waypoint overrides the ground position of an earlier keyframe at the same frame, but not its pose. Values are
+    stored, and may be given, as float32 arrays on the CPU: there are many small ones, and tensors are slower to create.
+
+    ground: frame -> (2), x and z in metres; height: frame -> (), metres; heading: frame -> (2), cosine and sine.
+    positions: (frame, joint) -> (3), metres; rotations: (frame, joint) -> (3, 3), global.
+    own_roots: (frame, joint) -> (2), for a limb without its root: where the root is in the pose that the limb is from.
+    planned, faced: frames whose ground position, or heading, was not asked for itself but leads to what was asked for;
+    the root may sway about these.
     """
 
     def __init__(self, skeleton: Skeleton) -> None:
@@ -71,7 +74,7 @@ class Targets:
     def add_waypoints(
         self, frames: Sequence[int], ground: Tensor | Floats, heading: Tensor | Floats | None = None
     ) -> None:
-        """Waypoints or a root trajectory. ground: (K, 2) x and z in metres; heading: (K) radians, or None."""
+        """Add waypoints or a root trajectory. ground: (K, 2), x and z in metres; heading: (K) radians, or None."""
         frames = require_frames(frames)
         places = require_numbers("ground positions", ground, (len(frames), 2))
         angles = None if heading is None else require_numbers("headings", heading, (len(frames),))
@@ -81,17 +84,18 @@ class Targets:
             self.add_heading(frames, angles)
 
     def add_heading(self, frames: Sequence[int], heading: Tensor | Floats) -> None:
-        """The root's facing alone. heading: (K) radians."""
+        """Constrain the heading alone. heading: (K) radians."""
         frames = require_frames(frames)
         angles = require_numbers("headings", heading, (len(frames),))
         self.heading.update(zip(frames, facings(angles), strict=True))
         self.faced.difference_update(frames)
 
     def add_lead(self, first_frame: int, ground: Tensor | Floats, heading: Tensor | Floats | None, stride: int) -> None:
-        """A root trajectory that nobody asked for in itself: it leads along a velocity.
+        """Add a root trajectory that was not asked for itself but follows from a velocity.
 
-        ground: (K, 2) metres of the frames from first_frame on; heading: (K) radians, or None. stride: one frame in so
-        many is asked for, the last among them, and the root may sway about them; 1: every frame, exactly.
+        ground: (K, 2), metres, for the frames from first_frame on; heading: (K) radians, or None. stride: every
+        stride-th frame is constrained, counted back from the last one, and the root may sway about those; 1: every
+        frame, exactly.
         """
         rows = list(range(len(ground) - 1, -1, -stride))[::-1]
         frames = [first_frame + row for row in rows]
@@ -101,7 +105,7 @@ class Targets:
             self.faced.update(frames)
 
     def add_all(self, other: Targets) -> None:
-        """Everything that other targets ask for, over what these do."""
+        """Add all targets of `other`, which override these."""
         self.planned = (self.planned - other.ground.keys()) | other.planned
         self.faced = (self.faced - other.heading.keys()) | other.faced
         self.ground |= other.ground
@@ -114,7 +118,7 @@ class Targets:
         self.rotations |= other.rotations
 
     def copy(self) -> Targets:
-        """The same targets, to be changed apart from these."""
+        """An independent copy."""
         other = Targets(self.skeleton)
         for name in ("ground", "height", "heading", "positions", "rotations", "own_roots", "planned", "faced"):
             setattr(other, name, getattr(self, name).copy())
@@ -128,7 +132,7 @@ class Targets:
     def add_keyframes(
         self, frames: Sequence[int], positions: Tensor | Floats, ground: Tensor | Floats | None = None
     ) -> None:
-        """Keyframes. positions: (K, J, 3) of all joints; ground: (K, 2), where the root shall be if elsewhere."""
+        """Add keyframes. positions: (K, J, 3), all joints; ground: (K, 2), the root's position if it is to differ."""
         frames = require_frames(frames)
         places = require_numbers("joint positions", positions, (len(frames), self.skeleton.num_joints, 3))
         self._add_pose_root(frames, places, ground)
@@ -143,9 +147,12 @@ class Targets:
         rotations: Tensor | Floats,
         ground: Tensor | Floats | None = None,
     ) -> None:
-        """Limbs of whole poses: positions of each chain's joints, rotation of its first, and the root's ground,
-        height and heading. limbs: names out of `limb_chains`; positions: (K, J, 3); rotations: (K, J, 3, 3) global;
-        ground: (K, 2), where the root shall be if elsewhere, the limbs being as far from it as in their pose.
+        """Constrain limbs, taken from whole poses.
+
+        Sets the positions of each chain's joints, the global rotation of its first joint, and the root's ground
+        position, height and heading. limbs: names from `limb_chains`; positions: (K, J, 3); rotations: (K, J, 3, 3),
+        global; ground: (K, 2), the root's position if not the pose's, with which the limbs move. Raises ConstraintError
+        for unknown limbs.
         """
         frames = require_frames(frames)
         places = require_numbers("joint positions", positions, (len(frames), self.skeleton.num_joints, 3))
@@ -169,9 +176,9 @@ class Targets:
         positions: Tensor | Floats,
         rotations: Tensor | Floats | None = None,
     ) -> None:
-        """Any joints at one frame. positions: (K, 3) world; rotations: (K, 3, 3) global, or None.
+        """Constrain any joints at one frame. positions: (K, 3), world; rotations: (K, 3, 3), global, or None.
 
-        The root joint among them also sets the root's ground position and height, but no heading.
+        If the root joint is among them, its ground position and height are set too, but not its heading.
         """
         (frame,) = require_frames([frame])
         places = require_numbers("joint positions", positions, (len(joints), 3))
@@ -188,7 +195,7 @@ class Targets:
                 self.height[frame] = places[row, 1]
 
     def add_rotations(self, frame: int, joints: Sequence[int], rotations: Tensor | Floats) -> None:
-        """How joints are turned at one frame, wherever they are. rotations: (K, 3, 3) global."""
+        """Constrain the rotations of joints at one frame, but not their positions. rotations: (K, 3, 3), global."""
         (frame,) = require_frames([frame])
         turns = require_rotations(rotations, (len(joints), 3, 3))
         self._require_joints(joints)
@@ -201,10 +208,10 @@ class Targets:
             )
 
     def fill(self, layout: Representation, first_frame: int, num_frames: int) -> tuple[Tensor, Tensor]:
-        """Observed features in natural units and mask, each (num_frames, D), of frames from first_frame on.
+        """Observed features in natural units and mask, each (num_frames, D), for the frames from first_frame on.
 
-        Raises ConstraintError where joints are constrained without the ground position of the root, and for a layout of
-        another skeleton.
+        Raises ConstraintError if joints are constrained at a frame without the root's ground position, and if `layout`
+        is for another skeleton.
         """
         if layout.skeleton.joint_names != self.skeleton.joint_names:
             raise ConstraintError(
@@ -216,7 +223,7 @@ class Targets:
         rotation, position = layout.rotation_block.start, layout.position_block.start
 
         def put(columns: Sequence[int], entries: Mapping[tuple[int, int], Floats | np.float32]) -> None:
-            """Values (k) by (frame, offset), into columns (k) that the offset is added to."""
+            """Write values (k) by (frame, offset) into columns (k), each shifted by the offset."""
             inside = [key for key in entries if first_frame <= key[0] < end]
             if inside:
                 rows, offsets = np.array(inside)[:, :, None].swapaxes(0, 1)
@@ -227,7 +234,7 @@ class Targets:
         put([0, 2], {(frame, 0): ground for frame, ground in self.ground.items()})
         put([1], {(frame, 0): height for frame, height in self.height.items()})
         put([0, 1], {(frame, layout.heading_block.start): heading for frame, heading in self.heading.items()})
-        # As `rotation.matrix_to_6d` has them: first column, then second column.
+        # In the order of `rotation.matrix_to_6d`: first column, then second column.
         put(
             range(6),
             {(frame, rotation + 6 * joint): turn[:, :2].T for (frame, joint), turn in self.rotations.items()},
@@ -243,7 +250,7 @@ class Targets:
         return torch.from_numpy(observed), torch.from_numpy(mask)
 
     def _relative_position(self, frame: int, joint: int) -> Floats:
-        """A joint's position (3) from the ground below the root."""
+        """A joint's position (3) relative to the ground below the root."""
         if frame not in self.ground:
             raise ConstraintError(
                 f"frame {frame} constrains joint {self.skeleton.joint_names[joint]} but not where the root is;"
@@ -254,22 +261,22 @@ class Targets:
         return place
 
     def root_of(self, frame: int, joint: int) -> Floats | None:
-        """Where (2) the root is in the pose that a joint's position is of, None where nothing tells.
+        """The root's ground position (2) in the pose that a joint's target position belongs to; None if unknown.
 
-        A root whose position is asked at the frame comes before the one of the limb's own pose, whoever asked for it.
+        If the root's own position is constrained at the frame, that takes precedence over the root of the limb's pose.
         """
         root = self.positions.get((frame, 0))
         return self.own_roots.get((frame, joint), self.ground.get(frame)) if root is None else root[[0, 2]]
 
     def planned_frames(self, first_frame: int, num_frames: int) -> Tensor:
-        """(num_frames, 2) bool of frames from first_frame on: whose ground position, whose heading was only planned."""
+        """(num_frames, 2) bool for the frames from first_frame on: ground position, heading only planned."""
         flags = np.zeros((num_frames, 2), bool)
         for column, frames in enumerate((self.planned, self.faced)):
             flags[[frame - first_frame for frame in frames if 0 <= frame - first_frame < num_frames], column] = True
         return torch.from_numpy(flags)
 
     def observe(self, layout: Representation, first_frame: int, num_frames: int) -> tuple[Tensor, Tensor]:
-        """As `fill`, on the layout's device, the observed features normalised and zero where the mask is zero."""
+        """As `fill`, but on the layout's device, with the features normalised, and zero where the mask is zero."""
         device = layout.stats.mean.device
         observed, mask = (part.to(device) for part in self.fill(layout, first_frame, num_frames))
         return layout.normalize(observed) * mask, mask

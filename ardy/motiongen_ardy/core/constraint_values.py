@@ -1,4 +1,4 @@
-"""What constraints are given, checked and taken over: numbers, rotations and frames."""
+"""Checks and copies the values of constraints: numbers, rotations and frames."""
 
 from __future__ import annotations
 
@@ -19,12 +19,12 @@ class ConstraintError(ValueError):
 
 
 def require_numbers(what: str, values: Tensor | NDArray[Any], shape: tuple[int, ...]) -> Floats:
-    """A copy of values as float32, which later changes of what was given leave alone.
+    """A float32 copy of values, independent of later changes to what was given.
 
-    Raises ConstraintError unless they are finite and of that shape.
+    Raises ConstraintError unless all are finite and the shape is `shape`.
     """
     given = values.detach().cpu().float().numpy() if isinstance(values, Tensor) else values
-    with np.errstate(over="ignore"):  # what is too large for float32 is refused below
+    with np.errstate(over="ignore"):  # values too large for float32 become infinite and are refused below
         numbers = np.array(given, np.float32, order="C")
     if numbers.shape != shape:
         raise ConstraintError(f"{what} have shape {numbers.shape}; give {shape}")
@@ -34,7 +34,7 @@ def require_numbers(what: str, values: Tensor | NDArray[Any], shape: tuple[int, 
 
 
 def require_rotations(values: Tensor | NDArray[Any], shape: tuple[int, ...]) -> Floats:
-    """As `require_numbers`, of matrices (..., 3, 3). Raises ConstraintError for what is no rotation to within 0.01."""
+    """As `require_numbers`, for matrices (..., 3, 3). Raises ConstraintError unless they are rotations within 0.01."""
     turns = require_numbers("joint rotations", values, shape)
     off = np.abs(turns.swapaxes(-1, -2) @ turns - np.eye(3, dtype=np.float32)).max(initial=0.0)
     if not off <= ORTHONORMAL_WITHIN or (np.linalg.det(turns) < 0).any():
@@ -43,7 +43,7 @@ def require_rotations(values: Tensor | NDArray[Any], shape: tuple[int, ...]) -> 
 
 
 def require_frames(frames: Sequence[int]) -> list[int]:
-    """Frames as whole numbers of Python. Raises ConstraintError for others, and below 0, where no motion is."""
+    """Frames as Python integers. Raises ConstraintError if one is not a whole number, or is negative."""
     try:
         whole = [operator.index(frame) for frame in frames]
     except TypeError:

@@ -1,4 +1,4 @@
-"""Files that are there whole, or as they were before, whenever their writer is ended."""
+"""Writes files atomically: whenever the writer ends, the file is either complete or as it was before."""
 
 from __future__ import annotations
 
@@ -12,20 +12,21 @@ from pathlib import Path
 
 @contextmanager
 def written_whole(path: Path) -> Iterator[Path]:
-    """Where to write what shall be at `path`: a file of its name beside it, which takes its place once it is written.
+    """A temporary path to write to; on success, the file written there replaces the one at `path`.
 
-    Where something is raised meanwhile, what was at `path` stays as it was. Each writer has a folder of its own for
-    it, so two at once leave the file of one of them. A link goes on pointing where it does, a file keeps its mode, a
-    new one has the usual one, and what is no file, such as a pipe, stays what it is and is given everything at the end.
-    Raises OSError.
+    If an exception is raised meanwhile, what was at `path` stays unchanged. Each writer has a temporary folder of its
+    own, so of two concurrent writers one wins. A symbolic link keeps its target, an existing file keeps its mode, a new
+    one gets the usual mode, and anything that is not a regular file, such as a pipe, receives the whole content at the
+    end. Raises OSError.
     """
     try:
         is_file = stat.S_ISREG(path.stat().st_mode)
     except FileNotFoundError:
         is_file = True  # it will be one
     if not is_file:
-        # By the name that was given: a shell's pipe, /dev/fd/63, resolves to no name that could be opened. And opened
-        # here: a library that replaces what it is told to write would put a file in the place of /dev/null.
+        # Opened under the name that was given: a shell's pipe, /dev/fd/63, resolves to no name that could be opened.
+        # And opened here: a library that replaces the file it is told to write would replace /dev/null by a regular
+        # file.
         with tempfile.TemporaryDirectory(prefix="motiongen-") as folder:
             partial = Path(folder) / path.name
             yield partial
@@ -35,7 +36,7 @@ def written_whole(path: Path) -> Iterator[Path]:
     target = path.resolve()
     try:
         beside = tempfile.TemporaryDirectory(prefix=".motiongen-", dir=target.parent)
-    except OSError as error:  # told by the name that was given
+    except OSError as error:  # report the name that was given
         raise OSError(error.errno, error.strerror, str(path)) from None
     with beside as folder:
         partial = Path(folder) / target.name
@@ -43,8 +44,8 @@ def written_whole(path: Path) -> Iterator[Path]:
         usual = partial.stat().st_mode
         partial.unlink()
         yield partial
-        # Of a new one, too: what libraries write, such as that of safetensors, is for their user's eyes alone.
+        # Of new files too: some libraries, such as safetensors, create files that only their owner can read.
         mode = target.stat().st_mode if target.exists() else usual
-        if mode != partial.stat().st_mode:  # there are file systems that know of none
+        if mode != partial.stat().st_mode:  # some file systems have no modes
             partial.chmod(stat.S_IMODE(mode))
         partial.replace(target)

@@ -1,4 +1,4 @@
-"""Motion: what people mean by motion, in metres and radians."""
+"""Motion: poses over time, in metres and radians."""
 
 from __future__ import annotations
 
@@ -34,12 +34,12 @@ class Motion:
         return forward_kinematics(skeleton, self.local_rotations, self.root_positions)[1]
 
     def on_host(self) -> Motion:
-        """The same on the processor, without a graph behind it."""
+        """A copy on the CPU, detached from autograd."""
         parts = (self.local_rotations, self.root_positions, self.foot_contacts)
         return Motion(*(part.detach().cpu() for part in parts), self.fps)
 
     def frames(self, first: int, end: int) -> Motion:
-        """The frames first..end-1."""
+        """Frames first to end - 1."""
         return Motion(
             self.local_rotations[..., first:end, :, :, :],
             self.root_positions[..., first:end, :],
@@ -49,7 +49,7 @@ class Motion:
 
 
 def concatenate(parts: list[Motion]) -> Motion:
-    """Parts one after another in time. Raises ValueError for an empty list, and for parts of different frame rates."""
+    """Join parts in time. Raises ValueError for an empty list, and for parts with different frame rates."""
     if not parts:
         raise ValueError("no motion to concatenate; give at least one part")
     rates = sorted({part.fps for part in parts})

@@ -1,4 +1,4 @@
-"""An error that lists everything that is wrong with what was given, not only the first thing."""
+"""An error that lists every problem of its input, not only the first one."""
 
 from __future__ import annotations
 
@@ -8,7 +8,7 @@ MAX_LISTED = 50
 
 
 class Problems(ValueError):
-    """problems: one line each, all of them; the message lists the first MAX_LISTED."""
+    """problems: all of them, one line each. The message lists the first MAX_LISTED."""
 
     def __init__(self, problems: str | Sequence[str]) -> None:
         self.problems = (problems,) if isinstance(problems, str) else tuple(dict.fromkeys(problems))

@@ -1,7 +1,7 @@
-"""Motion <-> feature vectors by named blocks; root frame, heading, recentring.
+"""Motion <-> feature vectors, in named blocks; also headings, the local root and recentring.
 
 One frame has D = 12 J + 6 numbers: the root (world position 3, heading cos and sin 2), then the body (joint positions
-3(J-1) with the root's x and z taken off, global rotations 6J in 6-D form, joint velocities 3J in m/s, contacts 4).
+3(J-1) with the root's x and z subtracted, global rotations 6J in 6-D form, joint velocities 3J in m/s, contacts 4).
 """
 
 from __future__ import annotations
@@ -22,22 +22,22 @@ LOCAL_ROOT_WIDTH = 4
 CONTACT_WIDTH = 4
 CONTACT_SPEED_M_S = 0.15
 CONTACT_HEIGHT_M = 0.10
-ON_GROUND = (1.0, 0.0, 1.0)  # what remains of a position when its height is taken away
+ON_GROUND = (1.0, 0.0, 1.0)  # multiplies a position to set its height to 0
 
 
 def heading_angle(skeleton: Skeleton, positions: Tensor) -> Tensor:
-    """Facing (...) in radians about +Y, 0 toward +Z, from joint positions (..., J, 3): the hips' line turned by 90."""
+    """Heading (...) in radians about +Y, 0 toward +Z, from joint positions (..., J, 3): perpendicular to the hips."""
     right, left = skeleton.hip_joints
     return facing_of(positions[..., right, :] - positions[..., left, :])
 
 
 def facing_of(hip_lines: Tensor) -> Tensor:
-    """Facing (...) in radians as `heading_angle` has it, from vectors (..., 3) from the left hip to the right one."""
+    """Heading (...) in radians, as `heading_angle`, from vectors (..., 3) from the left hip to the right one."""
     return angle_of(hip_lines[..., 2], -hip_lines[..., 0])
 
 
 def repeat_last_valid(values: Tensor, lengths: Tensor) -> Tensor:
-    """Overwrite frame n-1 with frame max(n-2, 0) in (B, T, ...), n being each row's length."""
+    """Overwrite frame n-1 with frame max(n-2, 0) in (B, T, ...), where n is each row's length."""
     last = (lengths - 1).clamp(min=0)
     before = (lengths - 2).clamp(min=0)
     rows = torch.arange(values.shape[0], device=values.device)
@@ -53,7 +53,7 @@ def velocities(positions: Tensor, lengths: Tensor, fps: int) -> Tensor:
 
 
 def contact_labels(skeleton: Skeleton, positions: Tensor, velocity: Tensor) -> Tensor:
-    """Whether (..., 4) each contact joint is slow and low, from positions (metres) and velocities (m/s) (..., J, 3)."""
+    """(..., 4) bool: contact joints that are slow and low. positions: metres, velocity: m/s, both (..., J, 3)."""
     contact_joints = index(tuple(skeleton.contact_joints), positions.device)
     slow = velocity.index_select(-2, contact_joints).norm(dim=-1) < CONTACT_SPEED_M_S
     low = positions.index_select(-2, contact_joints)[..., 1] < CONTACT_HEIGHT_M
@@ -61,7 +61,7 @@ def contact_labels(skeleton: Skeleton, positions: Tensor, velocity: Tensor) -> T
 
 
 def motion_from_pose(skeleton: Skeleton, local_rotations: Tensor, root_positions: Tensor, fps: int) -> Motion:
-    """A motion (T) whose foot contacts follow from its poses by the rule of the features.
+    """A motion (T) from poses; its foot contacts are computed as for the features.
 
     local_rotations: (T, J, 3, 3) parent-relative; root_positions: (T, 3) metres.
     """
@@ -72,7 +72,7 @@ def motion_from_pose(skeleton: Skeleton, local_rotations: Tensor, root_positions
 
 
 def wrapped_difference(heading_cos_sin: Tensor) -> Tensor:
-    """Turn (B, T-1) in radians between neighbouring headings, wrapped to (-pi, pi]; (B, T, 2) need not be unit."""
+    """Angle (B, T-1) in radians from each heading to the next, in (-pi, pi]; the (B, T, 2) given need not be unit."""
     angle = angle_of(heading_cos_sin[..., 1], heading_cos_sin[..., 0])
     cosine, sine = torch.cos(angle), torch.sin(angle)
     after = sine[:, 1:] * cosine[:, :-1] - cosine[:, 1:] * sine[:, :-1]
@@ -81,7 +81,7 @@ def wrapped_difference(heading_cos_sin: Tensor) -> Tensor:
 
 
 class Representation(nn.Module):
-    """The feature layout of one skeleton and frame rate, with its statistics.
+    """The feature layout for a skeleton and frame rate, with its statistics.
 
     stats: of width D + 4, ordered root 5, local root 4, body D - 5 (the order of `stats/motion` in a checkpoint).
     """
@@ -117,7 +117,7 @@ class Representation(nn.Module):
     def features(self, local_rotations: Tensor, root_positions: Tensor, lengths: Tensor | None = None) -> Tensor:
         """Features (B, T, D) in natural units.
 
-        local_rotations: (B, T, J, 3, 3); root_positions: (B, T, 3) metres; lengths: (B) valid frames, all if absent.
+        local_rotations: (B, T, J, 3, 3); root_positions: (B, T, 3) metres; lengths: (B) valid frames; None: all.
         """
         rotations, positions = forward_kinematics(self.skeleton, local_rotations, root_positions)
         return self.features_from_global(rotations, positions, lengths)
@@ -149,26 +149,29 @@ class Representation(nn.Module):
         return matrix_from_6d(features[..., self.rotation_block].unflatten(-1, (self.skeleton.num_joints, 6)))
 
     def positions_block(self, features: Tensor) -> Tensor:
-        """World positions (..., J, 3) of the position block of (..., D) natural units; the root's height is 0."""
+        """World positions (..., J, 3) from the position block of natural features (..., D); the root is at y = 0."""
         ground = features[..., None, self.root_position_block] * constant(ON_GROUND, features.dtype, features.device)
         others = features[..., self.position_block].unflatten(-1, (self.skeleton.num_joints - 1, 3)) + ground
         return torch.cat([ground, others], dim=-2)
 
     def motion(self, features: Tensor) -> Motion:
-        """The motion of features (..., T, D) in natural units, by their rotations and root; contact is value > 0.5."""
+        """The motion of features (..., T, D) in natural units, from rotations and root; contact is value > 0.5."""
         local = global_to_local(self.skeleton, self.global_rotations(features))
         return Motion(local, features[..., self.root_position_block], features[..., self.contact_block] > 0.5, self.fps)
 
     def positions(self, features: Tensor, source: Literal["rotations", "positions"] = "rotations") -> Tensor:
-        """World joint positions (..., J, 3) of (..., D) natural units, by kinematics or by the position block."""
+        """World joint positions (..., J, 3) of features (..., D) in natural units.
+
+        source: compute them from the rotations by forward kinematics, or read the position block.
+        """
         if source == "positions":
             return self.positions_block(features)
         return self.motion(features).positions(self.skeleton)
 
     def rotate(self, features: Tensor, angle: Tensor, orthonormal: bool = False) -> Tensor:
-        """Turn features (B, T, D) in natural units by (B) radians about +Y through the world origin.
+        """Rotate features (B, T, D) in natural units by (B) radians about +Y through the world origin.
 
-        Rotations come out orthonormal; `orthonormal` says that they already are, which is much cheaper.
+        The resulting rotations are orthonormal. orthonormal: True if the given ones already are, which is much cheaper.
         """
         cosine, sine = torch.cos(angle)[:, None], torch.sin(angle)[:, None]
 
@@ -202,7 +205,7 @@ class Representation(nn.Module):
         return moved
 
     def canonicalize(self, features: Tensor) -> Tensor:
-        """Turn and move (B, T, D) in natural units so that frame 0 faces +Z at x = z = 0."""
+        """Rotate and move features (B, T, D) in natural units so that frame 0 faces +Z at x = z = 0."""
         heading = features[:, 0, self.heading_block]
         turned = self.rotate(features, -angle_of(heading[:, 1], heading[:, 0]))
         return self.translate_ground(turned, -turned[:, 0, [0, 2]])
@@ -225,9 +228,9 @@ class Representation(nn.Module):
         return self.local_root_stats.normalize(local)
 
     def recentre(self, root: Tensor, frame: Tensor | int) -> tuple[Tensor, Tensor]:
-        """Move a normalised root (B, T, 5) so that x = z = 0 at `frame` (B or one for all).
+        """Move a normalised root (B, T, 5) so that x = z = 0 at `frame`, which is (B) or one number for all rows.
 
-        Returns the moved root and the centre (B, 3) = (x, 0, z) in metres that was taken off.
+        Returns the moved root and the centre (B, 3) = (x, 0, z) in metres that was subtracted.
         """
         rows = torch.arange(root.shape[0], device=root.device)
         natural = self.root_stats.denormalize(root[rows, frame])

@@ -1,4 +1,4 @@
-"""How far motion is from what constraints asked of it: metres, and radians of heading and of rotation."""
+"""Residuals: by how much motion misses its constraints, in metres and radians."""
 
 from __future__ import annotations
 
@@ -18,7 +18,7 @@ from motiongen_ardy.core.skeleton import forward_kinematics
 
 @dataclass(frozen=True)
 class Deviation:
-    """The mean and the worst of one kind of error over everything that was asked."""
+    """The mean and the worst of one kind of error, over all frames and joints that were constrained."""
 
     mean: float
     worst: float
@@ -26,10 +26,11 @@ class Deviation:
 
 @dataclass(frozen=True)
 class Residual:
-    """The errors of one constraint. None: it asks nothing of that kind, in the frames that there are.
+    """The errors of one constraint; None where it asks for nothing of that kind within the motion.
 
-    num_frames: its frames within the motion. position_m: distance of the root, over the ground only where no height is
-    asked, and of constrained joints. heading_rad: of the facing. rotation_rad: of global rotations. Both in 0..pi.
+    num_frames: how many of its frames are within the motion. position_m: distances of the root (over the ground only,
+    unless a height is constrained) and of the constrained joints. heading_rad: of the heading, in 0..pi. rotation_rad:
+    of the global rotations, in 0..pi.
     """
 
     num_frames: int
@@ -41,14 +42,14 @@ class Residual:
 def residuals(motion: Motion, constraints: Iterable[Targets], first_frame: int = 0) -> list[Residual]:
     """The residual of each constraint, given as its targets, in the order of `constraints`.
 
-    motion: (T) of the targets' skeleton, on any device, its row 0 being frame first_frame. Each is measured alone: what
-    a later constraint overrides counts all the same.
+    motion: (T), with the targets' skeleton, on any device; its row 0 is frame first_frame. Each constraint is measured
+    on its own: what a later constraint overrides counts too.
     """
     posed: tuple[Tensor, Tensor] | None = None
     measured = []
     for targets in constraints:
         if posed is None:
-            motion = motion.on_host()  # where targets are
+            motion = motion.on_host()  # targets are on the CPU
             local, root = motion.local_rotations.double(), motion.root_positions.double()
             posed = forward_kinematics(targets.skeleton, local, root)
         measured.append(_residual(targets, *posed, first_frame))
@@ -95,7 +96,7 @@ def _doubles(rows: Sequence[Floats | np.float32]) -> Tensor:
 
 
 def _asked_position(targets: Targets, frame: int, joint: int) -> Floats:
-    """Where (3) a joint shall be: as far from the root as in its own pose, whose root may be asked elsewhere."""
+    """A joint's target position (3), moved with the root if the root's target differs from the joint's pose."""
     position, root, ground = targets.positions[frame, joint], targets.root_of(frame, joint), targets.ground.get(frame)
     if root is None or ground is None:
         return position

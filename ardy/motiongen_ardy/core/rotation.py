@@ -13,8 +13,8 @@ from torch import Tensor
 def angle_of(sine: Tensor, cosine: Tensor) -> Tensor:
     """Angles in -pi..pi, in radians.
 
-    Computed in float64: torch rounds float32 otherwise where a tensor ends than inside it, and what a row gets would
-    depend on who shares its batch.
+    Computed in float64: in float32, torch rounds the last elements of a tensor differently from those inside it, so
+    that a row's result would depend on the other rows of its batch.
     """
     return torch.atan2(sine.double(), cosine.double()).to(sine.dtype)
 
@@ -25,8 +25,8 @@ def matrix_to_6d(matrix: Tensor) -> Tensor:
 
 
 def matrix_from_6d(values: Tensor) -> Tensor:
-    """(..., 6) -> (..., 3, 3), orthonormal even when the input is not: x = a/|a|, z = (x X b)/|x X b|, y = z X x."""
-    # Component by component: products and roots of whole tensors take half of the time that those of triples do.
+    """(..., 6) -> (..., 3, 3), orthonormal for any input: x = a/|a|, z = (x X b)/|x X b|, y = z X x."""
+    # Component by component: operations on whole tensors take half the time of operations on triples.
     ax, ay, az, bx, by, bz = values.movedim(-1, 0).contiguous().unbind(0)
     length = (ax * ax + ay * ay + az * az).sqrt()
     ax, ay, az = ax / length, ay / length, az / length
@@ -42,9 +42,9 @@ def matrix_from_6d(values: Tensor) -> Tensor:
 
 
 def axis_angle_to_matrix(axis_angle: Tensor) -> Tensor:
-    """(..., 3) axis times angle in radians -> (..., 3, 3), by Rodrigues' formula.
+    """(..., 3), axis times angle in radians, -> (..., 3, 3), by Rodrigues' formula.
 
-    The axis is divided by (angle + 1e-6), so it is very slightly short; files written for ARDY rely on that.
+    The axis is divided by (angle + 1e-6), so it is very slightly too short; files written for ARDY rely on that.
     """
     x, y, z = axis_angle.movedim(-1, 0).contiguous().unbind(0)
     angle = axis_angle.norm(dim=-1)
@@ -62,17 +62,17 @@ def axis_angle_to_matrix(axis_angle: Tensor) -> Tensor:
 
 
 def matrix_to_quaternion(matrix: Tensor) -> Tensor:
-    """(..., 3, 3) -> (..., 4) as (w, x, y, z). The largest component is taken positive, so w may be negative."""
+    """(..., 3, 3) -> (..., 4) as (w, x, y, z). The largest component is positive, so w may be negative."""
     return quaternion_components(matrix).movedim(0, -1).contiguous()
 
 
 def quaternion_components(matrix: Tensor) -> Tensor:
-    """(..., 3, 3) -> (4, ...): as `matrix_to_quaternion`, each component by itself; so many are computed with."""
+    """(..., 3, 3) -> (4, ...): as `matrix_to_quaternion`, but components first, which is faster to compute with."""
     m00, m01, m02, m10, m11, m12, m20, m21, m22 = matrix.flatten(-2).movedim(-1, 0).contiguous().unbind(0)
     more, less = 1 + m00, 1 - m00
     w, x, y, z = more + m11 + m22, more - m11 - m22, less + m11 - m22, less - m11 + m22  # four times their squares
     wx, wy, wz, xy, xz, yz = m21 - m12, m02 - m20, m10 - m01, m10 + m01, m02 + m20, m21 + m12
-    # Each of these is the quaternion times four times one of its components; the largest is the exact one.
+    # Each of these is the quaternion times four times one of its components; the largest one is the most exact.
     of_w, of_x, of_y, of_z = (
         torch.stack(row) for row in ((w, wx, wy, wz), (wx, x, xy, xz), (wy, xy, y, yz), (wz, xz, yz, z))
     )
@@ -83,7 +83,7 @@ def quaternion_components(matrix: Tensor) -> Tensor:
 
 
 def relative_components(base: Tensor, quaternion: Tensor) -> Tensor:
-    """The quaternions that, after those of `base`, make `quaternion`; all (4, ...), of length 1."""
+    """base^-1 * quaternion: the rotation `quaternion` relative to `base`; all (4, ...), unit quaternions."""
     bw, bx, by, bz = base.unbind(0)
     w, x, y, z = quaternion.unbind(0)
     return torch.stack(
@@ -97,7 +97,7 @@ def relative_components(base: Tensor, quaternion: Tensor) -> Tensor:
 
 
 def rotation_vector(matrix: Tensor) -> Tensor:
-    """(..., 3, 3) -> (..., 3) axis times angle in radians, the angle in 0..pi; exact also near 0 and pi."""
+    """(..., 3, 3) -> (..., 3), axis times angle in radians; the angle is in 0..pi, and exact near 0 and pi too."""
     quaternion = matrix_to_quaternion(matrix)
     quaternion = torch.where(quaternion[..., :1] < 0, -quaternion, quaternion)
     imaginary = quaternion[..., 1:]

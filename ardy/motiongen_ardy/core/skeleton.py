@@ -1,7 +1,7 @@
 """Skeletons: joints, parents, neutral pose, and forward kinematics.
 
-Joint 0 is the root and parents precede their children. Positions are metres, right-handed, +Y up, +Z forward; a
-rotation matrix acts on column vectors. The four skeletons live as JSON in ``ardy/motiongen_ardy/skeletons/``.
+Joint 0 is the root, and parents precede their children. Positions are in metres, right-handed, +Y up, +Z forward; a
+rotation matrix acts on column vectors. The skeletons are JSON files in ``ardy/motiongen_ardy/skeletons/``.
 """
 
 from __future__ import annotations
@@ -37,8 +37,8 @@ class Skeleton:
     """A joint tree with a neutral pose.
 
     neutral_joints: (J, 3) float64, metres, relative to the root joint.
-    hip_joints: the (right, left) hip joint indices, from which the heading of a pose is read.
-    foot and hand chains: joint indices, proximal first (ankle then toe base; hand then hand end).
+    hip_joints: the (right, left) hip joint indices, which define the heading of a pose.
+    left_foot to right_hand: joint indices of a chain, proximal first (ankle, toe base; hand, hand end).
     """
 
     name: str
@@ -75,12 +75,12 @@ class Skeleton:
 
     @cached_property
     def offset_rows(self) -> tuple[tuple[float, ...], ...]:
-        """`offsets` as nested tuples, which can name a constant on a device."""
+        """`offsets` as nested tuples, hashable, as `constant` takes them."""
         return tuple(tuple(float(number) for number in row) for row in self.offsets)
 
     @cached_property
     def chain_rows(self) -> tuple[tuple[float, ...], ...]:
-        """Row j has a 1 for joint j and each of its ancestors, else 0."""
+        """(J, J): row j has a 1 for joint j and each of its ancestors, else 0."""
         rows: list[list[float]] = []
         for joint, parent in enumerate(self.parents):
             row = list(rows[parent]) if parent >= 0 else [0.0] * self.num_joints
@@ -89,7 +89,7 @@ class Skeleton:
         return tuple(tuple(row) for row in rows)
 
     def index(self, joint_name: str) -> int:
-        """The index of a joint. Raises UnknownJoint, which lists the names there are."""
+        """The index of a joint. Raises UnknownJoint, which lists the skeleton's joints."""
         try:
             return self.joint_names.index(joint_name)
         except ValueError:
@@ -99,21 +99,21 @@ class Skeleton:
 
 
 def skeleton_names() -> tuple[str, ...]:
-    """The names that `load_skeleton` knows."""
+    """The names that `load_skeleton` accepts."""
     folder = resources.files("motiongen_ardy") / "skeletons"
     return tuple(sorted(entry.name[: -len(".json")] for entry in folder.iterdir() if entry.name.endswith(".json")))
 
 
 @lru_cache
 def load_skeleton(name: str) -> Skeleton:
-    """The skeleton called `name`, for example "core27". Raises UnknownSkeleton, which lists the names there are."""
+    """The skeleton called `name`, for example "core27". Raises UnknownSkeleton, which lists the known names."""
     if name not in skeleton_names():
         raise UnknownSkeleton(f"no skeleton {name!r}; known skeletons are {', '.join(skeleton_names())}")
     facts = json.loads((resources.files("motiongen_ardy") / "skeletons" / f"{name}.json").read_text(encoding="utf-8"))
     joint_names = tuple(facts["joint_names"])
     neutral = np.asarray(facts["neutral_joints_m"], dtype=np.float64)
     neutral = neutral - neutral[0]
-    neutral.setflags(write=False)  # there is one for all who ask
+    neutral.setflags(write=False)  # all callers share it
 
     def indices(key: str) -> tuple[int, ...]:
         return tuple(joint_names.index(joint) for joint in facts[key])
@@ -156,13 +156,13 @@ def forward_kinematics(skeleton: Skeleton, local_rotations: Tensor, root_positio
 def positions_from_global(skeleton: Skeleton, global_rotations: Tensor, root_positions: Tensor) -> Tensor:
     """World positions (..., J, 3) in metres from global rotations (..., J, 3, 3) and root positions (..., 3).
 
-    The same as `forward_kinematics` of the matching local rotations, without a chain of matrix products, which makes
-    it the form for losses.
+    Equals `forward_kinematics` of the matching local rotations, but without a chain of matrix products, which makes it
+    the form to use in losses.
     """
     *leading, joints, _, _ = global_rotations.shape
     batch, others = (leading[0], math.prod(leading[1:])) if leading else (1, 1)
-    # A place is a sum over the bones that lead to it, so that all places of a row are one product. Not one of all rows:
-    # what a row gets shall not depend on how many there are.
+    # A position is a sum over the bones that lead to it, so all positions of a row are one matrix product. Not one
+    # product for all rows: a row's result must not depend on the number of rows.
     rows = global_rotations.transpose(-3, -2).reshape(batch, 3 * others, 3 * joints)
     places = torch.bmm(rows, _place_matrix(skeleton, rows.dtype, rows.device).expand(batch, -1, -1))
     return places.view(*leading, 3, joints).transpose(-1, -2) + root_positions.unsqueeze(-2)
@@ -179,7 +179,7 @@ def hip_lines(skeleton: Skeleton, global_rotations: Tensor) -> Tensor:
 
 @lru_cache(maxsize=64)
 def _bones_to(skeleton: Skeleton, *joints: int) -> tuple[int, ...]:
-    """The joints whose rotations tell where the given ones are, from the root: those that they hang on."""
+    """The ancestors of the given joints, whose rotations determine the joints' positions."""
     found: set[int] = set()
     for joint in joints:
         while (joint := skeleton.parents[joint]) >= 0:
@@ -189,11 +189,11 @@ def _bones_to(skeleton: Skeleton, *joints: int) -> tuple[int, ...]:
 
 @lru_cache(maxsize=MOST_TABLES)
 def _place_matrix(skeleton: Skeleton, dtype: torch.dtype, device: torch.device) -> Tensor:
-    """(3J, J): what the columns of each joint's rotation, times these, add to the place of each joint, root at zero."""
+    """(3J, J): times the columns of all joints' rotations, gives the position of every joint, with the root at zero."""
     chains, places = np.asarray(skeleton.chain_rows), np.zeros((skeleton.num_joints, 3, skeleton.num_joints))
     for joint, parent in enumerate(skeleton.parents[1:], 1):
         places[parent] += skeleton.offsets[joint][:, None] * chains[:, joint]
-    with torch.inference_mode(False):  # a table first used while serving may be used in training later
+    with torch.inference_mode(False):  # a table first created while serving may later be used in training
         return torch.tensor(places.reshape(-1, skeleton.num_joints), dtype=dtype, device=device)
 
 
@@ -206,9 +206,9 @@ def global_to_local(skeleton: Skeleton, global_rotations: Tensor) -> Tensor:
 
 
 def local_quaternions(skeleton: Skeleton, global_rotations: Tensor) -> Tensor:
-    """Parent-relative rotations (4, ..., J), components w, x, y, z first, from global ones (..., J, 3, 3).
+    """Parent-relative rotations as quaternions (4, ..., J), components w, x, y, z first, from global (..., J, 3, 3).
 
-    The same as quaternions of `global_to_local`, up to their signs, at a third of the cost.
+    The same as the quaternions of `global_to_local`, up to their signs, at a third of the cost.
     """
     parents = index(tuple(max(parent, 0) for parent in skeleton.parents), global_rotations.device)
     whole = quaternion_components(global_rotations)

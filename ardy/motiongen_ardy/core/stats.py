@@ -19,7 +19,7 @@ class StatsError(Problems):
 class Stats(nn.Module):
     """Mean and scale of a vector; scale = sqrt(std^2 + 1e-5), evaluated in float32.
 
-    It is a module only so that `.to(device)` carries it along; it has no tensors in a state dict.
+    It is a module only so that `.to(device)` moves it; it adds no tensors to a state dict. Raises StatsError.
     """
 
     mean: Tensor
@@ -34,7 +34,7 @@ class Stats(nn.Module):
         if not (torch.isfinite(mean).all() and torch.isfinite(std).all()):
             raise StatsError("statistics hold NaN or infinite numbers; every mean and std must be finite")
         scale = torch.sqrt(std.square() + VARIANCE_FLOOR)
-        if not torch.isfinite(scale).all():  # motion would come out as NaN
+        if not torch.isfinite(scale).all():  # motion would become NaN
             raise StatsError(f"a std is {float(std.abs().max()):.3g}, whose square no float32 holds; give 1e19 at most")
         self.register_buffer("mean", mean, persistent=False)
         self.register_buffer("std", std, persistent=False)
@@ -42,7 +42,7 @@ class Stats(nn.Module):
 
     @cached_property
     def on_host(self) -> Stats:
-        """The same on the processor."""
+        """A copy on the CPU."""
         return Stats(self.mean.cpu(), self.std.cpu())
 
     @property

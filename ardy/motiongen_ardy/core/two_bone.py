@@ -1,6 +1,6 @@
-"""The geometry of a limb of two bones, bent so that its end comes to a place: analytic inverse kinematics.
+"""Analytic inverse kinematics of a two-bone limb: bends it so that its end reaches a position.
 
-How far a limb may stretch and on which side its middle joint goes is up to the caller.
+The caller decides how far a limb may stretch, and on which side its middle joint is.
 """
 
 from __future__ import annotations
@@ -10,19 +10,20 @@ from torch import Tensor
 
 
 def unit(vectors: Tensor) -> Tensor:
-    """Vectors (..., 3) at length 1; zero stays zero."""
+    """Vectors (..., 3) scaled to length 1; zero stays zero."""
     return vectors / vectors.norm(dim=-1, keepdim=True).clamp(min=1e-8)
 
 
 def across(vectors: Tensor, axis: Tensor) -> Tensor:
-    """The part of vectors (..., 3) at right angles to unit axes (..., 3)."""
+    """The component of vectors (..., 3) perpendicular to unit axes (..., 3)."""
     return vectors - (vectors * axis).sum(-1, keepdim=True) * axis
 
 
 def swing(before: Tensor, after: Tensor) -> Tensor:
-    """The least rotation (..., 3, 3) that turns unit vectors `before` into `after` (..., 3).
+    """The smallest rotation (..., 3, 3) that turns unit vectors `before` into `after` (..., 3).
 
-    None for opposite ones, for which every axis would do; within a few milliradians of these it is no rotation.
+    There is none for opposite vectors, where any axis would do; within a few milliradians of that, the result is not a
+    rotation.
     """
     axis = torch.linalg.cross(before, after)
     cosine = (before * after).sum(-1)[..., None, None]
@@ -34,7 +35,7 @@ def swing(before: Tensor, after: Tensor) -> Tensor:
 
 
 def _frame(direction: Tensor, normal: Tensor) -> Tensor:
-    """(..., 3, 3) with columns: a bone's direction, the bend plane's normal, and what completes them."""
+    """(..., 3, 3) with columns: a bone's direction, the normal of the bend plane, and their cross product."""
     normal = unit(across(normal, direction))
     return torch.stack([direction, normal, torch.linalg.cross(direction, normal)], dim=-1)
 
@@ -48,11 +49,11 @@ def bent_to(
 ) -> tuple[Tensor, Tensor, Tensor, Tensor]:
     """A limb with its end `distance` (...) metres from its upper joint along the unit vector `direction` (..., 3).
 
-    joints: world positions (..., 3) in metres of its upper, middle and end joint; rotations: global rotations
-    (..., 3, 3) of upper and middle joint; outward: (..., 3), of length 1 and at right angles to the line from upper to
-    end joint, on which side of it the middle joint is. It keeps that side, and both bones turn with the plane of the
-    bend, about themselves no more than it does. Returns both new rotations and the new positions of middle and end.
-    `distance` has to be one that the bones can span.
+    joints: world positions (..., 3) in metres of the upper, middle and end joint; rotations: global rotations
+    (..., 3, 3) of the upper and middle joint. outward: (..., 3), a unit vector perpendicular to the line from upper to
+    end joint, toward the side on which the middle joint is. The middle joint stays on that side. Both bones turn with
+    the plane of the bend, and twist no more than it does. `distance` must be one that the bones can span. Returns both
+    new rotations and the new positions of the middle and end joint.
     """
     upper, middle, end = joints
     first, second = middle - upper, end - middle
@@ -63,7 +64,7 @@ def bent_to(
     height = (length_1.square() - along.square()).clamp(min=0).sqrt()
     new_middle = upper + along[..., None] * direction + height[..., None] * carried
     new_end = upper + distance[..., None] * direction
-    # Before and after, and both bones, side by side: calls are what takes the time where there are few limbs.
+    # Before and after, and both bones, are stacked: with few limbs, the number of calls determines the time.
     normals = torch.linalg.cross(torch.stack([line, direction]), torch.stack([outward, carried]))
     bones = torch.stack([first, second, new_middle - upper, new_end - new_middle]).unflatten(0, (2, 2))
     before, after = _frame(unit(bones), normals[:, None])

@@ -23,9 +23,9 @@ from motiongen_ardy.data.retarget_rules import RetargetError
 
 
 def main(arguments: list[str] | None = None) -> int:
-    """Run one command; the exit code is 0 for success, 1 for a set that fails, 2 for input that cannot be used."""
+    """Run one command. Exit codes: 0 for success, 1 for a set that fails, 2 for input that cannot be used."""
     options = _parser().parse_args(arguments)
-    torch.set_num_threads(1)  # clips are small; more threads only wait for each other
+    torch.set_num_threads(1)  # clips are small; more threads would only wait for each other
     console = Console()
     try:
         return int(options.run(options, console))
@@ -131,7 +131,7 @@ def _build(options: argparse.Namespace, console: Console) -> int:
         derive_moving=options.derive,
         seed=options.seed,
     )
-    prepare_folder(options.out)  # what takes an hour is made only where it can be written
+    prepare_folder(options.out)  # fail before an hour of work if the folder cannot be written to
     with Progress(console=console) as progress:
         task = progress.add_task("converting", total=len(labels))
         result = build(labels, settings, lambda: progress.advance(task))

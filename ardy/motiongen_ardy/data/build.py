@@ -1,4 +1,4 @@
-"""Building a training set from a folder of BVH files and a labels table."""
+"""Builds a training set from a folder of BVH files and a labels table."""
 
 from __future__ import annotations
 
@@ -23,16 +23,16 @@ from motiongen_ardy.data.retarget import RetargetedClip, apply_retarget, choose_
 from motiongen_ardy.data.retarget_rules import Retarget, RetargetError
 from motiongen_ardy.data.validation import CUT_MARK
 
-# No captured joint moves this fast; a file in which one does has a jump in it.
+# No captured joint moves faster than this; a file with a faster one contains a jump.
 MAX_JOINT_SPEED_M_S = 25.0
-# Further from the origin a set's float32 tells places apart by a millimetre and more, and at last not at all.
+# Farther from the origin, a set's float32 positions are a millimetre or more apart, and finally useless.
 MAX_DISTANCE_M = 10_000.0
-# A foot is planted while its joints move slower than this in the source.
+# A foot is planted while its joints move more slowly than this in the source.
 PLANTED_M_S = 0.03
 # A clip with this flag is cut into pieces no longer than this.
 CUT_FLAG = "cut"
 MAX_CUT_S = 20.0
-# With this many hours of captured walking, all the derived hours of the recipes are made; with less, in proportion.
+# With this many hours of captured walking, all derived hours of the recipes are made; with less, a proportional part.
 FULL_WALKING_H = 0.3
 
 
@@ -42,7 +42,7 @@ class SkippedClip(ValueError):
 
 @dataclass(frozen=True)
 class BuildSettings:
-    """How to build. skip_flags: clips with one of these flags in the table are left out."""
+    """How to build a set. skip_flags: clips with one of these flags in the table are left out."""
 
     folder: Path
     skeleton: Skeleton
@@ -57,7 +57,7 @@ class BuildSettings:
 
 @dataclass
 class BuildResult:
-    """Clips in the order of the table, then derived ones; what was left out: (clip id, reason).
+    """Clips in the order of the table, then derived ones; skipped: what was left out, as (clip id, reason).
 
     dropped: how many derived clips were not good enough, by kind and reason.
     """
@@ -71,13 +71,13 @@ class BuildResult:
 
 
 def more_labels(folder: Path) -> tuple[Label, ...]:
-    """The rows that this package adds for known captures that come without a table, of the files in the folder."""
+    """The labels, included in the package, of known captures that come without a table, for files in the folder."""
     with resources.as_file(resources.files("motiongen_ardy") / "data" / "more_labels.csv") as path:
         return tuple(label for label in read_labels(path) if (folder / label.file).is_file())
 
 
 def build(labels: Iterable[Label], settings: BuildSettings, advance: Callable[[], None] = lambda: None) -> BuildResult:
-    """Convert every clip of the table. A clip that cannot be used is recorded with its reason, and the rest go on.
+    """Convert every clip of the table. A clip that cannot be used is recorded with its reason, and the others continue.
 
     advance is called after each row of the table.
     """
@@ -96,7 +96,7 @@ def build(labels: Iterable[Label], settings: BuildSettings, advance: Callable[[]
 
 
 def _derive(result: BuildResult, settings: BuildSettings) -> None:
-    """Add starts, stops, changes, bends and the like, in proportion to the walks of each split."""
+    """Add starts, stops, changes, bends and so on, in proportion to the walking in each split."""
     for place, split in enumerate(("train", "test")):
         clips = [clip for clip in result.clips if clip.split == split]
         walking = sum(clip.num_frames for clip in clips if clip.content == "walk") / settings.fps / 3600
@@ -108,7 +108,7 @@ def _derive(result: BuildResult, settings: BuildSettings) -> None:
 
 
 def build_clip(label: Label, settings: BuildSettings, unseen: frozenset[tuple[str, str, str]]) -> list[Clip]:
-    """The clip of one row and the clips derived from it. unseen: (dataset, content, style) kept for the test.
+    """The clip of one row and the clips derived from it. unseen: (dataset, content, style) reserved for the test.
 
     Raises SkippedClip, BvhError, RetargetError or OSError.
     """
@@ -153,7 +153,7 @@ def build_clip(label: Label, settings: BuildSettings, unseen: frozenset[tuple[st
 
 
 def cut(clip: Clip, max_frames: int) -> Iterable[Clip]:
-    """A long clip without segments as equal pieces of at most max_frames frames, named ~cut1, ~cut2 and so on."""
+    """Cut a long clip without segments into equal pieces of at most max_frames, named ~cut1, ~cut2 and so on."""
     count = -(-clip.num_frames // max_frames)
     edges = [clip.num_frames * number // count for number in range(count + 1)]
     for number, (start, end) in enumerate(itertools.pairwise(edges), start=1):
@@ -167,7 +167,7 @@ def cut(clip: Clip, max_frames: int) -> Iterable[Clip]:
 
 
 def _standing(clip: Clip, settings: BuildSettings) -> list[Clip]:
-    """Clips of standing made of a gesture clip; none from the combinations that no training may see."""
+    """Clips of standing made from a gesture clip; none from combinations that are reserved for the test."""
     captions = paraphrases("stand", clip.style)
     if clip.split == "test_unseen" or not captions:
         return []

@@ -1,8 +1,8 @@
-"""Reading BVH text: any hierarchy, channels in any order.
+"""Reads BVH text: any hierarchy, channels in any order.
 
 A position channel replaces the OFFSET of its joint (it is not added to it), and a joint's rotation is the product of
 its rotation channels in the order in which the file names them, acting on column vectors. Lengths keep the unit of the
-file; angles in the file are degrees.
+file; angles in the file are in degrees.
 """
 
 from __future__ import annotations
@@ -20,7 +20,7 @@ POSITION_CHANNELS = ("Xposition", "Yposition", "Zposition")
 ROTATION_CHANNELS = ("Xrotation", "Yrotation", "Zrotation")
 MAX_JOINTS = 2_000
 MIN_FRAME_TIME_S = 1e-6
-# Slower is no motion but a frame time in milliseconds, which would be filled up with frames until memory ends.
+# A longer one is not motion but a frame time in milliseconds, and resampling would fill memory with frames.
 MAX_FRAME_TIME_S = 1.0
 
 
@@ -36,11 +36,11 @@ class BvhError(ValueError):
 
 @dataclass(frozen=True, eq=False)
 class Bvh:
-    """One BVH file as it stands.
+    """The content of a BVH file, unchanged.
 
-    offsets: (J, 3) float64 in the file's unit. end_sites: the OFFSET of each End Site by the index of its joint.
-    channels: for each joint its channel names, in file order. values: (T, C) float64, all channels of a frame in file
-    order. Parents precede their children.
+    offsets: (J, 3) float64, in the file's unit. end_sites: the OFFSET of each End Site, by the index of its joint.
+    channels: each joint's channel names, in file order. values: (T, C) float64, all channels of a frame in file order.
+    Parents precede their children.
     """
 
     joint_names: tuple[str, ...]
@@ -57,7 +57,7 @@ class Bvh:
 
     @property
     def fps(self) -> float:
-        """Frames per second; a frame time written with few digits (0.0333333) still gives a whole number."""
+        """Frames per second; a rounded frame time (0.0333333) still gives a whole number."""
         fps = 1.0 / self.frame_time_s
         return float(round(fps)) if abs(fps - round(fps)) < 1e-3 * fps else fps
 
@@ -124,7 +124,7 @@ def parse_bvh(text: str, source: str = "BVH text") -> Bvh:
 
 
 class _Parser:
-    """Walks the lines once: the hierarchy first, then the numbers."""
+    """Parses the lines in one pass: first the hierarchy, then the numbers."""
 
     def __init__(self, text: str, source: str) -> None:
         self.source = source

@@ -1,8 +1,8 @@
 """The training set on disk: ``motion.npz`` with all frames end to end, and ``clips.json`` with everything else.
 
 motion.npz holds `local_rotations` (N, J, 4) float32, parent-relative, (w, x, y, z), and `root_positions` (N, 3)
-float32, metres; N counts the frames of all clips. clips.json gives each clip's first frame and length in these arrays.
-World positions and headings are those of the capture; a training loader turns and recentres windows itself.
+float32, metres; N is the number of frames of all clips. clips.json gives each clip's first frame and length in these
+arrays. World positions and headings are those of the capture; a training loader turns and recentres windows itself.
 """
 
 from __future__ import annotations
@@ -50,9 +50,9 @@ class Segment:
 class Clip:
     """One motion. local_rotations: (T, J, 4) as (w, x, y, z); root_positions: (T, 3) metres.
 
-    mirror_allowed: whether the mirror image may be trained on; it may not if its labels are kept for the test.
-    derived_from: the ids of the clips of which this one was made, joined by "+", "" for a captured clip itself.
-    figures: numbers noted while building, for example how far planted feet drift.
+    mirror_allowed: whether the mirror image may be trained on; not if its labels are reserved for the test.
+    derived_from: the ids of the clips from which this one was made, joined by "+"; "" for a captured clip.
+    figures: numbers recorded while building, for example how far planted feet drift.
     """
 
     id: str
@@ -92,7 +92,7 @@ class Clip:
 
 @dataclass(frozen=True, eq=False)
 class MotionDataset:
-    """Clips of one skeleton at one frame rate."""
+    """Clips with one skeleton and frame rate."""
 
     skeleton: Skeleton
     fps: float
@@ -103,7 +103,7 @@ class MotionDataset:
         return sum(clip.num_frames for clip in self.clips)
 
     def require(self, skeleton: str, fps: int) -> None:
-        """Raise DatasetError unless its motion is of a model's skeleton and frame rate, at which alone it is judged."""
+        """Raise DatasetError unless the set has a model's skeleton and frame rate, as evaluation requires."""
         if (self.skeleton.name, self.fps) != (skeleton, fps):
             raise DatasetError(
                 f"the set is of {self.skeleton.name} at {self.fps:g} frames a second, the model of {skeleton} at {fps};"
@@ -114,12 +114,12 @@ class MotionDataset:
     def load(cls, folder: Path, split: str | None = None) -> MotionDataset:
         """Read a set, or one split of it ("train", "validation", "test", "test_unseen"). Raises DatasetError.
 
-        "validation" is cut out of the clips that the table calls "train", always the same, as `validation.py` says.
-        The clips are views of two shared tensors: do not write to them.
+        "validation" is a fixed part of the clips that the table calls "train"; see `validation.py`. The clips are views
+        of two shared tensors: do not write to them.
         """
         document = _read_document(folder)
         try:
-            # numpy leaves a file open that it cannot read.
+            # numpy does not close a file that it cannot read.
             with (folder / MOTION_FILE).open("rb") as file, np.load(file, allow_pickle=False) as arrays:
                 rotations, positions = (_finite(arrays, name) for name in ("local_rotations", "root_positions"))
         except (OSError, KeyError, ValueError, EOFError, zipfile.BadZipFile, zlib.error) as error:
@@ -144,9 +144,10 @@ class MotionDataset:
         return cls(skeleton, float(document["fps"]), clips)
 
     def save(self, folder: Path, skipped: Sequence[tuple[str, str]] = (), notes: str = "") -> None:
-        """Write the set to a folder, making it if need be. skipped: (clip id, reason) pairs, kept for the record.
+        """Write the set to a folder, which is created if necessary. skipped: (clip id, reason) pairs, for the record.
 
-        A set that is there is replaced once all of the new one is written. Raises DatasetError where it cannot be.
+        An existing set is replaced only once the new one is written completely. Raises DatasetError if it cannot be
+        written.
         """
         prepare_folder(folder)
         rows: list[dict[str, Any]] = []
@@ -163,7 +164,8 @@ class MotionDataset:
             "clips": rows,
         }
         try:
-            # Both are written before either takes its name: a full disk leaves no motion with the clips of another set.
+            # Both files are written before either is renamed: a full disk cannot combine the motion and clips of
+            # different sets.
             with written_whole(folder / CLIPS_FILE) as clips, written_whole(folder / MOTION_FILE) as motion:
                 clips.write_text(json.dumps(document, indent=1), encoding="utf-8")
                 with motion.open("wb") as file:
@@ -177,7 +179,7 @@ class MotionDataset:
 
 
 def prepare_folder(folder: Path) -> None:
-    """Make the folder of a set, and see that files can be written there. Raises DatasetError where they cannot."""
+    """Create the folder of a set, and check that files can be written there. Raises DatasetError if not."""
     try:
         folder.mkdir(parents=True, exist_ok=True)
         with tempfile.TemporaryFile(dir=folder):
@@ -187,7 +189,7 @@ def prepare_folder(folder: Path) -> None:
 
 
 def skipped_clips(folder: Path) -> list[tuple[str, str]]:
-    """The clips that building the set left out: (id, reason). Raises DatasetError."""
+    """The clips that were left out when the set was built: (id, reason). Raises DatasetError."""
     return [(entry["id"], entry["reason"]) for entry in _read_document(folder)["skipped"]]
 
 
@@ -209,7 +211,7 @@ def _read_document(folder: Path) -> dict[str, Any]:
 
 
 def _finite(arrays: Mapping[str, np.ndarray], name: str) -> Tensor:
-    """An array of a set in float32. Raises ValueError for other things than finite numbers, KeyError without it."""
+    """An array of a set in float32. Raises ValueError unless it holds finite floats, KeyError if it is missing."""
     array = arrays[name]
     if array.dtype.kind != "f" or not np.isfinite(array).all():
         raise ValueError(f"{name} holds {array.dtype}, or NaN or infinite numbers; every one must be a finite float")

@@ -1,10 +1,10 @@
 """Labels and clips that the table does not have, found in the motion itself: standing, hands held up, hands lowered.
 
-The capture data has no clips of standing. What is honestly there:
+The capture data has no clips of standing, but it does contain:
 
-* quiet stretches of gesture clips, in which no joint moves faster than `QUIET_M_S` for at least `MIN_QUIET_S`; with the
+* quiet stretches of gesture clips, in which no joint moves faster than `QUIET_M_S` for at least `MIN_QUIET_S`; with
   hands down they are standing, with a hand up they are holding it up;
-* what a raise-up clip does after such a stretch, which is lowering the hand again;
+* what follows such a stretch in a raise-up clip, which is lowering the hand again;
 * gestures of one hand, in which everything but the gesturing arm stands. Replacing that arm by the mirror image of the
   resting one gives a body at rest; its quiet stretches become clips of their own (`standing_clips`). Legs, trunk, head
   and the resting arm are captured motion; the other arm is a copy, and the set records it.
@@ -28,7 +28,7 @@ QUIET_M_S = 0.25
 MIN_QUIET_S = 1.0
 # A hand is up when it is above its shoulder joint, and down when it is at least this far below it.
 HAND_DOWN_M = 0.25
-# A smaller net turn is not told apart from the sway of walking.
+# A smaller net turn cannot be distinguished from the sway of walking.
 MIN_TURN_RAD = 0.5
 _ONE_HAND = re.compile(r"(?:wave|raise-up)-(left|right)-hand")
 _RAISE = re.compile(r"raise-up-(left|right|both)-hands?")
@@ -36,7 +36,7 @@ _RAISE = re.compile(r"raise-up-(left|right|both)-hands?")
 
 @dataclass(frozen=True)
 class Span:
-    """Frames start .. start + length - 1 of a clip, in which `content` is done."""
+    """Frames start .. start + length - 1 of a clip, which show `content`."""
 
     start: int
     length: int
@@ -44,7 +44,7 @@ class Span:
 
 
 def quiet_spans(positions: Tensor, fps: float) -> list[tuple[int, int]]:
-    """Stretches (first frame, frame after the last) of positions (T, J, 3), metres, in which every joint is quiet."""
+    """Stretches (first frame, end frame) of positions (T, J, 3), metres, in which every joint is quiet."""
     if positions.shape[0] < 3:
         return []
     # Over two frames, so that noise between neighbouring frames does not end a stretch.
@@ -73,16 +73,16 @@ def derived_spans(skeleton: Skeleton, content: str, positions: Tensor, fps: floa
         spans.append(Span(start, end - start, f"hold-up-{suffix}"))
         if positions.shape[0] > end and set(_hands(skeleton, positions[-1:]).values()) == {"down"}:
             spans.append(Span(end, positions.shape[0] - end, f"lower-{suffix}"))
-    # A second hold means the hand did not come down in between, so only what follows the last one is lowering.
+    # A second hold means that the hand did not come down in between, so only what follows the last one is lowering.
     lowering = [span for span in spans if span.content.startswith("lower-")]
     return [span for span in spans if span not in lowering[:-1]]
 
 
 def turning_spans(skeleton: Skeleton, content: str, positions: Tensor, fps: float) -> list[Span]:
-    """A walk with one turn as walking, turning and walking on. positions: (T, J, 3) metres.
+    """A walk with one turn, as spans of walking, turning and walking on. positions: (T, J, 3) metres.
 
-    The turn is where the smoothed heading goes from a tenth to nine tenths of its net change, and 0.2 s to either
-    side. Empty for other contents, and for a clip whose turn cannot be told apart.
+    The turn is where the smoothed heading makes the middle 80 % of its net change, extended by 0.2 s on either side.
+    Empty for other contents, and for a clip whose turn cannot be identified.
     """
     if not content.startswith("walk-turn-"):
         return []
@@ -103,9 +103,9 @@ def turning_spans(skeleton: Skeleton, content: str, positions: Tensor, fps: floa
 def standing_clips(
     skeleton: Skeleton, content: str, quaternions: Tensor, root_positions: Tensor, fps: float
 ) -> list[tuple[Tensor, Tensor]]:
-    """Clips of standing from a gesture of one hand: quaternions (T, J, 4) and root positions (T, 3) metres of each.
+    """Clips of standing from a gesture of one hand: quaternions (T, J, 4) and root positions (T, 3) in metres of each.
 
-    Empty for other contents and for skeletons without shoulders of these names.
+    Empty for other contents, and for skeletons without shoulders of these names.
     """
     gesture = _ONE_HAND.fullmatch(content)
     if gesture is None or "LeftShoulder" not in skeleton.joint_names:

@@ -1,4 +1,4 @@
-"""Judging a training set by figures: bones, ground, planted feet, speeds, turns."""
+"""Figures that judge a training set: bones, ground, planted feet, speeds, turns."""
 
 from __future__ import annotations
 
@@ -21,8 +21,8 @@ from motiongen_ardy.data.dataset import Clip, MotionDataset
 class ClipFigures:
     """One clip. speed, forward and left: mean horizontal root velocity, m/s, the latter two in the heading frame.
 
-    turn_deg: net heading change, + to the left. hand heights: the highest of each hand, metres. lowest_m: the lowest
-    joint. bone_error_m: the largest change of any bone's length.
+    turn_deg: net heading change, + to the left. hand heights: the highest of each hand, metres. lowest_m: the height of
+    the lowest joint. bone_error_m: the largest change of any bone's length.
     """
 
     content: str
@@ -40,7 +40,7 @@ class ClipFigures:
 
 @dataclass(frozen=True)
 class Verdict:
-    """One check of the whole set."""
+    """The result of one check of the whole set."""
 
     passed: bool
     text: str

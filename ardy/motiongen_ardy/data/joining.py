@@ -1,4 +1,4 @@
-"""Two motions made one: crossfades with a foot that stays, starts from standing and stops into it."""
+"""Joins two motions: crossfades around a foot that stays in place, starts from standing, and stops into it."""
 
 from __future__ import annotations
 
@@ -19,15 +19,15 @@ from motiongen_ardy.data.poses import (
     yaw_quaternion,
 )
 
-# Frames of a swing at its start and its end in which the foot still stands.
+# Frames at the start and at the end of a swing in which the foot still stands.
 SWING_MARGIN = 1
 
 
 @dataclass(frozen=True)
 class Pass:
-    """A moment in which one foot stands (`stance`, 0 left, 1 right) and the other passes it in the air.
+    """A moment at which one foot stands (`stance`, 0 left, 1 right) and the other passes it in the air.
 
-    lifted and landed: the first and last frame of that swing.
+    lifted, landed: the first and last frame of that swing.
     """
 
     frame: float
@@ -37,7 +37,7 @@ class Pass:
 
 
 def heading_at(skeleton: Skeleton, poses: Poses, frame: int) -> float:
-    """Where a motion faces about a frame, without the twist of a step: radians."""
+    """Heading in radians around a frame, smoothed to remove the twist of steps."""
     rotations, _ = global_pose(skeleton, poses.quaternions[:, :], poses.root)
     return float(smooth(yaw_of(rotations[:, 0]), 8.0)[frame])
 
@@ -66,10 +66,10 @@ def passes(skeleton: Skeleton, poses: Poses) -> list[Pass]:
 
 
 def join(skeleton: Skeleton, first: Poses, second: Poses, overlap: int, anchors: tuple[int, ...] = ()) -> Poses:
-    """Crossfade the last `overlap` frames of one motion into the first of another, turned and moved to fit.
+    """Crossfade the last `overlap` frames of one motion into the first of another, which is turned and moved to fit.
 
-    The way is that of the blended velocities. anchors: feet (0 left, 1 right) whose mean place is the same before and
-    after the crossfade. Contacts are those of the motion that counts more.
+    The root follows the blended velocities. anchors: feet (0 left, 1 right) whose mean position is the same before and
+    after the crossfade. Contacts are those of the motion with the larger weight.
     """
     begin = first.num_frames - overlap
     turn = heading_at(skeleton, first, begin + overlap // 2) - heading_at(skeleton, second, overlap // 2)
@@ -80,7 +80,7 @@ def join(skeleton: Skeleton, first: Poses, second: Poses, overlap: int, anchors:
 
     share = weight[:, None, None]
     tail, head = first.quaternions[begin:], quaternions[:overlap]
-    # Neighbouring frames lie on one side already, so one sign for each joint keeps the blend continuous.
+    # Neighbouring frames already have matching signs, so one sign per joint keeps the blend continuous.
     sign = np.where((tail[0] * head[0]).sum(-1) < 0, -1.0, 1.0)[:, None]
     quaternions = quaternions * sign
     mixed = (1 - share) * tail + share * quaternions[:overlap]
@@ -108,9 +108,10 @@ def join(skeleton: Skeleton, first: Poses, second: Poses, overlap: int, anchors:
 
 
 def start(skeleton: Skeleton, standing: Poses, moving: Poses, at: Pass, ramp: int) -> tuple[Poses, int]:
-    """From standing into a walk or run: the standing foot of `at` stays, the other one swings into the first step.
+    """From standing into a walk or run: the stance foot of `at` stays in place, the other swings into the first step.
 
-    ramp: frames in which the playback goes from rest to full rate. Returns the raw motion and the frame it begins at.
+    ramp: frames in which playback accelerates from rest to full rate. Returns the raw motion and its first changed
+    frame.
     """
     rate = smoothstep((np.arange(4 * ramp) + 1) / ramp)
     times = at.frame + np.cumsum(rate) - rate[0]
@@ -131,7 +132,7 @@ def start(skeleton: Skeleton, standing: Poses, moving: Poses, at: Pass, ramp: in
 
 
 def stop(skeleton: Skeleton, moving: Poses, standing: Poses, at: Pass, ramp: int) -> tuple[Poses, int]:
-    """From a walk or run into standing: the mirror image in time of `start`. Returns the motion and where it begins."""
+    """From a walk or run into standing: `start` reversed in time. Returns the motion and its first changed frame."""
     rate = smoothstep((np.arange(4 * ramp) + 1) / ramp)
     back = at.frame - (np.cumsum(rate) - rate[0])
     swing = int(np.searchsorted(-back, -(at.lifted - 1)))
@@ -151,7 +152,7 @@ def stop(skeleton: Skeleton, moving: Poses, standing: Poses, at: Pass, ramp: int
 
 
 def nearest(skeleton: Skeleton, first: Poses, second: Poses, margin: int, fps: float) -> tuple[int, int, float]:
-    """The frames of two motions between which a change shows least, and by how much: metres, velocities counted 0.2 s.
+    """The frames of two motions between which a change shows least, and the distance: metres, velocities times 0.2 s.
 
     Only frames at least `margin` from the ends are considered.
     """

@@ -1,4 +1,4 @@
-"""The quality of a set by kind of clip, captured and derived, so that one can be held beside the other."""
+"""The quality of a set by kind of clip, captured and derived, to compare the two."""
 
 from __future__ import annotations
 
@@ -16,7 +16,7 @@ DERIVED_FLAG = "derived-"
 
 
 def kind_of(clip: Clip) -> str:
-    """What a clip is: its content when captured, how it was made when derived."""
+    """The kind of a clip: its content if captured, how it was made if derived."""
     made = [flag.removeprefix(DERIVED_FLAG) for flag in clip.flags if flag.startswith(DERIVED_FLAG)]
     if made:
         return f"derived: {made[0]}"
@@ -24,7 +24,7 @@ def kind_of(clip: Clip) -> str:
 
 
 def by_kind(dataset: MotionDataset) -> dict[str, list[tuple[Clip, Quality]]]:
-    """Every clip of at least four frames with its quality, by kind; captured kinds come first."""
+    """All clips of at least MIN_FRAMES frames with their quality, by kind; captured kinds come first."""
     kinds: dict[str, list[tuple[Clip, Quality]]] = defaultdict(list)
     for clip in dataset.clips:
         if clip.num_frames >= MIN_FRAMES:

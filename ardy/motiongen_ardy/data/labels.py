@@ -1,4 +1,4 @@
-"""The labels table: one row of CSV for each clip."""
+"""The labels table: a CSV file with one row per clip."""
 
 from __future__ import annotations
 
@@ -21,7 +21,7 @@ class LabelsError(ValueError):
 
 @dataclass(frozen=True)
 class Label:
-    """What the table says of a clip. texts: English descriptions; rest_group and flags may be empty."""
+    """One row of the table. texts: English descriptions; rest_group and flags may be empty."""
 
     id: str
     dataset: str
@@ -35,7 +35,7 @@ class Label:
 
 
 def read_labels(path: Path) -> tuple[Label, ...]:
-    """Read a labels table. Columns it must have: id, file, content, style, texts (parted by |), split.
+    """Read a labels table. Required columns: id, file, content, style, texts (separated by |), split.
 
     Raises LabelsError.
     """
@@ -45,7 +45,7 @@ def read_labels(path: Path) -> tuple[Label, ...]:
     line = 1
     try:
         with path.open(encoding="utf-8-sig", newline="") as stream:
-            # Strict, as a quotation mark that is never closed would else take in all rows after it.
+            # Strict: otherwise, a quotation mark that is never closed would swallow all rows after it.
             reader = csv.DictReader(stream, strict=True)
             _check_header(path, reader.fieldnames or ())
             for row in reader:
@@ -74,7 +74,7 @@ def read_labels(path: Path) -> tuple[Label, ...]:
 
 
 def file_key(file: str) -> str:
-    """The same for all ways to write the path of one file."""
+    """A key that is the same for all spellings of a file's path."""
     return os.path.normpath(file)
 
 

@@ -1,6 +1,6 @@
-"""A leg put to a wanted ankle, for all frames of a motion at once: how far it stretches, and where its knee goes.
+"""Two-bone inverse kinematics of a leg for all frames of a motion at once: how far it stretches, where its knee goes.
 
-Positions are metres, matrices act on column vectors, everything is float64.
+Positions are in metres, matrices act on column vectors, and everything is float64.
 """
 
 from __future__ import annotations
@@ -12,16 +12,16 @@ import torch
 
 from motiongen_ardy.core.two_bone import across, bent_to, unit
 
-# No leg is stretched beyond this share of its length: there, small moves of the hip make the knee jump.
+# The most that a leg is stretched, as a share of its length: beyond it, small moves of the hip make the knee jump.
 MAX_REACH = 0.995
 MIN_REACH = 0.25
-# What the hinge's own forward counts beside the knee's offset, metres: it decides for a leg that is nearly straight.
+# Weight of the hinge's own forward direction against the knee's offset, metres: decides for a nearly straight leg.
 HINGE_HINT_M = 0.02
 
 
 @dataclass(frozen=True)
 class SolvedLeg:
-    """Global rotations (T, 3, 3) of thigh and shin, and how far (T,) metres the ankle stays short of its goal."""
+    """Global rotations (T, 3, 3) of thigh and shin, and by how much (T,) in metres the ankle misses its goal."""
 
     thigh: np.ndarray
     shin: np.ndarray
@@ -36,11 +36,11 @@ def solve_leg(
     knee_bone: np.ndarray,
     ankle_bone: np.ndarray,
 ) -> SolvedLeg:
-    """Turn a leg as little as can be so that its ankle comes to `goal`.
+    """Turn a leg as little as possible so that its ankle reaches `goal`.
 
-    hip, goal: (T, 3). thigh, shin: (T, 3, 3) global rotations as they are. knee_bone, ankle_bone: (3,) offsets of knee
-    and ankle in the frames of thigh and shin. The knee keeps its side: it bends in the plane in which it is bent now,
-    and where it is nearly straight, forward of the thigh's own left axis.
+    hip, goal: (T, 3). thigh, shin: (T, 3, 3), present global rotations. knee_bone, ankle_bone: (3,), offsets of knee
+    and ankle in the frames of thigh and shin. The knee keeps its side: it bends in the plane in which it is bent now
+    or, if it is nearly straight, forward relative to the thigh's own left axis.
     """
     upper, target = torch.from_numpy(hip), torch.from_numpy(goal)
     rotations = torch.from_numpy(thigh), torch.from_numpy(shin)

@@ -1,4 +1,4 @@
-"""Judging a training set by eye: a PNG with a strip of poses for each of a few clips."""
+"""Draws a few clips of a training set for inspection: a PNG with a strip of poses for each."""
 
 from __future__ import annotations
 
@@ -24,8 +24,8 @@ _COLOURS = {"left": "tab:blue", "right": "tab:red", "middle": "0.2"}
 def draw(dataset: MotionDataset, png: Path, wanted: Sequence[str] = (), max_rows: int = 12) -> int:
     """Draw clips to a PNG file and return how many. wanted: clip ids or contents; by default one of each content.
 
-    Each row shows poses at even times, seen from the front of the first pose and pulled apart, and the root's path from
-    above. Left limbs are blue, right limbs red. Raises DatasetError if a wanted clip is not there, or where the file
+    Each row shows poses at even intervals, seen from the front of the first pose and spread apart, and the root's path
+    from above. Left limbs are blue, right limbs red. Raises DatasetError if a wanted clip does not exist, or the file
     cannot be written.
     """
     clips = _choose(dataset, wanted)[:max_rows]
@@ -79,7 +79,7 @@ def _draw_clip(strip: plt.Axes, path: plt.Axes, clip: Clip, skeleton: Skeleton, 
         strip.text(1.6 * place, -0.28, f"{frame / fps:.1f} s", ha="center", fontsize=7)
     strip.axhline(0, color="0.8", linewidth=0.8)
     strip.set(xlim=(-1, 1.6 * NUM_POSES - 0.6), ylim=(-0.35, 2.2), aspect="equal")
-    # As it stands: two dollar signs of a caption are no formula.
+    # Without math parsing: two dollar signs in a caption are not a formula.
     strip.set_title(f"{clip.id}: {clip.captions[-1]}", fontsize=8, loc="left", parse_math=False)
     strip.axis("off")
     path.plot(positions[:, 0, 0], positions[:, 0, 2], color="0.2", linewidth=1)

@@ -1,4 +1,4 @@
-"""Mirroring a motion in the plane x = 0: left becomes right, and right becomes left."""
+"""Mirrors a motion in the plane x = 0: left becomes right, and right becomes left."""
 
 from __future__ import annotations
 
@@ -35,8 +35,8 @@ def mirrored_joints(skeleton: Skeleton) -> tuple[int, ...]:
 def mirror_clip(skeleton: Skeleton, quaternions: Tensor, root_positions: Tensor) -> tuple[Tensor, Tensor]:
     """The mirror image of a motion: quaternions (..., J, 4) as (w, x, y, z), root positions (..., 3) metres.
 
-    A rotation R becomes S R S with S = diag(-1, 1, 1), which is (w, x, -y, -z) as a quaternion; it holds for
-    parent-relative and for global rotations alike.
+    A rotation R becomes S R S with S = diag(-1, 1, 1), which is (w, x, -y, -z) as a quaternion; this holds for
+    parent-relative and for global rotations.
     """
     turned = quaternions.new_tensor([1.0, 1.0, -1.0, -1.0])
     moved = root_positions.new_tensor([-1.0, 1.0, 1.0])

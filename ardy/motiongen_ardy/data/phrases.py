@@ -11,7 +11,7 @@ SUBJECTS = ("a person", "the person", "someone", "a character", "the character")
 
 @dataclass(frozen=True)
 class Manner:
-    """How something is done. adjectives go before a subject, adverbials after what is done."""
+    """How something is done. adjectives precede the subject, adverbials follow the action."""
 
     adjectives: tuple[str, ...] = ()
     adverbials: tuple[str, ...] = ()
@@ -221,14 +221,14 @@ _PLAIN: dict[str, tuple[str, ...]] = {
 
 @dataclass(frozen=True)
 class Action:
-    """One thing that is done, in three forms: "walk forward", "walks forward", "walking forward"."""
+    """An action in three forms: "walk forward", "walks forward", "walking forward"."""
 
     base: str
     third: str
     gerund: str
 
 
-# Further verbs of a phrase, which take the same form as its first one.
+# Further verbs of a phrase, which take the same form as the first one.
 _FORMS = {
     "turn": ("turn", "turns", "turning"),
     "make": ("make", "makes", "making"),
@@ -240,7 +240,7 @@ _FORMS = {
 
 
 def actions(content: str) -> tuple[Action, ...]:
-    """The ways of saying a content label, most usual first; none for a content without phrases."""
+    """The phrases for a content label, the most usual first; empty for a content without phrases."""
     phrases = _PLAIN.get(content) or PLAIN.get(content, ())
     side = ""
     for slug, sided in (_SIDED | SIDED).items():

@@ -1,4 +1,4 @@
-"""Motions as numpy arrays for the making of derived clips: sampling between frames, headings, contacts."""
+"""Motions as numpy arrays, for making derived clips: sampling between frames, headings, contacts."""
 
 from __future__ import annotations
 
@@ -11,16 +11,16 @@ from motiongen_ardy.core.rotation import matrix_to_quaternion, quaternion_to_mat
 from motiongen_ardy.core.skeleton import Skeleton, forward_kinematics
 from motiongen_ardy.data.dataset import Clip
 
-# A foot joint is in contact while it is slower than this and lower than this above where it rests.
+# A foot joint is in contact while it is slower than this, and lower than this above its resting height.
 CONTACT_M_S = 0.45
 CONTACT_RISE_M = 0.035
 
 
 @dataclass(frozen=True, eq=False)
 class Poses:
-    """A motion: local quaternions (T, J, 4) as (w, x, y, z), root positions (T, 3) metres, float64.
+    """A motion: local quaternions (T, J, 4) as (w, x, y, z), root positions (T, 3) in metres, float64.
 
-    contacts: (T, 2, 2) bool, left and right foot by ankle and toe base.
+    contacts: (T, 2, 2) bool, left and right foot, each ankle and toe base.
     """
 
     quaternions: np.ndarray
@@ -64,7 +64,7 @@ def quaternions_of(matrices: np.ndarray) -> np.ndarray:
 
 
 def continuous(quaternions: np.ndarray) -> np.ndarray:
-    """The same rotations (T, J, 4) with signs such that neighbouring frames lie on the same side."""
+    """The same rotations (T, J, 4) with signs chosen so that quaternions do not flip between frames."""
     dots = (quaternions[1:] * quaternions[:-1]).sum(-1)
     signs = np.cumprod(np.where(dots < 0, -1.0, 1.0), axis=0)
     return np.concatenate([quaternions[:1], quaternions[1:] * signs[..., None]])
@@ -98,12 +98,12 @@ def yaw_matrix(angle: np.ndarray) -> np.ndarray:
 
 
 def yaw_of(rotations: np.ndarray) -> np.ndarray:
-    """Where the left axis of global rotations (T, 3, 3) says that they face: radians, 0 along +Z, unwrapped."""
+    """The heading of global rotations (T, 3, 3), from their left axis: radians, 0 along +Z, unwrapped."""
     return np.unwrap(np.arctan2(-rotations[:, 2, 0], rotations[:, 0, 0]))
 
 
 def smooth(values: np.ndarray, sigma: float) -> np.ndarray:
-    """Values (T, ...) under a Gaussian of `sigma` frames; beyond the ends they go on as straight lines."""
+    """Values (T, ...) smoothed by a Gaussian of `sigma` frames; beyond the ends they are extrapolated linearly."""
     if sigma <= 0 or len(values) < 3:
         return values
     reach = min(int(np.ceil(3 * sigma)), len(values) - 1)
@@ -117,9 +117,9 @@ def smooth(values: np.ndarray, sigma: float) -> np.ndarray:
 
 
 def contacts_of(skeleton: Skeleton, positions: np.ndarray, fps: float) -> np.ndarray:
-    """Which foot joints stand (T, 2, 2), from world positions (T, J, 3): slow between neighbours and low."""
+    """Which foot joints stand (T, 2, 2), from world positions (T, J, 3): slow between neighbours, and low."""
     joints = positions[:, list(skeleton.contact_joints)]
-    # Half a frame to either side: the slower of the two steps, so that a touch-down counts from its own frame.
+    # Half a frame to either side: the slower of the two steps, so that a touch-down counts from its own frame on.
     steps = np.linalg.norm(np.diff(joints, axis=0), axis=-1) * fps
     speed = np.minimum(np.concatenate([steps[:1], steps]), np.concatenate([steps, steps[-1:]]))
     rest = np.quantile(joints[..., 1], 0.1, axis=0)
@@ -135,12 +135,12 @@ def poses_of(clip: Clip, skeleton: Skeleton, fps: float) -> Poses:
 
 
 def runs(flags: np.ndarray) -> list[tuple[int, int]]:
-    """Stretches (first, one after the last) in which flags (T,) are set."""
+    """Stretches (first frame, end frame) in which flags (T,) are set."""
     edges = np.diff(np.concatenate([[0], flags.astype(int), [0]]))
     return list(zip(np.flatnonzero(edges == 1).tolist(), np.flatnonzero(edges == -1).tolist(), strict=True))
 
 
 def smoothstep(part: np.ndarray) -> np.ndarray:
-    """0 to 1 with level ends, for part (...) in 0..1."""
+    """0 to 1 with zero slope at both ends, for part (...) in 0..1."""
     part = np.clip(part, 0, 1)
     return part * part * (3 - 2 * part)

@@ -1,4 +1,4 @@
-"""Figures by which a derived clip is kept or dropped; captures are measured by the same ones."""
+"""Figures by which a derived clip is kept or dropped; captures are measured by the same figures."""
 
 from __future__ import annotations
 
@@ -10,19 +10,19 @@ from motiongen_ardy.core.skeleton import Skeleton
 from motiongen_ardy.data.poses import global_pose
 
 MOVING_M_S = 0.3
-# The rule of the features: a foot joint is in contact when it is slower and lower than this.
+# As for the features: a foot joint is in contact if it is slower and lower than this.
 CONTACT_M_S = 0.3
 CONTACT_M = 0.1
 
 
 @dataclass(frozen=True)
 class Quality:
-    """skate_m_s: mean horizontal speed of foot joints in contact by the rule of the features.
+    """skate_m_s: mean horizontal speed of foot joints that are in contact, as for the features.
 
-    slowest_ratio, slowest_p90: median and 90th percentile over moving frames of the slowest foot joint's horizontal
-    speed over the root's, 0 without any. knee_deg: the largest turn of a knee from frame to frame. acceleration:
-    99th percentile over joints and frames, m/s2. lowest_m: the lowest foot joint. lifted_m: the 95th percentile of
-    the lower foot's lowest joint, which says how far the body floats.
+    slowest_ratio, slowest_p90: median and 90th percentile, over moving frames, of the slowest foot joint's horizontal
+    speed over the root's; 0 if there are none. knee_deg: the largest turn of a knee from frame to frame. acceleration:
+    99th percentile over joints and frames, m/s2. lowest_m: the height of the lowest foot joint. lifted_m: the 95th
+    percentile of the height of the lower foot's lowest joint, which shows how far the body floats.
     """
 
     skate_m_s: float

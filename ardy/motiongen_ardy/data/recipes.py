@@ -1,4 +1,4 @@
-"""Derived clips of every kind: how many hours of each, which are good enough, and how they are named and captioned."""
+"""Derived clips of every kind: how many hours of each, which are good enough, their names and captions."""
 
 from __future__ import annotations
 
@@ -18,7 +18,7 @@ from motiongen_ardy.data.standing_recipes import start_or_stop, transition
 from motiongen_ardy.data.validation import SEPARATOR
 from motiongen_ardy.data.way_recipes import bend, on_the_spot, speed_change, strafe
 
-# Each recipe, and the hours of it in a whole set.
+# Each recipe, and its hours in a whole set.
 RECIPES: dict[str, tuple[Callable[[Shelf], Made], float]] = {
     "start-stop": (start_or_stop, 1.15),
     "transition": (transition, 0.7),
@@ -27,12 +27,12 @@ RECIPES: dict[str, tuple[Callable[[Shelf], Made], float]] = {
     "on-the-spot": (on_the_spot, 0.3),
     "speed": (speed_change, 0.45),
 }
-# Feet do not cross by more than this in sideways steps, metres.
+# In sideways steps, feet must not cross by more than this, metres.
 MAX_CROSSING_M = 0.08
 
 
 def fault(made: Made, figures: Quality, skeleton: Skeleton) -> str:
-    """Why a clip is not like a capture, "" if it is. Bounds: the captures' 95th to 99th percentiles."""
+    """What distinguishes a clip from captures; "" if nothing does. Bounds: the captures' 95th to 99th percentiles."""
     running = any(moving_content(source) == "run" for source in made.sources)
     bounds = {
         "acceleration": (figures.acceleration, 90.0 if running else 66.0),
@@ -49,7 +49,7 @@ def fault(made: Made, figures: Quality, skeleton: Skeleton) -> str:
 
 
 def crossing(made: Made, skeleton: Skeleton) -> float:
-    """How far the left ankle gets to the right of the right one, metres, across the hips."""
+    """How far the left ankle gets to the right of the right one, in metres, across the hips."""
     poses = made.motion.poses
     _, positions = global_pose(skeleton, poses.quaternions, poses.root)
     right, left = skeleton.hip_joints
@@ -66,9 +66,9 @@ def _captions(content: str, style: str) -> tuple[str, ...]:
 
 
 def clip_of(made: Made, figures: Quality, number: int) -> Clip:
-    """The clip of the set. Its own captions name what follows on what; each segment's are those of its frames.
+    """The finished clip. Its own captions describe the sequence; each segment's captions describe its frames.
 
-    Raises Unfit where a label has no phrases, as labels of other tables may have none.
+    Raises Unfit if a label has no phrases, which can happen with labels of other tables.
     """
     frames = made.motion.poses.num_frames
     edges = [min(max(span[0], 0), frames) for span in made.spans] + [frames]
@@ -112,7 +112,7 @@ def clip_of(made: Made, figures: Quality, number: int) -> Clip:
 def make(
     clips: Sequence[Clip], skeleton: Skeleton, fps: float, seed: int, share: float
 ) -> tuple[list[Clip], dict[str, int]]:
-    """Derived clips of one split's captures, `share` of the hours of RECIPES, and what was dropped: counts by reason.
+    """Clips derived from one split's captures, `share` of the hours of RECIPES; and counts of dropped ones, by reason.
 
     The same captures, seed and share give the same clips.
     """

@@ -1,9 +1,9 @@
-"""Feet put where they stay: every stance of a made-up motion keeps one place, swings lead from one to the next.
+"""Plants feet: every stance of a synthetic motion stays in one place, and swings lead from one stance to the next.
 
-The raw motion carries the body where it shall be, its feet slide. In each stance the slide of the joint that stands is
-taken out; half way through the stance nothing changes, so a step lands where the body is when it passes over it. In
-swings the correction runs smoothly from one stance to the next. Legs follow by the two-bone solution, and the pelvis
-goes down where a leg would be too short.
+The raw motion carries the body correctly, but its feet slide. In each stance, the slide of the standing joint is
+removed; the correction is zero half way through the stance, so that a step lands where the body passes over it. In
+swings, the correction changes smoothly from one stance to the next. Legs follow by the two-bone solution, and the
+pelvis is lowered where a leg would be too short.
 """
 
 from __future__ import annotations
@@ -21,18 +21,18 @@ from motiongen_ardy.data.poses import Poses, continuous, global_pose, quaternion
 
 MIN_STANCE_FRAMES = 2
 CLEARANCE_M = 0.045
-# A stance of so many frames is standing; the steps out of it and into it are lifted by at least this.
+# A stance of at least this many frames is standing; the steps before and after it are lifted by at least this.
 STANDING_FRAMES = 26
 FIRST_LIFT_M = 0.06
-# Correction speeds at the ends of a swing are carried over, but no faster than this, metres a frame.
+# The speed of the correction at the ends of a swing is kept, up to this, metres a frame.
 MAX_SLOPE_M = 0.04
 
 
 @dataclass(frozen=True)
 class Replanted:
-    """The motion with planted feet. Both (T,) metres:
+    """The motion with planted feet, and two figures, both (T,) metres.
 
-    drop_m: how far the pelvis went down; short_m: how far an ankle stays off its goal.
+    drop_m: how far the pelvis was lowered; short_m: by how much an ankle misses its goal.
     """
 
     poses: Poses
@@ -43,10 +43,10 @@ class Replanted:
 def replant(
     skeleton: Skeleton, raw: Poses, flatten: np.ndarray | None = None, widen: np.ndarray | None = None
 ) -> Replanted:
-    """Plant the feet of a raw motion by its contacts.
+    """Plant the feet of a raw motion according to its contacts.
 
-    flatten: (T,) 0..1, how far feet are turned flat and low (small steps have no push-off). widen: (T,) metres by which
-    each foot is set outwards, so that sideways steps do not cross.
+    flatten: (T,) 0..1, how far feet are turned flat and low (small steps have no push-off). widen: (T,), metres by
+    which each foot is moved outwards, so that feet do not cross in sideways steps.
     """
     frames = raw.num_frames
     flatten = np.zeros(frames) if flatten is None else flatten
@@ -67,7 +67,7 @@ def replant(
 def _plant(
     ankle: np.ndarray, foot: np.ndarray, toe_bone: np.ndarray, contacts: np.ndarray, flatten: np.ndarray
 ) -> tuple[np.ndarray, np.ndarray]:
-    """Goals of one ankle (T, 3) and rotations of its foot (T, 3, 3)."""
+    """Goals (T, 3) of one ankle and rotations (T, 3, 3) of its foot."""
     ankle = ankle.copy()
     stances = [span for span in runs(contacts.any(-1)) if span[1] - span[0] >= MIN_STANCE_FRAMES]
     yaw = yaw_of(foot)
@@ -79,7 +79,7 @@ def _plant(
     turn = _correction(yaw_steps[:, None], stances, np.inf)[:, 0]
     foot = yaw_matrix(turn) @ foot
     toe = ankle + foot @ toe_bone
-    # The toe base stands from when it is down; before that the heel does, of which the ankle is the nearest joint.
+    # The toe base stands from when it is down; before that the heel stands, to which the ankle is the nearest joint.
     on_toe = (contacts[1:, 1] & contacts[:-1, 1]) | ~contacts[1:, 0]
     steps = np.where(on_toe[:, None], np.diff(toe, axis=0), np.diff(ankle, axis=0))[:, [0, 2]]
     ankle[:, [0, 2]] += _correction(steps, stances, MAX_SLOPE_M)
@@ -96,7 +96,7 @@ def _flattened(foot: np.ndarray, yaw: np.ndarray, share: np.ndarray) -> np.ndarr
 
 
 def _correction(steps: np.ndarray, stances: list[tuple[int, int]], max_slope: float) -> np.ndarray:
-    """What to add (T, C) so that nothing moves within a stance. steps: (T - 1, C) how the raw value moves."""
+    """The correction (T, C) with which nothing moves within a stance. steps: (T - 1, C), changes of the raw value."""
     frames = len(steps) + 1
     change = np.zeros((frames, steps.shape[1]))
     if not stances:
@@ -121,7 +121,7 @@ def _correction(steps: np.ndarray, stances: list[tuple[int, int]], max_slope: fl
 
 
 def _clear(ankle: np.ndarray, toe: np.ndarray, stances: list[tuple[int, int]]) -> None:
-    """Lift swings that would drag, and keep toes and ankles out of the ground (in place)."""
+    """Lift swings that would drag, and keep toes and ankles above the ground (in place)."""
     low_toe, low_ankle = 0.008, 0.055
     for (before, end), (start, after) in itertools.pairwise(stances):
         if start - end < 2:
@@ -133,7 +133,7 @@ def _clear(ankle: np.ndarray, toe: np.ndarray, stances: list[tuple[int, int]]) -
         if missing > 0:
             ankle[end:start, 1] += missing * np.sin(np.pi * part)
         if max(end - before, after - start) >= STANDING_FRAMES and travel > 0.05:
-            # A foot that leaves or joins standing goes up at once, before the body has moved on.
+            # A foot that leaves a standing pose or joins one rises at once, before the body has moved on.
             floor = ankle[end - 1, 1] + part * (ankle[start, 1] - ankle[end - 1, 1])
             floor += FIRST_LIFT_M * np.sin(np.pi * part) ** 0.8
             ankle[end:start, 1] = np.maximum(ankle[end:start, 1], floor)
@@ -150,7 +150,7 @@ def _solve(
     feet: list[np.ndarray],
     flatten: np.ndarray,
 ) -> Replanted:
-    """Bend the legs so that each ankle is at its goal (T, 3) and its foot lies as in feet (T, 3, 3), left then right.
+    """Bend the legs so that each ankle is at its goal (T, 3) and its foot is turned as in feet (T, 3, 3); left, right.
 
     rotations, positions: of the raw motion's joints, in the world.
     """

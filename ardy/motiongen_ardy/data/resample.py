@@ -1,4 +1,4 @@
-"""Changing the frame rate: global rotations by spherical interpolation, positions linearly."""
+"""Changes the frame rate: global rotations by spherical interpolation, positions linearly."""
 
 from __future__ import annotations
 
@@ -9,7 +9,7 @@ from motiongen_ardy.core.rotation import matrix_to_quaternion, quaternion_to_mat
 
 
 def resampled_length(num_frames: int, source_fps: float, target_fps: float) -> int:
-    """Frames at the target rate that fit into the time between the first and the last source frame."""
+    """The number of frames at the target rate between the first and the last source frame."""
     return int((num_frames - 1) * target_fps / source_fps + 1e-6) + 1
 
 
@@ -22,7 +22,7 @@ def resample(
     rather than parent-relative rotations keeps the direction of each bone free of its ancestors' error.
     """
     num_frames = resampled_length(global_rotations.shape[0], source_fps, target_fps)
-    # The tiny step back keeps a target frame that lies on a source frame from landing just before it.
+    # The tiny offset keeps a target frame that coincides with a source frame from falling just before it.
     at = torch.arange(num_frames, dtype=torch.float64) * (source_fps / target_fps)
     first = (at + 1e-6).long().clamp(max=global_rotations.shape[0] - 1)
     second = (first + 1).clamp(max=global_rotations.shape[0] - 1)

@@ -1,7 +1,7 @@
-"""Applying a retarget description: from a BVH clip to local rotations and root positions of our skeleton.
+"""Applies a retarget description: from a BVH clip to local rotations and root positions of our skeleton.
 
-With G(j) the global rotation of source joint j and T(j) the world directions of its own axes (as columns) when the body
-stands in the neutral pose, the target joint k it drives has the global rotation G(k) = G(j) T(j)^T.
+Let G(j) be the global rotation of source joint j, and T(j) the world directions of its own axes (as columns) in the
+neutral pose. Then the target joint k that it drives has the global rotation G(k) = G(j) T(j)^T.
 """
 
 from __future__ import annotations
@@ -25,7 +25,7 @@ from motiongen_ardy.data.retarget_rules import FixedGround, JointRule, LegScale,
 class RetargetedClip:
     """A clip on our skeleton, float64. local_rotations: (T, J, 4) as (w, x, y, z); root_positions: (T, 3) metres.
 
-    source_feet_m: (T, F, 3) metres, the source's foot joints of the description's `feet`, unscaled.
+    source_feet_m: (T, F, 3) metres, the source's foot joints from the description's `feet`, unscaled.
     """
 
     local_rotations: Tensor
@@ -45,7 +45,7 @@ def choose_retarget(bvh: Bvh, retargets: tuple[Retarget, ...]) -> Retarget:
 
 
 def apply_retarget(retarget: Retarget, bvh: Bvh, fps: float, group: str = "") -> RetargetedClip:
-    """Carry a BVH clip over to the retarget's skeleton at `fps`. group: the clip's rest group, "" for none.
+    """Transfer a BVH clip to the retarget's skeleton, at `fps`. group: the clip's rest group, "" for none.
 
     Raises RetargetError if the file lacks a source joint.
     """
@@ -125,7 +125,7 @@ def _leg_scale(retarget: Retarget, scale: LegScale, bvh: Bvh) -> float:
     lengths = dict(zip(bvh.joint_names, np.linalg.norm(bvh.offsets, axis=1), strict=True))
     skeleton = retarget.skeleton
     ours = dict(zip(skeleton.joint_names, np.linalg.norm(skeleton.offsets, axis=1), strict=True))
-    # A chain's first joint is where it starts; the bones are the offsets of the joints after it.
+    # A chain starts at its first joint; its bones are the offsets of the joints after it.
     source = float(np.mean([sum(lengths[name] for name in chain[1:]) for chain in scale.source]))
     target = float(np.mean([sum(ours[name] for name in chain[1:]) for chain in scale.target]))
     if source <= 0:

@@ -1,7 +1,7 @@
 """Reads a retarget description from a small YAML file.
 
-The keys are explained in docs/data.md. Reading checks everything that can be checked without motion, so that a mistake
-is reported once, by its place in the file, and not for every clip.
+The keys are explained in docs/data.md. Everything that can be checked without motion is checked on reading, so that a
+mistake is reported once, by its place in the file, and not for every clip.
 """
 
 from __future__ import annotations
@@ -38,7 +38,7 @@ DIRECTIONS: dict[str, tuple[int, int, int]] = {
 
 
 def built_in_retargets() -> tuple[Retarget, ...]:
-    """The retargets that come with this package."""
+    """The retargets included in the package."""
     folder = resources.files("motiongen_ardy") / "data" / "retargets"
     files = sorted((entry for entry in folder.iterdir() if entry.name.endswith(".yaml")), key=lambda entry: entry.name)
     return tuple(read_retarget(entry) for entry in files)
@@ -56,7 +56,7 @@ def read_retarget(path: Path | Traversable) -> Retarget:
 
 
 class _Reader:
-    """Checks one document; every error names the place as a dotted path."""
+    """Checks one document; every error gives the place as a dotted path."""
 
     def __init__(self, source: str) -> None:
         self.source = source

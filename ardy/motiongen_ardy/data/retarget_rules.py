@@ -1,4 +1,4 @@
-"""Retarget: which source joint drives which joint of our skeleton, as data that has been checked."""
+"""Retarget: which source joint drives which joint of our skeleton, as validated data."""
 
 from __future__ import annotations
 
@@ -14,7 +14,7 @@ class RetargetError(ValueError):
 
 @dataclass(frozen=True)
 class JointRule:
-    """A target joint takes the global rotation of `source`, whose own axes in the neutral pose are `axes`.
+    """A target joint that takes the global rotation of `source`, whose own axes in the neutral pose are `axes`.
 
     turn: an optional further rotation of those axes, (direction, degrees or the name of a value).
     """
@@ -26,7 +26,7 @@ class JointRule:
 
 @dataclass(frozen=True)
 class FillRule:
-    """A target joint without a source: its global rotation lies at `fraction` between those of two others."""
+    """A target joint without a source: its global rotation is interpolated at `fraction` between two others."""
 
     start: str
     end: str
@@ -35,7 +35,7 @@ class FillRule:
 
 @dataclass(frozen=True)
 class LegScale:
-    """The scale is the length of `target` chains divided by that of `source` chains, both averaged."""
+    """The scale is the mean length of the `target` chains divided by that of the `source` chains."""
 
     source: tuple[tuple[str, ...], ...]
     target: tuple[tuple[str, ...], ...]
@@ -43,7 +43,7 @@ class LegScale:
 
 @dataclass(frozen=True)
 class FixedGround:
-    """The source height (a number or the name of a value) comes to lie at `height_m`."""
+    """The source height (a number or the name of a value) is mapped to `height_m`."""
 
     source_height: float | str
     height_m: float
@@ -51,7 +51,7 @@ class FixedGround:
 
 @dataclass(frozen=True)
 class MeasuredGround:
-    """One shift for the clip: the percentile over frames of the lowest of `joints` comes to lie at `height_m`."""
+    """One shift per clip, which puts a percentile over frames of the lowest of `joints` at `height_m`."""
 
     joints: tuple[str, ...]
     percentile: float
@@ -60,10 +60,10 @@ class MeasuredGround:
 
 @dataclass(frozen=True)
 class Retarget:
-    """A checked retarget description. `identity`: target joints that keep the identity relative to their parent.
+    """A validated retarget description. identity: target joints that keep the identity relative to their parent.
 
-    The middle of the `root_target` joints comes to lie where the scaled middle of the `root_source` joints is.
-    feet: pairs (source joint, target joint), for measuring how well planted feet stay planted.
+    The midpoint of the `root_target` joints is placed at the scaled midpoint of the `root_source` joints.
+    feet: pairs (source joint, target joint), to measure how well planted feet stay planted.
     """
 
     name: str
@@ -89,5 +89,5 @@ class Retarget:
         return frozenset(names | {source for source, _ in self.feet})
 
     def values_for(self, group: str) -> dict[str, float]:
-        """The named values for a rest group ("" and groups without a section have the default ones)."""
+        """The named values for a rest group; the defaults for "" and for groups without a section."""
         return {**self.values, **self.groups.get(group, {})}

@@ -1,4 +1,4 @@
-"""What `clips.json` of a set must hold: people mend captions by hand, and a slip must not train another motion."""
+"""Checks `clips.json` of a set: captions are edited by hand, and a slip must not go unnoticed into training."""
 
 from __future__ import annotations
 
@@ -18,7 +18,7 @@ _SEGMENT: Mapping[str, tuple[type, ...]] = {"start": (int,), "length": (int,), "
 
 
 def fields_problem(entry: object, known: Mapping[str, tuple[type, ...]]) -> str | None:
-    """The first of the known fields that an object lacks, or that is of another type; None where all are there."""
+    """What is wrong with the first known field that is missing or has another type; None if all are right."""
     if not isinstance(entry, dict):
         return f"holds {str(entry)[:60]!r} instead of an object"
     for name, kinds in known.items():
@@ -29,12 +29,12 @@ def fields_problem(entry: object, known: Mapping[str, tuple[type, ...]]) -> str 
 
 
 def rate_problem(fps: float) -> str | None:
-    """What is wrong with a set's frame rate; None for a number above 0."""
+    """What is wrong with a set's frame rate; None if it is a finite number above 0."""
     return None if 0 < fps < math.inf else f"fps is {fps}, no number above 0"
 
 
 def rows_problem(rows: Sequence[Any]) -> str | None:
-    """What is first wrong with the clips of a set, which lie one behind another; None where nothing is."""
+    """The first problem of the clips of a set, which must be contiguous; None if there is none."""
     end = 0
     for number, row in enumerate(rows):
         problem = fields_problem(row, _CLIP) or _clip_problem(row, end)
@@ -46,7 +46,7 @@ def rows_problem(rows: Sequence[Any]) -> str | None:
 
 
 def _clip_problem(row: Mapping[str, Any], end: int) -> str | None:
-    """end: frames of all clips before it."""
+    """The first problem of one clip. end: the number of frames in all clips before it."""
     if row["start"] != end or row["length"] < 1:
         return f"it has {row['length']} frames from {row['start']} on; it starts at {end}, where the last one ends"
     for part in (row, *row["segments"]):

@@ -1,4 +1,4 @@
-"""What derived clips are drawn from: the captures of one split, by what is done in them."""
+"""The captures of one split from which derived clips are drawn, grouped by what is done in them."""
 
 from __future__ import annotations
 
@@ -15,19 +15,19 @@ from motiongen_ardy.data.replant import Replanted
 
 GESTURES = ("wave-", "raise-up-", "bow", "bye", "byebye")
 UNFIT_FLAGS = frozenset({"short", "uneven_ground", "root_travel", "fragment"})
-# Single clips of many people, each with a skeleton of its own: nothing is derived of them.
+# Single clips of many people, each with a different skeleton: nothing is derived from them.
 UNFIT_DATASETS = frozenset({"cmu"})
-# Feet that are taken to stand may have shifted by this in the capture, metres.
+# Feet that count as standing may shift by up to this in the capture, metres.
 MAX_SHIFT_M = 0.06
 
 
 class Unfit(ValueError):
-    """Raised when a draw of sources and numbers gives no clip; the message is the reason."""
+    """Raised when a draw of sources and numbers does not yield a clip; the message is the reason."""
 
 
 @dataclass(frozen=True)
 class Made:
-    """A derived clip before it is judged. sources: the first is the one named; spans: (first frame, content, style)."""
+    """A derived clip before it is judged. sources: the first gives its name; spans: (first frame, content, style)."""
 
     kind: str
     sources: tuple[Clip, ...]
@@ -70,7 +70,7 @@ class Shelf:
         return self.pick(self.runs if self.rng.random() < runs and self.runs else self.walks)
 
     def standing(self, style: str) -> tuple[Clip, Poses]:
-        """One to four seconds of standing: in the style, or plain where the style has none."""
+        """One to four seconds of standing, in the given style, or plain if there is none in that style."""
         styles = {clip.style for clip in self.stands}
         wanted = style if style in styles and style != "normal" else "normal" if self.rng.random() < 0.6 else "none"
         clip = self.pick(self.stands, wanted if wanted in styles else "")
@@ -91,7 +91,7 @@ def cut(poses: Poses, first: int, end: int) -> Poses:
 
 
 def planted(poses: Poses) -> Poses:
-    """The same motion with both feet taken to stand throughout."""
+    """The same motion with both feet marked as standing throughout."""
     return Poses(poses.quaternions, poses.root, np.ones_like(poses.contacts))
 
 
@@ -100,7 +100,7 @@ def moving_content(clip: Clip) -> str:
 
 
 def begun(shelf: Shelf, clip: Clip, standing: Poses, poses: Poses) -> tuple[Poses, int]:
-    """The raw motion from standing into the moving clip, and its first frame of change."""
+    """The raw motion from standing into the moving clip, and its first changed frame."""
     found = [entry for entry in passes(shelf.skeleton, poses) if entry.frame < poses.num_frames - 30]
     if not found:
         raise Unfit("no step to start with")
@@ -110,7 +110,7 @@ def begun(shelf: Shelf, clip: Clip, standing: Poses, poses: Poses) -> tuple[Pose
 
 
 def ended(shelf: Shelf, clip: Clip, poses: Poses, standing: Poses, earliest: int) -> tuple[Poses, int]:
-    """The raw motion that stops into standing not before frame `earliest`, and its first frame of slowing."""
+    """The raw motion that stops into standing, not before frame `earliest`, and its first frame of slowing."""
     found = [entry for entry in passes(shelf.skeleton, poses) if entry.frame > max(earliest, 14)]
     if not found:
         raise Unfit("no step to stop with")
@@ -120,5 +120,5 @@ def ended(shelf: Shelf, clip: Clip, poses: Poses, standing: Poses, earliest: int
 
 
 def turning_allowed(clip: Clip, side: str) -> bool:
-    """Whether a turn to a side may be made of a clip: a combination kept for the test may not."""
+    """Whether a turn to a side may be derived from a clip: one combination is reserved for the test."""
     return not (clip.style == "exhausted" and side == "left")

@@ -1,4 +1,4 @@
-"""Derived clips that begin or end with standing, and changes from one thing done to another."""
+"""Recipes of derived clips that begin or end with standing, and of changes from one action to another."""
 
 from __future__ import annotations
 

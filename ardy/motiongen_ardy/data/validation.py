@@ -1,4 +1,4 @@
-"""The validation split: one train capture in 25, by a hash of its id, with all that was derived from it."""
+"""The validation split: one train capture in 25, by a hash of its id, with everything derived from it."""
 
 from __future__ import annotations
 
@@ -7,23 +7,23 @@ from collections.abc import Mapping, Sequence
 
 SHARE = 25
 SEPARATOR = "+"
-CUT_MARK = "~cut"  # between the id of a capture and the number of a piece of it
+CUT_MARK = "~cut"  # between the id of a capture and the number of one of its pieces
 
 
 def is_validation(origins: Sequence[str]) -> bool:
-    """Whether a clip belongs to validation. origins: the ids of the captured clips that it was made of.
+    """Whether a clip belongs to validation. origins: the ids of the captured clips from which it was made.
 
-    A clip made of several belongs to it as soon as one of them does, so that training sees none of their frames. Pieces
-    of one capture belong together.
+    A clip made from several captures belongs to it as soon as one of them does, so that training sees none of their
+    frames. Pieces of one capture belong together.
     """
     captures = {one.partition(CUT_MARK)[0] for one in origins}
     return any(int(hashlib.sha1(f"validation:{one}".encode()).hexdigest(), 16) % SHARE == 0 for one in captures)
 
 
 def origins(clip_id: str, derived_from: Mapping[str, str]) -> list[str]:
-    """The captured clips that a clip was made of, itself where it is one. derived_from: of every clip, "" for captured.
+    """The captured clips from which a clip was made (itself, if captured). derived_from: of every clip, "" if captured.
 
-    Several origins are joined by "+". An id that is in no set counts as captured.
+    Several origins are joined by "+". An id that is not in the set counts as captured.
     """
     found, open_ids, seen = [], [clip_id], set()
     while open_ids:
@@ -40,7 +40,7 @@ def origins(clip_id: str, derived_from: Mapping[str, str]) -> list[str]:
 
 
 def with_validation(splits: Mapping[str, str], derived_from: Mapping[str, str]) -> dict[str, str]:
-    """The split of every clip by id, "validation" cut out of "train"."""
+    """The split of every clip by id, with "validation" taken out of "train"."""
     return {
         clip: "validation" if split == "train" and is_validation(origins(clip, derived_from)) else split
         for clip, split in splits.items()

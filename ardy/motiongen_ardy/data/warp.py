@@ -1,4 +1,4 @@
-"""A walk sent along another way: the body is carried by a new path and heading, the feet are planted anew."""
+"""Sends a walk along another path: the body is moved by a new path and heading, and the feet are planted again."""
 
 from __future__ import annotations
 
@@ -8,12 +8,12 @@ from motiongen_ardy.core.skeleton import Skeleton
 from motiongen_ardy.data.poses import Poses, multiply, smooth, yaw_matrix, yaw_quaternion
 from motiongen_ardy.data.replant import Replanted, replant
 
-# The way of the body under its sway, seconds of a Gaussian.
+# Smoothing that separates the path of the body from its sway, seconds of a Gaussian.
 WAY_SIGMA_S = 0.4
 
 
 def way_of(poses: Poses, fps: float) -> np.ndarray:
-    """The smooth way (T, 2), x and z in metres, about which the root sways."""
+    """The smooth path (T, 2), x and z in metres, about which the root sways."""
     return smooth(poses.root[:, [0, 2]], WAY_SIGMA_S * fps)
 
 
@@ -28,11 +28,10 @@ def warp(
     flatten: np.ndarray | None = None,
     widen: np.ndarray | None = None,
 ) -> Replanted:
-    """Turn body and way of a motion (T frames) and plant its feet again.
+    """Turn body and path of a motion (T frames) and plant its feet again.
 
-    heading: (T,) radians by which the body is turned about +Y. travel: (T,) radians by which its way is turned.
-    stride: (T,) how long its way is beside the captured one; 0 keeps it on the spot. flatten, widen: as for
-    `replant`.
+    heading: (T,), radians by which the body is turned about +Y. travel: (T,), radians by which its path is turned.
+    stride: (T,), scale of its path relative to the capture; 0 keeps it on the spot. flatten, widen: as for `replant`.
     """
     way = way_of(poses, fps)
     steps = np.diff(way, axis=0)

@@ -1,4 +1,4 @@
-"""Derived clips that go another way than their capture: bends, sideways steps, turns on the spot, other speeds."""
+"""Recipes of derived clips that take another path than their capture: bends, sidesteps, turns on the spot, speeds."""
 
 from __future__ import annotations
 
@@ -11,7 +11,7 @@ from motiongen_ardy.data.poses import smooth, smoothstep
 from motiongen_ardy.data.shelf import Made, Shelf, Unfit, begun, cut, ended, moving_content
 from motiongen_ardy.data.warp import warp, way_of
 
-# What people manage: turning while walking, and on the spot, radians a second.
+# What people manage while walking and on the spot, radians a second.
 MAX_TURN_RATE = 2.2
 # A step to the side goes no further than this, metres.
 MAX_ACROSS_M = 0.45
@@ -172,6 +172,6 @@ def on_the_spot(shelf: Shelf) -> Made:
     moving = smoothstep((np.arange(frames) - told) / 10) * (1 - smoothstep((np.arange(frames) - last - 2) / 10))
     motion = warp(shelf.skeleton, poses, fps, turn, travel=turn, stride=zero, flatten=0.9 * moving)
     content = f"turn-on-spot-{'left' if sign > 0 else 'right'}"
-    # The order to stand comes when the turn is done.
+    # The caption of standing starts when the turn is done.
     spans = ((0, still.content, still.style), (told, content, clip.style), (stop_at, other.content, other.style))
     return Made("on-the-spot", (clip, still, other), content, clip.style, motion, spans)

@@ -1,1 +1,1 @@
-"""How good is a model: obedience to text and constraints, feet, starts and stops, seams, long sessions."""
+"""Evaluates a model: adherence to text and constraints, feet, starts and stops, seams, long sessions."""

@@ -1,6 +1,6 @@
-"""Judge a model by its motion: `python -m motiongen_ardy.evaluate MODEL DATA`; exit code 1 where a bound is missed.
+"""Evaluate a model's motion: `python -m motiongen_ardy.evaluate MODEL DATA`; exit code 1 if a bound is missed.
 
-Exit code 2 where nothing could be judged: a model, a set, an encoder or a setting that cannot be used.
+Exit code 2 if nothing could be judged: a model, a set, an encoder or a setting that cannot be used.
 Windows are made as the server makes them: 16 frames of history, the model's own guidance and corrections.
 """
 
@@ -78,9 +78,9 @@ def main() -> None:
 
 
 def _prepare(arguments: argparse.Namespace) -> None:
-    """Make the folders that are written to: what takes hours is judged only where its figures can be written.
+    """Create the output folders, so that hours of evaluation do not end with figures that cannot be written.
 
-    Raises OSError, in which the file or folder is named.
+    Raises OSError, which names the file or folder.
     """
     folders = [arguments.png, arguments.takes, None if arguments.json is None else arguments.json.parent]
     for folder in folders:
@@ -94,7 +94,7 @@ def _prepare(arguments: argparse.Namespace) -> None:
 
 @dataclass(frozen=True, eq=False)
 class Subject:
-    """What is judged, and by which clips."""
+    """What is evaluated, and with which clips."""
 
     model: Model
     gaits: Sequence[LocomotionPreset]
@@ -104,7 +104,7 @@ class Subject:
 
 
 def _subject(arguments: argparse.Namespace) -> Subject:
-    """Everything that the command line names, loaded; raises one of UNUSABLE."""
+    """Everything that the command line names, loaded. Raises one of UNUSABLE."""
     folder = model_folder(arguments.model)
     model, abilities = load_checkpoint(folder), read_capabilities(folder)
     if arguments.capabilities is not None:
@@ -121,7 +121,7 @@ def _subject(arguments: argparse.Namespace) -> Subject:
 
 
 def _text_judge(model: Model, encoder: TextEncoder, arguments: argparse.Namespace) -> TextJudge | None:
-    """The judge of text and motion, without which its rows are left out; raises JudgeMissing where they are named."""
+    """The judge of text and motion; without it, its rows are left out. Raises JudgeMissing if they were asked for."""
     if arguments.rows is not None and "matching" not in arguments.rows:
         return None
     try:
@@ -199,7 +199,7 @@ def _weights(model: Model, arguments: argparse.Namespace) -> GuidanceWeights:
 
 
 def uncorrected(model: Model) -> None:
-    """Switch off what brings a model's motion onto its goals and its feet to rest."""
+    """Switch off the corrections that bring a model's motion onto its goals and hold its feet in place."""
     model.sampling = replace(model.sampling, project_root=False, clean_feet=False, reach_joints=False)
 
 

@@ -1,4 +1,4 @@
-"""Reports side by side: `python -m motiongen_ardy.evaluate.beside NAME=REPORT.json ... [--into PAGE.md]`."""
+"""Compare reports side by side: `python -m motiongen_ardy.evaluate.beside NAME=REPORT.json ... [--into PAGE.md]`."""
 
 from __future__ import annotations
 

@@ -1,10 +1,10 @@
-"""What the built-in model must keep on moving clips: the bounds of the table, served and raw."""
+"""The bounds that the built-in model must keep on moving clips, as served and raw."""
 
 from __future__ import annotations
 
 from motiongen_ardy.evaluate.figure import Bound
 
-# Raw: without projection of the root and without clean-up of feet and joints.
+# Raw: without projection of the root, and without corrections of feet and joints.
 _SERVED = {
     "waypoint on": Bound(most=0.03),
     "waypoint off": Bound(most=0.08),

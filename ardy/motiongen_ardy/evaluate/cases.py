@@ -1,4 +1,4 @@
-"""The captured clips that takes go on from, moving and standing ones apart, and the figures of the captures."""
+"""The captured clips that takes continue, moving and standing ones separately, and the captures' own figures."""
 
 from __future__ import annotations
 
@@ -26,10 +26,10 @@ MOVING, STANDING = "moving", "standing"
 
 @dataclass(frozen=True)
 class Case:
-    """A clip with its last history frame's root over the origin.
+    """A clip, moved so that its root is over the origin at its last history frame.
 
-    features: (T, D) natural units; the first HISTORY frames are what a take starts with.
-    changes: (frame, content before, content after) where what is done changes.
+    features: (T, D) in natural units; the first HISTORY frames are the start of a take.
+    changes: (frame, content before, content after) at which the action changes.
     """
 
     id: str
@@ -51,7 +51,7 @@ class Case:
 
     @property
     def label(self) -> str:
-        """Equal where captions say the same."""
+        """Equal for cases whose captions mean the same."""
         return f"{self.content}/{self.style}"
 
     @property
@@ -61,7 +61,7 @@ class Case:
 
 @dataclass(frozen=True)
 class Pace:
-    """What captures do. feet: slowest foot over root speed; acceleration: p99 over joints and frames, m/s2."""
+    """Figures of captures. feet: slowest foot over root speed; acceleration: p99 over joints and frames, m/s2."""
 
     feet: float
     acceleration: float
@@ -69,10 +69,10 @@ class Pace:
 
 @dataclass(frozen=True)
 class Captured:
-    """What moving captures do; who runs flies between steps, so runs have figures of their own.
+    """Figures of moving captures; runs have their own, because runners are in the air between steps.
 
     walking: feet of those that do not run, accelerations of all.
-    jumps: (3) p99 of the largest jump of any joint of position, velocity and acceleration between frames.
+    jumps: (3), p99 of the largest jump of any joint between frames, in position, velocity and acceleration.
     """
 
     walking: Pace
@@ -81,9 +81,9 @@ class Captured:
 
 
 def load_cases(dataset: MotionDataset, layout: Representation) -> list[Case]:
-    """A case of every clip longer than its history, in an order that neither content nor name decides.
+    """A case for every clip longer than its history, in an order independent of content and name.
 
-    Raises DatasetError where there is none.
+    Raises DatasetError if there is none.
     """
     cases = [_case(clip, layout) for clip in dataset.clips if clip.num_frames > HISTORY + 4]
     if not cases:
@@ -109,7 +109,7 @@ def _case(clip: Clip, layout: Representation) -> Case:
 
 
 def captured_figures(cases: list[Case], layout: Representation) -> Captured:
-    """The figures of the moving captured clips; of standing ones where none moves, and of all where none runs."""
+    """The figures of moving captured clips, or of all clips if there are none; the same for running if none runs."""
     chosen = [case for case in cases if case.group == MOVING and not case.derived] or cases
     runs = [case for case in chosen if is_running(case.motion.root, layout.fps)]
     jumps = torch.cat([differences(case.motion.positions, layout.fps) for case in chosen]).numpy()

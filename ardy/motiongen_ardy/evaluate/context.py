@@ -1,4 +1,4 @@
-"""Context: what every part of the evaluation works with, and how a goal's row is made."""
+"""Context: what every part of the evaluation works with, and how a row with a goal is made."""
 
 from __future__ import annotations
 
@@ -25,7 +25,7 @@ from motiongen_ardy.evaluate.take import Result, Take
 
 @dataclass(frozen=True)
 class Size:
-    """How much is run. clips: of each kind in a row; long_s: seconds of a long session."""
+    """How much is run. moving, standing, sessions, matched: clips or sessions per row; long_s: seconds."""
 
     seeds: int = 2
     moving: int = 16
@@ -53,7 +53,7 @@ class Exhibit:
 class Context:
     """figures, unjudged and exhibits grow as the parts run.
 
-    judge: of text and motion, None where none is needed. unjudged: rows with a bound that no take could be held to.
+    judge: of text and motion; None if not needed. unjudged: rows with a bound for which there was no take.
     """
 
     sampler: Sampler
@@ -90,7 +90,7 @@ class Context:
         return bounds(self.raw)[name] if group == MOVING else None
 
     def chosen(self, group: str, num_frames: int, count: int | None = None, contents: Sequence[str] = ()) -> list[Case]:
-        """Captured cases of a group with so many frames, spread over contents; contents: only those starting so."""
+        """Captured cases of a group, at least num_frames long, spread over contents (with the prefixes `contents`)."""
         count = (self.size.moving if group == MOVING else self.size.standing) if count is None else count
         fit = [
             case
@@ -103,7 +103,7 @@ class Context:
         return fit[:count]
 
     def both(self, num_frames: int) -> list[Case]:
-        """Moving, then standing cases with so many frames."""
+        """Moving, then standing cases that are at least num_frames long."""
         return self.chosen(MOVING, num_frames) + self.chosen(STANDING, num_frames)
 
     def show(self, family: str, exhibits: Iterable[Exhibit]) -> None:
@@ -115,9 +115,9 @@ class Context:
             self.figures.append(figure)
 
     def company(self, results: Sequence[Result], from_standing: bool = False, first: int | None = None) -> Company:
-        """Feet and accelerations of the generated frames of takes. first: measure from there on, not from history.
+        """Feet and accelerations of the generated frames of takes. first: measure from there on.
 
-        Takes that walk and takes that run are each held to what captures of their pace do.
+        Takes that walk and takes that run are each compared with captures of their pace.
         """
         motions = [
             result.positions[max(0, result.take.history_len - 2) if first is None else first :] for result in results
@@ -135,7 +135,7 @@ class Context:
         return Company(*self._feet(motions), kept)
 
     def _feet(self, motions: Sequence[Tensor]) -> tuple[float | None, float | None]:
-        """Slowest foot over root speed, and p99 of accelerations, of positions (T, J, 3); None where there is none."""
+        """Slowest foot over root speed, and p99 of accelerations, of positions (T, J, 3); None if there is none."""
         ratios = [slowest_foot(self.skeleton, positions, self.fps) for positions in motions]
         known = [value for value in ratios if not math.isnan(value)]
         steps = [accelerations(positions, self.fps).flatten() for positions in motions]
@@ -156,7 +156,7 @@ class Context:
         first: int | None = None,
         data: Callable[[Result], float] | None = None,
     ) -> None:
-        """A row for each group of takes there is: the measure, and how feet and accelerations were meanwhile."""
+        """Add a row for each group that has takes: the measure, and their feet and accelerations."""
         for group in (MOVING, STANDING):
             takes = [result for result in results if result.take.group == group]
             if not takes:

@@ -1,4 +1,4 @@
-"""Figures with their spread: what is said of one row of the table."""
+"""Figures with their spread: the content of one row of the table."""
 
 from __future__ import annotations
 
@@ -13,7 +13,7 @@ import numpy as np
 
 @dataclass(frozen=True)
 class Bound:
-    """What a mean must keep: at least `least`, at most `most`, either or both."""
+    """The range that a mean must keep: at least `least`, at most `most`, either or both."""
 
     least: float | None = None
     most: float | None = None
@@ -29,7 +29,7 @@ class Bound:
 
 @dataclass(frozen=True)
 class Sample:
-    """One take's figure. Takes of one case differ by seed only."""
+    """One take's figure. Takes of one case differ only by seed."""
 
     case: str
     value: float
@@ -37,9 +37,9 @@ class Sample:
 
 @dataclass(frozen=True)
 class Company:
-    """What the takes of a goal's row did besides. feet: slowest foot over root speed; acceleration: p99 in m/s2.
+    """The other figures of takes with a goal. feet: slowest foot over root speed; acceleration: p99 in m/s2.
 
-    kept: whether both stay within their bounds.
+    kept: whether both are within their bounds.
     """
 
     feet: float | None
@@ -49,10 +49,10 @@ class Company:
 
 @dataclass(frozen=True)
 class Figure:
-    """One line: a row of the table for moving or for standing clips.
+    """One row of the table, for moving or for standing clips.
 
-    interval: half the 95 % interval of the mean over seeds, None where no case has two. worst_5: the value that one in
-    twenty takes exceeds in the bad direction. data: the same figure of the captures. status: "yes", "no", "feet" where
+    interval: half the 95 % interval of the mean over seeds; None if no case has two seeds. worst_5: the value that one
+    in twenty takes exceeds in the bad direction. data: the same figure for the captures. status: "yes", "no", "feet" if
     only feet or accelerations miss theirs, "" without a bound.
     """
 
@@ -71,14 +71,14 @@ class Figure:
     status: str
 
     def as_json(self) -> dict[str, Any]:
-        """For a JSON file, rounded to four digits."""
+        """The figure as a JSON object, rounded to four digits."""
         entry = asdict(self)
         entry["bound"] = None if self.bound is None else str(self.bound)
         return {key: _rounded(value) for key, value in entry.items() if value is not None}
 
 
 def _rounded(value: Any) -> Any:
-    """Four digits of a number; None for one that is not finite, which JSON has no word for."""
+    """A number with four digits; None if it is not finite, which JSON cannot express."""
     if isinstance(value, dict):
         return {key: _rounded(entry) for key, entry in value.items()}
     if not isinstance(value, float):
@@ -96,7 +96,7 @@ def summarize(
     company: Company | None = None,
     more_is_better: bool = False,
 ) -> Figure | None:
-    """A figure of samples; those that are not a number are left out, and without any there is none.
+    """A figure from samples, of which NaN is left out; None if there are no others.
 
     name: family, row and group.
     """
@@ -132,6 +132,6 @@ def seed_interval(samples: Sequence[Sample]) -> float | None:
     if freedom < 1:
         return None
     within = sum(float(np.var(values)) * len(values) for values in by_case.values()) / freedom
-    # Student's quantile by the expansion of Cornish and Fisher; it is within 2 % from three degrees of freedom on.
+    # Student's quantile by the Cornish-Fisher expansion; within 2 % from three degrees of freedom on.
     student = 1.96 + (1.96**3 + 1.96) / (4 * freedom) + (5 * 1.96**5 + 16 * 1.96**3 + 3 * 1.96) / (96 * freedom**2)
     return student * math.sqrt(within / len(samples))

@@ -1,8 +1,7 @@
-"""TextJudge: how well a motion and a text belong together, by two small encoders trained to agree.
+"""TextJudge: how well a motion and a text match, by two small encoders that are trained to agree.
 
-A motion becomes a sequence of frames at 10 a second about its own start; a GRU reads it. A text is its static embedding
-through two layers. Both end on the unit sphere of `DIM` dimensions, as in TMR (Petrovich et al. 2023), whose decoder is
-left out.
+A GRU reads a motion as a sequence of frames, 10 a second, relative to its start. Two layers transform a text's static
+embedding. Both end on the unit sphere of `DIM` dimensions, as in TMR (Petrovich et al. 2023), but without its decoder.
 """
 
 from __future__ import annotations
@@ -24,7 +23,7 @@ DIM = 64
 HIDDEN = 128
 STRIDE = 2
 MAX_FRAMES = 120
-# Of the judge that comes with the package, whose file does not say so.
+# Of the judge included in the package, whose file does not say so.
 JUDGE_FPS = 20
 JUDGE_TEXTS = "static-b8a02ae25cd7"
 FOLDER = Path(__file__).parent / "text_judge"
@@ -32,14 +31,14 @@ WEIGHTS_FILE = "judge.safetensors"
 
 
 class JudgeMissing(ValueError):
-    """Raised where the judge's weights cannot be read or do not fit."""
+    """Raised if the judge's weights cannot be read or do not fit."""
 
 
 class TextJudge(nn.Module):
     """The two encoders. frame_dim: width of `judge_frames`; text_dim: of the text embeddings.
 
-    fps: frames a second of the motions that it knows; text_encoder: the identity of what made the embeddings that it
-    knows, "" where that was not noted.
+    fps: frame rate of the motions that it was trained on; text_encoder: identity of the encoder of the embeddings that
+    it was trained on; "" if unknown.
     """
 
     mean: Tensor
@@ -57,7 +56,7 @@ class TextJudge(nn.Module):
         self.log_scale = nn.Parameter(torch.tensor(2.3))
 
     def motions(self, frames: Tensor, lengths: Tensor) -> Tensor:
-        """Unit vectors (B, DIM) of frames (B, T, F) as `judge_frames` makes them, lengths (B) of them valid."""
+        """Unit vectors (B, DIM) of frames (B, T, F) from `judge_frames`, of which lengths (B) are valid."""
         hidden = self.frame((frames - self.mean) / self.std)
         packed = pack_padded_sequence(hidden, lengths.cpu(), batch_first=True, enforce_sorted=False)
         steps, last = self.gru(packed)
@@ -71,7 +70,7 @@ class TextJudge(nn.Module):
 
     @torch.no_grad()
     def embed(self, layout: Representation, motions: Sequence[Tensor], batch: int = 64) -> Tensor:
-        """Unit vectors (N, DIM) of features (T, D) in natural units, of at most MAX_FRAMES frames each."""
+        """Unit vectors (N, DIM) of features (T, D) in natural units; only the first MAX_FRAMES frames of each count."""
         rows = [judge_frames(layout, features[:MAX_FRAMES]) for features in motions]
         parts = []
         for first in range(0, len(rows), batch):
@@ -84,7 +83,7 @@ class TextJudge(nn.Module):
 def judge_frames(layout: Representation, features: Tensor) -> Tensor:
     """Every second frame of features (T, D) in natural units, turned and moved to start facing +Z at the origin.
 
-    Positions, root, heading and velocities, without rotations and contacts.
+    Contains root, heading, positions and velocities, but no rotations and contacts.
     """
     told = layout.canonicalize(features[None])[0, ::STRIDE]
     return torch.cat([told[:, : layout.position_block.stop], told[:, layout.velocity_block]], dim=-1)
@@ -96,7 +95,7 @@ def frame_dim(layout: Representation) -> int:
 
 
 def save_judge(judge: TextJudge, folder: Path) -> None:
-    """Weights as float16, which halves the file, with the frame rate and the text encoder that they are of."""
+    """Write the weights as float16, which halves the file, with the judge's frame rate and text encoder."""
     folder.mkdir(parents=True, exist_ok=True)
     tensors = {name: value.half().contiguous() for name, value in judge.state_dict().items()}
     with written_whole(folder / WEIGHTS_FILE) as partial:
@@ -104,7 +103,7 @@ def save_judge(judge: TextJudge, folder: Path) -> None:
 
 
 def load_judge(layout: Representation, text_dim: int, folder: Path = FOLDER, text_encoder: str = "") -> TextJudge:
-    """The judge of a folder; the one that comes with the package by default. text_encoder: the identity of the model's.
+    """The judge in a folder, by default the one included in the package. text_encoder: the identity of the model's.
 
     Raises JudgeMissing for a folder without readable weights, or with those for another skeleton, frame rate or text
     encoder.

@@ -25,7 +25,7 @@ MIN_FRAMES = 40
 
 @dataclass(frozen=True)
 class JudgeBatch:
-    """frames: (B, T, F); lengths: (B); texts: (B, W); labels: (B), equal where content and style are."""
+    """frames: (B, T, F); lengths: (B); texts: (B, W); labels: (B), equal for equal content and style."""
 
     frames: Tensor
     lengths: Tensor
@@ -34,7 +34,7 @@ class JudgeBatch:
 
 
 class JudgeBatches:
-    """Random windows of a feature bank with a caption that may be said of them."""
+    """Random windows of a feature bank, each with a caption that applies to it."""
 
     def __init__(self, bank: FeatureBank, layout: Representation, encoder: TextEncoder, seed: int) -> None:
         self._bank, self._layout = bank, layout
@@ -63,7 +63,7 @@ class JudgeBatches:
 
 
 def captions_of(clip: Clip, start: int, length: int) -> tuple[str, ...]:
-    """What may be said of frames start .. start + length - 1: a segment's captions where it holds them all."""
+    """The captions that apply to frames start .. start + length - 1: a segment's, if it contains them all."""
     for segment in clip.segments:
         if segment.start <= start and start + length <= segment.start + segment.length:
             return segment.captions
@@ -71,12 +71,12 @@ def captions_of(clip: Clip, start: int, length: int) -> tuple[str, ...]:
 
 
 def caption_set(content: str, style: str) -> str:
-    """What tells captions apart: clips with the same are described by the same words."""
+    """The key that distinguishes captions: clips with the same key are described by the same words."""
     return f"{content}/{style}"
 
 
 def contrastive_loss(judge: TextJudge, batch: JudgeBatch) -> Tensor:
-    """InfoNCE both ways; rows with the same content and style are no negatives of each other."""
+    """InfoNCE in both directions; rows with the same content and style are not negatives of each other."""
     scores = judge.motions(batch.frames, batch.lengths) @ judge.texts(batch.texts).T * judge.log_scale.exp()
     same = batch.labels[:, None] == batch.labels[None]
     own = torch.eye(len(same), dtype=torch.bool)
@@ -121,12 +121,12 @@ def main(given: Sequence[str] | None = None) -> int:
     parser.add_argument("folder", type=Path, help="where the weights go")
     parser.add_argument("--steps", type=int, default=1500, help="default %(default)s")
     parser.add_argument("--text-encoder", default="static")
-    parser.add_argument("--text-width", type=int, default=256, help="of an encoder without one of its own")
+    parser.add_argument("--text-width", type=int, default=256, help="for an encoder without a width of its own")
     arguments = parser.parse_args(given)
     try:
         dataset = MotionDataset.load(arguments.data, "train")
         fps = round(dataset.fps)
-        dataset.require(dataset.skeleton.name, fps)  # models count in whole frames a second
+        dataset.require(dataset.skeleton.name, fps)  # a model's frame rate is a whole number
         width = arguments.text_width if arguments.text_encoder == "hashed" else None
         encoder = load_text_encoder(arguments.text_encoder, width)
         arguments.folder.mkdir(parents=True, exist_ok=True)

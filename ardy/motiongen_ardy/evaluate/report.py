@@ -1,4 +1,4 @@
-"""What came of an evaluation: a table for the terminal, JSON for files, and files side by side as Markdown."""
+"""The result of an evaluation: a table for the terminal, JSON files, and several files side by side as Markdown."""
 
 from __future__ import annotations
 
@@ -24,9 +24,9 @@ class ReportError(ValueError):
 
 @dataclass(frozen=True)
 class Report:
-    """about: model, data, steps, guidance, seconds and what else tells one run from another.
+    """about: model, data, steps, guidance, seconds and whatever else distinguishes runs.
 
-    unjudged: rows with a bound that no take could be held to, as the set has no clips for them.
+    unjudged: rows with a bound for which the set has no clips.
     """
 
     about: dict[str, Any]
@@ -35,11 +35,11 @@ class Report:
 
     @property
     def missed(self) -> list[Figure]:
-        """The figures that miss their bound, or whose feet or accelerations do."""
+        """The figures that miss their bound, or whose feet or accelerations miss theirs."""
         return [figure for figure in self.figures if figure.status in ("no", "feet")]
 
     def write(self, path: Path) -> None:
-        """As JSON, a figure a line."""
+        """Write the report as JSON, one figure per line."""
         lines = [json.dumps(figure.as_json(), ensure_ascii=False, allow_nan=False) for figure in self.figures]
         head = json.dumps(self.about, ensure_ascii=False)
         text = f'{{"about": {head},\n"figures": [\n' + ",\n".join(lines) + "\n]}\n"
@@ -47,7 +47,7 @@ class Report:
             partial.write_text(text, encoding="utf-8")
 
     def table(self) -> Table:
-        """For the terminal."""
+        """The report as a table for the terminal."""
         title = escape(", ".join(f"{key} {value}" for key, value in self.about.items()))
         table = Table(title=title, caption="feet: the goal is met, but feet or accelerations of its takes are not")
         for name in ("row", "group", "n", "mean", "+-", "worst 5 %", "data", "feet", "acc p99", "bound", "met"):
@@ -77,7 +77,7 @@ def _short(value: float | None) -> str:
 
 
 def read_report(path: Path) -> dict[str, Any]:
-    """A report as `Report.write` wrote it. Raises ReportError."""
+    """A report written by `Report.write`. Raises ReportError."""
     try:
         content = json.loads(path.read_text(encoding="utf-8"))
         if {"about", "figures"} <= set(content):
@@ -88,9 +88,9 @@ def read_report(path: Path) -> dict[str, Any]:
 
 
 def side_by_side(reports: dict[str, dict[str, Any]]) -> str:
-    """A Markdown table with the mean, the interval, feet and accelerations of each report by its name.
+    """A Markdown table with the mean, interval, feet and accelerations of each report, by its name.
 
-    A row that a report does not have stays empty there.
+    Rows that a report does not have are left empty.
     """
     entries: dict[tuple[str, str, str], dict[str, dict[str, Any]]] = {}
     for name, report in reports.items():
@@ -114,7 +114,7 @@ def side_by_side(reports: dict[str, dict[str, Any]]) -> str:
 
 
 def _cell(figure: dict[str, Any] | None) -> str:
-    """Mean and interval, with feet and acceleration behind; bold where the bound is met with all that belongs to it."""
+    """Mean and interval, followed by feet and acceleration; bold if the bounds of all three are met."""
     if figure is None:
         return ""
     text = _short(figure["mean"]) + (f" ± {_short(figure['interval'])}" if "interval" in figure else "")
@@ -128,7 +128,7 @@ def _cell(figure: dict[str, Any] | None) -> str:
 
 
 def put_between_marks(page: Path, text: str) -> None:
-    """Replace what stands between the marks of a Markdown page. Raises ReportError where it has none."""
+    """Replace the text between the marks of a Markdown page. Raises ReportError if the page has no marks."""
     content = page.read_text(encoding="utf-8")
     before, begin, rest = content.partition(BEGIN)
     _, end, after = rest.partition(END)

@@ -1,4 +1,4 @@
-"""Many takes at once: every window that is due, batched with those of equal shape, as the server makes them."""
+"""Generates many takes at once: all windows that are due, batched by equal shape, as the server makes them."""
 
 from __future__ import annotations
 
@@ -31,12 +31,12 @@ from motiongen_ardy.text import TextEncoder
 
 
 class MotionNotFinite(ValueError):
-    """Raised for a model whose motion holds NaN or infinite numbers, of which no figure can be made."""
+    """Raised for a model whose motion contains NaN or infinite numbers, from which no figures can be made."""
 
 
 @dataclass(frozen=True)
 class Sampling:
-    """How windows are made: steps, guidance (the model's own if None), and how many rows go through at once."""
+    """How windows are made: steps, guidance (None: the model's own), and the most rows of a batch."""
 
     num_steps: int
     weights: GuidanceWeights | None = None
@@ -45,7 +45,7 @@ class Sampling:
 
 @dataclass
 class _Growing:
-    """A take under way. features: (T, D) normalised; gait: of the velocity in force."""
+    """A take that is being generated. features: (T, D), normalised; gait: of the velocity in force."""
 
     take: Take
     features: Tensor
@@ -55,9 +55,7 @@ class _Growing:
 
 @dataclass(frozen=True)
 class _Due:
-    """The next window of a take, a batch of one. end: the frame to which its frames count. has_text: there is a
-    prompt.
-    """
+    """The next window of a take, a batch of one. end: up to where it is kept. has_text: whether it has a prompt."""
 
     growing: _Growing
     window: WindowRequest
@@ -66,17 +64,17 @@ class _Due:
 
     @property
     def shape(self) -> tuple[int, int, bool, bool]:
-        """What windows must share to go through together."""
+        """What windows must have in common to be batched."""
         return self.window.history_frames, self.window.num_frames, self.window.mask is not None, self.has_text
 
 
 class Sampler:
-    """Runs takes on one model. `num_windows` counts what it has made."""
+    """Generates takes with one model. `num_windows` counts the windows made."""
 
     def __init__(
         self, model: Model, encoder: TextEncoder, sampling: Sampling, gaits: Sequence[LocomotionPreset] = ()
     ) -> None:
-        """gaits: the model's prompts by speed, which hold while a velocity does."""
+        """gaits: the model's prompts by speed, used while a velocity is in force."""
         self.model = model
         self.gaits = gaits
         self.sampling = sampling
@@ -92,7 +90,7 @@ class Sampler:
 
     @torch.inference_mode()
     def run(self, takes: Sequence[Take]) -> list[Result]:
-        """All takes, in their order. Raises MotionNotFinite."""
+        """The results of all takes, in order. Raises MotionNotFinite."""
         layout = self.model.representation
         none = torch.zeros(0, layout.feature_dim)
         growing = [
@@ -108,7 +106,7 @@ class Sampler:
         return [self._result(one) for one in growing]
 
     def _due(self, growing: _Growing) -> _Due:
-        """The next window, as that of a rollout with what holds now; constraints out of its sight do not count."""
+        """The next window, as of a rollout with what is in force now; constraints beyond its reach do not count."""
         take, first = growing.take, len(growing.features)
         steer = take.steer_at(first)
         if steer is None or steer.keep_prompt:
@@ -131,13 +129,13 @@ class Sampler:
             weights=self.sampling.weights,
             targets=targets,
             start=take.start,
-            keep_prompts=leader is not None,  # a velocity has chosen its prompt already
+            keep_prompts=leader is not None,  # the velocity has already chosen its prompt
         )
         window, end = next_window(self.model, now, growing.features, len(growing.starts))
         return _Due(growing, window, min(end, take.next_change(first)), bool(prompt))
 
     def _led(self, growing: _Growing, steer: Steer, given: Targets | None) -> Targets | None:
-        """The targets of the next window with what a velocity leads through beneath them."""
+        """The targets of the next window: those of the velocity, overridden by the given ones."""
         layout, take, options = self.model.representation, growing.take, self.model.sampling
         first = len(growing.features)
         last = layout.denormalize(growing.features[-STATE_FRAMES:])
@@ -157,10 +155,10 @@ class Sampler:
         return targets
 
     def _windows(self, group: list[_Due]) -> None:
-        """One window of each, appended to its take."""
+        """Generate one window for each, and append it to its take."""
         model = self.model
         _, _, has_targets, has_text = group[0].shape
-        # The same weighted sum in as few evaluations as give it, as the server does.
+        # The same weighted sum with as few evaluations as possible, as the server does.
         weights = weights_of(model, self.sampling.weights)
         passes = needed_passes(model.sampling.guidance.mode, weights, has_text, has_targets)
         window = stack_windows([due.window for due in group])
@@ -175,14 +173,14 @@ class Sampler:
     def _result(self, growing: _Growing) -> Result:
         layout, take = self.model.representation, growing.take
         if not bool(growing.features.isfinite().all()):
-            # Figures leave out what is not a number, so that a model of nothing else would miss no bound.
+            # Figures leave out NaN, so a model that produces nothing else would miss no bound.
             frame = int((~growing.features.isfinite().all(dim=1)).nonzero()[0])
             raise MotionNotFinite(f"the model's motion is not finite from frame {frame} on, in {take.case!r}")
         return result_of(layout, take, layout.denormalize(growing.features), tuple(growing.starts))
 
 
 def result_of(layout: Representation, take: Take, features: Tensor, starts: tuple[int, ...] = ()) -> Result:
-    """The result of features (T, D) in natural units, its positions by kinematics of their rotations."""
+    """The result of features (T, D) in natural units, with positions from their rotations by kinematics."""
     rotations = layout.global_rotations(features)
     positions = positions_from_global(layout.skeleton, rotations, features[:, layout.root_position_block])
     return Result(take, features, positions, rotations, starts)

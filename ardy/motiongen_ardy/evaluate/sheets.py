@@ -1,4 +1,4 @@
-"""PNG sheets: strips of poses from the side, ways from above with goals and facing, heights of the feet over time."""
+"""PNG sheets: poses from the side, paths from above with goals and facing, heights of the feet over time."""
 
 from __future__ import annotations
 
@@ -26,7 +26,7 @@ _COLOURS = {"left": "tab:blue", "right": "tab:red", "middle": "0.2"}
 
 
 def draw_sheet(exhibits: Sequence[Exhibit], layout: Representation, png: Path) -> None:
-    """A row for each take, at most MAX_ROWS spread over those there are."""
+    """Draw one row per take, at most MAX_ROWS, spread evenly over the takes."""
     chosen = [exhibits[index] for index in _spread(len(exhibits))]
     figure, axes = plt.subplots(
         len(chosen), 3, figsize=(22, 2.6 * len(chosen)), width_ratios=(6, 1.6, 2), squeeze=False, layout="constrained"
@@ -52,7 +52,7 @@ def colour(skeleton: Skeleton, joint: int) -> str:
 
 
 def _side(axes: plt.Axes, exhibit: Exhibit, layout: Representation) -> None:
-    """Poses at their true places along the way's main direction; those on the spot are pulled apart."""
+    """Poses at their true places along the path's main direction; those on the spot are spread apart."""
     skeleton, result = layout.skeleton, exhibit.result
     positions = result.positions.double().numpy()
     frames = np.linspace(0, len(positions) - 1, min(NUM_POSES, len(positions))).round().astype(int)
@@ -73,11 +73,11 @@ def _side(axes: plt.Axes, exhibit: Exhibit, layout: Representation) -> None:
     axes.set(xlim=(lowest - 0.7, highest + 0.7), ylim=(-0.4, 2.1), aspect="equal")
     begin = "" if not result.take.history_len else f" (history to {result.take.history_len / layout.fps:.1f} s)"
     axes.set_title(exhibit.title + begin, fontsize=9, loc="left")
-    axes.tick_params(labelsize=6, labelbottom=apart == 0.0)  # places along a strip that is pulled apart are no metres
+    axes.tick_params(labelsize=6, labelbottom=apart == 0.0)  # no metres along a strip that is spread apart
 
 
 def _main_direction(ground: np.ndarray) -> np.ndarray:
-    """The direction (2) in which a way (T, 2) is longest, pointing the way it goes."""
+    """The direction (2) in which a path (T, 2) extends the most, with the sign of its overall movement."""
     centred = ground - ground.mean(axis=0)
     if np.ptp(centred, axis=0).max() < 0.05:
         return np.array([0.0, 1.0])
@@ -86,7 +86,7 @@ def _main_direction(ground: np.ndarray) -> np.ndarray:
 
 
 def _above(axes: plt.Axes, exhibit: Exhibit, layout: Representation) -> None:
-    """The root's way with arrows of facing every half second; stars are goals, the dashed line what was asked."""
+    """The root's path with its facing every half second; stars are goals, the dashed line is the path asked for."""
     result = exhibit.result
     root, facing = result.root.numpy(), result.facing(layout.skeleton).numpy()
     axes.plot(root[:, 0], root[:, 1], color="0.2", linewidth=1)
@@ -101,7 +101,7 @@ def _above(axes: plt.Axes, exhibit: Exhibit, layout: Representation) -> None:
         axes.plot(x, z, "*", color="tab:red", markersize=10)
         axes.text(x, z, f" {frame / layout.fps:.1f} s", fontsize=7)
     axes.plot(*root[0], "o", color="tab:green", markersize=4)
-    # Who stands shall look as if: no less than a metre is shown.
+    # At least a metre is shown, so that a standing character looks like one.
     axes.plot(root[0, 0] + np.array([-0.5, 0.5]), root[0, 1] + np.array([-0.5, 0.5]), alpha=0.0)
     axes.set_aspect("equal", adjustable="datalim")
     axes.margins(0.15)
@@ -110,7 +110,7 @@ def _above(axes: plt.Axes, exhibit: Exhibit, layout: Representation) -> None:
 
 
 def _feet(axes: plt.Axes, result: Result, layout: Representation) -> None:
-    """Heights of the toes, and where their contact labels say that they stand; grey lines are window seams."""
+    """Heights of the toes, and where contact labels say that they stand; grey lines are window seams."""
     heights = foot_trace(layout.skeleton, result.positions).numpy()
     contacts = (result.features[:, layout.contact_block] > 0.5).numpy()
     time = np.arange(len(heights)) / layout.fps

@@ -1,4 +1,4 @@
-"""Take: one character to be generated for judging, as a script of prompts, velocities and constraints."""
+"""Take: one character to be generated for evaluation, as a script of prompts, velocities and constraints."""
 
 from __future__ import annotations
 
@@ -16,7 +16,7 @@ from motiongen_ardy.core.skeleton import Skeleton
 class Steer:
     """A velocity in force from `frame` on: metres a second in the world; heading in radians, None for any.
 
-    keep_prompt: the take's own prompt holds, not that of the model's gait for this speed.
+    keep_prompt: use the take's own prompt, not that of the model's gait for this speed.
     """
 
     frame: int
@@ -31,10 +31,10 @@ class Steer:
 class Take:
     """One character's script.
 
-    case and seed name it in the figures; takes of one case differ by seed only. num_frames counts the history too.
-    prompts: (first frame, text), the first at 0, "" for none. history: (H, D) features in natural units, world frame,
-    H a multiple of 4. targets: constraints by frame, known from the first generated frame on. start: x, z, heading of
-    a character without history.
+    case and seed identify it in the figures; takes of one case differ only by seed. num_frames includes the history.
+    prompts: (first frame, text), the first at 0, "" for none. history: (H, D), features in natural units, world frame,
+    H a multiple of 4. targets: constraints by frame, known from the first generated frame on. start: x, z, heading of a
+    character without history.
     """
 
     case: str
@@ -52,16 +52,16 @@ class Take:
         return 0 if self.history is None else len(self.history)
 
     def prompt_at(self, frame: int) -> str:
-        """The prompt that holds at a frame."""
+        """The prompt in force at a frame."""
         return [text for first, text in self.prompts if first <= frame][-1]
 
     def steer_at(self, frame: int, after: int = 0) -> Steer | None:
-        """The velocity in force at a frame, or that ended at most so many frames before it."""
+        """The velocity in force at a frame, or one that ended at most `after` frames before it."""
         known = [steer for steer in self.steers if steer.frame <= frame < steer.frame + steer.hold_frames + after]
         return known[-1] if known else None
 
     def next_change(self, frame: int) -> int:
-        """The first frame after `frame` at which an event takes effect, num_frames if there is none."""
+        """The first frame after `frame` at which an event takes effect; num_frames if there is none."""
         changes = [first for first, _ in self.prompts] + [steer.frame for steer in self.steers]
         changes += [steer.frame + steer.hold_frames for steer in self.steers[-1:]]
         return min((change for change in changes if frame < change < self.num_frames), default=self.num_frames)
@@ -69,7 +69,7 @@ class Take:
 
 @dataclass(frozen=True)
 class Result:
-    """What came of a take. features: (T, D) natural units; positions: (T, J, 3) metres, by forward kinematics.
+    """The motion of a take. features: (T, D) in natural units; positions: (T, J, 3), metres, by forward kinematics.
 
     rotations: (T, J, 3, 3), global.
     """
@@ -86,7 +86,7 @@ class Result:
         return self.positions[:, 0, [0, 2]]
 
     def facing(self, skeleton: Skeleton) -> Tensor:
-        """(T) radians about +Y, read from the hips."""
+        """(T) radians about +Y, from the hips."""
         return heading_angle(skeleton, self.positions)
 
 
@@ -97,7 +97,7 @@ def direction(angle: Tensor | float) -> Tensor:
 
 
 def result_frames(result: Result, first: int) -> Result:
-    """The frames of a result from `first` on, counted from the end where it is negative."""
+    """The frames of a result from `first` on; negative: counted from the end."""
     return replace(
         result,
         features=result.features[first:],

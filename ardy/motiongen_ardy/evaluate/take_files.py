@@ -1,4 +1,4 @@
-"""Takes of an evaluation as files, from which `motiongen gallery --takes` makes a page: an NPZ each."""
+"""Writes takes of an evaluation as NPZ files, from which `motiongen gallery --takes` makes a page."""
 
 from __future__ import annotations
 
@@ -17,8 +17,8 @@ FORMAT = "motiongen-evaluated-take-1"
 def write_takes(exhibits: Mapping[str, Sequence[Exhibit]], layout: Representation, folder: Path, steps: int) -> int:
     """Write the takes of each part of the evaluation. Returns how many.
 
-    Arrays: positions_m (T, J, 3), contacts (T, 4), goals (K, 3) of frame, x, z, path_m (K, 2), joint_names (J),
-    parents (J), frame_rate_hz, title, part, format. World, metres.
+    Arrays: positions_m (T, J, 3), contacts (T, 4), goals (K, 3) as frame, x, z, path_m (K, 2), joint_names (J),
+    parents (J), frame_rate_hz, title, part, format. World coordinates, metres.
     """
     folder.mkdir(parents=True, exist_ok=True)
     count = 0

@@ -1,1 +1,1 @@
-"""Files: motion, constraints and paths, as this and other tools write them. Untrusted, bounded, never a pickle."""
+"""Files of motion, constraints and paths, of this and other tools. They are untrusted: bounded, and never pickles."""

@@ -23,14 +23,14 @@ def parser() -> argparse.ArgumentParser:
     names = [one.name for one in MOTION_FORMATS]
     arguments.add_argument("--from", dest="source_format", choices=names, help="what IN is, if its name does not tell")
     arguments.add_argument("--to", dest="target_format", choices=names, help="what OUT is, if its name does not tell")
-    arguments.add_argument("--skeleton", choices=skeleton_names(), help="of IN, where it does not follow from the file")
+    arguments.add_argument("--skeleton", choices=skeleton_names(), help="of IN, if not clear from the file")
     arguments.add_argument("--fps", type=float, help=f"rows a second of a g1-csv IN ({QPOS_FPS})")
     arguments.add_argument("--rate-hz", type=float, help="rows a second of a g1-controller-csv OUT (those of IN)")
     return arguments
 
 
 def _check_rates(given: argparse.Namespace) -> None:
-    """Raises FormatError for a rate that would be left aside."""
+    """Raise FormatError for a rate that would be ignored."""
     for option, rate, path, name, only in (
         ("--fps", given.fps, given.source, given.source_format, "g1-csv"),
         ("--rate-hz", given.rate_hz, given.target, given.target_format, "g1-controller-csv"),

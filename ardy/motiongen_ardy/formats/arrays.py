@@ -1,4 +1,4 @@
-"""Arrays out of an untrusted NPZ file: sizes checked before reading, no pickles, no paths."""
+"""Arrays from an untrusted NPZ file: sizes are checked before reading; no pickles, no paths."""
 
 from __future__ import annotations
 
@@ -20,24 +20,24 @@ from motiongen_ardy.formats.errors import FormatError, shortened
 MAX_MEMBERS = 64
 _HEADER_BYTES = 16_384
 _LAST_CHARACTER = 0x10FFFF
-_SURROGATES = 0xD800, 0xDFFF  # halves of characters in other encodings, which no text can hold alone
+_SURROGATES = 0xD800, 0xDFFF  # halves of characters in UTF-16, which no text can hold alone
 
 Check = Callable[[str, tuple[int, ...]], None]
 
 
 def array_names(path: Path) -> frozenset[str]:
-    """What the arrays of an NPZ file are called. Raises FormatError as `read_arrays` does."""
+    """The names of the arrays in an NPZ file. Raises FormatError as `read_arrays` does."""
     with _opened(path) as archive:
         return frozenset(_members(path, archive))
 
 
 def read_arrays(path: Path, names: Mapping[str, str], check: Check) -> dict[str, np.ndarray]:
-    """The arrays of an NPZ file that are called as in `names`; others are left alone.
+    """The arrays of an NPZ file whose names are in `names`; others are ignored.
 
-    names: name -> the kinds of type it may have, out of "f" float, "i" and "u" whole, "b" bool, "U" text. check: called
-    with name and shape of each array before it is read; raises FormatError for a shape that cannot be. Raises
-    FormatError for a damaged archive, too many or too large members, objects, headers that lie about the size, and
-    text of what are no characters.
+    names: name -> the kinds of type that it may have, out of "f" float, "i" and "u" integer, "b" bool, "U" text. check:
+    called with the name and shape of each array before it is read; raises FormatError for an impossible shape. Raises
+    FormatError for a damaged archive, too many or too large members, objects, headers that misstate the size, and text
+    that contains invalid characters.
     """
     with _opened(path) as archive:
         members = _members(path, archive)
@@ -45,30 +45,30 @@ def read_arrays(path: Path, names: Mapping[str, str], check: Check) -> dict[str,
 
 
 def as_contacts(path: Path, name: str, values: np.ndarray) -> Tensor:
-    """Whether (T, 4) each foot joint is on the ground: above a half. Raises FormatError for what is not finite."""
+    """(T, 4) bool: each foot joint is on the ground, from values above a half. Raises FormatError unless finite."""
     if not np.isfinite(values).all():
         raise FormatError(path, f"{name} holds NaN or infinite numbers", "1 is on the ground, 0 is not")
     return torch.from_numpy(values > 0.5)
 
 
 def as_float32(values: np.ndarray) -> Tensor:
-    """Numbers in float32; what is beyond it becomes infinite, without a word from numpy."""
+    """Numbers in float32; those out of its range become infinite, without a warning from numpy."""
     with np.errstate(over="ignore"):
         return torch.from_numpy(values.astype(np.float32))
 
 
 @contextmanager
 def _opened(path: Path) -> Iterator[zipfile.ZipFile]:
-    """The archive; whatever is raised while it is open is refused as the file's fault."""
+    """The opened archive; any exception while it is open is refused as the file's fault."""
     with path.open("rb") as file:
         try:
             with warnings.catch_warnings():
-                warnings.simplefilter("error")  # numpy warns where it guesses
+                warnings.simplefilter("error")  # numpy warns when it guesses
                 with zipfile.ZipFile(file) as archive:
                     yield archive
         except FormatError:
             raise
-        except Exception as error:  # zipfile and numpy meet bytes of anybody's making, and raise whatever they like
+        except Exception as error:  # zipfile and numpy raise all kinds of errors for untrusted bytes
             given = f"not a readable NPZ: {str(error)[:200] or type(error).__name__}"
             raise FormatError(path, given, "give what numpy.savez writes, whole") from None
 
@@ -110,7 +110,7 @@ def _read(path: Path, archive: zipfile.ZipFile, entry: zipfile.ZipInfo, kinds: s
 
 
 def _check_text(path: Path, name: str, array: np.ndarray) -> None:
-    """Raise FormatError for what numpy takes for text and Python does not: it fails where it is first looked at."""
+    """Raise FormatError for text that numpy accepts and Python does not: it would fail at first use."""
     codes = np.frombuffer(array.tobytes(), np.dtype("u4").newbyteorder(array.dtype.byteorder))
     bad = codes[(codes > _LAST_CHARACTER) | ((codes >= _SURROGATES[0]) & (codes <= _SURROGATES[1]))]
     if len(bad):

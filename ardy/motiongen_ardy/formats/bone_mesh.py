@@ -1,4 +1,4 @@
-"""A body to look at: one slim diamond for every bone, which moves with the joint that the bone starts at."""
+"""A mesh for display: one slim diamond per bone, which moves with the joint at which the bone starts."""
 
 from __future__ import annotations
 
@@ -15,9 +15,9 @@ _FACES = np.array([(0, 2, 1), (0, 3, 2), (0, 4, 3), (0, 1, 4), (5, 1, 2), (5, 2,
 
 @dataclass(frozen=True, eq=False)
 class BoneMesh:
-    """Triangles, three vertices each and none shared, at the neutral pose with the root at the origin.
+    """Triangles, each with its own three vertices, in the neutral pose with the root at the origin.
 
-    positions, normals: (V, 3) float32, metres. joints: (V) the joint that each vertex moves with.
+    positions, normals: (V, 3) float32, metres. joints: (V), the joint that each vertex moves with.
     """
 
     positions: np.ndarray
@@ -26,7 +26,7 @@ class BoneMesh:
 
 
 def bone_mesh(skeleton: Skeleton) -> BoneMesh:
-    """The diamonds of all bones that have a length."""
+    """The diamonds of all bones with a length above zero."""
     corners, joints = [], []
     for joint, parent in enumerate(skeleton.parents):
         bone = skeleton.offsets[joint]

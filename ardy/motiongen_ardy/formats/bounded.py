@@ -1,4 +1,4 @@
-"""Reading files within bounds: how large a file and how long a motion may be, checked before memory is taken."""
+"""Reading within bounds: the size of a file and the length of a motion are checked before memory is allocated."""
 
 from __future__ import annotations
 
@@ -7,7 +7,7 @@ from pathlib import Path
 from motiongen_ardy.formats.errors import FormatError
 
 MAX_TEXT_BYTES = 64 * 2**20
-MAX_JSON_BYTES = 16 * 2**20  # parsed, it takes twenty times as much
+MAX_JSON_BYTES = 16 * 2**20  # takes twenty times as much when parsed
 MAX_ARRAY_BYTES = 512 * 2**20
 MAX_FRAMES = 200_000
 
@@ -31,6 +31,6 @@ def read_text(path: Path, limit: int = MAX_TEXT_BYTES) -> str:
 
 
 def check_num_frames(source: object, num_frames: int) -> None:
-    """Raise FormatError for no frame at all or for too many."""
+    """Raise FormatError for no frames or too many."""
     if not 1 <= num_frames <= MAX_FRAMES:
         raise FormatError(source, f"{num_frames} frames", f"give 1 to {MAX_FRAMES}")

@@ -1,7 +1,7 @@
 """Motion as BVH, for animation tools, and back.
 
-Lengths are centimetres unless said otherwise; angles are degrees. Every joint has the rotation channels Z, X, Y: the
-heading is the last angle, so that turning round never meets the angle where the other two are undefined.
+Lengths are in centimetres by default, angles in degrees. Every joint has the rotation channels Z, X, Y: the heading is
+the last angle, so that turning round never reaches the angle at which the other two are undefined.
 """
 
 from __future__ import annotations
@@ -22,12 +22,12 @@ from motiongen_ardy.formats.stored import StoredMotion, as_array, check_bones, f
 
 BONES_WITHIN_M = 0.01
 _UNITS_PER_METRE = (1.0, 100.0, 1000.0, 1 / 0.0254)  # metres, centimetres, millimetres, inches
-_LOCKED = 1e-6  # radians from where two axes are one
-_END_SITE_M = 0.05  # how far a last joint is drawn, in the direction of its bone
+_LOCKED = 1e-6  # radians from gimbal lock
+_END_SITE_M = 0.05  # length of the end site of a last joint, in the direction of its bone
 
 
 def write_bvh(path: Path, stored: StoredMotion, units_per_metre: float = 100.0) -> None:
-    """Write a motion of any skeleton. Contacts and text have no place in the file."""
+    """Write a motion with any skeleton. Contacts and text cannot be stored in the file."""
     skeleton, motion = stored.skeleton, stored.motion
     angles = np.degrees(euler_zxy(as_array(motion.local_rotations)))
     root = as_array(motion.root_positions) * units_per_metre
@@ -42,8 +42,8 @@ def write_bvh(path: Path, stored: StoredMotion, units_per_metre: float = 100.0) 
 def euler_zxy(rotations: np.ndarray) -> np.ndarray:
     """(T, ..., 3, 3) -> (T, ..., 3) radians z, x, y with R = Rz Rx Ry, without jumps of a full turn along T.
 
-    Where x is +-90 degrees only the sum or difference of the others is defined; y is 0 there. Near it z is hardly
-    known, so that y is what is left once z is taken off: together they make the rotation to the last digit.
+    At x = +-90 degrees, only the sum or difference of the others is defined; y is set to 0 there. Near it, z is
+    ill-conditioned, so y is computed from what remains after removing z: together they reproduce the rotation exactly.
     """
     cosine = np.hypot(rotations[..., 2, 0], rotations[..., 2, 2])
     x = np.arctan2(rotations[..., 2, 1], cosine)
@@ -57,7 +57,7 @@ def euler_zxy(rotations: np.ndarray) -> np.ndarray:
 
 
 def _write_joint(file: TextIO, skeleton: Skeleton, joint: int, depth: int, scale: float, order: list[int]) -> None:
-    """Write a joint and all below it; `order` collects the joints as their channels lie in a frame."""
+    """Write a joint and all below it; `order` collects the joints in the order of their channels in a frame."""
     indent = "\t" * depth
     order.append(joint)
     offset = skeleton.offsets[joint] * scale
@@ -81,11 +81,11 @@ def _triple(values: np.ndarray) -> str:
 
 
 def read_bvh(path: Path, skeleton: Skeleton | None = None) -> StoredMotion:
-    """Read the motion of a BVH that has one of our skeletons: its joints by name, in any order, and its bones.
+    """Read the motion of a BVH with one of our skeletons, recognised by its joints' names, in any order, and its bones.
 
-    Any channel order and unit (metres, centimetres, millimetres, inches, told by the bones). Contacts follow from the
-    poses. Raises FormatError for other skeletons (`motiongen_ardy.data` retargets those), bones that change their
-    length, frame rates that are not whole, and text that is not BVH.
+    Any channel order and unit (metres, centimetres, millimetres, inches, inferred from the bones). Contacts are
+    computed from the poses. Raises FormatError for other skeletons (`motiongen_ardy.data` retargets those), bones that
+    change their length, frame rates that are not whole, and text that is not BVH.
     """
     try:
         bvh = parse_bvh(read_text(path), str(path))
@@ -114,7 +114,7 @@ def _check_tree(path: Path, bvh: Bvh, skeleton: Skeleton, order: list[int]) -> N
 
 
 def _metres_per_unit(path: Path, skeleton: Skeleton, offsets: np.ndarray) -> float:
-    """Which unit makes the file's bones as long, together, as the skeleton's."""
+    """The unit in which the total length of the file's bones is that of the skeleton's."""
     given = float(np.linalg.norm(offsets[1:], axis=1).sum())
     wanted = float(np.linalg.norm(skeleton.offsets[1:], axis=1).sum())
     closest = min(_UNITS_PER_METRE, key=lambda units: abs(np.log(max(given, 1e-12) / (wanted * units))))
@@ -125,7 +125,7 @@ def _metres_per_unit(path: Path, skeleton: Skeleton, offsets: np.ndarray) -> flo
 
 
 def _check_rigid(path: Path, skeleton: Skeleton, translations: Tensor) -> None:
-    """Below the root, positions (T, J, 3) that channels give must stay on the bones."""
+    """Raise FormatError unless positions (T, J, 3) from channels of joints below the root stay on the bones."""
     error = (translations[:, 1:] - torch.tensor(skeleton.offsets[1:], device="cpu")).norm(dim=-1)
     if float(error.max()) > BONES_WITHIN_M:
         frame, joint = divmod(int(error.argmax()), error.shape[1])

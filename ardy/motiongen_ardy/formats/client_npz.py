@@ -1,4 +1,4 @@
-"""Motion as NPZ as the Python client writes it (`motiongen stream --out walk.npz`): frame rows by block, and the rig.
+"""Motion as NPZ written by the Python client (`motiongen stream --out walk.npz`): frame rows by block, and the rig.
 
 root_translation_m (T, 3), joint_rotation_quat_wxyz (T, J, 4), foot_contact (T, 4), joint_names (J), frame_rate_hz.
 """
@@ -17,7 +17,7 @@ from motiongen_ardy.formats.bounded import MAX_FRAMES
 from motiongen_ardy.formats.errors import FormatError, shortened
 from motiongen_ardy.formats.stored import StoredMotion, from_pose, skeleton_with, whole_fps
 
-MARK = "joint_rotation_quat_wxyz"  # the array that tells this form from ARDY's own
+MARK = "joint_rotation_quat_wxyz"  # the array that distinguishes this form from ARDY's own
 UNIT_WITHIN = 0.01
 
 _READ = {
@@ -28,7 +28,7 @@ _MAX_JOINTS = 256
 
 
 def read_client_npz(path: Path, skeleton: Skeleton | None = None) -> StoredMotion:
-    """Read a motion that the client wrote, of one of our skeletons. Raises FormatError."""
+    """Read a motion that the client wrote, with one of our skeletons. Raises FormatError."""
 
     def check(name: str, shape: tuple[int, ...]) -> None:
         most = _MAX_JOINTS if name == "joint_names" else MAX_FRAMES

@@ -1,8 +1,9 @@
 """Constraint lists in the JSON form that ARDY's and Kimodo's tools exchange.
 
-A list of objects with `type` and `frame_indices`. A root2d has `root_2d` (x and z) and maybe `global_root_heading`; the
-others have `local_joints_rot` (axis times angle), `root_positions` and maybe `root_2d`, and kinematics gives where the
-joints are. `smooth_root_2d` is read as `root_2d`, and headings as angles (K) or as cosine and sine (K, 2).
+A list of objects with `type` and `frame_indices`. A root2d has `root_2d` (x and z) and optionally
+`global_root_heading`; the others have `local_joints_rot` (axis times angle), `root_positions` and optionally `root_2d`;
+joint positions follow by kinematics. `smooth_root_2d` is read as `root_2d`, and headings as angles (K) or as cosine and
+sine (K, 2).
 """
 
 from __future__ import annotations
@@ -38,9 +39,9 @@ _MAX_FRAME = 2**31 - 1
 
 @dataclass(frozen=True, eq=False)
 class RootConstraint:
-    """Where the root is over the ground at frames (K).
+    """The root's ground position at frames (K).
 
-    ground: (K, 2) x and z in metres; heading: (K) radians, or None.
+    ground: (K, 2), x and z in metres; heading: (K) radians, or None.
     """
 
     frames: tuple[int, ...]
@@ -52,8 +53,8 @@ class RootConstraint:
 class PoseConstraint:
     """Whole poses at frames (K), or limbs of them.
 
-    rotation_vectors: (K, J, 3) axis times angle, parent-relative; root_positions: (K, 3) metres; limbs: names out of
-    `limb_chains`, None for the whole body; ground: (K, 2), where the root shall be if not where the pose has it.
+    rotation_vectors: (K, J, 3), axis times angle, parent-relative; root_positions: (K, 3) metres; limbs: names from
+    `limb_chains`, None for the whole body; ground: (K, 2), the root's ground position if not the pose's own.
     """
 
     frames: tuple[int, ...]
@@ -67,7 +68,7 @@ Constraint = RootConstraint | PoseConstraint
 
 
 def constraint_targets(skeleton: Skeleton, constraints: Sequence[Constraint]) -> Targets:
-    """What the constraints ask for together; of two that disagree, the later one holds.
+    """The targets of all constraints together; where two disagree, the later one wins.
 
     Raises ConstraintError for shapes that do not fit the skeleton and for limbs that it does not have.
     """
@@ -86,7 +87,7 @@ def constraint_targets(skeleton: Skeleton, constraints: Sequence[Constraint]) ->
 
 
 def pose_constraint(motion: Motion, frames: Sequence[int], limbs: tuple[str, ...] | None = None) -> PoseConstraint:
-    """The poses that a motion (T) has at some of its frames, as a constraint to reach them again.
+    """The poses of a motion (T) at some of its frames, as a constraint.
 
     Raises ConstraintError for frames that the motion does not have.
     """
@@ -106,10 +107,10 @@ def read_constraints(path: Path, skeleton: Skeleton, num_frames: int | None = No
 def parse_constraints(
     content: object, skeleton: Skeleton, source: object = "constraints", num_frames: int | None = None
 ) -> list[Constraint]:
-    """The constraints of parsed JSON, for a clip of num_frames frames (of any length if None).
+    """The constraints in parsed JSON, for a clip of num_frames frames (None: of any length).
 
-    Raises FormatError naming the entry, the field, what it holds and what it may hold; fields of no meaning here are
-    left alone, as other tools add their own.
+    Raises FormatError naming the entry, the field, its value and what is allowed; unknown fields are ignored, because
+    other tools add their own.
     """
     if not isinstance(content, list):
         raise FormatError(source, f"constraints are a {type(content).__name__}", "give a list of objects")
@@ -129,9 +130,9 @@ def parse_constraints(
 
 
 def write_constraints(path: Path, constraints: Sequence[Constraint]) -> None:
-    """Write a constraint list, one entry a line: `root_2d`, headings as angles.
+    """Write a constraint list, one entry per line, with `root_2d` and headings as angles.
 
-    Raises ValueError for NaN, and ConstraintError for frames that are not whole or below 0.
+    Raises ValueError for NaN, and ConstraintError for frames that are not whole or are negative.
     """
     text = write_json([_written(constraint) for constraint in constraints])
     with written_whole(path) as partial:

@@ -1,12 +1,12 @@
-"""The one error of files."""
+"""The error that all formats raise."""
 
 from __future__ import annotations
 
 
 class FormatError(ValueError):
-    """Raised for a file that cannot be read, or motion that cannot be written, as the format asked for.
+    """Raised for a file that cannot be read, or a motion that cannot be written, in the requested format.
 
-    source: the file, or what stands for it. given: what was found. allowed: what would do.
+    source: the file, or a name for the input. given: what was found. allowed: what is accepted.
     """
 
     def __init__(self, source: object, given: str, allowed: str) -> None:
@@ -17,6 +17,6 @@ class FormatError(ValueError):
 
 
 def shortened(value: object, limit: int = 60) -> str:
-    """How a value from a file is quoted in a message: never long, whatever the file holds."""
+    """A value from a file as quoted in messages: short, whatever the file holds."""
     text = repr(value) if isinstance(value, (str, int, float, bool, type(None))) else type(value).__name__
     return text if len(text) <= limit else f"{text[: limit - 3]}..."

@@ -1,4 +1,4 @@
-"""Every motion file by the end of its name: which can be read, which written."""
+"""All motion file formats, by suffix: which can be read, and which written."""
 
 from __future__ import annotations
 
@@ -27,7 +27,7 @@ from motiongen_ardy.robot.g1 import load_g1
 
 @dataclass(frozen=True)
 class ReadOptions:
-    """What a file may leave open. skeleton: which, where several would fit; fps: of files without a clock."""
+    """What a file may leave open. skeleton: which one, if several would fit; fps: of files without a clock."""
 
     skeleton: Skeleton | None = None
     fps: float = QPOS_FPS
@@ -35,7 +35,7 @@ class ReadOptions:
 
 @dataclass(frozen=True)
 class MotionFormat:
-    """One kind of file. write returns lines on what was changed or lost; rate_hz is for kinds that resample."""
+    """One file format. write returns lines about what was changed or lost; rate_hz: for formats that resample."""
 
     name: str
     suffix: str
@@ -89,7 +89,7 @@ def _controller(path: Path, stored: StoredMotion, rate_hz: float | None) -> tupl
     return write_controller_csv(path, stored, rate_hz).lines
 
 
-# Longer ends first: the first that fits decides.
+# Longer suffixes first: the first match is used.
 MOTION_FORMATS = (
     MotionFormat(
         "g1-controller-csv", ".controller.csv", "G1: a clock, qpos within limits, velocities; any rate",
@@ -106,7 +106,7 @@ _PICKLES = (".pkl", ".pickle", ".pt", ".pth")
 
 
 def format_of(path: Path, name: str | None = None) -> MotionFormat:
-    """The format called `name`, or the one that the path's end tells. Raises FormatError, which lists them."""
+    """The format called `name`, or else the one of the path's suffix. Raises FormatError, which lists the formats."""
     for candidate in MOTION_FORMATS:
         if candidate.name == name or (name is None and path.name.lower().endswith(candidate.suffix)):
             return candidate
@@ -119,7 +119,7 @@ def format_of(path: Path, name: str | None = None) -> MotionFormat:
 
 
 def sample_paths(path: Path, num_samples: int) -> list[Path]:
-    """Where several samples go, as ARDY's command line has it: walk.npz alone, else walk/walk_00.npz and so on."""
+    """The paths of several samples, as in ARDY's command line: walk.npz for one, else walk/walk_00.npz and so on."""
     if num_samples == 1:
         return [path]
     suffix = path.name[-len(format_of(path).suffix) :]
@@ -141,6 +141,6 @@ def write_motion(
 ) -> tuple[str, ...]:
     """Write any motion file; returns lines that say what the format could not keep or had to change.
 
-    rate_hz: rows a second of g1-controller-csv, the motion's own if None; the others keep the motion's frames.
+    rate_hz: rows a second of g1-controller-csv; None: the motion's own. Other formats keep the motion's frames.
     """
     return format_of(path, name).write(path, stored, rate_hz)

@@ -1,7 +1,7 @@
 """Motion of the Unitree G1 as CSV: ARDY's 36 columns of qpos, and a form that a controller can follow.
 
 The first has no header and no clock: 25 rows a second of root x y z (metres), quaternion w x y z, 29 angles (radians),
-Z up, +X forward. The second has a header line, and after the time the same 36 columns and 35 of velocity.
+Z up, +X forward. The second has a header line; its columns are the time, the same 36 columns, and 35 of velocity.
 """
 
 from __future__ import annotations
@@ -25,7 +25,7 @@ _CLOCK_WITHIN = 1e-3  # of a period
 
 
 def controller_columns() -> tuple[str, ...]:
-    """The header of the controller's form: each column's name with its unit."""
+    """The header of the controller form: each column's name with its unit."""
     hinges = load_g1().hinges
     root = ("root_x_m", "root_y_m", "root_z_m", "root_qw", "root_qx", "root_qy", "root_qz")
     speed = ("root_vx_m_s", "root_vy_m_s", "root_vz_m_s", "root_wx_rad_s", "root_wy_rad_s", "root_wz_rad_s")
@@ -34,9 +34,9 @@ def controller_columns() -> tuple[str, ...]:
 
 
 def write_qpos_csv(path: Path, stored: StoredMotion) -> TrajectoryReport:
-    """Write ARDY's 36 columns at the motion's own rate, angles as they are. Returns what the hinges cannot do.
+    """Write ARDY's 36 columns at the motion's own rate, angles unchanged. Returns what hinges cannot do.
 
-    Raises FormatError for a motion that is not the robot's.
+    Raises FormatError for a motion with another skeleton.
     """
     qpos = _qpos(path, stored)
     _write_rows(path, qpos)
@@ -44,19 +44,19 @@ def write_qpos_csv(path: Path, stored: StoredMotion) -> TrajectoryReport:
 
 
 def read_qpos_csv(path: Path, fps: float = QPOS_FPS) -> StoredMotion:
-    """Read ARDY's 36 columns as motion at fps, which the file does not tell. Raises FormatError."""
+    """Read ARDY's 36 columns as motion at fps, which the file does not contain. Raises FormatError."""
     return qpos_motion(path, read_qpos(path), fps)
 
 
 def read_qpos(path: Path) -> Tensor:
-    """Read ARDY's 36 columns as they stand: (T, 36) float64. Raises FormatError."""
+    """Read ARDY's 36 columns unchanged: (T, 36) float64. Raises FormatError."""
     return _checked(path, _rows(path, read_text(path).splitlines(), 1, QPOS_WIDTH))
 
 
 def write_controller_csv(path: Path, stored: StoredMotion, rate_hz: float | None = None) -> TrajectoryReport:
-    """Write the controller's form at rate_hz, the motion's own if None. Returns what was clamped or is amiss.
+    """Write the controller form at rate_hz (None: the motion's own rate). Returns what was clamped or is wrong.
 
-    Raises FormatError for a motion that is not the robot's and RobotError for a rate without meaning.
+    Raises FormatError for a motion with another skeleton, and RobotError for an invalid rate.
     """
     _qpos(path, stored)
     trajectory, report = motion_trajectory(stored.motion, rate_hz)
@@ -65,13 +65,13 @@ def write_controller_csv(path: Path, stored: StoredMotion, rate_hz: float | None
 
 
 def write_trajectory(path: Path, trajectory: JointTrajectory) -> None:
-    """Write the controller's form of a trajectory."""
+    """Write a trajectory in the controller form."""
     table = torch.cat([trajectory.time_s[:, None], trajectory.qpos, trajectory.qvel], dim=1)
     _write_rows(path, table, ",".join(controller_columns()))
 
 
 def read_trajectory(path: Path) -> JointTrajectory:
-    """Read the controller's form. Raises FormatError for another header, and for a clock that is not even."""
+    """Read the controller form. Raises FormatError for another header, and for a clock that is not uniform."""
     lines = read_text(path).splitlines()
     names = tuple(lines[0].strip().split(",")) if lines else ()
     wanted = controller_columns()
@@ -91,13 +91,13 @@ def read_trajectory(path: Path) -> JointTrajectory:
 
 
 def read_controller_csv(path: Path) -> StoredMotion:
-    """Read the controller's form as motion; its rate must be whole. Raises FormatError."""
+    """Read the controller form as motion; its rate must be a whole number. Raises FormatError."""
     trajectory = read_trajectory(path)
     return qpos_motion(path, trajectory.qpos, trajectory.rate_hz)
 
 
 def qpos_motion(source: object, qpos: Tensor, fps: float) -> StoredMotion:
-    """Checked qpos (T, 36) as stored motion in float32."""
+    """Valid qpos (T, 36) as stored motion in float32."""
     check_num_frames(source, len(qpos))
     motion = qpos_to_motion(qpos, whole_fps(source, fps))
     rotations, root, contacts = motion.local_rotations, motion.root_positions, motion.foot_contacts
@@ -105,7 +105,7 @@ def qpos_motion(source: object, qpos: Tensor, fps: float) -> StoredMotion:
 
 
 def _write_rows(path: Path, table: Tensor, header: str = "") -> None:
-    # A file that is open: by its name alone, numpy would compress one that ends in .gz.
+    # An open file: given a name, numpy would compress one that ends in .gz.
     with written_whole(path) as partial, partial.open("w", encoding="ascii", newline="\n") as file:
         np.savetxt(file, as_array(table), fmt=_NUMBER, delimiter=",", header=header, comments="")
 
@@ -126,7 +126,7 @@ def _checked(path: Path, qpos: Tensor) -> Tensor:
 
 
 def _rows(path: Path, lines: list[str], first_line: int, width: int) -> Tensor:
-    """The numbers (T, width) of comma-separated lines; blank lines at the end are left out."""
+    """The numbers (T, width) in comma-separated lines; blank lines at the end are ignored."""
     while lines and not lines[-1].strip():
         lines = lines[:-1]
     if not 1 <= len(lines) <= MAX_FRAMES:

@@ -1,6 +1,6 @@
-"""Motion as binary glTF (.glb): an animated skeleton with a body of bones, for engines, browsers and Blender.
+"""Motion as binary glTF (.glb): an animated skeleton with a mesh of bones, for engines, browsers and Blender.
 
-Metres, +Y up, +Z forward, as glTF has it and as we do: nothing is converted. Needs pygltflib (the extra `gltf`).
+glTF uses metres, +Y up and +Z forward, as we do, so nothing is converted. Needs pygltflib (the extra `gltf`).
 """
 
 from __future__ import annotations
@@ -21,15 +21,15 @@ from motiongen_ardy.formats.stored import StoredMotion, as_array
 if TYPE_CHECKING:
     from pygltflib import GLTF2
 
-_FLOAT, _BYTE = 5126, 5121  # the specification's numbers of component types
+_FLOAT, _BYTE = 5126, 5121  # the specification's codes of component types
 _ARRAY_BUFFER = 34962
 _KINDS = {1: "SCALAR", 3: "VEC3", 4: "VEC4", 16: "MAT4"}
 
 
 def write_glb(path: Path, stored: StoredMotion) -> None:
-    """Write a motion of any skeleton. Contacts have no place in the file; the text is in the animation's extras.
+    """Write a motion with any skeleton. Contacts cannot be stored in the file; the text is in the animation's extras.
 
-    Raises FormatError where pygltflib is not installed.
+    Raises FormatError if pygltflib is not installed.
     """
     try:
         import pygltflib
@@ -101,14 +101,14 @@ def _joint_nodes(skeleton: Skeleton) -> list[Any]:
 
 
 def _unbound(skeleton: Skeleton) -> np.ndarray:
-    """(J, 16) float32: takes the mesh at the neutral pose into each joint's frame; columns first, as glTF wants it."""
+    """(J, 16) float32, column-major: inverse bind matrices, from the mesh in the neutral pose to each joint's frame."""
     matrices = np.tile(np.eye(4, dtype=np.float32), (skeleton.num_joints, 1, 1))
     matrices[:, 3, :3] = -skeleton.neutral_joints
     return matrices.reshape(-1, 16)
 
 
 def _continuous(quaternions: np.ndarray) -> np.ndarray:
-    """Quaternions (T, J, 4), each on the same side as the one before it: viewers mix neighbours linearly."""
+    """Quaternions (T, J, 4), each with the sign nearest to the one before it: viewers interpolate linearly."""
     turns = np.sign((quaternions[1:] * quaternions[:-1]).sum(-1, keepdims=True))
     signs = np.cumprod(np.concatenate([np.ones_like(quaternions[:1, :, :1]), np.where(turns < 0, -1.0, 1.0)]), axis=0)
     unit: np.ndarray = quaternions * signs / np.linalg.norm(quaternions, axis=-1, keepdims=True)
@@ -117,14 +117,14 @@ def _continuous(quaternions: np.ndarray) -> np.ndarray:
 
 @dataclass
 class _Binary:
-    """The binary part of a document as it grows; each array gets a view and an accessor."""
+    """The growing binary part of a document; each array gets a view and an accessor."""
 
     document: GLTF2
     parts: list[bytes] = field(default_factory=list)
     size: int = 0
 
     def add(self, values: np.ndarray, bounds: bool = False, target: int | None = None) -> int:
-        """Append (N, K) values; returns the accessor's index. bounds: also say the least and the greatest of each K."""
+        """Append (N, K) values; returns the accessor's index. bounds: also store the minimum and maximum of each K."""
         import pygltflib
 
         content = np.ascontiguousarray(values).tobytes()

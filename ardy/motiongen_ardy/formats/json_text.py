@@ -1,4 +1,4 @@
-"""Untrusted JSON: bounded, no NaN, no name twice, and arrays of numbers of just the shape they must have."""
+"""Untrusted JSON: bounded, no NaN, no duplicate names, and numeric arrays of exactly the required shape."""
 
 from __future__ import annotations
 
@@ -14,11 +14,11 @@ from motiongen_ardy.formats.errors import FormatError, shortened
 
 
 class NumbersError(ValueError):
-    """Raised for a value that is not an array of finite numbers of the shape wanted; the message says what it is."""
+    """Raised for a value that is not an array of finite numbers of the wanted shape; the message says what it is."""
 
 
 def parse_json(text: str | bytes, source: object) -> Any:
-    """The content of a JSON text. Raises FormatError for what is not JSON, too deep, or names a field twice."""
+    """The content of JSON text. Raises FormatError if it is not JSON, nested too deeply, or has duplicate names."""
     if len(text) > MAX_JSON_BYTES:
         raise FormatError(source, f"{len(text)} bytes of JSON", f"at most {MAX_JSON_BYTES} are read")
 
@@ -39,14 +39,14 @@ def parse_json(text: str | bytes, source: object) -> Any:
         raise
     except RecursionError:
         raise FormatError(source, "JSON nested too deeply", "no file read here needs more than ten levels") from None
-    except ValueError as error:  # also a number of thousands of digits, and bytes that are not text
+    except ValueError as error:  # includes numbers of thousands of digits, and bytes that are not text
         raise FormatError(source, f"not JSON: {str(error)[:200]}", "give a JSON file") from None
 
 
 def numbers(value: object, shape: tuple[int, ...]) -> np.ndarray:
     """The nested lists `value` as float64 of exactly this shape.
 
-    Lists are walked no deeper and no wider than the shape says; strings and booleans are no numbers. Raises
+    Lists are traversed only as deep and as wide as the shape; strings and booleans do not count as numbers. Raises
     NumbersError.
     """
     flat: list[float] = []
@@ -76,7 +76,7 @@ def _flatten(value: object, shape: tuple[int, ...], place: tuple[int, ...], flat
 
 
 def write_json(content: Iterable[Any]) -> str:
-    """JSON text, one top-level entry a line, numbers at full precision, no NaN (ValueError)."""
+    """JSON text, one top-level entry per line, numbers with full precision. Raises ValueError for NaN."""
     if isinstance(content, dict):
         lines = (f"{json.dumps(name)}: {json.dumps(value, allow_nan=False)}" for name, value in content.items())
         return "{\n" + ",\n".join(lines) + "\n}\n"

@@ -1,4 +1,4 @@
-"""Motion as NPZ with the names that ARDY's command line writes; other tools of its family read the same.
+"""Motion as NPZ with the array names of ARDY's command line, which related tools read as well.
 
 local_rot_mats and global_rot_mats (T, J, 3, 3), posed_joints (T, J, 3), root_positions (T, 3), smooth_root_pos (T, 3),
 foot_contacts (T, 4), global_root_heading (T, 2) as cos and sin, fps, text. Metres, +Y up; see docs/formats.md.
@@ -33,7 +33,7 @@ _MAX_JOINTS = 256
 
 
 def write_npz(path: Path, stored: StoredMotion) -> None:
-    """Write a motion with all of the arrays named above."""
+    """Write a motion with all arrays named above."""
     motion = stored.motion
     local, root_positions = motion.local_rotations.double(), motion.root_positions.double()
     rotations, positions = forward_kinematics(stored.skeleton, local, root_positions)
@@ -55,10 +55,10 @@ def write_npz(path: Path, stored: StoredMotion) -> None:
 
 
 def read_npz(path: Path, skeleton: Skeleton | None = None) -> StoredMotion:
-    """Read local_rot_mats, root_positions and fps, and foot_contacts and text where they are.
+    """Read local_rot_mats, root_positions and fps, and foot_contacts and text if present.
 
-    The skeleton is the one with as many joints, unless given. Raises FormatError when one of those is missing or of
-    another shape, and when posed_joints are not where the skeleton's bones put them (the file is another skeleton's).
+    Unless given, the skeleton is the one with as many joints. Raises FormatError if a required array is missing or has
+    another shape, and if posed_joints do not match the skeleton's bones (the file then has another skeleton).
     """
     arrays = read_arrays(path, _READ, lambda name, shape: _check_shape(path, name, shape))
     for name in ("local_rot_mats", "root_positions", "fps"):

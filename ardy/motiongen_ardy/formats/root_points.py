@@ -1,7 +1,7 @@
 """Root paths in the JSON form that ARDY's demo imports and exports: points over the ground by frame.
 
 `{"type": "keyframes", "keyframes": {"12": [x, y, z]}}`, or `{"type": "dense_trajectory", "trajectory": {...}}` with a
-point for every frame of one span. A missing type means keyframes. Metres, +Y up.
+point for every frame of one span. Without a type, keyframes are assumed. Metres, +Y up.
 """
 
 from __future__ import annotations
@@ -25,7 +25,7 @@ _MAX_FRAME_DIGITS = 9
 
 @dataclass(frozen=True, eq=False)
 class RootPoints:
-    """Points (K, 3) in metres at frames (K), in order; dense: every frame from the first to the last has one.
+    """Points (K, 3) in metres at ascending frames (K); dense: every frame from the first to the last has one.
 
     Raises FormatError for frames out of order, gaps in a dense path, and points that are not finite.
     """
@@ -49,12 +49,12 @@ class RootPoints:
             raise FormatError(self.source, f"no point after frame {gap}", "a dense trajectory has one at every frame")
 
     def constraint(self) -> RootConstraint:
-        """The path as a constraint: x and z at its frames. The height of the points is not asked for."""
+        """The path as a constraint on x and z at its frames. The height of the points is ignored."""
         return RootConstraint(self.frames, self.points[:, [0, 2]])
 
 
 def read_root_points(path: Path, num_frames: int | None = None) -> RootPoints:
-    """Read a path, for a clip of num_frames frames (of any length if None). Raises FormatError, and OSError."""
+    """Read a path, for a clip of num_frames frames (None: of any length). Raises FormatError, and OSError."""
     content = parse_json(read_text(path, MAX_JSON_BYTES), path)
     if not isinstance(content, Mapping):
         raise FormatError(path, f"the file holds a {type(content).__name__}", "give an object with type and points")
@@ -75,7 +75,7 @@ def read_root_points(path: Path, num_frames: int | None = None) -> RootPoints:
 
 
 def _frame(path: Path, name: str, num_frames: int | None) -> int:
-    """The frame that a field's name tells, without signs, blanks or leading zeros, so that none is named twice."""
+    """The frame that a field names, without sign, blanks or leading zeros, so that no frame can be named twice."""
     plain = name.isascii() and name.isdecimal() and len(name) <= _MAX_FRAME_DIGITS and str(int(name)) == name
     if not plain or (num_frames is not None and int(name) >= num_frames):
         last = 10**_MAX_FRAME_DIGITS - 1 if num_frames is None else num_frames - 1
@@ -84,7 +84,7 @@ def _frame(path: Path, name: str, num_frames: int | None) -> int:
 
 
 def write_root_points(path: Path, root_path: RootPoints) -> None:
-    """Write a path in the form that its `dense` says."""
+    """Write a path in the form that its `dense` asks for."""
     kind = "dense_trajectory" if root_path.dense else "keyframes"
     points = {str(frame): point for frame, point in zip(root_path.frames, root_path.points.tolist(), strict=True)}
     text = write_json({"type": kind, _FIELDS[kind]: points})

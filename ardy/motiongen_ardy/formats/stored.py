@@ -1,4 +1,4 @@
-"""StoredMotion: what every motion file holds, or is completed to."""
+"""StoredMotion: the content of every motion file, completed where the file lacks something."""
 
 from __future__ import annotations
 
@@ -23,10 +23,10 @@ _BELOW_WHOLE, _ABOVE_WHOLE = 5e-4, 1.1e-3
 
 @dataclass(frozen=True, eq=False)
 class StoredMotion:
-    """One motion (T frames, no batch) with its skeleton, and the text it was made from where known.
+    """One motion (T frames, no batch) with its skeleton, and the text it was generated from, if known.
 
-    Raises FormatError for shapes that do not agree, numbers that are not finite, matrices that are no rotations,
-    texts of more than a million characters, and texts with half of a surrogate pair.
+    Raises FormatError for shapes that do not agree, numbers that are not finite, matrices that are not rotations, texts
+    of more than a million characters, and texts with half of a surrogate pair.
     """
 
     skeleton: Skeleton
@@ -65,7 +65,7 @@ class StoredMotion:
 
 
 def as_array(values: Tensor) -> np.ndarray:
-    """Numbers of any type, on any device and with or without a graph behind them, in float64, to be written."""
+    """A tensor of any type, on any device, with or without gradients, as a float64 array for writing."""
     array: np.ndarray = values.detach().cpu().double().contiguous().numpy()
     return array
 
@@ -91,7 +91,7 @@ def from_pose(
     text: str = "",
     contacts: Tensor | None = None,
 ) -> StoredMotion:
-    """A stored motion in float32 of poses of any precision; contacts follow from the poses where a file has none."""
+    """A stored motion in float32 from poses of any precision; contacts are computed from the poses if None."""
     check_num_frames(source, len(root_positions))
     rotations, root = local_rotations.float(), root_positions.float()
     if contacts is None:
@@ -100,9 +100,10 @@ def from_pose(
 
 
 def whole_fps(source: object, fps: float, given: str | None = None) -> int:
-    """A frame rate as the whole number that Motion counts in, which times of few digits (0.0333 s) are near to.
+    """A frame rate as the whole number that Motion requires, to which rounded frame times (0.0333 s) come close.
 
-    Raises FormatError for others, those of film and television too: 23.976, 29.97 and 59.94 are a thousandth below.
+    Raises FormatError for others, including those of film and television: 23.976, 29.97 and 59.94 are a thousandth
+    below.
     """
     whole = round(fps) if 0 < fps <= MAX_FPS else 0
     if not whole or not -_BELOW_WHOLE <= fps / whole - 1 <= _ABOVE_WHOLE:
@@ -112,9 +113,9 @@ def whole_fps(source: object, fps: float, given: str | None = None) -> int:
 
 
 def skeleton_with(source: object, joint_names: Sequence[str], wanted: Skeleton | None = None) -> Skeleton:
-    """The skeleton whose joints have exactly these names, in any order; `wanted` if given.
+    """The skeleton whose joints have exactly these names, in any order; checked against `wanted` if given.
 
-    Raises FormatError, which says what is missing and what is too many.
+    Raises FormatError, which says which names are missing and which are too many.
     """
     candidates = [wanted] if wanted is not None else [load_skeleton(name) for name in skeleton_names()]
     for skeleton in candidates:
@@ -135,7 +136,7 @@ def skeleton_with(source: object, joint_names: Sequence[str], wanted: Skeleton |
 
 
 def skeleton_of_size(source: object, num_joints: int, wanted: Skeleton | None = None) -> Skeleton:
-    """The skeleton with this many joints (all differ in it); `wanted` if given. Raises FormatError."""
+    """The skeleton with this many joints (no two have equally many); only `wanted` if given. Raises FormatError."""
     candidates = [wanted] if wanted is not None else [load_skeleton(name) for name in skeleton_names()]
     for skeleton in candidates:
         if skeleton.num_joints == num_joints:
@@ -145,7 +146,7 @@ def skeleton_of_size(source: object, num_joints: int, wanted: Skeleton | None = 
 
 
 def check_bones(source: object, skeleton: Skeleton, offsets: Tensor, within_m: float = 0.01) -> None:
-    """Raise FormatError if a file's offsets (J, 3) in metres are not the skeleton's: its motion would be another's."""
+    """Raise FormatError if a file's offsets (J, 3) in metres are not the skeleton's: the motion would not fit it."""
     error = (offsets - torch.tensor(skeleton.offsets, device="cpu")).norm(dim=-1)
     error[0] = 0
     if float(error.max()) > within_m:

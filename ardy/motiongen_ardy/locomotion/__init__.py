@@ -1,1 +1,1 @@
-"""What a speed and a direction ask of a person, with numpy alone: for the server's engine, and the evaluation."""
+"""How a person follows a speed and a direction, in numpy alone: for the server's engine and the evaluation."""

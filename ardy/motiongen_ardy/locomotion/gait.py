@@ -1,4 +1,4 @@
-"""The prompt of a velocity: which of a model's gaits holds while it leads."""
+"""Chooses the gait (the prompt) for a velocity."""
 
 from __future__ import annotations
 
@@ -6,7 +6,7 @@ import math
 from collections.abc import Sequence
 from typing import Protocol, TypeVar
 
-# A stick at the border between two gaits must not have the motion replanned many times a second.
+# Hysteresis: a stick held at the border between two gaits must not cause many replans a second.
 SPEED_MARGIN = 0.1  # of the speed
 ANGLE_MARGIN_RAD = math.radians(10)
 FORWARD = 0
@@ -26,9 +26,10 @@ G = TypeVar("G", bound=Gait)
 
 
 def gait_of(gaits: Sequence[G], x: float, z: float, heading: float | None, held: G | None) -> G | None:
-    """The gait for a velocity, metres a second and radians (None: it looks where it goes); None where there is none.
+    """The gait for a velocity x, z in metres a second; None if no gait fits.
 
-    held: the gait of the velocity that is in force. It stays while the new one is nearer to its range than the margins.
+    heading: radians; None: the character faces where it goes. held: the gait in force so far, which is kept while the
+    new velocity is within the margins of its range.
     """
     if not gaits:
         return None
@@ -41,12 +42,12 @@ def gait_of(gaits: Sequence[G], x: float, z: float, heading: float | None, held:
 
 
 def quarter_of(angle: float) -> int:
-    """The quarter of an angle in radians from where a character faces; positive is to its left."""
+    """The quarter of an angle in radians from a character's facing; positive angles are to its left."""
     return round(angle / (math.pi / 2)) % 4
 
 
 def gait_at(gaits: Sequence[G], speed: float, quarter: int) -> G | None:
-    """The fastest one that a speed reaches, of the quarter if there is one, else of those forward."""
+    """The fastest gait in a quarter whose from_mps `speed` reaches; if that quarter has none, of those forward."""
     reached = [gait for gait in gaits if gait.from_mps <= speed]
     own = [gait for gait in reached if gait.quarter == quarter]
     forward = [gait for gait in reached if gait.quarter == FORWARD]

@@ -1,4 +1,4 @@
-"""Where a velocity leads the root from where it is: nobody gets from one speed to another, or round, at once."""
+"""Where a velocity leads the root: speed and heading change gradually from what they are."""
 
 from __future__ import annotations
 
@@ -9,21 +9,21 @@ from typing import Any, NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-# As people do it, and never in less than _SHORTEST_S.
+# Typical of people; no change takes less than _SHORTEST_S.
 _ACCELERATION_M_S2 = 2.2
 _TURN_RAD_S = 2.6
 _SHORTEST_S = 0.3
-# Slower than this nobody turns to walk: whoever is asked for less may look anywhere.
+# Below this speed nobody turns to walk: without a heading asked for, any will do.
 _WALK_M_S = 0.3
 STATE_FRAMES = 4
-"""Frames that a root's speed is read from: fewer show the sway of a step."""
+"""Frames from which a root's speed is measured: fewer would show the sway of a step."""
 SLOWING_FRAMES = 16
-"""Frames after its end over which a velocity is slowed to a stand."""
+"""Frames after the end of a velocity within which the character slows to a stand."""
 
 
 @dataclass(frozen=True, slots=True)
 class RootState:
-    """What the root does just before a window: metres, metres a second, radians."""
+    """Position, velocity and heading of the root just before a window: metres, metres a second, radians."""
 
     x: float
     z: float
@@ -33,14 +33,14 @@ class RootState:
 
 
 class Lead(NamedTuple):
-    """The root of frames one after another. ground: (K, 2) x and z in metres; heading: (K) radians, None for any."""
+    """The root at consecutive frames. ground: (K, 2), x and z in metres; heading: (K) radians; None: any heading."""
 
     ground: NDArray[np.float64]
     heading: NDArray[np.float64] | None
 
 
 def root_state(ground: NDArray[Any], heading: float, fps: int) -> RootState:
-    """What the root does at the end of some frames. ground: (T, 2) metres, T at least 1; the last few tell."""
+    """The root's state at the last frame. ground: (T, 2) metres, T at least 1; the last STATE_FRAMES give the speed."""
     recent = ground[-STATE_FRAMES:]
     last = recent[-1]
     speed = (last - recent[0]) * (fps / max(1, len(recent) - 1))
@@ -48,19 +48,20 @@ def root_state(ground: NDArray[Any], heading: float, fps: int) -> RootState:
 
 
 def slowing_frames(x: float, z: float) -> int:
-    """Frames after the end of a velocity that it still leads, to a stand."""
+    """For how many frames after the end of a velocity the character slows to a stand."""
     return SLOWING_FRAMES if math.hypot(x, z) > 0.0 else 0
 
 
 def lead_by(
     asked: tuple[float, float], heading: float | None, held: int, most: int, root: RootState, fps: int
 ) -> Lead | None:
-    """Where a velocity leads in the `most` frames after those that `root` tells of; None where it has run out.
+    """Where a velocity leads in the `most` frames after `root`; None if it has ended and the character stands.
 
-    asked: x and z, metres a second in the world; heading: radians, None for any. held: of the frames, how many it
-    still holds, below 0 where it ended before. It starts from where the character is, not from where it should be: one
-    that fell behind walks on at the speed asked for rather than catch up in a spurt. Where no heading is asked for,
-    who walks turns to where it goes, and walks there once it has turned half round.
+    asked: x and z, metres a second in the world; heading: radians; None: any. held: for how many of the frames the
+    velocity is still in force; negative if it ended before them. The result starts from where the character is, not
+    from where it should be: one that fell behind continues at the speed asked for instead of catching up in a spurt.
+    Without a heading, a walking character turns to face where it goes; a turn of more than 90 degrees comes first, and
+    it sets off when half of that turn is done.
     """
     slowing = slowing_frames(*asked)
     count = min(most, held + slowing)
@@ -88,13 +89,13 @@ def lead_by(
 
 
 def _still_at(before: NDArray[np.float64], after: NDArray[np.float64]) -> float:
-    """At which share of the change from one velocity (2) to another nothing moves along the second any more."""
+    """At which share of the change from one velocity (2) to another the component along the change is zero."""
     change = after - before
     return float(np.clip(-before @ change / max(float(change @ change), 1e-9), 0.0, 1.0))
 
 
 def _slow_down(speed: NDArray[np.float64], held: int, still: int, before: NDArray[np.float64]) -> None:
-    """Bring speeds (T, 2) from frame `held` on to a stand at frame `still`; before: of frame -1."""
+    """Slow speeds (T, 2) from frame `held` on down to zero at frame `still`; before: the speed at frame -1."""
     last = speed[held - 1].copy() if held else before
     left = still - held
     frames = np.arange(1, len(speed) - held + 1)

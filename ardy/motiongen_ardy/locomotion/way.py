@@ -1,4 +1,4 @@
-"""Ways over the ground: lines with their corners cut, walked at a speed, and the time that takes."""
+"""Paths over the ground: lines with rounded corners, walked at a speed, and how long that takes."""
 
 from __future__ import annotations
 
@@ -13,8 +13,8 @@ from motiongen_ardy.locomotion.velocity import RootState
 Float64 = NDArray[np.float64]
 
 WALK_M_S = 1.2
-"""Who is not told how fast walks at this speed, or goes on at his own where that is faster."""
-# As people do it; slower than they can, so that a body follows.
+"""The speed of a walk whose speed is not specified, unless the character is already moving faster."""
+# Typical of people, and below what they are capable of, so that a body can follow.
 ACCELERATION_M_S2 = 1.5
 _SIDEWAYS_M_S2 = 2.0
 _TURN_RAD_S = 2.0
@@ -26,9 +26,9 @@ _SAME_M = 1e-4
 
 
 def walking_s(root: RootState, place: tuple[float, float], heading: float | None) -> float:
-    """Seconds after which a person is at a place (x, z, metres) and faces as asked: radians, None for any.
+    """Seconds that a person needs to reach a place (x, z, metres) and face as asked. heading: radians; None: any.
 
-    Turned to the way first where that is more than a step, and to the heading at the end.
+    If the place is more than a step away, the person first turns toward it, and at the end to the heading.
     """
     away_x, away_z = place[0] - root.x, place[1] - root.z
     distance = math.hypot(away_x, away_z)
@@ -46,7 +46,7 @@ def walking_s(root: RootState, place: tuple[float, float], heading: float | None
 
 
 class WayTooLong(ValueError):
-    """A way takes longer than it may. seconds: how long."""
+    """A path takes longer than allowed. seconds: how long it takes."""
 
     def __init__(self, seconds: float) -> None:
         super().__init__(f"the way takes {seconds:.0f} s")
@@ -56,10 +56,10 @@ class WayTooLong(ValueError):
 def walked(
     corners: NDArray[Any], speed: float, smoothing_m: float, root: RootState, fps: int, most_s: float = math.inf
 ) -> Float64:
-    """Ground places (T, 2), one a frame after `root`, along lines from there through corners (N, 2), to a stand.
+    """Ground positions (T, 2), one per frame after `root`, along lines from there through corners (N, 2), to a stand.
 
-    speed: metres a second where it is straight; slower in bends. The way is off its lines by smoothing_m at most.
-    Raises WayTooLong where it takes longer than most_s, before any place is worked out.
+    speed: metres a second on straight parts; bends are slower. The path deviates from its lines by at most smoothing_m.
+    Raises WayTooLong if it takes longer than most_s, before any position is computed.
     """
     places = np.concatenate([[[root.x, root.z]], np.asarray(corners, np.float64)])
     keep = np.concatenate([[True], np.hypot(*np.diff(places, axis=0).T) > _SAME_M])
@@ -79,7 +79,7 @@ def walked(
         raise WayTooLong(float(at_s[-1]))
     frames = np.arange(1, math.ceil(at_s[-1] * fps) + 1) / fps
     step = np.clip(np.searchsorted(at_s, frames, side="right") - 1, 0, len(steps) - 1)
-    # Evenly faster or slower within each step.
+    # Constant acceleration within each step.
     since = np.clip(frames - at_s[step], 0.0, takes_s[step])
     gone = since * (pace[step] + 0.5 * since * (pace[step + 1] - pace[step]) / takes_s[step])
     share = np.clip(gone / steps[step], 0.0, 1.0)[:, None]
@@ -87,10 +87,10 @@ def walked(
 
 
 def rounded(places: Float64, within_m: float) -> Float64:
-    """A line (N, 2) with its corners cut by parabolas that stay within a distance of it; its ends stay.
+    """A line (N, 2) with its corners cut by parabolas that stay within within_m of it; its end points are kept.
 
-    A parabola from d before the corner to d after it passes the corner at d cos(angle / 2) / 2 where its legs meet at
-    that angle, and no point of it is farther from them.
+    A parabola from d before the corner to d after it passes the corner at a distance of d cos(angle / 2) / 2, where
+    angle is that between the legs, and no point of it is farther from them.
     """
     if within_m <= 0 or len(places) < 3:
         return places
@@ -107,22 +107,22 @@ def rounded(places: Float64, within_m: float) -> Float64:
 
 
 def _sampled(line: Float64) -> Float64:
-    """The same line in even, short steps, its last point kept."""
+    """The same line resampled in even, short steps; its last point is kept."""
     steps = np.hypot(*np.diff(line, axis=0).T)
     line, steps = line[np.concatenate([[True], steps > 0])], steps[steps > 0]
     at = np.concatenate([[0.0], np.cumsum(steps)])
-    # One in the middle at least: who starts and ends in a stand would else never get away.
+    # At least one sample in the middle: a path that starts and ends at speed zero would otherwise never begin.
     count = min(max(3, math.ceil(at[-1] / _SAMPLE_M) + 1), _MOST_SAMPLES)
     places = np.linspace(0.0, at[-1], count)
     return np.stack([np.interp(places, at, line[:, axis]) for axis in (0, 1)], axis=1)
 
 
 def _paces(way: Float64, steps: Float64, speed: float, first: float) -> Float64:
-    """Metres a second at each sample (T, 2): from `first` to a stand, no faster than bends and a body allow."""
+    """Metres a second at the samples of a path (T, 2): from `first` to a stand, limited by bends and acceleration."""
     most = np.full(len(way), speed)
     if len(way) > 2:
         heading = np.unwrap(np.arctan2(*np.diff(way, axis=0).T))
-        # over a step's length: sample by sample a drawn line is all corners
+        # Over the length of a step: from one sample to the next, a drawn line is all corners.
         apart = max(1, round(0.3 / float(steps[0])))
         bend = np.abs(heading[apart:] - heading[:-apart]) / (apart * float(steps[0])) if len(heading) > apart else []
         slow = np.sqrt(_SIDEWAYS_M_S2 / np.maximum(bend, 1e-6))
@@ -132,10 +132,10 @@ def _paces(way: Float64, steps: Float64, speed: float, first: float) -> Float64:
 
 
 def paced(most: Float64, steps: Float64, first: float) -> Float64:
-    """Metres a second at places (T): from `first` to a stand, no faster than `most` (T) nor than a body speeds up.
+    """Metres a second at samples (T): from `first` to a stand, limited by `most` (T) and by ACCELERATION_M_S2.
 
-    steps: (T - 1) metres from each place to the next. Squares of speeds rise and fall by what is gained on each step at
-    most, so both ways are running minima.
+    steps: (T - 1), metres from each sample to the next. The square of the speed changes by at most 2 * acceleration *
+    step, so both limits are running minima.
     """
     gained = np.concatenate([[0.0], np.cumsum(2.0 * ACCELERATION_M_S2 * steps)])
     squares = most**2

@@ -1,1 +1,1 @@
-"""The model and how it generates: configuration, diffusion, tokenizer, denoiser, windows, rollout."""
+"""The model and its generation of motion: configuration, diffusion, tokenizer, denoiser, windows, rollout."""

@@ -1,4 +1,4 @@
-"""Frozen configurations of every model part, checked where they are built."""
+"""Frozen configurations of every part of a model, validated on construction."""
 
 from __future__ import annotations
 
@@ -9,10 +9,10 @@ from motiongen_ardy.core.problems import Problems
 from motiongen_ardy.core.representation import ROOT_WIDTH
 
 RELEASED_PATCH = 4
-"""Frames of a token of the released models, and of ours unless said otherwise."""
+"""Frames per token of the released models, and of ours by default."""
 MAX_PATCH = 10
 MAX_TOKENS = 512
-"""Of a window: for so many there are positions."""
+"""The most tokens of a window: there are only so many positions."""
 
 GuidanceMode = Literal["none", "regular", "separated"]
 TokenizerKind = Literal["fsq", "ae", "vae"]
@@ -31,7 +31,7 @@ def require_positive(owner: str, **values: int) -> None:
 
 
 def require_patch(owner: str, patch: int) -> None:
-    """Raise ConfigError for a number of frames that no token has."""
+    """Raise ConfigError unless a token can have that many frames."""
     if not 1 <= patch <= MAX_PATCH:
         raise ConfigError(f"{owner}.patch is {patch}; a token has 1 to {MAX_PATCH} frames")
 
@@ -68,7 +68,7 @@ class TransformerConfig:
 class TokenizerConfig:
     """The tokenizer: body features of `patch` frames <-> one latent of `latent_dim` numbers.
 
-    kind: "fsq" (quantised, the released form), "ae" or "vae" (continuous, the paper's variants).
+    kind: "fsq" (quantised, as released), "ae" or "vae" (continuous, the paper's variants).
     levels: quantisation levels of each latent dimension.
     global_root: decode with the global root instead of the local one (the paper's ablation).
     """
@@ -96,10 +96,10 @@ class TokenizerConfig:
 
 @dataclass(frozen=True)
 class DenoiserConfig:
-    """The denoiser: two transformers of one shape (root stage, body stage) or, for the ablation, one.
+    """The denoiser: two transformers of the same shape (root stage, body stage) or, for the ablation, one.
 
-    text_tokens, text_dim: how many text vectors condition a window, and their width.
-    constraints: false builds a model without constraint inputs (`motion_mask_mode: null`).
+    text_tokens, text_dim: number and width of the text vectors that condition a window.
+    constraints: False builds a model without constraint inputs (`motion_mask_mode: null`).
     """
 
     transformer: TransformerConfig
@@ -122,7 +122,7 @@ class DenoiserConfig:
 
     @property
     def root_token_width(self) -> int:
-        """Numbers of a token that are its frames' root."""
+        """Numbers in a token that describe the root: ROOT_WIDTH per frame."""
         return ROOT_WIDTH * self.patch
 
 
@@ -155,7 +155,7 @@ class ModelConfig:
 
     @property
     def patch(self) -> int:
-        """Frames of a token."""
+        """Frames per token."""
         return self.denoiser.patch
 
     @property
@@ -164,13 +164,13 @@ class ModelConfig:
 
     @property
     def token_width(self) -> int:
-        """Numbers of a hybrid token: the root of its frames, then the latent."""
+        """Numbers in a hybrid token: the root of its frames, then the latent."""
         return self.denoiser.root_token_width + self.denoiser.latent_dim
 
     @property
     def max_window_frames(self) -> int:
-        """The longest window (history, horizon and future): 10 s of frames in whole tokens, and no more than have
-        positions beside the prefix of text, step and heading.
+        """The longest window (history, horizon and future): 10 s of frames in whole tokens, limited by the positions
+        that the prefix of text, step and heading leaves free.
         """
         most = max(0, MAX_TOKENS - self.denoiser.text_tokens - 2)
         return min(10 * self.fps // self.patch, most) * self.patch

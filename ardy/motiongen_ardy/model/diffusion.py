@@ -1,4 +1,4 @@
-"""The diffusion schedule, immutable, and one reverse step in which every row has its own place in its own schedule."""
+"""The immutable diffusion schedule, and a reverse step in which each row has its own step index and schedule."""
 
 from __future__ import annotations
 
@@ -16,12 +16,12 @@ MIN_REMAINING = 1e-9
 
 @dataclass(frozen=True, eq=False)
 class NoiseSchedule:
-    """The base steps of training and the shortened schedules used for sampling (Nichol and Dhariwal 2021, cosine).
+    """The base steps of training and the shortened schedules for sampling (Nichol and Dhariwal 2021, cosine).
 
     Tables are indexed [num_steps, i]; i counts a row's steps from the cleanest (0) to the noisiest (num_steps - 1).
-    signal: (base steps) float32, how much of the clean signal's variance remains at each base step.
-    base_step: (n + 1, n) int64. remaining, remaining_before: (n + 1, n) float32, the signal's variance in what a
-    reverse step is given and in what it gives.
+    signal: (base steps) float32, the remaining share of the clean signal's variance at each base step.
+    base_step: (n + 1, n) int64. remaining, remaining_before: (n + 1, n) float32, the signal's variance in the input and
+    in the output of a reverse step.
     """
 
     num_base_steps: int
@@ -31,7 +31,7 @@ class NoiseSchedule:
     remaining_before: Tensor
 
     def to(self, device: torch.device | str) -> NoiseSchedule:
-        """The same schedule with its tables on a device."""
+        """The same schedule with its tables on `device`."""
         return NoiseSchedule(
             self.num_base_steps,
             self.signal.to(device),
@@ -48,7 +48,7 @@ class NoiseSchedule:
     def reverse_step(self, noisy: Tensor, clean: Tensor, index: Tensor, num_steps: Tensor) -> Tensor:
         """Move noisy tokens (B, N, C) one step towards the predicted clean ones (Song et al. 2021, eq. 12, eta 0).
 
-        index: (B) int64, each row's step, num_steps - 1 first and 0 last; num_steps: (B) int64, each row's schedule.
+        index: (B) int64, each row's step, from num_steps - 1 down to 0; num_steps: (B) int64, each row's schedule.
         At index 0 the result is `clean`.
         """
         given = self.remaining[num_steps, index][:, None, None]
@@ -58,7 +58,7 @@ class NoiseSchedule:
 
 
 def signal_variance(num_base_steps: int) -> np.ndarray:
-    """A_i, float32: the running product of 1 - beta_i of the cosine schedule with beta capped at 0.999."""
+    """A_i, float32: the running product of 1 - beta_i of the cosine schedule, with beta capped at 0.999."""
 
     def level(fraction: float) -> float:
         return math.cos((fraction + 0.008) / 1.008 * math.pi / 2) ** 2
@@ -71,19 +71,19 @@ def signal_variance(num_base_steps: int) -> np.ndarray:
 
 
 def running_product(factors: np.ndarray) -> np.ndarray:
-    """Running product of float32 factors, rounded to float32 only at the end, as released models have it."""
+    """Running product of float32 factors, rounded to float32 only at the end, as in the released models."""
     return np.cumprod(factors, dtype=np.float64).astype(np.float32)
 
 
 def chosen_steps(num_steps: int, num_base_steps: int) -> list[int]:
-    """The base steps of a schedule of num_steps, ascending; one step alone uses base step 0, as released models do."""
+    """The base steps of a schedule of num_steps, ascending; a single step uses base step 0, as released models do."""
     stride = (num_base_steps - 1) / max(1, num_steps - 1)
     return [min(round(index * stride), num_base_steps - 1) for index in range(num_steps)]
 
 
 @lru_cache
 def cosine_schedule(num_base_steps: int = 10) -> NoiseSchedule:
-    """The schedule of a model trained with num_base_steps. Raises ValueError for fewer than 1."""
+    """The schedule of a model trained with num_base_steps. Raises ValueError if that is less than 1."""
     if num_base_steps < 1:
         raise ValueError(f"num_base_steps is {num_base_steps}; a diffusion needs at least 1 step")
     signal = signal_variance(num_base_steps)

@@ -1,4 +1,4 @@
-"""A short name of a model's weights, for programs that hold the same model more than once."""
+"""A short fingerprint of a model's weights, to recognise the same model when a program holds it more than once."""
 
 from __future__ import annotations
 
@@ -9,11 +9,11 @@ import torch
 from motiongen_ardy.model.model import Model
 
 SAMPLE = 64
-"""Numbers of each tensor that count: whoever trains on, or converts, changes all of them."""
+"""Numbers of each tensor that are hashed: further training or conversion changes all of them."""
 
 
 def fingerprint(model: Model) -> str:
-    """12 hexadecimal digits that differ where weights, statistics or the way of sampling do; no proof of equality."""
+    """12 hexadecimal digits of a hash over sampled weights, statistics and sampling options; not proof of equality."""
     tensors = sorted(model.state_dict().items())
     digest = hashlib.sha256(repr(model.sampling).encode())
     digest.update(repr([(name, tuple(tensor.shape)) for name, tensor in tensors]).encode())

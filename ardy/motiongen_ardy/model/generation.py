@@ -28,16 +28,15 @@ from motiongen_ardy.model.window import KeptRoots, Window, WindowError
 
 @dataclass(frozen=True)
 class WindowRequest:
-    """One window of B rows that share history length, horizon and step count.
+    """One window for B rows that share history length, horizon and step count. P: frames per token.
 
-    P: the model's patch, frames of a token. num_frames: history, horizon and visible future, a multiple of P. noise:
-    (B, G / P, 5P + L), standard normal.
-    text: (B, n, W), zeros for no text. history: (B, H, D) normalised features in the world frame, or None.
-    history_tokens: (B, H / P, 5P + L) in the world frame, the tokens of `history` where they are known.
-    translation: (B, 3) with y = 0, metres, and heading: (B) radians, where a first window starts (with history they
-    follow from it). weights: the model's own where None.
-    observed, mask: (B, num_frames, D), normalised, in the world frame, from the first of history on. planned: (B,
-    num_frames, 2) bool, frames whose observed ground position and heading nobody asked for; None for none.
+    num_frames: history, horizon and visible future, a multiple of P. text: (B, n, W), zeros for no text.
+    noise: (B, G / P, 5P + L), standard normal. weights: guidance; None: the model's own.
+    history: (B, H, D), normalised features in the world frame, or None.
+    history_tokens: (B, H / P, 5P + L), in the world frame, the tokens of `history` if they are known.
+    translation: (B, 3), metres, y = 0; heading: (B), radians: where a window without history starts.
+    observed, mask: (B, num_frames, D), normalised, in the world frame, from the first history frame on.
+    planned: (B, num_frames, 2) bool, frames whose observed ground position, or heading, was not asked for itself.
     """
 
     num_frames: int
@@ -64,7 +63,7 @@ ROW_TENSORS = (
 
 
 def stack_windows(windows: Sequence[WindowRequest]) -> WindowRequest:
-    """The rows of windows that share their shape and settings, one behind another."""
+    """Concatenate the rows of windows that share their shape and settings."""
     rows: dict[str, Tensor] = {}
     for name in ROW_TENSORS:
         parts = [part for window in windows if (part := getattr(window, name)) is not None]
@@ -94,14 +93,14 @@ def move_root(model: Model, tokens: Tensor, offset: Tensor) -> Tensor:
 
 
 def recentre_tokens(model: Model, tokens: Tensor) -> tuple[Tensor, Tensor]:
-    """Hybrid tokens (B, N, 5P + L) about the root of their last frame, and that centre (B, 3) in metres."""
+    """Hybrid tokens (B, N, 5P + L) relative to the root of their last frame, and that centre (B, 3) in metres."""
     root = root_from_tokens(tokens, model.config.patch)
     root, centre = model.representation.recentre(root, root.shape[1] - 1)
     return _with_root(model, tokens, root), centre
 
 
 def _with_root(model: Model, tokens: Tensor, root: Tensor) -> Tensor:
-    """Hybrid tokens (B, N, 5P + L) with another root (B, PN, 5)."""
+    """Hybrid tokens (B, N, 5P + L) with their root replaced by (B, PN, 5)."""
     latents = tokens[..., model.config.denoiser.root_token_width :]
     return torch.cat([by_token(root, model.config.patch), latents], dim=-1)
 
@@ -109,7 +108,7 @@ def _with_root(model: Model, tokens: Tensor, root: Tensor) -> Tensor:
 def local_goals(
     layout: Representation, observed: Tensor, mask: Tensor, translation: Tensor, history_len: Tensor
 ) -> tuple[Tensor, Tensor]:
-    """Constraints (B, T, D) of the world frame in the window's own frame, and none in the history."""
+    """World-frame constraints (B, T, D) moved into the window's own frame; those within the history are dropped."""
     frames = torch.arange(mask.shape[1], device=mask.device)[None]
     mask = mask * (frames >= history_len[:, None])[..., None]
     root = layout.translate_root(observed[..., :ROOT_WIDTH], -translation)
@@ -117,7 +116,7 @@ def local_goals(
 
 
 def start_window(model: Model, request: WindowRequest) -> WindowState:
-    """Encode and recentre the history, bring the constraints into its frame, and lay out the noise.
+    """Encode and recentre the history, move the constraints into its frame, and lay out the noise.
 
     Raises WindowError as `check_request` and `lay_out` do, and for a history that is not made of whole tokens.
     """
@@ -139,14 +138,14 @@ def start_window(model: Model, request: WindowRequest) -> WindowState:
 
 
 def weights_of(model: Model, asked: GuidanceWeights | None) -> GuidanceWeights:
-    """The weights that are asked for, or the model's own."""
+    """The requested weights, or else the model's own."""
     own = model.sampling.guidance
     return GuidanceWeights(own.text, own.constraint) if asked is None else asked
 
 
 def check_request(model: Model, request: WindowRequest) -> None:
     """Raise WindowError for a step count that the model was not trained for, for more frames than it has positions for,
-    for constraints given to a model without goal inputs, and for shapes that do not go together.
+    for constraints given to a model without constraint inputs, and for shapes that do not match.
     """
     config = model.config
     if not 1 <= request.num_steps <= config.num_base_steps:
@@ -172,15 +171,15 @@ def check_request(model: Model, request: WindowRequest) -> None:
 
 
 def _fits(shape: tuple[int, ...], wanted: tuple[int | None, ...]) -> bool:
-    """Whether a shape has the lengths wanted, of which None is any."""
+    """Whether a shape has the wanted lengths, where None matches any."""
     return len(shape) == len(wanted) and all(w in (None, s) for s, w in zip(shape, wanted, strict=True))
 
 
 def lay_out(model: Model, request: WindowRequest, history: Tensor, translation: Tensor, heading: Tensor) -> WindowState:
     """The state before the first step, from history tokens (B, N_h, 5P + L) that are already recentred.
 
-    translation: (B, 3) metres from the window's frame to the world's; heading: (B) radians of the first frame.
-    The request has been checked. Raises WindowError when history and horizon do not fit into its frames.
+    translation: (B, 3), metres, from the window's frame to the world's; heading: (B), radians, at the first frame.
+    The request has been checked. Raises WindowError if history and horizon do not fit into its frames.
     """
     patch, (batch, history_tokens) = model.config.patch, history.shape[:2]
     num_tokens = request.num_frames // patch
@@ -250,13 +249,13 @@ def finish_window(model: Model, state: WindowState) -> Tensor:
 
 
 def world_tokens(model: Model, state: WindowState) -> Tensor:
-    """The finished hybrid tokens of history and horizon in the world frame, latents snapped to the grid."""
+    """The finished hybrid tokens of history and horizon in the world frame, latents rounded to the grid."""
     num_known = int((state.window.history_len + state.window.generation_len).max()) // model.config.patch
     return world_tokens_of(model, state.tokens[:, :num_known], state.translation)
 
 
 def world_tokens_of(model: Model, tokens: Tensor, translation: Tensor) -> Tensor:
-    """Hybrid tokens (B, N, 5P + L) moved by (B, 3) metres, their latents snapped to the grid."""
+    """Hybrid tokens (B, N, 5P + L) moved by (B, 3) metres, their latents rounded to the quantisation grid."""
     tokens = move_root(model, tokens, translation)
     width = model.config.denoiser.root_token_width
     return torch.cat([tokens[..., :width], model.codec.requantize(tokens[..., width:])], dim=-1)
@@ -264,7 +263,7 @@ def world_tokens_of(model: Model, tokens: Tensor, translation: Tensor) -> Tensor
 
 @torch.no_grad()
 def denoise_window(model: Model, request: WindowRequest, passes: PassBatch | None = None) -> WindowState:
-    """One whole window after its last step. passes: of each step, where not all that the formulas have are needed."""
+    """Denoise one whole window. passes: of each step, instead of all that the guidance formula has."""
     state = start_window(model, request)
     if passes is not None:
         state = replace(state, passes=passes)
@@ -274,8 +273,9 @@ def denoise_window(model: Model, request: WindowRequest, passes: PassBatch | Non
 
 
 def commit_window(model: Model, request: WindowRequest, finished: Tensor) -> Tensor:
-    """The horizon of a finished window as it is to be played: normalised features (B, G, D) in the world frame, with
-    what the model's sampling options correct. finished: (B, H + G, D), as `finish_window`.
+    """The horizon of a finished window as it is to be played, with the corrections of the model's sampling options.
+
+    finished: (B, H + G, D), from `finish_window`. Returns normalised features (B, G, D) in the world frame.
     """
     end = finished.shape[1]
     start = end - request.noise.shape[1] * model.config.patch

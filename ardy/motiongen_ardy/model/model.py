@@ -1,4 +1,4 @@
-"""Model: skeleton, representation, tokenizer and denoiser as one value."""
+"""Model: skeleton, representation, tokenizer and denoiser in one module."""
 
 from __future__ import annotations
 
@@ -17,8 +17,8 @@ from motiongen_ardy.model.tokenizer import ExplicitBody, Tokenizer, build_tokeni
 class Model(nn.Module):
     """Everything that turns noise, history, text and constraints into motion.
 
-    tokenizer is None for the explicit-representation ablation. sampling: how it wants to be sampled; as released models
-    are, unless given.
+    tokenizer: None for the explicit-representation ablation. sampling: the model's own sampling options; by default
+    those of the released models.
     """
 
     def __init__(
@@ -43,19 +43,19 @@ class Model(nn.Module):
 
     @property
     def codec(self) -> Tokenizer | ExplicitBody:
-        """What turns features into hybrid tokens and back."""
+        """The codec between features and hybrid tokens."""
         return ExplicitBody(self.representation, self.config.patch) if self.tokenizer is None else self.tokenizer
 
     @property
     def num_parameters(self) -> int:
-        """How many numbers denoiser and tokenizer hold together."""
+        """The number of parameters of denoiser and tokenizer together."""
         return sum(parameter.numel() for parameter in self.parameters())
 
 
 def build_model(config: ModelConfig, motion_stats: Stats) -> Model:
-    """A model with fresh weights. motion_stats: width D + 4, as `stats/motion` of a checkpoint.
+    """A model with fresh weights. motion_stats: of width D + 4, as `stats/motion` of a checkpoint.
 
-    Raises ConfigError when a denoiser without tokenizer is not as wide as the body features it works on.
+    Raises ConfigError if a denoiser without tokenizer is not as wide as the body features that it works on.
     """
     representation = Representation(load_skeleton(config.skeleton), config.fps, motion_stats)
     explicit_dim = ExplicitBody(representation, config.patch).latent_dim

@@ -1,4 +1,4 @@
-"""The noise a window starts from: a function of (seed, window number) alone, never of a global generator."""
+"""The initial noise of a window: a function of (seed, window number) alone, independent of any global generator."""
 
 from __future__ import annotations
 
@@ -13,7 +13,7 @@ _WORDS = np.zeros(4, np.uint64)
 
 
 class _Generators(threading.local):
-    """One a thread: making one takes longer than the numbers of a window, since it asks the system for a seed first."""
+    """One per thread, reused: creating one asks the system for entropy, which takes longer than a window's numbers."""
 
     def __init__(self) -> None:
         self.philox = np.random.Philox(0)
@@ -24,9 +24,9 @@ _generators = _Generators()
 
 
 def window_noise(seed: int, window_index: int, num_tokens: int, width: int) -> Tensor:
-    """Standard normal numbers (num_tokens, width) float32, by the counter-based generator Philox (Salmon et al. 2011).
+    """Standard normal numbers (num_tokens, width) float32 from the counter-based generator Philox (Salmon et al. 2011).
 
-    Raises ValueError for a seed or window index that is no whole number of 0 .. 2^64 - 1.
+    Raises ValueError if seed or window index is not a whole number from 0 to 2^64 - 1.
     """
     for name, value in (("seed", seed), ("window_index", window_index)):
         if not isinstance(value, int | np.integer) or not 0 <= value < MAX_KEY:

@@ -1,8 +1,8 @@
-"""Weights in bfloat16: half the memory, and faster products where the processor has them.
+"""Weights in bfloat16: half the memory, and faster products on processors that support it.
 
-Only the matrices of products are held in bfloat16. Norms, biases, positions, statistics and the residual stream stay
-float32, and so does everything outside the networks: roots, noise, the quantiser. A network whose matrices are
-bfloat16 multiplies in bfloat16; what goes in and what comes out is float32 either way.
+Only weight matrices are held in bfloat16. Norms, biases, positions, statistics and the residual stream stay float32,
+and so does everything outside the networks: roots, noise, the quantiser. A network whose matrices are bfloat16
+multiplies in bfloat16; its inputs and outputs are float32 either way.
 """
 
 from __future__ import annotations
@@ -29,14 +29,14 @@ NETWORK = TypeVar("NETWORK", bound=InWeightPrecision)
 
 
 def matrix_names(module: nn.Module) -> set[str]:
-    """The parameters of a module that products multiply with: weights of linear layers and of packed attention."""
+    """The names of a module's weight matrices: those of linear layers and of packed attention."""
     names = {f"{name}.weight" for name, part in module.named_modules() if isinstance(part, nn.Linear)}
     packed = {name for name, _ in module.named_parameters() if name.endswith("in_proj_weight")}
     return {name.removeprefix(".") for name in names} | packed
 
 
 def set_precision(module: nn.Module, dtype: torch.dtype) -> None:
-    """Hold the matrices of a module in `dtype`, and multiply in it from now on."""
+    """Convert the weight matrices of a module to `dtype`; from now on it multiplies in that precision."""
     for name in matrix_names(module):
         parameter = module.get_parameter(name)
         parameter.data = parameter.data.to(dtype)
@@ -48,7 +48,7 @@ def set_precision(module: nn.Module, dtype: torch.dtype) -> None:
 def in_weight_precision(
     forward: Callable[Concatenate[NETWORK, GIVEN], RESULT],
 ) -> Callable[Concatenate[NETWORK, GIVEN], RESULT]:
-    """Make a network's `forward` multiply in its own precision; its results are float32 in every case."""
+    """Decorator: makes a network's `forward` multiply in the network's precision; results are always float32."""
 
     @wraps(forward)
     def run(self: NETWORK, *args: GIVEN.args, **kwargs: GIVEN.kwargs) -> RESULT:

@@ -1,7 +1,7 @@
-"""One character, one loop, no tricks: the reference that the serving engine must equal.
+"""The reference rollout: one character, window after window, without optimisations. The serving engine must equal it.
 
-Each window starts from the last frames before it, encoded again from explicit features, or on request from their
-tokens where they are kept and fit.
+Each window starts from the last frames before it, encoded anew from explicit features or, on request, from their
+tokens if those are kept and fit.
 """
 
 from __future__ import annotations
@@ -28,12 +28,12 @@ DEFAULT_HISTORY_FRAMES = 16
 
 
 def usual_history(patch: int) -> int:
-    """The history that a window starts with unless said otherwise: whole tokens of `patch` frames, at least one."""
+    """The default history of a window: whole tokens of `patch` frames, at least one."""
     return max(1, DEFAULT_HISTORY_FRAMES // patch) * patch
 
 
 def visible_frames(model: Model, history_frames: int, targets: Targets | None, first_frame: int) -> int:
-    """How long a window must be to see its constraints: history and horizon, or up to the furthest constraint within
+    """The length of a window that sees its constraints: history and horizon, or up to the furthest constraint within
     the longest window, in whole tokens. first_frame: the frame at which the window's history starts.
     """
     shortest = history_frames + model.config.horizon
@@ -50,13 +50,15 @@ def visible_frames(model: Model, history_frames: int, targets: Targets | None, f
 class RolloutRequest:
     """One character's motion, num_frames long.
 
-    text: finite, (W) or (n, W), zeros for no text. later_text: (first frame, text) of the prompts that follow, in order
-    of time; a window that would run across a prompt's first frame is kept only up to it.
-    seed: the k-th window starts from `window_noise(seed, k)`. history_frames: the most decided frames that a window
-    starts with, whole tokens, `usual_history` if absent; reuse_tokens: a history that whole tokens of earlier windows
-    cover is not encoded again, unless windows are corrected, which their tokens do not know. targets: constraints by
-    absolute frame. start: x and z in metres, heading in radians. keep_prompts: they hold whatever the targets ask of
-    the root, though the model's own sampling would tell windows a gait's where it contradicts them.
+    text: finite, (W) or (n, W), zeros for no text.
+    later_text: (first frame, text) of the prompts that follow, in order of time; a window that would extend beyond a
+    prompt's first frame is kept only up to it.
+    seed: the k-th window starts from `window_noise(seed, k)`.
+    history_frames: the most frames of history of a window, a multiple of the patch; None: `usual_history`.
+    reuse_tokens: a history that is covered by whole tokens of earlier windows is not encoded again; has no effect if
+    windows are corrected, since tokens do not include corrections.
+    targets: constraints by absolute frame. start: x and z in metres, heading in radians.
+    keep_prompts: use the prompts even where the model's sampling would use a gait's, because targets contradict them.
     """
 
     num_frames: int
@@ -87,12 +89,12 @@ class RolloutRequest:
             raise WindowError(f"later_text starts at frames {changes[1:]}; they must rise, the first from {patch} on")
 
     def history_at(self, frame: int, patch: int) -> int:
-        """Frames of history of a window that starts at `frame`."""
+        """The number of history frames of a window that starts at `frame`."""
         longest = usual_history(patch) if self.history_frames is None else self.history_frames
         return min(longest, frame // patch * patch)
 
     def prompt_at(self, frame: int) -> tuple[Tensor, int]:
-        """The text (n, W) that holds at a frame, and the frame at which the next one starts (num_frames if none)."""
+        """The text (n, W) in force at a frame, and the first frame of the next one (num_frames if there is none)."""
         text, end = self.text, self.num_frames
         for first, later in self.later_text:
             if first > frame:
@@ -109,8 +111,8 @@ def _check_text(text: Tensor, width: int) -> None:
 
 
 def next_window(model: Model, request: RolloutRequest, features: Tensor, index: int) -> tuple[WindowRequest, int]:
-    """Window `index` of a rollout, a batch of one, and the frame to which its frames count: something else is told from
-    there on, or a goal needs room. features: (T, D) normalised, all frames before it.
+    """Window `index` of a rollout, as a batch of one, and the frame up to which it is kept: its horizon may be cut
+    short by another text, or to leave a goal more room. features: (T, D), normalised, all frames before it.
     """
     layout, done = model.representation, len(features)
     device, x, z, heading = features.device, *request.start
@@ -146,14 +148,14 @@ def next_window(model: Model, request: RolloutRequest, features: Tensor, index: 
 
 @torch.no_grad()
 def rollout(model: Model, request: RolloutRequest) -> Tensor:
-    """Normalised features (num_frames, D) in the world frame, window after window.
+    """Normalised features (num_frames, D) in the world frame, generated window after window.
 
-    Bit for bit the same for the same request on one machine, whatever ran before; with another number of threads
-    (`torch.set_num_threads`) products add up in another order, and last digits differ. Raises WindowError for a request
-    that the model's tokens or texts do not fit, and ConstraintError for targets of another skeleton.
+    Bit for bit reproducible for the same request on one machine; with another number of threads
+    (`torch.set_num_threads`), products are summed in another order, and the last digits differ. Raises WindowError for
+    a request that does not fit the model's tokens or texts, and ConstraintError for targets of another skeleton.
     """
     request.check(model.config)
-    # Where the caller multiplies in another precision, this does not: a model says itself in which it multiplies.
+    # Ignore the caller's autocast: the model itself decides in which precision it multiplies.
     with torch.autocast(model.representation.stats.mean.device.type, enabled=False):
         return _rollout(model, request)
 
@@ -172,6 +174,6 @@ def _rollout(model: Model, request: RolloutRequest) -> Tensor:
             window = replace(window, history_tokens=known[None])
         state = denoise_window(model, window)
         new = commit_window(model, window, finish_window(model, state))[0]
-        if not model.sampling.corrects:  # tokens know nothing of what is corrected after them
+        if not model.sampling.corrects:  # tokens do not include corrections
             kept.replace_from(done, world_tokens(model, state)[0, window.history_frames // model.config.patch :])
         features = torch.cat([features, new[: end - done]])

@@ -1,4 +1,4 @@
-"""The transformer used by tokenizer and denoiser: post-norm layers with packed attention, and sinusoidal positions.
+"""The transformer of tokenizer and denoiser: post-norm layers with packed attention, and sinusoidal positions.
 
 Parameter names are those of the released checkpoints (`self_attn.in_proj_weight`, `linear1.weight`, ...).
 """
@@ -13,7 +13,7 @@ from motiongen_ardy.model.config import TransformerConfig
 
 
 class SelfAttention(nn.Module):
-    """Multi-head self-attention; one packed projection gives q, k and v, heads are contiguous slices."""
+    """Multi-head self-attention; one packed projection gives q, k and v, whose heads are contiguous slices."""
 
     def __init__(self, width: int, num_heads: int) -> None:
         super().__init__()
@@ -29,7 +29,7 @@ class SelfAttention(nn.Module):
         return functional.linear(tokens, self.in_proj_weight, self.in_proj_bias)
 
     def forward(self, tokens: Tensor, visible: Tensor | None) -> Tensor:
-        """tokens: (B, N, width); visible: bool, broadcastable to (B, heads, N, N), true where a query sees a key."""
+        """tokens: (B, N, width); visible: bool, as (B, heads, N, N), true where a query sees a key; None: all."""
         packed = self.projected(tokens)
         query, key, value = packed.unflatten(-1, (3, self.num_heads, -1)).permute(2, 0, 3, 1, 4)
         mixed = functional.scaled_dot_product_attention(query, key, value, attn_mask=visible)
@@ -38,7 +38,7 @@ class SelfAttention(nn.Module):
 
 
 class TransformerLayer(nn.Module):
-    """x <- LN(x + attention(x)); x <- LN(x + W2 gelu(W1 x)); with `norm_first` the norms stand before instead."""
+    """x <- LN(x + attention(x)); x <- LN(x + W2 gelu(W1 x)); with `norm_first`, the norms come before instead."""
 
     def __init__(self, config: TransformerConfig) -> None:
         super().__init__()
@@ -72,7 +72,7 @@ class TransformerStack(nn.Module):
         self.layers = nn.ModuleList(TransformerLayer(config) for _ in range(config.num_layers))
 
     def forward(self, tokens: Tensor, visible: Tensor | None = None) -> Tensor:
-        """tokens: (B, N, width); visible as in `SelfAttention.forward`, absent = everything."""
+        """tokens: (B, N, width); visible: as in `SelfAttention.forward`."""
         for layer in self.layers:
             tokens = layer(tokens, visible)
         return tokens
@@ -81,7 +81,7 @@ class TransformerStack(nn.Module):
 def sinusoid_rows(positions: Tensor, width: int) -> Tensor:
     """Sinusoidal embedding (..., width) of positions (...): sin and cos interleaved, w_k = 10000^(-2k/width).
 
-    Everything is evaluated in float32 on purpose: the released models were trained with these roundings.
+    Everything is evaluated in float32 on purpose: the released models were trained with this rounding.
     """
     exponents = -torch.arange(0, width, 2, device=positions.device).float() / width
     frequencies = torch.pow(torch.tensor(10000.0, device=positions.device), exponents)
@@ -90,7 +90,7 @@ def sinusoid_rows(positions: Tensor, width: int) -> Tensor:
 
 
 class PositionTable(nn.Module):
-    """Sinusoidal rows for whole positions lowest..highest, looked up by index; it has no tensors in a checkpoint."""
+    """Sinusoidal rows for integer positions lowest..highest, looked up by index; not stored in checkpoints."""
 
     rows: Tensor
 
@@ -98,15 +98,15 @@ class PositionTable(nn.Module):
         super().__init__()
         self.lowest = lowest
         self.highest = highest
-        positions = torch.arange(lowest, highest + 1, device="cpu")  # no file has it, so it is real even on "meta"
+        positions = torch.arange(lowest, highest + 1, device="cpu")  # not loaded from a file: real even on "meta"
         self.register_buffer("rows", sinusoid_rows(positions, width), persistent=False)
 
     def forward(self, positions: Tensor) -> Tensor:
-        """(...) whole numbers in lowest..highest -> (..., width). Positions outside raise IndexError."""
+        """(...) integers in lowest..highest -> (..., width). On a CPU, positions outside raise IndexError."""
         return self.rows[self.checked(positions)]
 
     def checked(self, positions: Tensor) -> Tensor:
-        """Row indices of positions; a negative row index would silently wrap round to the end of the table."""
+        """Row indices of positions; a negative index would silently wrap round to the end of the table."""
         indices = positions - self.lowest
         if not torch.compiler.is_compiling() and indices.device.type == "cpu" and bool((indices < 0).any()):
             raise IndexError(f"position {int(positions.min())} is below the table's lowest, {self.lowest}")

@@ -1,4 +1,4 @@
-"""Window: history, horizon and future of every row as one value, with the masks that follow from the lengths."""
+"""Window: history, horizon and future of all rows in one value, with the masks that follow from their lengths."""
 
 from __future__ import annotations
 
@@ -18,28 +18,28 @@ class WindowError(ValueError):
 
 
 class KeptRoots(NamedTuple):
-    """Clean roots that an earlier step has predicted. root: (B, N, 5P) tokens; rows: (B) bool, who keep theirs."""
+    """Clean roots predicted in an earlier step. root: (B, N, 5P) tokens; rows: (B) bool, the rows that keep theirs."""
 
     root: Tensor
     rows: Tensor
 
     def over(self, predicted: Tensor) -> Tensor:
-        """Root tokens (B, N, 5P), the kept ones in place of those that were predicted."""
+        """Predicted root tokens (B, N, 5P), replaced by the kept ones in the rows that keep them."""
         return torch.where(self.rows[:, None, None], self.root, predicted)
 
 
 @dataclass(frozen=True)
 class Window:
-    """What the denoiser sees of B rows at once; rows may differ in every length.
+    """What the denoiser sees of B rows at once; rows may differ in all lengths.
 
-    history_len, generation_len: (B) int64 frames, multiples of the patch. Frames past both are future, known only by
-    constraints. Row i occupies frames 0 .. num_frames-1, frame 0 being its first history frame.
-    text: (B, n, W); an all-zero row stands for no text. text_mask: (B, n) bool or None, which text vectors count.
+    history_len, generation_len: (B) int64, frames, multiples of the patch. Frames beyond both are future, known only by
+    their constraints. Row i occupies frames 0 .. num_frames-1; frame 0 is its first history frame.
+    text: (B, n, W); an all-zero row stands for no text. text_mask: (B, n) bool, which text vectors count; None: all.
     heading: (B) radians, of the first frame.
-    observed, mask: (B, T, D), constraints as normalised features and where they hold (0 or 1); both are zero in the
-    history. None = no constraints in any row.
-    projection: what the root is brought onto between the stages; None for nothing. patch: frames of a token.
-    kept: roots that a denoiser of two stages is to take in place of its own; None for none.
+    observed, mask: (B, T, D), constraints as normalised features, and where they apply (0 or 1); both are zero in the
+    history. None: no constraints in any row.
+    projection: what the root is projected onto between the stages; None: nothing. patch: frames per token.
+    kept: roots that a two-stage denoiser uses instead of predicting them; None: none.
     """
 
     history_len: Tensor
@@ -86,17 +86,17 @@ class Window:
 
     @cached_property
     def history_tokens(self) -> Tensor:
-        """(B, N) bool: tokens all of whose frames are history."""
+        """(B, N) bool: tokens whose frames are all history."""
         return self.history_frames.unflatten(-1, (-1, self.patch)).all(-1)
 
     @cached_property
     def generation_tokens(self) -> Tensor:
-        """(B, N) bool: tokens all of whose frames are to be generated."""
+        """(B, N) bool: tokens whose frames are all to be generated."""
         return self.generation_frames.unflatten(-1, (-1, self.patch)).all(-1)
 
     @cached_property
     def future_tokens(self) -> Tensor:
-        """(B, N) bool: future tokens that carry at least one constrained feature; the others are hidden."""
+        """(B, N) bool: future tokens with at least one constrained feature; the others are hidden."""
         future = self.future_frames.unflatten(-1, (-1, self.patch)).all(-1)
         if self.mask is None:
             return torch.zeros_like(future)
@@ -109,9 +109,9 @@ class Window:
         return tokens - (self.history_len // self.patch)[:, None]
 
     def without_text(self) -> Window:
-        """The same window with the text taken away."""
+        """The same window without text."""
         return replace(self, text=torch.zeros_like(self.text))
 
     def without_constraints(self) -> Window:
-        """The same window with the constraints taken away, so that no future token is visible."""
+        """The same window without constraints, so that no future token is visible."""
         return replace(self, observed=None, mask=None)

@@ -1,1 +1,1 @@
-"""Robots: motion <-> joint angles, what a controller needs beside them, and sessions that start from measured state."""
+"""Robots: motion <-> joint angles, trajectories for controllers, and sessions that start from measured state."""

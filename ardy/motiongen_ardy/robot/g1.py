@@ -1,8 +1,8 @@
-"""The Unitree G1: motion on the skeleton g134 <-> qpos, the row of numbers that its simulators and controllers take.
+"""The Unitree G1: motion on the skeleton g134 <-> qpos, the rows that its simulators and controllers use.
 
 A qpos row is 36 numbers: the root's position (x, y, z, metres), its quaternion (w, x, y, z), and 29 hinge angles in
 radians in the order of `G1.hinges`. Its frame has Z up, +X forward and +Y to the left; ours has +Y up and +Z forward,
-so that [x, y, z] there is [z, x, y] here: p_robot = A p and R_robot = A R A^T with A = `TO_ROBOT`.
+so [x, y, z] there is [z, x, y] here: p_robot = A p and R_robot = A R A^T with A = `TO_ROBOT`.
 """
 
 from __future__ import annotations
@@ -26,12 +26,12 @@ TO_ROBOT = torch.tensor([[0, 0, 1], [1, 0, 0], [0, 1, 0]], dtype=torch.float64, 
 
 
 class RobotError(ValueError):
-    """Raised for robot state that has no meaning; the message says what was given and what is allowed."""
+    """Raised for a robot state that is invalid; the message says what was given and what is allowed."""
 
 
 @dataclass(frozen=True)
 class Body:
-    """One rigid body: where it hangs on its parent (metres, quaternion w x y z), and the hinge that moves it.
+    """One rigid body: its place on its parent (metres, quaternion w x y z), and the hinge that moves it.
 
     hinge: its name without "_joint", None for the root. axis: in the body's frame. lower, upper: radians.
     speed_limit: rad/s.
@@ -50,10 +50,10 @@ class Body:
 
 @dataclass(frozen=True, eq=False)
 class G1:
-    """The robot's kinematics beside the joints of the skeleton g134, all in the order of the hinges, float64.
+    """The robot's kinematics and the matching joints of the skeleton g134; all in the order of the hinges, float64.
 
-    hinges: names. joints: index of each hinge's joint in the skeleton. fixed: (29, 3, 3) rotation of each body on its
-    parent at angle 0. axes: (29, 3). lower, upper: (29) radians. speed_limits: (29) rad/s.
+    hinges: names. joints: index of each hinge's joint in the skeleton. fixed: (29, 3, 3), rotation of each body
+    relative to its parent at angle 0. axes: (29, 3). lower, upper: (29), radians. speed_limits: (29), rad/s.
     """
 
     skeleton: Skeleton
@@ -69,7 +69,7 @@ class G1:
 
 @lru_cache
 def load_g1() -> G1:
-    """The facts of `g1.json`, joined with the skeleton by the names of hinges and joints."""
+    """The content of `g1.json`, with hinges matched by name to the skeleton's joints."""
     facts = json.loads((resources.files("motiongen_ardy") / "robot" / "g1.json").read_text(encoding="utf-8"))
     bodies = tuple(_body(entry) for entry in facts["bodies"])
     moved = [body for body in bodies if body.hinge is not None]
@@ -78,7 +78,7 @@ def load_g1() -> G1:
     def table(values: list[Any]) -> Tensor:
         return torch.tensor(values, dtype=torch.float64, device="cpu")
 
-    with torch.inference_mode(False):  # facts first asked for while serving may be computed with in training later
+    with torch.inference_mode(False):  # tables first loaded while serving may be used in training later
         return G1(
             skeleton=skeleton,
             bodies=bodies,
@@ -118,14 +118,15 @@ def hinge_matrix(axes: Tensor, angles: Tensor) -> Tensor:
 
 
 def hinge_angles(local_rotations: Tensor) -> Tensor:
-    """Angles (T, 29) float64 in (-pi, pi] of parent-relative rotations (T, 34, 3, 3) of the skeleton g134.
+    """Angles (T, 29) float64 in (-pi, pi] from parent-relative rotations (T, 34, 3, 3) of the skeleton g134.
 
-    Each is that of the rotation about the hinge's axis nearest to the joint's rotation less its body's fixed one.
+    Each is the angle of the rotation about the hinge's axis that is nearest to the joint's rotation without its body's
+    fixed one.
     """
     robot = load_g1()
     local = local_rotations.double()[..., list(robot.joints), :, :]
     turn = robot.fixed.transpose(-1, -2) @ (TO_ROBOT @ local @ TO_ROBOT.T)
-    # trace(R(angle)^T turn) is largest where its derivative by the angle is 0
+    # trace(R(angle)^T turn) is largest where its derivative with respect to the angle is 0
     twice_axis = torch.stack(
         [turn[..., 2, 1] - turn[..., 1, 2], turn[..., 0, 2] - turn[..., 2, 0], turn[..., 1, 0] - turn[..., 0, 1]], -1
     )
@@ -135,11 +136,11 @@ def hinge_angles(local_rotations: Tensor) -> Tensor:
 
 
 def motion_to_qpos(motion: Motion) -> Tensor:
-    """Qpos (T, 36) float64, on the processor, of a motion of the skeleton g134 on any device.
+    """Qpos (T, 36) float64, on the CPU, of a motion with the skeleton g134 on any device.
 
     Each angle is that of the rotation about the hinge's axis nearest to the joint's rotation: exact for a rotation
-    about that axis; what else a joint does is lost (`lost_rotation` says how much). In (-pi, pi], not clamped.
-    Raises RobotError for a motion of another skeleton.
+    about that axis; any other rotation of the joint is lost (`lost_rotation` says how much). In (-pi, pi], not clamped.
+    Raises RobotError for a motion with another skeleton.
     """
     robot = load_g1()
     num_joints = motion.local_rotations.shape[-3]
@@ -153,7 +154,7 @@ def motion_to_qpos(motion: Motion) -> Tensor:
 
 
 def lost_rotation(motion: Motion, qpos: Tensor) -> Tensor:
-    """Radians (T, 34) by which each joint's rotation differs from what qpos (T, 36) makes it, 0 for the root."""
+    """Radians (T, 34) by which each joint's rotation differs from that of qpos (T, 36); 0 for the root."""
     kept = qpos_to_local_rotations(qpos)
     difference = kept.transpose(-1, -2) @ motion.on_host().local_rotations.double()
     lost = rotation_vector(difference).norm(dim=-1)
@@ -161,7 +162,7 @@ def lost_rotation(motion: Motion, qpos: Tensor) -> Tensor:
 
 
 def qpos_to_local_rotations(qpos: Tensor) -> Tensor:
-    """Parent-relative rotations (..., 34, 3, 3) float64 in our frame of qpos rows (..., 36)."""
+    """Parent-relative rotations (..., 34, 3, 3) float64, in our frame, of qpos rows (..., 36)."""
     robot = load_g1()
     qpos = qpos.double()
     hinges = robot.fixed @ hinge_matrix(robot.axes, qpos[..., 7:])
@@ -174,7 +175,7 @@ def qpos_to_local_rotations(qpos: Tensor) -> Tensor:
 
 
 def check_qpos(qpos: Tensor) -> None:
-    """Raise RobotError unless qpos is (T, 36) with T of at least 1, finite, with quaternions of a length near 1."""
+    """Raise RobotError unless qpos is (T, 36), T at least 1, finite, with quaternions of length near 1."""
     if qpos.ndim != 2 or qpos.shape[1] != QPOS_WIDTH or not len(qpos):
         raise RobotError(f"qpos has shape {tuple(qpos.shape)}; give (frames, {QPOS_WIDTH}), one frame or more")
     bad = (~qpos.isfinite()).any(1).nonzero().flatten().tolist()
@@ -190,9 +191,9 @@ def check_qpos(qpos: Tensor) -> None:
 
 
 def qpos_to_motion(qpos: Tensor, fps: int) -> Motion:
-    """The motion (float64) of qpos rows (T, 36) at fps; foot contacts by the rule of the features.
+    """The motion (float64) of qpos rows (T, 36) at fps; foot contacts are computed as for the features.
 
-    Joints without a hinge (toes, hands) keep the identity. Raises RobotError as `check_qpos` does.
+    Joints without a hinge (toes, hands) keep the identity rotation. Raises RobotError as `check_qpos` does.
     """
     check_qpos(qpos)
     root = qpos[:, :3].double() @ TO_ROBOT

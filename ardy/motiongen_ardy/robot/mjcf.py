@@ -1,4 +1,4 @@
-"""The robot as an MJCF model, so that exported qpos can be replayed and measured in MuJoCo without anybody's meshes."""
+"""The robot as an MJCF model, so that exported qpos can be replayed and measured in MuJoCo without its meshes."""
 
 from __future__ import annotations
 
@@ -12,9 +12,9 @@ _MASS_KG = 1.0
 
 
 def g1_mjcf() -> str:
-    """MJCF text: the bodies of `g1.json` with their hinges, and a capsule on every bone to look at.
+    """MJCF text: the bodies of `g1.json` with their hinges, and a capsule on every bone for display.
 
-    Kinematics are the robot's; masses are not (one kilogram a body), so do not simulate forces with it.
+    The kinematics are the robot's; the masses are not (one kilogram per body), so do not simulate forces with it.
     """
     bodies = load_g1().bodies
     model = ElementTree.Element("mujoco", model="g1")

@@ -1,6 +1,6 @@
-"""Frames of a stream as what a controller of the G1 takes: each row from its own frame, its speed from the one before.
+"""Frames of a stream for a controller of the G1: a row's qpos is that of its frame, its qvel led there from the last.
 
-`trajectory` does the same for a whole motion, where the rows that follow are known.
+`trajectory` does the same for a whole motion, in which the following rows are known.
 """
 
 from __future__ import annotations
@@ -16,10 +16,10 @@ __all__ = ["QPOS_WIDTH", "QVEL_WIDTH", "qpos_of_rows", "qvel_between"]
 
 
 def qpos_of_rows(quaternions: Tensor, root_positions: Tensor) -> Tensor:
-    """Qpos (T, 36) float64 with every angle in its joint's range.
+    """Qpos (T, 36) float64, with every angle within its joint's range.
 
-    quaternions: (T, 34, 4) of the skeleton g134, relative to the parent; root_positions: (T, 3) metres. The root's
-    quaternion keeps the sign that it has.
+    quaternions: (T, 34, 4) of the skeleton g134, relative to the parent; root_positions: (T, 3) metres. The sign of the
+    root's quaternion is kept.
     """
     quaternions = quaternions.double()
     root = torch.cat([quaternions[:, 0, :1], quaternions[:, 0, 1:] @ TO_ROBOT.T], dim=1)
@@ -31,7 +31,7 @@ def qpos_of_rows(quaternions: Tensor, root_positions: Tensor) -> Tensor:
 def qvel_between(qpos: Tensor, rate_hz: float) -> Tensor:
     """Qvel (T - 1, 35) that led to each row of qpos (T, 36) but the first, in MuJoCo's order (`JointTrajectory`).
 
-    The root's angular velocity is in the axes that the root has at the row before.
+    The root's angular velocity is in the root's axes at the previous row.
     """
     step = (qpos[1:] - qpos[:-1]) * rate_hz
     turn = relative_rotation(qpos[:-1, 3:7], qpos[1:, 3:7]) * rate_hz

@@ -1,4 +1,4 @@
-"""Sessions that start from where a robot is: measured joint states -> the history that a window goes on from."""
+"""Sessions that start from a robot's state: measured joint states -> the history of a window."""
 
 from __future__ import annotations
 
@@ -14,11 +14,11 @@ from motiongen_ardy.robot.trajectory import continuous_signs, resample_qpos
 def history_from_qpos(
     layout: Representation, qpos: Tensor, rate_hz: float, max_frames: int | None = None, patch: int = RELEASED_PATCH
 ) -> Tensor:
-    """Normalised features (H, D) in the world frame, H a multiple of `patch`, of measured qpos rows (T, 36) at rate_hz.
+    """Normalised features (H, D) in the world frame, H a multiple of `patch`, from measured qpos (T, 36) at rate_hz.
 
-    The last row is the last frame of the history, so that what is generated goes on from now; earlier rows are taken
-    at the model's frame rate as far back as there are whole tokens, at most max_frames. Angles are taken as measured.
-    Raises RobotError for a model of another skeleton, for bad qpos, and for less than one token of state.
+    The last row is the last frame of the history, so that generation continues from now; earlier frames are sampled at
+    the model's frame rate, as many whole tokens as there are, at most max_frames. Angles are taken as measured.
+    Raises RobotError for a model with another skeleton, for invalid qpos, and for less than one token of state.
     """
     check_qpos(qpos)
     if layout.skeleton is not load_g1().skeleton and layout.skeleton.joint_names != load_g1().skeleton.joint_names:

@@ -1,4 +1,4 @@
-"""What a controller needs beside qpos: limits kept, one sign of the quaternion, any rate, velocities, a clock."""
+"""Trajectories that a controller can follow: clamped angles, continuous quaternions, any rate, velocities, a clock."""
 
 from __future__ import annotations
 
@@ -17,12 +17,12 @@ QVEL_WIDTH = 35
 MAX_RATE_HZ = 10_000.0
 MAX_ROWS = 2_000_000  # half an hour at 1000 Hz, and some gigabytes of memory
 _LISTED = 5
-_LOST_RAD = 0.01  # less than half a degree that a hinge cannot do is not worth a line
+_LOST_RAD = 0.01  # a lost rotation of less than half a degree is not worth reporting
 
 
 @dataclass(frozen=True)
 class Excess:
-    """One joint beyond one limit: in how many of num_frames frames, and how far beyond at worst."""
+    """One joint beyond one limit: in how many of num_frames frames, and by how much at worst."""
 
     joint: str
     frames: int
@@ -36,8 +36,8 @@ class Excess:
 
 @dataclass(frozen=True)
 class TrajectoryReport:
-    """What was changed or is amiss. clamped: angles beyond the range; too_fast: speeds beyond the joint's, after
-    clamping; lost: rotation that no hinge can do, from the motion that the angles were taken of.
+    """What was changed or is wrong. clamped: angles beyond the range; too_fast: speeds beyond the joint's limit, after
+    clamping; lost: rotation of the original motion that no hinge can reproduce.
     """
 
     clamped: tuple[Excess, ...] = ()
@@ -46,7 +46,7 @@ class TrajectoryReport:
 
     @property
     def lines(self) -> tuple[str, ...]:
-        """The same in words, the worst joints first; nothing where nothing is amiss."""
+        """The report in words, the worst joints first; empty if nothing is wrong."""
         said = []
         for what, found in (
             ("angles clamped to the joint's range", self.clamped),
@@ -62,11 +62,11 @@ class TrajectoryReport:
 
 @dataclass(frozen=True, eq=False)
 class JointTrajectory:
-    """A run of states on one clock.
+    """A series of states on one clock.
 
     time_s: (T). qpos: (T, 36). qvel: (T, 35), in MuJoCo's order: root velocity in the world (m/s), root angular
-    velocity in the root's own frame (rad/s), hinges (rad/s); qvel of a row leads from its qpos to the next row's in one
-    period, and the last row repeats the one before it.
+    velocity in the root's own frame (rad/s), hinges (rad/s); the qvel of a row leads from its qpos to the next row's in
+    one period, and the last row repeats the one before it.
     """
 
     time_s: Tensor
@@ -76,10 +76,10 @@ class JointTrajectory:
 
 
 def clamp_to_range(qpos: Tensor) -> tuple[Tensor, tuple[Excess, ...]]:
-    """Qpos (T, 36) with every angle in its joint's range, and what was beyond it.
+    """Qpos (T, 36) with every angle within its joint's range, and which angles were beyond it.
 
-    An angle and the same plus a full turn are one pose: an angle beyond the range goes to the end that is nearer on
-    the circle, which keeps a joint that turns past +-pi from jumping across its range.
+    Angles are equivalent modulo a full turn: an angle beyond the range is moved to the end that is nearer on the
+    circle, which keeps a joint that turns past +-pi from jumping across its range.
     """
     robot = load_g1()
     middle = (robot.lower + robot.upper) / 2
@@ -90,16 +90,16 @@ def clamp_to_range(qpos: Tensor) -> tuple[Tensor, tuple[Excess, ...]]:
 
 
 def continuous_signs(quaternions: Tensor) -> Tensor:
-    """Quaternions (T, 4) with each within half a turn of the one before it; the first has w >= 0."""
+    """Quaternions (T, 4) with signs such that each is within half a turn of the one before; the first has w >= 0."""
     flips = torch.where((quaternions[1:] * quaternions[:-1]).sum(-1) < 0, -1.0, 1.0).to(quaternions.dtype)
     first = torch.where(quaternions[:1, 0] < 0, -1.0, 1.0).to(quaternions.dtype)
     return quaternions * torch.cumprod(torch.cat([first, flips]), 0)[:, None]
 
 
 def resample_qpos(qpos: Tensor, from_hz: float, to_hz: float) -> Tensor:
-    """Qpos (T', 36) at another rate, row 0 being row 0: the quaternion along the sphere, all else linearly.
+    """Qpos (T', 36) at another rate, from the same row 0 on: quaternions by slerp, all else linearly.
 
-    Ends at or before the last row. Raises RobotError for a rate that is not above 0 or above 10,000 Hz, and for more
+    Ends at or before the last row. Raises RobotError for a rate that is not above 0 or is above 10,000 Hz, and for more
     than two million rows.
     """
     for rate in (from_hz, to_hz):
@@ -107,14 +107,14 @@ def resample_qpos(qpos: Tensor, from_hz: float, to_hz: float) -> Tensor:
             raise RobotError(f"the rate is {rate} Hz; give one above 0 and up to {MAX_RATE_HZ:.0f}")
     if from_hz == to_hz:
         return qpos
-    spans = (len(qpos) - 1) * to_hz / from_hz  # infinite of a rate that is next to nothing
+    spans = (len(qpos) - 1) * to_hz / from_hz  # infinite for a rate close to zero
     count = resampled_length(len(qpos), from_hz, to_hz) if math.isfinite(spans) else spans
     if count > MAX_ROWS:
         raise RobotError(f"{len(qpos)} rows at {from_hz:g} Hz are {count} at {to_hz:g} Hz; {MAX_ROWS} at most are made")
     if count == 1:
         return qpos[:1]
     at = torch.arange(count, dtype=torch.float64, device=qpos.device) * (from_hz / to_hz)
-    # The tiny step keeps a row that lies on a source row from landing just before it.
+    # The tiny offset keeps a row that coincides with a source row from falling just before it.
     first = (at + 1e-6).long().clamp(max=len(qpos) - 1)
     second = (first + 1).clamp(max=len(qpos) - 1)
     fraction = (at - first).clamp(0, 1)
@@ -124,7 +124,7 @@ def resample_qpos(qpos: Tensor, from_hz: float, to_hz: float) -> Tensor:
 
 
 def velocities(qpos: Tensor, rate_hz: float) -> Tensor:
-    """Qvel (T, 35) of qpos rows (T, 36) with continuous quaternions, as `JointTrajectory` says."""
+    """Qvel (T, 35) of qpos rows (T, 36) with continuous quaternions, as in `JointTrajectory`."""
     if len(qpos) < 2:
         return qpos.new_zeros(len(qpos), QVEL_WIDTH)
     step = (qpos[1:] - qpos[:-1]) * rate_hz
@@ -134,7 +134,7 @@ def velocities(qpos: Tensor, rate_hz: float) -> Tensor:
 
 
 def relative_rotation(start: Tensor, end: Tensor) -> Tensor:
-    """Axis times angle (..., 3) in the frame of `start` that leads to `end`, both unit quaternions (..., 4)."""
+    """Axis times angle (..., 3), in the frame of `start`, of the rotation to `end`; both unit quaternions (..., 4)."""
     real = (start * end).sum(-1, keepdim=True)
     imaginary = start[..., :1] * end[..., 1:] - end[..., :1] * start[..., 1:]
     imaginary = imaginary - torch.linalg.cross(start[..., 1:], end[..., 1:])
@@ -148,9 +148,9 @@ def relative_rotation(start: Tensor, end: Tensor) -> Tensor:
 def controller_trajectory(
     qpos: Tensor, from_hz: float, rate_hz: float | None = None
 ) -> tuple[JointTrajectory, TrajectoryReport]:
-    """Qpos rows (T, 36) at from_hz as a controller at rate_hz can follow them; the same rate if None.
+    """Qpos rows (T, 36) at from_hz as a trajectory that a controller at rate_hz can follow; None: the same rate.
 
-    Angles are clamped first, then resampled, then differentiated. Raises RobotError for qpos or rates without meaning.
+    Angles are first clamped, then resampled, then differentiated. Raises RobotError for invalid qpos or rates.
     """
     check_qpos(qpos)
     rate_hz = from_hz if rate_hz is None else rate_hz
@@ -165,24 +165,24 @@ def controller_trajectory(
 
 
 def motion_trajectory(motion: Motion, rate_hz: float | None = None) -> tuple[JointTrajectory, TrajectoryReport]:
-    """As `controller_trajectory`, of a motion of the skeleton g134; the report also says what the hinges cannot do."""
+    """As `controller_trajectory`, for a motion with the skeleton g134; the report includes what hinges cannot do."""
     qpos = motion_to_qpos(motion)
     trajectory, report = controller_trajectory(qpos, motion.fps, rate_hz)
     return trajectory, TrajectoryReport(report.clamped, report.too_fast, lost(motion, qpos))
 
 
 def lost(motion: Motion, qpos: Tensor) -> tuple[Excess, ...]:
-    """The joints of a motion that turn in ways that their hinge in qpos (T, 36) cannot."""
+    """The joints of a motion whose rotations their hinges in qpos (T, 36) cannot reproduce."""
     return _excesses(lost_rotation(motion, qpos), load_g1().skeleton.joint_names, "rad", _LOST_RAD)
 
 
 def too_fast(qvel: Tensor) -> tuple[Excess, ...]:
-    """The hinges of qvel (T, 35) that are faster than the robot's joints can be."""
+    """The hinges of qvel (T, 35) that exceed the robot's joint speeds."""
     robot = load_g1()
     return _excesses((qvel[:, 6:].abs() - robot.speed_limits).clamp(min=0), robot.hinges, "rad/s", 1e-9)
 
 
 def _excesses(beyond: Tensor, names: tuple[str, ...], unit: str, least: float) -> tuple[Excess, ...]:
-    """One entry for every column of (T, K) that is above `least` somewhere."""
+    """One entry for every column of (T, K) that exceeds `least` anywhere."""
     counts, worst = (beyond > least).sum(0).tolist(), beyond.amax(0).tolist()
     return tuple(Excess(names[k], counts[k], len(beyond), worst[k], unit) for k in range(len(names)) if counts[k])

@@ -1,4 +1,4 @@
-"""Text encoders: prompt -> one vector. The denoiser takes the vectors as they are; a blank prompt is a zero vector."""
+"""Text encoders: prompt -> one vector, which the denoiser takes as it is; a blank prompt gives a zero vector."""
 
 from motiongen_ardy.text.encoder import (
     TextEncoder,

@@ -1,7 +1,7 @@
 """Encode prompts into a file for servers: python -m motiongen_ardy.text IN.txt OUT.safetensors --encoder llm2vec
 
-A line of prompts.txt is an id, a tab and a prompt; or a prompt alone, which then is its own id (of one longer than 64
-characters the beginning, with a hash). All lines, and where to write, are checked before anything is encoded.
+A line of IN.txt is an id, a tab and a prompt; or only a prompt, which is then its own id (if it is longer than 64
+characters, its beginning and a hash). All lines, and the output path, are checked before anything is encoded.
 """
 
 from __future__ import annotations
@@ -23,13 +23,13 @@ from motiongen_ardy.text.prompt_file import (
 
 
 def read_lines(path: Path) -> list[tuple[str, str]]:
-    """The pairs (id, prompt) of a file; blank lines are left out. Raises PromptFileError where there are none."""
+    """The pairs (id, prompt) in a file; blank lines are skipped. Raises PromptFileError if there are none."""
     try:
-        text = path.read_text(encoding="utf-8-sig")  # some editors begin a file with a mark that is no part of a prompt
+        text = path.read_text(encoding="utf-8-sig")  # some editors begin a file with a byte order mark
     except UnicodeDecodeError as error:
         raise PromptFileError(f"{path} is not UTF-8, from byte {error.start} on; save it as UTF-8") from None
     pairs = []
-    for line in text.split("\n"):  # reading has made this of every end of a line; a prompt may hold other separators
+    for line in text.split("\n"):  # reading has normalised line ends; prompts may contain other separators
         name, separator, prompt = line.partition("\t")
         if line.strip():
             prompt = (prompt if separator else name).strip()
@@ -43,13 +43,13 @@ def main(arguments: Sequence[str] | None = None) -> int:
     parser = argparse.ArgumentParser(
         prog="python -m motiongen_ardy.text", description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter
     )
-    parser.add_argument("prompts", type=Path, help="text file, a prompt a line")
+    parser.add_argument("prompts", type=Path, help="text file, one prompt per line")
     parser.add_argument("out", type=Path, help="file to write")
     parser.add_argument("--encoder", default="static", help=f"{FORMS} (default %(default)s)")
-    parser.add_argument("--width", type=int, help="numbers in a vector; for hashed, which fits any")
-    parser.add_argument("--device", default="cpu", choices=("cpu", "cuda"), help="of llm2vec (default %(default)s)")
+    parser.add_argument("--width", type=int, help="numbers in a vector; required for hashed, which fits any model")
+    parser.add_argument("--device", default="cpu", choices=("cpu", "cuda"), help="for llm2vec (default %(default)s)")
     parser.add_argument(
-        "--precision", default="bfloat16", choices=("float32", "bfloat16"), help="of llm2vec (default %(default)s)"
+        "--precision", default="bfloat16", choices=("float32", "bfloat16"), help="for llm2vec (default %(default)s)"
     )
     given = parser.parse_args(arguments)
     try:

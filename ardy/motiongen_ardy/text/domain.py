@@ -1,7 +1,8 @@
 """The prompt domain: how far a prompt is from the captions of a training set, in the space of its text encoder.
 
-Captions become unit vectors; their mean, which says little more than that somebody does something, is taken away; what
-is left is compared by its direction. A few hundred captions stand for all, so that no other is far from one of them.
+Captions are scaled to unit vectors, and their mean, which says little more than that somebody does something, is
+subtracted; what remains is compared by direction. A few hundred captions represent all: no other is far from one of
+them.
 """
 
 from __future__ import annotations
@@ -23,14 +24,14 @@ _LEVELS = 127
 
 
 class DomainError(ValueError):
-    """Raised for a file that is no prompt domain, and for captions that make none."""
+    """Raised for a file that is not a prompt domain, and for captions from which none can be made."""
 
 
 @dataclass(frozen=True, eq=False)
 class PromptDomain:
-    """mean: (W,) float32, of the captions' unit vectors. directions: (N, W) float32 unit vectors from it to captions.
+    """mean: (W,) float32, of the captions' unit vectors. directions: (N, W) float32, unit vectors from it to captions.
 
-    threshold: of the distance, above which a prompt is outside. text_encoder: whose vectors these are.
+    threshold: a prompt at a greater distance is outside. text_encoder: the identity of the encoder of the vectors.
     """
 
     text_encoder: str
@@ -39,28 +40,28 @@ class PromptDomain:
     threshold: float
 
     def distances(self, vectors: Vectors) -> Vectors:
-        """(N, W) prompts -> (N,): one minus the cosine to the nearest caption, 0 to 2."""
+        """(N, W) prompts -> (N,): one minus the cosine to the nearest caption, from 0 to 2."""
         result: Vectors = 1 - (_directions(vectors, self.mean) @ self.directions.T).max(axis=1)
         return result
 
 
 def make_domain(text_encoder: str, captions: Vectors, most: int, threshold: float = 1.0) -> PromptDomain:
-    """The domain of captions (N, W), of which `most` at most are kept: each the furthest from those before it.
+    """The domain of captions (N, W), of which at most `most` are kept: each the furthest from those before it.
 
-    Raises DomainError where there are none that differ.
+    Raises DomainError if there are no captions that differ.
     """
     if not len(captions) or most < 1:
         raise DomainError(f"there are {len(captions)} captions, of which {most} are to be kept; give one at least")
     mean, directions, kept = spread_out(captions, most)
-    # As they will be read again: in steps of a 127th of the greatest number.
+    # As they will be read back: rounded to 127ths of the largest number.
     return PromptDomain(text_encoder, mean, _from_levels(_levels(directions[kept])), threshold)
 
 
 def spread_out(captions: Vectors, most: int) -> tuple[Vectors, Vectors, list[int]]:
-    """The mean (W,) of captions (N, W) as unit vectors, the directions (N, W) from it to them, and the numbers of at
-    most so many of them that stand for the rest: each the furthest from those before it.
+    """The mean (W,) of captions (N, W) as unit vectors, the directions (N, W) from it to them, and the indices of at
+    most `most` captions that represent the rest: each the furthest from those before it.
 
-    Raises DomainError where they do not differ: from their mean there is then no direction to any of them.
+    Raises DomainError if the captions do not differ, since there is then no direction from their mean to any of them.
     """
     if not len(captions) or float(np.ptp(_units(captions), axis=0).max()) < 1e-6:
         raise DomainError(f"no two captions differ, of {len(captions)}; a prompt is compared with two at least")
@@ -78,9 +79,9 @@ def spread_out(captions: Vectors, most: int) -> tuple[Vectors, Vectors, list[int
 
 
 def best_threshold(inside: Vectors, outside: Vectors) -> tuple[float, int, int]:
-    """The threshold between distances (N,) of prompts inside and (M,) outside that is wrong in the smallest shares.
+    """The threshold that best separates distances (N,) of prompts inside from (M,) outside, by the sum of error shares.
 
-    Returns it, how many inside are above it and how many outside are not. Raises DomainError where one is empty.
+    Returns it, how many inside are above it, and how many outside are not. Raises DomainError if one of them is empty.
     """
     if not len(inside) or not len(outside):
         raise DomainError("a threshold needs prompts inside and prompts outside")
@@ -92,7 +93,7 @@ def best_threshold(inside: Vectors, outside: Vectors) -> tuple[float, int, int]:
 
 
 def write_domain(path: Path, domain: PromptDomain) -> None:
-    """Write it, in place of what is there once it is whole."""
+    """Write the file, atomically replacing any earlier one."""
     from safetensors.numpy import save_file
 
     metadata = {"format": FORMAT, "text_encoder": domain.text_encoder, "threshold": repr(domain.threshold)}
@@ -103,7 +104,7 @@ def write_domain(path: Path, domain: PromptDomain) -> None:
 
 
 def read_domain(path: Path) -> PromptDomain:
-    """The domain of a file that `write_domain` wrote. Raises DomainError."""
+    """The domain in a file written by `write_domain`. Raises DomainError."""
     from safetensors import SafetensorError, safe_open
 
     try:
@@ -116,7 +117,7 @@ def read_domain(path: Path) -> PromptDomain:
                     f"{path} is no prompt domain; make one with python -m motiongen_ardy.train.prompt_domain"
                 )
             kinds = [file.get_slice(name).get_dtype() for name in ("mean", "directions")]
-            if kinds != ["F32", "I8"]:  # numpy knows not all that a file may have
+            if kinds != ["F32", "I8"]:  # the file may have types that numpy does not know
                 raise DomainError(f"{path} holds numbers of the types {' and '.join(kinds)}; they must be F32 and I8")
             mean, levels = file.get_tensor("mean"), file.get_tensor("directions")
         threshold = float(metadata.get("threshold", ""))
@@ -142,7 +143,7 @@ def _directions(vectors: Vectors, mean: Vectors) -> Vectors:
 
 
 def _levels(directions: Vectors) -> NDArray[np.int8]:
-    """Each row with its greatest number as 127: only directions count."""
+    """Each row scaled so that its largest absolute number is 127: only directions count."""
     largest = np.maximum(np.abs(directions).max(axis=1, keepdims=True), 1e-12)
     return np.round(directions / largest * _LEVELS).astype(np.int8)
 

@@ -1,4 +1,4 @@
-"""The seam: what turns prompts into vectors, what may be wrong with it, and what must hold of any answer."""
+"""The interface of text encoders, their errors, and the checks that every vector must pass."""
 
 from __future__ import annotations
 
@@ -11,11 +11,11 @@ from numpy.typing import NDArray
 
 Vectors = NDArray[np.float32]
 MAX_ABSOLUTE_VALUE = 1e4
-"""Of a number in a vector; encoders stay below a hundred, and what is far beyond overflows in a model's products."""
+"""Of a number in a vector. Encoders stay below a hundred; far larger numbers would overflow in a model's products."""
 
 
 class UnknownTextEncoder(ValueError):
-    """Raised for an encoder that is not known or cannot be had; the message says what can."""
+    """Raised for an encoder that is unknown or cannot be loaded; the message says which can."""
 
 
 class TextWidthMismatch(ValueError):
@@ -23,35 +23,35 @@ class TextWidthMismatch(ValueError):
 
 
 class TextEncoderUnavailable(ConnectionError):
-    """Raised when an encoder cannot answer now. The message may be told to clients: it names no address.
+    """Raised when an encoder cannot answer now. The message names no address, so it may be shown to clients.
 
-    retry_after_s: when asking again may help; None where it will not.
+    retry_after_s: after how many seconds a retry may help; None if it will not.
     """
 
     retry_after_s: float | None = 2.0
 
 
 class PromptNotEncoded(TextEncoderUnavailable):
-    """Raised for a prompt that was not encoded beforehand, where there is no encoder."""
+    """Raised for a prompt that was not encoded beforehand, when there is no encoder."""
 
     retry_after_s = None
 
 
 class TextRefused(TextEncoderUnavailable):
-    """Raised for a text that an encoder elsewhere does not take, one that is too long for it above all."""
+    """Raised for a text that a remote encoder does not accept, mostly because it is too long."""
 
     retry_after_s = None
 
 
 class TextEncoderChanged(TextEncoderUnavailable):
-    """Raised when an encoder elsewhere is another than it was, or answers what it never should."""
+    """Raised when a remote encoder is no longer the one it was, or gives an invalid answer."""
 
 
 class TextEncoder(Protocol):
-    """What turns prompts into the vectors that condition a window.
+    """Turns prompts into the vectors that condition a window.
 
-    identity: names all that a vector depends on (the encoder, its content, its precision), so that vectors that are
-    kept or sent are never mistaken for another encoder's. width: numbers in a vector.
+    identity: names everything that a vector depends on (the encoder, its weights, its precision), so that stored or
+    transmitted vectors are never mistaken for those of another encoder. width: numbers in a vector.
     """
 
     @property
@@ -61,16 +61,16 @@ class TextEncoder(Protocol):
     def width(self) -> int: ...
 
     def encode(self, texts: Sequence[str]) -> Vectors:
-        """(len(texts), width) float32; each row depends on its own text only, a blank text gives zeros.
+        """(len(texts), width) float32; each row depends only on its own text; a blank text gives zeros.
 
-        May be called from several threads. Raises TextEncoderUnavailable where the encoder is elsewhere, and ValueError
-        for one text in place of a list and for texts with half of a surrogate pair.
+        Thread-safe. Raises TextEncoderUnavailable if a remote encoder does not answer, and ValueError for a single
+        text instead of a list and for texts with half of a surrogate pair.
         """
         ...
 
 
 class NamedTextEncoder:
-    """What every encoder here has: the identity and the width of its vectors, which never change."""
+    """Base of all encoders here: holds the identity and the width of the vectors, which never change."""
 
     def __init__(self, identity: str, width: int) -> None:
         self._identity = identity
@@ -86,7 +86,7 @@ class NamedTextEncoder:
 
 
 class EachTextEncoder(NamedTextEncoder, ABC):
-    """An encoder that takes one text at a time, so that no vector depends on its neighbours. As `TextEncoder`."""
+    """A `TextEncoder` that encodes one text at a time, so that no vector depends on other texts."""
 
     def encode(self, texts: Sequence[str]) -> Vectors:
         check_texts(texts)
@@ -98,22 +98,22 @@ class EachTextEncoder(NamedTextEncoder, ABC):
 
     @abstractmethod
     def encode_one(self, text: str) -> Vectors:
-        """(width,) of a text that is not blank. Raises TextEncoderUnavailable where the encoder is elsewhere."""
+        """(width,) for a text that is not blank. Raises TextEncoderUnavailable if a remote encoder does not answer."""
 
 
 def check_texts(texts: Sequence[str]) -> None:
-    """Raise ValueError for one text in place of a list, whose letters would be texts, and for half characters."""
+    """Raise ValueError for a single text instead of a list, whose letters would be texts, and for half characters."""
     if isinstance(texts, str):
         raise ValueError(f"texts is one text, {texts[:40]!r}; give a list of texts")
     for text in texts:
         try:
             text.encode()
-        except UnicodeEncodeError:  # what reads words raises whatever it likes for these
+        except UnicodeEncodeError:  # tokenizers raise arbitrary errors for these
             raise ValueError(f"a text has half of a surrogate pair, {text[:40]!r}; give whole characters") from None
 
 
 def is_blank(text: str) -> bool:
-    """Whether a text says nothing; its vector is zeros."""
+    """Whether a text has no content; its vector is zeros."""
     return not text.strip()
 
 
@@ -127,7 +127,7 @@ def check_width(name: str, width: int, wanted: int) -> None:
 
 
 def checked_vector(vector: np.ndarray, width: int) -> Vectors:
-    """An answer from elsewhere as (width,) float32. Raises TextEncoderChanged for one that cannot be used."""
+    """A remote encoder's answer as (width,) float32. Raises TextEncoderChanged if it cannot be used."""
     if vector.shape not in ((width,), (1, width)):
         raise TextEncoderChanged(
             f"the text encoder answered with an array of shape {vector.shape}; it must be ({width},) or (1, {width})"

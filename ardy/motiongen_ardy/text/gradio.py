@@ -1,7 +1,7 @@
-"""Client of the text service that comes with NVIDIA's ARDY: a Gradio app that answers a prompt with a file of numbers.
+"""Client of the text service that comes with NVIDIA's ARDY: a Gradio app that returns a file of numbers for a prompt.
 
-Gradio's HTTP interface: a POST names the endpoint and its inputs and answers an event's number, a GET follows that
-event to its end, and the file is fetched from where the app keeps it.
+Gradio's HTTP interface: a POST with the inputs to the endpoint returns an event id, a GET follows that event to its
+end, and the file is fetched from the app.
 """
 
 from __future__ import annotations
@@ -36,22 +36,22 @@ NO_ANSWER = "the text encoder does not answer"
 
 
 class GradioTextEncoder(EachTextEncoder):
-    """One prompt a call. The service does not say what it is, so what it makes of a fixed text is its identity.
+    """Encodes one prompt per call. The service does not identify itself, so its vector of a fixed text is its identity.
 
-    That is asked again after every failure: behind an address that was down, something else may have come up.
+    The identity is checked again after every failure: another service may have started at the same address.
     """
 
     def __init__(self, url: str, timeout_s: float = 30.0) -> None:
         """url: http or https, of the app. timeout_s: for a whole call.
 
-        Raises UnknownTextEncoder for an address that cannot be one, TextEncoderUnavailable when nobody answers there.
+        Raises UnknownTextEncoder for an invalid address, TextEncoderUnavailable if nothing answers there.
         """
         parts = urlsplit(url)
         if parts.scheme not in ("http", "https") or not parts.netloc or parts.query or parts.fragment:
             raise UnknownTextEncoder(f"{url!r} is no address of a Gradio app; such as http://localhost:9550")
         self._base = url.rstrip("/")
         self._timeout_s = timeout_s
-        # Not the default opener, which would also open files and follow a redirection to another host.
+        # Not the default opener, which would also open files and follow redirections to other hosts.
         self._opener = OpenerDirector()
         self._opener.add_handler(HTTPHandler())
         self._opener.add_handler(HTTPSHandler())
@@ -74,7 +74,7 @@ class GradioTextEncoder(EachTextEncoder):
             raise
 
     def _fetch(self, text: str) -> Vectors:
-        """(W,) of one text. Raises TextEncoderUnavailable."""
+        """(W,) for one text. Raises TextEncoderUnavailable."""
         ends_at = time.monotonic() + self._timeout_s
         try:
             answer = self._call(text, ends_at)
@@ -102,7 +102,7 @@ class GradioTextEncoder(EachTextEncoder):
                 num_bytes += len(line)
                 if num_bytes > MAX_ANSWER_BYTES:
                     raise ValueError(f"an answer of more than {MAX_ANSWER_BYTES} bytes")
-                _left(ends_at)  # a service that only ever says that it lives does not answer
+                _left(ends_at)  # heartbeats alone are not an answer
                 name, _, value = line.decode().rstrip("\r\n").partition(": ")
                 if name == "event":
                     event = value
@@ -128,7 +128,7 @@ def _identity_of(probe: Vectors) -> str:
 
 
 def _path_in(answer: Any) -> str:
-    """The path of the file in the first of the results: the file itself, or an update of the button that offers it."""
+    """The path of the file in the first result, which is the file itself or an update of the download button."""
     first = answer[0]
     if "value" in first:
         first = first["value"]
@@ -139,7 +139,7 @@ def _path_in(answer: Any) -> str:
 
 
 def _left(ends_at: float) -> float:
-    """Seconds until then. Raises TimeoutError when there are none."""
+    """Seconds left until then. Raises TimeoutError if there are none."""
     left = ends_at - time.monotonic()
     if left <= 0:
         raise TimeoutError

@@ -1,4 +1,4 @@
-"""A stand-in without meaning: every word has a fixed pseudo-random vector."""
+"""An encoder without meaning, for tests: every word has a fixed pseudo-random vector."""
 
 from __future__ import annotations
 
@@ -14,7 +14,7 @@ from motiongen_ardy.text.encoder import EachTextEncoder, TextWidthMismatch, Vect
 class HashedTextEncoder(EachTextEncoder):
     """A bag of words in which every word has a fixed pseudo-random vector, of any width.
 
-    It knows nothing of meaning; it serves tests, and models whose own encoder is not at hand.
+    It captures no meaning; it serves for tests, and for models whose own encoder is not available.
     """
 
     def __init__(self, width: int) -> None:

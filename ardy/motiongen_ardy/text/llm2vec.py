@@ -1,7 +1,7 @@
-"""LLM2Vec in this process: the encoder that NVIDIA's ARDY models were trained with.
+"""LLM2Vec in this process: the encoder with which NVIDIA's ARDY models were trained.
 
-A Llama whose tokens see each other both ways (BehnamGhader et al. 2024, "LLM2Vec"), two adapters merged into it, and
-the mean over the prompt's own tokens. transformers and peft are needed: pip install 'motiongen-ardy[llm2vec]'.
+A Llama with bidirectional attention (BehnamGhader et al. 2024, "LLM2Vec"), two adapters merged into it, and the mean
+over the prompt's own tokens. Needs transformers and peft: pip install 'motiongen-ardy[llm2vec]'.
 """
 
 from __future__ import annotations
@@ -27,12 +27,12 @@ if TYPE_CHECKING:
     from transformers import LlamaModel, PreTrainedTokenizerBase
 
 FIRST_ADAPTER = "McGill-NLP/LLM2Vec-Meta-Llama-3-8B-Instruct-mntp"
-"""Teaches the Llama to read both ways. Its configuration names the Llama."""
+"""Adapts the Llama to bidirectional attention. Its configuration names the Llama."""
 SECOND_ADAPTER = "McGill-NLP/LLM2Vec-Meta-Llama-3-8B-Instruct-mntp-supervised"
-"""Teaches it to compare sentences."""
+"""Trains it to compare sentences."""
 FOLDERS_VARIABLE = "TEXT_ENCODERS_DIR"
 BEFORE, AFTER = "<|start_header_id|>user<|end_header_id|>\n\n", "<|eot_id|>"
-"""What Llama 3 wants around what a user says."""
+"""Llama 3's markup around a user's message."""
 MAX_TOKENS = 512
 MAX_TEXT_TOKENS = 400
 SAMPLE_BYTES = 1 << 20
@@ -43,16 +43,16 @@ MISSING = "the text encoder llm2vec needs transformers and peft: pip install 'mo
 
 @dataclass(frozen=True)
 class Llm2VecFolders:
-    """Where its parts lie: the Llama with its tokenizer, and the adapters in the order in which they are merged."""
+    """The folders of its parts: the Llama with its tokenizer, and the adapters in the order of merging."""
 
     llama: Path
     adapters: tuple[Path, ...]
 
 
 class Llm2VecEncoder(EachTextEncoder):
-    """One prompt after the other, each alone: in a batch a row depends on the batch's size, in bfloat16 most of all.
+    """Encodes one prompt at a time: in a batch, results depend on the batch's size, above all in bfloat16.
 
-    identity: the content of the folders and the precision.
+    identity: derived from the content of the folders and the precision.
     """
 
     def __init__(self, folders: Llm2VecFolders, device: str = "cpu", precision: str = "bfloat16") -> None:
@@ -65,7 +65,7 @@ class Llm2VecEncoder(EachTextEncoder):
             raise UnknownTextEncoder(f"{MISSING} ({error})") from error
         except UnknownTextEncoder:
             raise
-        except Exception as error:  # the readers of its files have no error in common, one raises Exception
+        except Exception as error:  # the libraries that read its files share no error class
             raise UnknownTextEncoder(f"cannot load llm2vec from {folders.llama}: {error}") from error
         self._device = device
         self._model.to(device)  # type: ignore[arg-type]
@@ -81,7 +81,7 @@ class Llm2VecEncoder(EachTextEncoder):
         tokens: list[int] = self._tokenizer(BEFORE + text.rstrip() + AFTER, truncation=True, max_length=MAX_TOKENS)[
             "input_ids"
         ]
-        # Counted apart, as in training: at the border to what stands before, the tokenizer may split differently.
+        # Tokenized separately, as in training: next to the preceding markup, the tokenizer may split differently.
         pooled = min(self._num_tokens(text.rstrip() + AFTER), len(tokens))
         ids = torch.tensor([tokens], device=self._device)
         hidden = self._model(input_ids=ids, attention_mask=both_ways(ids, self._model.dtype)).last_hidden_state
@@ -92,20 +92,20 @@ class Llm2VecEncoder(EachTextEncoder):
 
 
 def both_ways(ids: Tensor, dtype: torch.dtype) -> Tensor:
-    """The mask (1, 1, N, N), added to attention, under which every token of ids (1, N) sees every other.
+    """The additive attention mask (1, 1, N, N) with which every token of ids (1, N) sees every other.
 
-    Given explicitly, or a Llama would let a token see only those before it.
+    It must be given: by default, a Llama's tokens see only those before them.
     """
     return torch.zeros((1, 1, ids.shape[1], ids.shape[1]), dtype=dtype, device=ids.device)
 
 
 def mean_of_last(hidden: Tensor, count: int) -> Tensor:
-    """The mean (W,) over the last `count` tokens of hidden (N, W): those of the prompt, without what stands before."""
+    """The mean (W,) over the last `count` tokens of hidden (N, W): the prompt's own, without the markup before."""
     return hidden[-count:].mean(dim=0)
 
 
 def shortened(text: str, num_tokens: Any) -> str:
-    """The text, cut to fewer words while it has too many tokens; as it is where it is one long word."""
+    """The text, cut by whole words until it has at most MAX_TEXT_TOKENS; unchanged if it is a single long word."""
     while (count := num_tokens(text)) > MAX_TEXT_TOKENS:
         words = text.split()
         kept = int(len(words) * MAX_TEXT_TOKENS / count)
@@ -120,14 +120,14 @@ def _load(folders: Llm2VecFolders, dtype: torch.dtype) -> tuple[PreTrainedTokeni
     from safetensors import safe_open
     from transformers import AutoTokenizer, LlamaModel
 
-    # The first adapter's own tokenizer, where it has one, is the one it was trained with.
+    # If the first adapter has its own tokenizer, it was trained with that.
     with_tokenizer = next((each for each in folders.adapters if (each / "tokenizer.json").is_file()), folders.llama)
     tokenizer = AutoTokenizer.from_pretrained(with_tokenizer, local_files_only=True, trust_remote_code=False)
     model: Any
     model, report = LlamaModel.from_pretrained(
         folders.llama, dtype=dtype, local_files_only=True, use_safetensors=True, output_loading_info=True
     )
-    # Both libraries fill in what a file lacks with numbers of their own, and only warn.
+    # Both libraries initialise missing weights randomly, and only warn.
     _check_complete(folders.llama, missing=report["missing_keys"])
     for adapter in folders.adapters:
         weights = adapter / "adapter_model.safetensors"
@@ -144,7 +144,7 @@ def _load(folders: Llm2VecFolders, dtype: torch.dtype) -> tuple[PreTrainedTokeni
 
 
 def _check_complete(folder: Path, missing: Iterable[str], unknown: Iterable[str] = ()) -> None:
-    """Raise UnknownTextEncoder where a folder's weights are not those that its configuration asks for."""
+    """Raise UnknownTextEncoder if a folder's weights are not those that its configuration describes."""
     parts = [
         f"{what} {', '.join(sorted(names)[:4])}" for what, names in (("lacks", missing), ("has", unknown)) if names
     ]
@@ -155,7 +155,7 @@ def _check_complete(folder: Path, missing: Iterable[str], unknown: Iterable[str]
 
 
 def find_folders(second: str = SECOND_ADAPTER, first: str = FIRST_ADAPTER) -> Llm2VecFolders:
-    """The folders of the released encoder: below $TEXT_ENCODERS_DIR, else from the Hugging Face hub and its cache.
+    """The folders of the released encoder: in $TEXT_ENCODERS_DIR, else from the Hugging Face hub and its cache.
 
     Raises UnknownTextEncoder.
     """
@@ -183,7 +183,7 @@ def _find(name: str, kind: str) -> Path:
 
 
 def fingerprint(folders: Llm2VecFolders) -> str:
-    """12 hexadecimal digits that differ when the folders' content does: of every file its size and both ends."""
+    """12 hexadecimal digits that change with the folders' content: a hash of each file's size, beginning and end."""
     digest = hashlib.sha256()
     for folder in (folders.llama, *folders.adapters):
         for path in sorted(

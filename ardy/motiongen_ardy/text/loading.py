@@ -1,4 +1,4 @@
-"""An encoder by its name."""
+"""Loads a text encoder by its name."""
 
 from __future__ import annotations
 
@@ -18,10 +18,10 @@ def load_text_encoder(
     precision: str = "bfloat16",
     timeout_s: float = 30.0,
 ) -> TextEncoder:
-    """The encoder called `name`: one of `FORMS`. width: what the model takes; hashed has no other.
+    """The encoder called `name`, one of `FORMS`. width: of the model's text input; required for hashed.
 
-    device, precision: of llm2vec. timeout_s: of one prompt at an encoder elsewhere. Raises UnknownTextEncoder,
-    TextWidthMismatch when the encoder's vectors are not `width` wide, TextEncoderUnavailable.
+    device, precision: of llm2vec. timeout_s: for one prompt at a remote encoder. Raises UnknownTextEncoder,
+    TextWidthMismatch if the encoder's vectors are not `width` wide, and TextEncoderUnavailable.
     """
     if name == "hashed":
         if width is None:

@@ -1,6 +1,6 @@
-"""Prompts with their vectors in one file, computed beforehand: by an encoder that need not be there when they are used.
+"""A file of prompts with their vectors, computed beforehand, so that the encoder is not needed when they are used.
 
-safetensors: the tensor `vectors` (N, W) float32, and in the metadata the encoder, the ids and the texts.
+safetensors: the tensor `vectors` (N, W) float32; the metadata hold the encoder, the ids and the texts.
 """
 
 from __future__ import annotations
@@ -32,7 +32,7 @@ MAX_ID_CHARACTERS = 64
 
 
 class PromptFileError(UnknownTextEncoder):
-    """Raised for a file of prompts that cannot be used; the message says what is wrong with it."""
+    """Raised for a prompt file that cannot be used; the message says what is wrong with it."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -58,7 +58,7 @@ class PromptFile:
 
 
 def check_prompts(ids: Sequence[str], texts: Sequence[str]) -> None:
-    """Raise PromptFileError unless ids and texts can stand in a file: known before anything is encoded."""
+    """Raise PromptFileError unless a file can hold these ids and texts; to be called before encoding."""
     for what, values in (("id", ids), ("text", texts)):
         if len(set(values)) < len(values):
             twice = next(value for value, count in Counter(values).items() if count > 1)
@@ -71,12 +71,12 @@ def check_prompts(ids: Sequence[str], texts: Sequence[str]) -> None:
     for value in (*ids, *texts):
         try:
             value.encode()
-        except UnicodeEncodeError:  # JSON may say it by an escape; no message can carry it
+        except UnicodeEncodeError:  # JSON escapes can produce it; no message can carry it
             raise PromptFileError(f"an id or a text has half of a surrogate pair: {value[:80]!r}") from None
 
 
 def id_of(text: str) -> str:
-    """The id of a prompt that was given none: the prompt itself, of a long one the beginning and a hash of it all."""
+    """The id of a prompt without one: the prompt itself; if it is too long, its beginning and a hash of the whole."""
     if len(text) <= MAX_ID_CHARACTERS:
         return text
     mark = "~" + hashlib.sha256(text.encode()).hexdigest()[:8]
@@ -84,7 +84,7 @@ def id_of(text: str) -> str:
 
 
 def check_place(path: Path) -> None:
-    """Raise PromptFileError unless a file can be written there."""
+    """Raise PromptFileError unless a file can be written at `path`."""
     if not path.parent.is_dir() or not os.access(path.parent, os.W_OK | os.X_OK):
         raise PromptFileError(f"{path} cannot be written: {path.parent} is no folder that can be written to")
     if path.is_dir():
@@ -92,14 +92,14 @@ def check_place(path: Path) -> None:
 
 
 def encode_prompts(encoder: TextEncoder, prompts: Sequence[tuple[str, str]]) -> PromptFile:
-    """The pairs (id, text) with their vectors. Raises PromptFileError before encoding, and what the encoder raises."""
+    """The pairs (id, text) with their vectors. Raises PromptFileError before encoding, and the encoder's errors."""
     ids, texts = tuple(name for name, _ in prompts), tuple(text for _, text in prompts)
     check_prompts(ids, texts)
     return PromptFile(encoder.identity, ids, texts, encoder.encode(texts))
 
 
 def write_prompt_file(path: Path, prompts: PromptFile) -> None:
-    """Write it, in place of what is there once it is whole. Raises PromptFileError where that cannot be."""
+    """Write the file, atomically replacing any earlier one. Raises PromptFileError if that is not possible."""
     from safetensors import SafetensorError
     from safetensors.numpy import save_file
 
@@ -117,11 +117,11 @@ def write_prompt_file(path: Path, prompts: PromptFile) -> None:
 
 
 def read_prompt_file(path: Path) -> PromptFile:
-    """The prompts of a file that `write_prompt_file` wrote. Raises PromptFileError."""
+    """The prompts in a file written by `write_prompt_file`. Raises PromptFileError."""
     from safetensors import SafetensorError, safe_open
 
     try:
-        if path.exists() and not path.is_file():  # a pipe would be waited for
+        if path.exists() and not path.is_file():  # reading a pipe would block
             raise PromptFileError(f"{path} cannot be read: it is no regular file")
         if path.stat().st_size > MAX_FILE_BYTES:
             raise PromptFileError(f"{path} has more than {MAX_FILE_BYTES} bytes")
@@ -129,7 +129,7 @@ def read_prompt_file(path: Path) -> PromptFile:
             metadata = file.metadata() or {}
             if metadata.get("format") != FORMAT or list(file.keys()) != ["vectors"]:
                 raise PromptFileError(f"{path} is no file of prompts; make one with python -m motiongen_ardy.text")
-            if (kind := file.get_slice("vectors").get_dtype()) != "F32":  # of which numpy knows not all
+            if (kind := file.get_slice("vectors").get_dtype()) != "F32":  # numpy does not know all types
                 raise PromptFileError(f"the vectors of {path} are {kind}; they must be finite numbers in float32")
             vectors = file.get_tensor("vectors")
         ids, texts = (_strings(metadata.get(name, ""), name) for name in ("ids", "texts"))
@@ -151,7 +151,7 @@ def _strings(text: str, name: str) -> tuple[str, ...]:
 
 
 class PromptFileEncoder(EachTextEncoder):
-    """Knows the prompts of a file and no others; it has the identity of the encoder that made them."""
+    """Knows only the prompts of a file; it has the identity of the encoder that encoded them."""
 
     def __init__(self, prompts: PromptFile) -> None:
         super().__init__(prompts.text_encoder, int(prompts.vectors.shape[1]))

@@ -1,4 +1,4 @@
-"""Static word-piece embeddings: the encoder that comes with the package. No network, no second process."""
+"""Static word-piece embeddings: the encoder included in the package. Needs no network and no second process."""
 
 from __future__ import annotations
 
@@ -19,23 +19,23 @@ BUILT_IN_FOLDER = "text-static"
 
 
 class StaticTextEncoder(NamedTextEncoder):
-    """Static word-piece embeddings (model2vec): a prompt is the mean of its pieces' vectors, scaled to unit RMS.
+    """Static word-piece embeddings (model2vec): the mean of the vectors of a prompt's pieces, scaled to unit RMS.
 
-    The folder is read without network. Encoding takes well under a millisecond. Of a text of more pieces than the
-    folder's `max_length`, 512 where it says nothing, the first ones count.
+    The folder is read without network access. Encoding takes well under a millisecond. Only the first pieces of a long
+    text count, as many as the folder's `max_length`, or 512 if it has none.
     """
 
     def __init__(self, folder: Path) -> None:
-        from model2vec import StaticModel  # takes a moment to import, and most of the library does not need it
+        from model2vec import StaticModel  # slow to import, and most of the library does not need it
 
         try:
             self._model: StaticModel = StaticModel.from_pretrained(folder)
             if not all(np.isfinite(numbers).all() for numbers in (self._model.embedding, self._model.weights)
                        if numbers is not None):  # fmt: skip
-                raise UnknownTextEncoder(f"{folder} holds vectors that are not finite; none of a prompt would be")
+                raise UnknownTextEncoder(f"{folder} holds vectors that are not finite, so no prompt's vector would be")
         except UnknownTextEncoder:
             raise
-        except Exception as error:  # the readers of its three files have no error in common, one raises Exception
+        except Exception as error:  # the libraries that read its files share no error class
             raise UnknownTextEncoder(f"{folder} is not a model2vec folder: {error}") from error
         digest = hashlib.sha256((folder / "model.safetensors").read_bytes()).hexdigest()[:12]
         super().__init__(f"static-{digest}", int(self._model.dim))
@@ -44,12 +44,12 @@ class StaticTextEncoder(NamedTextEncoder):
         check_texts(texts)
         vectors = np.zeros((len(texts), self._width), np.float32)
         rows = [row for row, text in enumerate(texts) if not is_blank(text)]
-        if rows:  # in one call, which costs as much as four texts; each is a mean of its own pieces all the same
+        if rows:  # one call costs as much as four texts; each result is still the mean of its own pieces
             vectors[rows] = self._model.encode([texts[row] for row in rows], use_multiprocessing=False)
         rms = np.sqrt(np.square(vectors).mean(axis=1, keepdims=True))
         return np.asarray(vectors / np.where(rms > 0, rms, 1), np.float32)
 
 
 def built_in_text_folder() -> Path:
-    """Where the text encoder that comes with the package lies."""
+    """The folder of the text encoder that is included in the package."""
     return Path(str(resources.files("motiongen_ardy") / "pretrained" / BUILT_IN_FOLDER))

@@ -1,4 +1,4 @@
-"""Vectors on the disk, kept from one start to the next and shared by processes of one machine: an SQLite file."""
+"""Vectors stored in an SQLite file, kept across restarts and shared by the processes of one machine."""
 
 from __future__ import annotations
 
@@ -19,11 +19,11 @@ SCHEMA = 1
 LOCK_WAIT_S = 2.0
 PRUNE_TO = 0.9
 COUNT_SHARE = 0.01
-"""Of what it may hold, the vectors written between two counts: SQLite counts by reading the whole file."""
+"""Vectors written between two counts, as a share of max_entries: SQLite reads the whole file to count."""
 TOUCH_S = 3600.0
-"""How exactly the time of the last use is known; noting each would make every reading a writing."""
+"""Resolution of the time of last use: recording every use would make every read a write."""
 BROKEN = (sqlite3.Error, ValueError, TypeError)
-"""What comes of a file that something else wrote to: SQLite holds to no column's type, and Python's numbers do."""
+"""Errors from a file that something else wrote to: SQLite does not enforce column types, but Python's numbers do."""
 CREATE = (
     """
     CREATE TABLE IF NOT EXISTS vectors (
@@ -36,7 +36,7 @@ CREATE = (
 
 
 def known_encoder(path: Path, name: str) -> tuple[str, int] | None:
-    """Identity and width that the encoder called `name` had when a store in this file was last told of it."""
+    """Identity and width of the encoder called `name`, as last noted in the store in this file; None if not noted."""
     if not path.is_file():
         return None
     try:
@@ -48,14 +48,14 @@ def known_encoder(path: Path, name: str) -> tuple[str, int] | None:
 
 
 class VectorStore:
-    """What one encoder made of texts. The key is the encoder's identity, which names its precision, and the text.
+    """The vectors of one encoder's texts. The key is the encoder's identity, which names its precision, and the text.
 
-    May be used from several threads. It only saves time, so it never stands in the way: where the file is broken,
-    locked or full, it warns once, remembers nothing, and what uses it goes on. A file that is no database is put aside.
+    Thread-safe. The store only saves time, so it never raises: if the file is broken, locked or full, it warns once and
+    stores nothing. A file that is not a database is renamed.
     """
 
     def __init__(self, path: Path, identity: str, width: int, max_entries: int = 65_536) -> None:
-        """max_entries: of all encoders together, and a hundredth more; of more, the least recently used go."""
+        """max_entries: of all encoders, exceeded by at most a hundredth; the least recently used are deleted."""
         self._identity = identity
         self._width = width
         self._max_entries = max_entries
@@ -66,7 +66,7 @@ class VectorStore:
         self._connection = self._open()
 
     def get(self, text: str) -> Vectors | None:
-        """(width,) of the text, None where it is not known."""
+        """(width,) for the text; None if it is not stored."""
         with self._lock:
             try:
                 return self._get(text)
@@ -75,7 +75,7 @@ class VectorStore:
                 return None
 
     def put(self, text: str, vector: Vectors) -> None:
-        """Remember it."""
+        """Store the vector of a text."""
         with self._lock:
             try:
                 self._put(text, vector)
@@ -83,7 +83,7 @@ class VectorStore:
                 self._warn(error)
 
     def note_encoder(self, name: str) -> None:
-        """Remember that this store's encoder is the one called `name`, for `known_encoder`."""
+        """Record that this store's encoder is the one called `name`, for `known_encoder`."""
         with self._lock:
             try:
                 if self._connection is not None:
@@ -95,7 +95,7 @@ class VectorStore:
                 self._warn(error)
 
     def close(self) -> None:
-        """Let go of the file."""
+        """Close the file."""
         with self._lock:
             if self._connection is not None:
                 self._connection.close()
@@ -135,7 +135,7 @@ class VectorStore:
                 self._prune(self._connection)
 
     def _prune(self, connection: sqlite3.Connection) -> None:
-        """Count, let go of what is too much, and say when to count again: other processes may write here too."""
+        """Count, delete what is too much, and set when to count again: other processes may write to the file too."""
         (count,) = connection.execute("SELECT count(*) FROM vectors").fetchone()
         if count > self._max_entries:
             surplus = count - int(PRUNE_TO * self._max_entries)
@@ -150,7 +150,7 @@ class VectorStore:
         try:
             self._path.parent.mkdir(parents=True, exist_ok=True)
             return self._connect()
-        except sqlite3.OperationalError as error:  # no right to write, no room: not the file's fault
+        except sqlite3.OperationalError as error:  # no permission, no space: not the file's fault
             self._warn(error)
         except sqlite3.DatabaseError as error:
             return self._start_anew(error)
@@ -162,7 +162,7 @@ class VectorStore:
         connection = sqlite3.connect(self._path, timeout=LOCK_WAIT_S, check_same_thread=False)
         try:
             connection.execute("PRAGMA journal_mode = WAL")
-            connection.execute("PRAGMA synchronous = NORMAL")  # a crash may cost the last ones, never the file
+            connection.execute("PRAGMA synchronous = NORMAL")  # a crash may lose the last writes, never the file
             (schema,) = connection.execute("PRAGMA user_version").fetchone()
             if schema not in (0, SCHEMA):
                 raise sqlite3.OperationalError(f"it was written by another version, {schema}")

@@ -1,7 +1,7 @@
-"""What may be said of each frame of the training set, as tables on a device.
+"""The captions that apply to each frame of the training set, as tables on a device.
 
-Clips carry captions of their own and segments with narrower ones. Every frame belongs to one caption set; a window
-says what is said of the frames that it generates, as a server would tell it.
+Clips have captions of their own, and segments with narrower ones. Every frame belongs to one set of captions; a window
+gets the caption of the frames that it generates, as a server would give it.
 """
 
 from __future__ import annotations
@@ -15,17 +15,17 @@ from torch import Tensor
 
 from motiongen_ardy.data.dataset import Clip
 
-# A prompt that starts so soon after a window's first new frame counts from that frame on.
+# A prompt that starts this soon after a window's first new frame counts from that frame on.
 SOON_FRAMES = 10
 MIN_GENERATED = 12
 
 
 @dataclass(frozen=True)
 class CaptionSpans:
-    """Caption sets of frames.
+    """Which set of captions each frame belongs to.
 
     frame_set: (F) int64, the caption set of each frame. until_next: (F) int64, frames until the set changes or the
-    clip ends. sets: (S, K) int64 indices of texts, rows filled up by repeating; set_size: (S) int64.
+    clip ends. sets: (S, K) int64, indices of texts, rows padded by repetition; set_size: (S) int64.
     texts: every caption, in the order of the embeddings to be looked up.
     """
 
@@ -38,10 +38,10 @@ class CaptionSpans:
     def draw(
         self, frames: Tensor, generation: Tensor, left: Tensor, patch: int, generator: torch.Generator | None = None
     ) -> tuple[Tensor, Tensor]:
-        """A caption (B) for windows whose first new frame is `frames` (B), and how many frames it holds for (B).
+        """A caption (B) for windows whose first new frame is `frames` (B), and for how many frames (B) it applies.
 
-        generation: (B) frames that the window would generate; left: (B) frames of the clip from there on; patch: frames
-        of a token. Where another caption begins soon, the window is told that one; where it begins later, the window is
+        generation: (B), frames that the window would generate; left: (B), frames of the clip from there on; patch:
+        frames per token. If another caption begins soon, the window gets that one; if it begins later, the window is
         cut before it, as a server replans when a prompt changes.
         """
         until = self.until_next[frames]
@@ -57,7 +57,7 @@ class CaptionSpans:
 
 
 def caption_spans(clips: Sequence[Clip], device: torch.device | str = "cpu") -> CaptionSpans:
-    """The caption sets of clips that lie one after another."""
+    """The caption sets of concatenated clips."""
     texts: dict[str, int] = {}
     sets: dict[tuple[str, ...], int] = {}
     frame_set, until_next = [], []

@@ -1,10 +1,10 @@
-"""Which features of training windows are told to the denoiser: every form of constraint that a server accepts.
+"""Chooses which features of training windows the denoiser sees as constraints: all forms that a server accepts.
 
 A constraint is a set of frames times a set of feature groups (ground position, height, heading, one joint's position,
 one joint's rotation). Whole batches are drawn at once, with tensors of fixed shapes, on the device of the windows. The
 columns that a form covers are those that `motiongen_ardy.core.constraint` fills for it at run time; the forms are the
 paper's (section 3.4) and the further ones of the service: single joints, rotations alone, headings alone, root height
-alone, and roots at every second to tenth frame, which is how planned paths and velocities are told.
+alone, and roots at every second to tenth frame, which is the form of planned paths and velocities.
 """
 
 from __future__ import annotations
@@ -21,7 +21,7 @@ STRIDES = (1, 1, 2, 4, 5, 8, 10)
 
 @dataclass(frozen=True)
 class ConstraintChances:
-    """How often a window has no constraint at all or a second form, and the share of each form among the others."""
+    """The chances that a window has no constraint, or a second form; and the share of each form among the others."""
 
     none: float = 0.12
     second_form: float = 0.45
@@ -67,7 +67,7 @@ class ConstraintSampler:
         joints = skeleton.num_joints
         self.num_joints = joints
         self.ground, self.height, self.heading = 0, 1, 2
-        self.position = 3  # group of joint j's position: position + j - 1, as the root's own is ground and height
+        self.position = 3  # joint j's position is group position + j - 1, since the root's own is ground and height
         self.rotation = self.position + joints - 1
         self.num_groups = self.rotation + joints
         device = representation.stats.mean.device
@@ -99,7 +99,7 @@ class ConstraintSampler:
         return mask
 
     def sample(self, spans: WindowSpans, generator: torch.Generator | None = None) -> Tensor:
-        """Masks (B, T, D) bool, true only at frames first..end-1 of each window."""
+        """Masks (B, T, D) bool, true only within frames first .. end - 1 of each window."""
         batch, num_frames = spans.planted.shape[:2]
         groups = torch.zeros(batch, num_frames, self.num_groups, dtype=torch.bool, device=spans.first.device)
         chance = self._uniform(generator, batch)
@@ -122,7 +122,7 @@ class ConstraintSampler:
         share = self._uniform(generator, batch)
         bounds = self.shares.cumsum(0) / self.shares.sum()
         form = torch.searchsorted(bounds, share, right=True).clamp(max=len(FORMS) - 1)
-        # Half of the goals lie inside the horizon; the others anywhere, so that distant goals are seen too.
+        # Half of the goals are within the horizon; the others anywhere, so that distant goals are seen too.
         near = self._uniform(generator, batch) < 0.5
         limit = torch.where(near, spans.horizon_end, spans.end)
         few = self._few_frames(spans, limit, 3, generator)
@@ -153,7 +153,7 @@ class ConstraintSampler:
         return (frames >= spans.first[:, None]) & (frames < limit[:, None])
 
     def _few_frames(self, spans: WindowSpans, limit: Tensor, most: int, generator: torch.Generator | None) -> Tensor:
-        """1 to `most` frames a window, each as likely as the others."""
+        """1 to `most` frames per window; all counts are equally likely."""
         batch, num_frames = spans.planted.shape[:2]
         score = self._uniform(generator, batch, num_frames).masked_fill(~self._inside(spans, limit), -1.0)
         best = score.topk(most, dim=1).indices
@@ -162,7 +162,7 @@ class ConstraintSampler:
         return (frames > 0) & (score >= 0)
 
     def _run(self, spans: WindowSpans, limit: Tensor, generator: torch.Generator | None) -> Tensor:
-        """Every n-th frame of a stretch, which is the whole window for half of them."""
+        """Every n-th frame of a stretch, which is the whole window in 60 % of cases."""
         batch, num_frames = spans.planted.shape[:2]
         room = (limit - spans.first).clamp(min=1)
         whole = self._uniform(generator, batch) < 0.6
@@ -188,13 +188,13 @@ class ConstraintSampler:
         return mask.expand(batch, -1)
 
     def _root_groups(self, generator: torch.Generator | None, batch: int) -> Tensor:
-        """The ground position, in half of the windows with the heading, in some with the height."""
+        """The ground position, in 60 % of windows with the heading, in 10 % with the height."""
         groups = self._only(self.ground, batch)
         groups = groups | (self._only(self.heading, batch) & (self._uniform(generator, batch, 1) < 0.6))
         return groups | (self._only(self.height, batch) & (self._uniform(generator, batch, 1) < 0.1))
 
     def _end_effectors(self, generator: torch.Generator | None, batch: int) -> Tensor:
-        """One to three limbs of a pose with its root, for some with the hips' rotation."""
+        """One to three limbs of a pose with its root, in half of the windows with the hips' rotation."""
         score = self._uniform(generator, batch, 4)
         count = 1 + (self._uniform(generator, batch, 1) * 3).long()
         chosen = score.argsort(dim=1).argsort(dim=1) < count
@@ -202,7 +202,7 @@ class ConstraintSampler:
         return groups | (self._only(self.rotation, batch) & (self._uniform(generator, batch, 1) < 0.5))
 
     def _some_joints(self, generator: torch.Generator | None, batch: int) -> Tensor:
-        """(B, J) bool: one to three joints; in half of the windows a hand, a foot or the head alone."""
+        """(B, J) bool: in 60 % of windows a hand, a foot or the head alone, in the others one to three joints."""
         score = self._uniform(generator, batch, self.num_joints)
         count = 1 + (self._uniform(generator, batch, 1) * 3).long()
         some = score.argsort(dim=1).argsort(dim=1) < count
@@ -211,7 +211,7 @@ class ConstraintSampler:
         return torch.where(self._uniform(generator, batch, 1) < 0.6, alone, some)
 
     def _joints(self, generator: torch.Generator | None, batch: int) -> Tensor:
-        """Single joints' positions with the root's ground position and height, for half with the joints' rotations."""
+        """Single joints' positions with the root's ground position and height; in half of windows also rotations."""
         joints = self._some_joints(generator, batch)
         groups = self._only(self.ground, batch) | self._only(self.height, batch)
         groups = torch.cat([groups[:, : self.position], joints[:, 1:], groups[:, self.rotation :]], dim=1)
@@ -226,6 +226,6 @@ class ConstraintSampler:
 
 
 def skeleton_head(skeleton: object) -> int:
-    """The index of the joint called Head; of the last joint where there is none."""
+    """The index of the joint called Head, or of the last joint if there is none."""
     names: tuple[str, ...] = skeleton.joint_names  # type: ignore[attr-defined]
     return names.index("Head") if "Head" in names else len(names) - 1

@@ -1,7 +1,7 @@
 """Train the denoiser on a trained tokenizer: `python -m motiongen_ardy.train.denoiser DATA OUT --tokenizer RUN`.
 
-The tokenizer stays as it is. From `OWN_HISTORY_FROM` of the training on, a share of the batches starts from windows
-that the model made itself, which is what it will start from when it serves.
+The tokenizer is not changed. After a share of OWN_HISTORY_FROM of the training, some batches start from windows that
+the model generated itself, as they do in service.
 """
 
 from __future__ import annotations
@@ -39,10 +39,10 @@ OWN_HISTORY_CHANCE = 0.3
 
 
 class DenoiserTask:
-    """Draws windows and exports whole checkpoints."""
+    """Draws windows, and exports whole checkpoints."""
 
     def __init__(self, model: Model, sampler: WindowSampler, recipe: Recipe, text_encoder: str = "") -> None:
-        """text_encoder: the identity of what made the sampler's vectors; "" where that is not known."""
+        """text_encoder: the identity of the encoder of the sampler's vectors; "" if unknown."""
         self.model = model
         self.sampler = sampler
         self.files = recipe.files
@@ -51,7 +51,7 @@ class DenoiserTask:
         self.fingerprint = "" if model.tokenizer is None else fingerprint_of(model.tokenizer)
 
     def kinds(self, progress: float) -> Sequence[tuple[Hashable, float]]:
-        """The windows' shapes, and later in the training windows that start from the model's own motion."""
+        """The windows' shapes and, later in the training, windows that start from the model's own motion."""
         shapes = [(shape, shape.chance) for shape in self.sampler.shapes]
         if progress < OWN_HISTORY_FROM:
             return shapes
@@ -75,7 +75,7 @@ class DenoiserTask:
 
 
 def fingerprint_of(tokenizer: Tokenizer) -> str:
-    """Tells a tokenizer from all others by its weights. Statistics of latents are measured anew at every export."""
+    """A hash of a tokenizer's weights, without the statistics of latents, which every export measures anew."""
     digest = hashlib.sha256()
     for name, tensor in sorted(tokenizer.state_dict().items()):
         digest.update(f"{name} {tuple(tensor.shape)}".encode())
@@ -91,7 +91,7 @@ def train_denoiser(
     batch: int,
     recipe: Recipe | None = None,
 ) -> Trainer:
-    """Train a model's denoiser where it lies and return the finished trainer; its folder holds the checkpoint."""
+    """Train a model's denoiser in place and return the finished trainer; its folder holds the checkpoint."""
     with distributed() as (rank, num_processes), held(settings.out, rank):
         torch.manual_seed(settings.seed + rank)
         config = model.config
@@ -124,7 +124,7 @@ def denoiser_of(tokenizer: Tokenizer, config: DenoiserConfig, horizon: int, num_
 
 
 def starting_model(tokenizer: Tokenizer, recipe: Recipe, init: Path | None) -> Model:
-    """A fresh model, or one that starts from the denoiser of a checkpoint. Raises CheckpointError or ConfigError."""
+    """A model with a fresh denoiser, or with that of a checkpoint. Raises CheckpointError or ConfigError."""
     model = denoiser_of(tokenizer, recipe.denoiser, recipe.horizon, recipe.num_base_steps)
     if init is not None:
         given = load_checkpoint(init).denoiser
@@ -137,7 +137,7 @@ def starting_model(tokenizer: Tokenizer, recipe: Recipe, init: Path | None) -> M
 
 
 def main(given: Sequence[str] | None = None) -> int:
-    """Command line. Returns 0 when all steps are done, 3 when some are left, 2 for a run that cannot go on."""
+    """Command line. Returns 0 when all steps are done, 3 when some are left, 2 for a run that cannot continue."""
     parser = argparse.ArgumentParser(prog="python -m motiongen_ardy.train.denoiser", description=__doc__)
     add_loop_arguments(parser, steps=60_000, learning_rate=5e-4, batch=64)
     parser.add_argument("--tokenizer", type=Path, required=True, help="folder of a trained tokenizer")
@@ -147,7 +147,7 @@ def main(given: Sequence[str] | None = None) -> int:
     arguments = parser.parse_args(given)
     try:
         recipe = read_recipe(arguments.config)
-        with distributed():  # before anything is put on a device: "cuda" is the device that this process has by then
+        with distributed():  # before anything is put on a device: it determines which GPU "cuda" means in this process
             tokenizer = load_tokenizer(arguments.tokenizer, arguments.device)
             torch.manual_seed(arguments.seed)
             model = starting_model(tokenizer, recipe, arguments.init)

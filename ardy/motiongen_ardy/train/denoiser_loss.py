@@ -1,7 +1,7 @@
 """The denoiser's training loss: hybrid, decoded-body, goal and consistency terms (paper, section 3.4), and kinematics.
 
-The paper's four terms count alike. The kinematic ones are measured in metres on what the decoder makes of the predicted
-tokens, and are what keeps planted feet planted.
+The paper's four terms have equal weights. The kinematic ones are measured in metres on the decoded predictions, and are
+what keeps planted feet planted.
 """
 
 from __future__ import annotations
@@ -33,7 +33,7 @@ OWN_HISTORY_STEPS = 4  # as most windows are served
 
 @dataclass(frozen=True)
 class LossWeights:
-    """What each term counts. joints, ends: per metre; speed, planted: per metre a second."""
+    """The weight of each term. joints, ends: per metre; speed, planted: per metre a second."""
 
     hybrid: float = 1.0
     decoded: float = 1.0
@@ -47,7 +47,7 @@ class LossWeights:
 
 
 def window_of(batch: TrainingWindows, patch: int) -> Window:
-    """A training batch as the denoiser sees it. patch: frames of a token."""
+    """A training batch as the denoiser sees it. patch: frames per token."""
     return Window(
         history_len=batch.history_len,
         generation_len=batch.generation_len,
@@ -61,7 +61,7 @@ def window_of(batch: TrainingWindows, patch: int) -> Window:
 
 
 class DenoiserLoss(nn.Module):
-    """A denoiser with its training loss; the codec is frozen and its weights are no part of the training state."""
+    """A denoiser with its training loss; the codec is frozen, and its weights are not part of the training state."""
 
     def __init__(self, model: Model, weights: LossWeights | None = None) -> None:
         super().__init__()
@@ -78,7 +78,7 @@ class DenoiserLoss(nn.Module):
         return self._frozen[0]
 
     def on_device(self, device: torch.device) -> NoiseSchedule:
-        """The noise schedule there, copied once."""
+        """The noise schedule on `device`, copied once."""
         if self.schedule.signal.device != device:
             self.schedule = self.schedule.to(device)
         return self.schedule
@@ -94,7 +94,7 @@ class DenoiserLoss(nn.Module):
             return functional.pad(tokens, (0, 0, 0, ahead))
 
     def forward(self, batch: TrainingWindows) -> tuple[Tensor, dict[str, Tensor]]:
-        """The total loss and its parts. A batch with an earlier one starts from what the model makes of that one."""
+        """The total loss and its parts. If a batch has earlier windows, its history is generated from those."""
         window = window_of(batch, self.patch)
         clean = self.clean_tokens(batch)
         latents = clean[..., self.root_width :]
@@ -110,7 +110,7 @@ class DenoiserLoss(nn.Module):
             return self._losses(predicted, clean, batch, window)
 
     def _seen_history(self, clean: Tensor, latents: Tensor) -> Tensor:
-        """The history as it will be at run time: never quite right. latents: (B, N, L), those to be seen in it."""
+        """The history as at run time, with errors: noise is added. latents: (B, N, L), those to use in it."""
         size = torch.rand(len(clean), 1, 1, device=clean.device) * 2 * self.weights.history_noise
         latents = latents + size * torch.randn_like(latents)
         return torch.cat([clean[..., : self.root_width], latents], dim=-1)
@@ -122,7 +122,7 @@ class DenoiserLoss(nn.Module):
         known, num_tokens = batch.num_known, batch.num_known // self.patch
         horizon, target = window.generation_frames[:, :known], batch.features[:, :known]
         valid = window.history_frames[:, :known] | horizon
-        # The history is the true one: the decoder is causal, and would show the history's noise in the horizon.
+        # The history is the true one: the decoder is causal, and noise in the history would show in the horizon.
         tokens = torch.where(window.generation_tokens[..., None], predicted, clean)[:, :num_tokens]
         features = self._decoded(tokens, valid)
         natural, true = layout.denormalize(features), layout.denormalize(target)
@@ -142,7 +142,7 @@ class DenoiserLoss(nn.Module):
         return total, {name: value.detach() for name, value in parts.items()}
 
     def _decoded(self, tokens: Tensor, valid: Tensor) -> Tensor:
-        """Features (B, PN, D) that the codec makes of hybrid tokens (B, N, 5P + L)."""
+        """Decoded features (B, PN, D) of hybrid tokens (B, N, 5P + L)."""
         root = root_from_tokens(tokens, self.patch)
         codes = self.codec.denormalize_latents(tokens[..., self.root_width :])
         body, _ = self.codec.decode_codes(codes, root, valid.sum(1), valid)
@@ -150,9 +150,9 @@ class DenoiserLoss(nn.Module):
 
     @staticmethod
     def _goal(features: Tensor, target: Tensor, batch: TrainingWindows, horizon: Tensor) -> Tensor:
-        """L1 over the constrained numbers of the horizon: half pooled, as in the paper, half with each row alike.
+        """L1 over the constrained numbers of the horizon: half pooled, as in the paper, half with equal weight per row.
 
-        Pooled alone, a row with one waypoint would count a thousandth of a row with a whole-body block.
+        With pooling alone, a row with one waypoint would count a thousandth of a row with a whole-body block.
         """
         mask = batch.mask[:, : horizon.shape[1]] * (horizon & batch.exact[:, None])[..., None]
         error = mask * (features - target).abs()
@@ -163,7 +163,7 @@ class DenoiserLoss(nn.Module):
 
 
 def own_latents(loss: DenoiserLoss, batch: TrainingWindows, num_steps: int) -> Tensor:
-    """Latents (B, N, L), normalised, that the model makes of a batch's windows in `num_steps` denoising steps."""
+    """Normalised latents (B, N, L) that the model generates for a batch's windows in `num_steps` denoising steps."""
     with torch.no_grad():
         window, clean = window_of(batch, loss.patch), loss.clean_tokens(batch)
         schedule = loss.on_device(clean.device)

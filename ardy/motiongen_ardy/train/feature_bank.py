@@ -1,4 +1,4 @@
-"""All clips of a training set as feature frames on one device, each also mirrored where that is allowed."""
+"""All clips of a training set as feature frames on one device, plus their mirror images where allowed."""
 
 from __future__ import annotations
 
@@ -23,11 +23,11 @@ CLIPS_AT_ONCE = 64
 
 @dataclass(frozen=True)
 class FeatureBank:
-    """Clips one after another, every tensor on one device.
+    """Concatenated clips, every tensor on one device.
 
-    features: (F, D) float32 in natural units, world frame of each clip.
-    first, length: (C) int64, where each clip lies; weight: (C) float64, chance of drawing it, sums to 1.
-    clips: the clips themselves, in the same order. captions: what may be said of each frame.
+    features: (F, D) float32 in natural units, in the world frame of each clip.
+    first, length: (C) int64, where each clip is; weight: (C) float64, the chance of drawing it; the sum is 1.
+    clips: the clips themselves, in the same order. captions: the captions that apply to each frame.
     """
 
     features: Tensor
@@ -46,19 +46,19 @@ class FeatureBank:
         return self.features.device
 
     def draw_clips(self, count: int, generator: torch.Generator | None = None) -> Tensor:
-        """(count) int64 clips, by weight."""
+        """(count) int64, clips drawn by weight."""
         share = torch.rand(count, generator=generator, device=self.device, dtype=torch.float64)
         return torch.searchsorted(self.weight.cumsum(0), share, right=True).clamp(max=len(self.weight) - 1)
 
     def gather(self, clips: Tensor, starts: Tensor, num_frames: int) -> Tensor:
-        """Frames starts..starts+num_frames-1 of clips (B) -> (B, num_frames, D); past a clip's end its last frame."""
+        """Frames starts..starts+num_frames-1 of clips (B) -> (B, num_frames, D); a clip's last frame is repeated."""
         within = starts[:, None] + torch.arange(num_frames, device=self.device)
         within = torch.minimum(within, self.length[clips][:, None] - 1)
         return self.features[self.first[clips][:, None] + within]
 
 
 def natural_layout(skeleton: Skeleton, fps: int) -> Representation:
-    """A representation whose statistics are mean 0 and std 1, for work in natural units."""
+    """A representation with mean 0 and std 1, for working in natural units."""
     width = skeleton.feature_dim + LOCAL_ROOT_WIDTH
     return Representation(skeleton, fps, Stats(torch.zeros(width), torch.ones(width)))
 
@@ -68,9 +68,9 @@ def build_feature_bank(
 ) -> FeatureBank:
     """Features of every clip of at least `MIN_CLIP_FRAMES` frames, and of its mirror image.
 
-    Clips are drawn in proportion to their length over the square root of their content's total length, so that rare
-    contents are seen without being worn out. layout: a representation of the data's skeleton; statistics are not used.
-    Raises DatasetError where no clip is long enough.
+    A clip's weight is its length divided by the square root of its content's total length, so that rare contents are
+    seen but not overused. layout: a representation with the data's skeleton; its statistics are not used. Raises
+    DatasetError if no clip is long enough.
     """
     clips = [clip for clip in dataset.clips if clip.num_frames >= MIN_CLIP_FRAMES]
     if not clips:
@@ -91,7 +91,7 @@ def build_feature_bank(
 
 
 def _features(clips: Sequence[Clip], layout: Representation, device: torch.device) -> Tensor:
-    """Features (F, D) of clips one after another; clips of about one length are worked out together."""
+    """Features (F, D) of concatenated clips; clips of similar length are computed together."""
     order = sorted(range(len(clips)), key=lambda number: clips[number].num_frames)
     blocks: list[Tensor] = [torch.empty(0)] * len(clips)
     for start in range(0, len(order), CLIPS_AT_ONCE):
@@ -100,7 +100,7 @@ def _features(clips: Sequence[Clip], layout: Representation, device: torch.devic
         roots = pad_sequence([clips[number].root_positions for number in numbers], batch_first=True).to(device)
         lengths = torch.tensor([clips[number].num_frames for number in numbers], device=device)
         beyond = torch.arange(rotations.shape[1], device=device) >= lengths[:, None]
-        rotations[beyond] = torch.nn.functional.one_hot(torch.tensor(0, device=device), 4).float()  # no rotation
+        rotations[beyond] = torch.nn.functional.one_hot(torch.tensor(0, device=device), 4).float()  # identity
         features = layout.features(quaternion_to_matrix(rotations), roots, lengths)
         for row, number in enumerate(numbers):
             blocks[number] = features[row, : clips[number].num_frames].clone()
@@ -119,8 +119,8 @@ def _weights(clips: Sequence[Clip]) -> np.ndarray:
 def measure_stats(bank: FeatureBank, layout: Representation, num_windows: int = 4096, seed: int = 0) -> Stats:
     """Statistics of width D + 4 (root, local root, body) over random windows, turned at random about +Y.
 
-    The windows span history, horizon and future with the origin at their last history frame, so that the root's
-    spread is what the denoiser will see.
+    The windows span history, horizon and future, with the origin at their last history frame, so that the root's spread
+    is what the denoiser will see.
     """
     generator = torch.Generator(bank.device).manual_seed(seed)
     layout = layout.to(bank.device)

@@ -1,7 +1,7 @@
-"""The training loop both parts share: mixed precision, EMA, resuming, progress, TensorBoard, one or many processes.
+"""The training loop of both parts: mixed precision, EMA, resuming, progress, TensorBoard, one or many processes.
 
-On a CUDA device each shape of batch is captured once, drawing of the batch and update of the weights included, and
-replayed from then on: these networks are so small that launching their kernels one by one would take most of the time.
+On a CUDA device, each batch shape is captured once as a graph, including drawing the batch and updating the weights,
+and then replayed: these networks are so small that launching their kernels one by one would take most of the time.
 """
 
 from __future__ import annotations
@@ -34,21 +34,21 @@ UNFINISHED = 3
 WARM_UP_UPDATES = 3
 AVERAGE_EVERY = 5
 STOP_EVERY = 10
-"""Steps between two times at which processes that train together agree whether to stop."""
+"""Steps between agreements, among processes that train together, on whether to stop."""
 
 
 Batch = Any
 
 
 class Diverged(FloatingPointError):
-    """Raised where a loss or the gradient is not finite; what was saved before is kept."""
+    """Raised if a loss or the gradient is not finite; what was saved before is kept."""
 
 
 class Task(Protocol):
-    """What is trained. `module(batch)` gives the total loss and its named parts.
+    """What is trained. `module(batch)` returns the total loss and its named parts.
 
-    fingerprint: of what the module is trained on top of and does not change; "" where that is nothing.
-    terms: what else a run that goes on must begin from anew if it changes, as words by name.
+    fingerprint: identifies what the module is trained on and does not change; "" if there is nothing.
+    terms: other conditions, by name, that a resumed run must share with its beginning.
     """
 
     module: nn.Module
@@ -56,18 +56,18 @@ class Task(Protocol):
     terms: Mapping[str, str]
 
     def kinds(self, progress: float) -> Sequence[tuple[Hashable, float]]:
-        """The kinds of batches, each of one shape, and how often each is drawn, at a share 0..1 of the training."""
+        """The kinds of batches, each of one shape, with their chances, at a share 0..1 of the training."""
 
     def sample(self, kind: Hashable, generator: torch.Generator | None) -> Batch:
-        """A random batch of a kind, on the module's device; with None, everything random is the device's own."""
+        """A random batch of a kind, on the module's device. generator: None: the device's own random numbers."""
 
     def export(self, averaged: nn.Module, folder: Path) -> None:
-        """Write what training has reached, from the averaged weights, into `folder`."""
+        """Write the current result, with the averaged weights, into `folder`."""
 
 
 @contextlib.contextmanager
 def _answered(handler: Callable[[int, FrameType | None], None]) -> Iterator[None]:
-    """While SIGTERM and Ctrl-C are a handler's."""
+    """Within this context, `handler` receives SIGTERM and Ctrl-C."""
     previous = {number: signal.signal(number, handler) for number in (signal.SIGTERM, signal.SIGINT)}
     try:
         yield
@@ -77,7 +77,7 @@ def _answered(handler: Callable[[int, FrameType | None], None]) -> Iterator[None
 
 
 class Trainer:
-    """Runs a task to its last step, to its time limit or to a SIGTERM, and can go on from any of these."""
+    """Runs a task to its last step, its time limit or a SIGTERM, and can resume from any of these."""
 
     def __init__(self, task: Task, settings: LoopSettings, rank: int = 0, num_processes: int = 1) -> None:
         self.task = task
@@ -93,7 +93,7 @@ class Trainer:
         self.averaged = MovingAverage(task.module, settings.ema_decay)
         self.forward: nn.Module = task.module
         if num_processes > 1:
-            # A tokenizer carries tensors that take no part (`target_cond_blocks`), which must not be waited for.
+            # A tokenizer has tensors that are never used (`target_cond_blocks`), which must not be waited for.
             self.forward = DistributedDataParallel(task.module, find_unused_parameters=True)
         self.seed = settings.seed * num_processes + rank
         self.generator = torch.Generator(self.device)
@@ -105,7 +105,7 @@ class Trainer:
         self._resume()
 
     def _seed(self) -> None:
-        """Start the random numbers of the present step; a resumed run does not repeat those it began with."""
+        """Seed the random numbers by the current step: a resumed run does not repeat those that it began with."""
         seed = self.seed + 7919 * self.step
         torch.manual_seed(seed)
         self.generator.manual_seed(seed)
@@ -122,12 +122,12 @@ class Trainer:
             self.averaged.load_state_dict(state["averaged"])
             self.optimizer.load_state_dict(state["optimizer"])
             self.step = int(state["step"])
-        # The schedule is a function of the step alone, so a longer --steps or another --lr holds from here on.
+        # The schedule is a function of the step alone, so another --steps or --lr applies from here on.
         rate = self.settings.learning_rate
         for group in self.optimizer.param_groups:
             group["initial_lr"] = rate
             group["lr"] = torch.tensor(rate, device=self.device) if self.captures else rate
-            if "step" in group:  # a run that was stopped before its first update has none
+            if "step" in group:  # missing in a run that was stopped before its first update
                 group["step"] = group["step"].to(self.device)
         self.schedule.last_epoch = self.step
         self._seed()
@@ -151,7 +151,7 @@ class Trainer:
 
     @property
     def exit_code(self) -> int:
-        """Of the command line: not 0 where steps are left, so that nothing is built upon what is unfinished."""
+        """For the command line: not 0 if steps are left, so that nothing is built on an unfinished training."""
         return UNFINISHED if self.step < self.settings.steps else 0
 
     def train_step(self) -> dict[str, Tensor]:
@@ -166,14 +166,14 @@ class Trainer:
         return losses
 
     def _update(self, kind: Hashable, generator: torch.Generator | None) -> dict[str, Tensor]:
-        """Draw a batch, and move the weights and their average."""
+        """Draw a batch, and update the weights and their average."""
         batch = self.task.sample(kind, generator)
         self.optimizer.zero_grad(set_to_none=True)
         with contextlib.ExitStack() as stack:
             if self.device.type == "cpu":
-                # The fused kernel's backward pass on a CPU takes three times as long as plain matrix products.
+                # On a CPU, the fused kernel's backward pass takes three times as long as plain matrix products.
                 stack.enter_context(sdpa_kernel(SDPBackend.MATH))
-            # A captured step must cast the weights anew at every replay, so casts are not kept there.
+            # A captured step must cast the weights again at every replay, so casts must not be cached.
             mixed = torch.autocast(
                 self.device.type, torch.bfloat16, enabled=self.settings.bfloat16, cache_enabled=not self.captures
             )
@@ -184,12 +184,12 @@ class Trainer:
         self.optimizer.step()
         if self.captures:
             self.averaged.update(self.task.module)
-        elif self.step % AVERAGE_EVERY == 0:  # a pass over all weights, which on a CPU costs as much as a small batch
+        elif self.step % AVERAGE_EVERY == 0:  # touches all weights, which on a CPU costs as much as a small batch
             self.averaged.update(self.task.module, AVERAGE_EVERY)
         return {"total": total.detach(), "gradient": norm.detach()} | parts
 
     def _replay(self, kind: Hashable) -> dict[str, Tensor]:
-        """The same, captured at the first batch of a kind. The first updates of a kind are made to warm up."""
+        """As `_update`, replayed from a graph that is captured once per kind. A kind's first updates are warm-ups."""
         if kind in self.graphs:
             graph, losses = self.graphs[kind]
             graph.replay()
@@ -208,13 +208,13 @@ class Trainer:
         return losses
 
     def check_finite(self, losses: dict[str, Tensor]) -> None:
-        """Raise Diverged where a loss or the gradient is not finite."""
+        """Raise Diverged if a loss or the gradient is not finite."""
         wrong = {name: float(value) for name, value in losses.items() if not bool(torch.isfinite(value))}
         if wrong:
             raise self._diverged(f"these are not finite: {wrong}")
 
     def check_sound(self, losses: dict[str, Tensor]) -> None:
-        """Before a save: raise Diverged where losses or weights are not finite, not to lose the sound ones."""
+        """Before a save: raise Diverged if losses or weights are not finite, instead of overwriting good ones."""
         self.check_finite(losses)
         if not all(bool(weights.isfinite().all()) for weights in self.task.module.parameters()):
             raise self._diverged("weights are not finite")
@@ -228,16 +228,16 @@ class Trainer:
     def run(self) -> None:
         """Train until done; saves every few minutes and at the end, also after SIGTERM and Ctrl-C.
 
-        A second Ctrl-C ends one process at once, unsaved. Raises Diverged, and RunFolderError where it cannot save.
+        A second Ctrl-C ends a single process at once, unsaved. Raises Diverged, and RunFolderError if it cannot save.
         """
         with _answered(self._ask_to_stop):
             self.check_sound(self._train())
             self.save()
             if torch.distributed.is_initialized():
-                torch.distributed.barrier()  # whoever returns may rely on what the first process has written
+                torch.distributed.barrier()  # from here on, what the first process has written is complete
 
     def _train(self) -> dict[str, Tensor]:
-        """Train until done or asked to stop; the losses of the last step, none where nothing was left to train."""
+        """Train until done or asked to stop. Returns the losses of the last step; empty if no step was left."""
         settings = self.settings
         losses: dict[str, Tensor] = {}
         started = saved = time.monotonic()
@@ -269,7 +269,7 @@ class Trainer:
         return losses
 
     def stops(self, started: float) -> bool:
-        """Whether to stop after this step, by the clock from `started` on or since somebody asked for it.
+        """Whether to stop after this step: time limit reached since `started`, or asked to.
 
         Processes that train together stop at the same step, whichever of them has to: one that stopped alone would
         leave the others waiting for its gradients.
@@ -290,7 +290,7 @@ class Trainer:
         writer.add_scalar("learning_rate", self.schedule.get_last_lr()[0], self.step)
 
     def _ask_to_stop(self, number: int, _frame: FrameType | None) -> None:
-        """Stop after a step, not within one: its update would be half made, and who trains along would wait for it."""
+        """Stop after a step, not within one: its update would be incomplete, and other processes would wait for it."""
         self.stopping = True
-        if number == signal.SIGINT and not torch.distributed.is_initialized():  # torchrun passes each one on once more
+        if number == signal.SIGINT and not torch.distributed.is_initialized():  # torchrun sends each one twice
             signal.signal(number, signal.default_int_handler)

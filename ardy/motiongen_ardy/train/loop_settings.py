@@ -1,4 +1,4 @@
-"""How long, how fast and where to a part is trained, and the flags that say so."""
+"""Settings of a training (how long, how fast, where to), and their command-line flags."""
 
 from __future__ import annotations
 
@@ -14,7 +14,7 @@ import torch
 
 @dataclass(frozen=True)
 class LoopSettings:
-    """How long, how fast and where to. minutes: stop after so much time in this call, 0 = never."""
+    """How long, how fast and where to train. minutes: stop after so many minutes of this call; 0: never."""
 
     out: Path
     steps: int
@@ -35,12 +35,12 @@ def add_loop_arguments(parser: argparse.ArgumentParser, steps: int, learning_rat
     parser.add_argument("out", type=Path, help="run folder: state to resume from, logs, exported weights")
     parser.add_argument("--steps", type=_whole(1), default=steps, help="length of the schedule (default %(default)s)")
     parser.add_argument(
-        "--batch", type=_whole(1), default=batch, help="windows a step and process (default %(default)s)"
+        "--batch", type=_whole(1), default=batch, help="windows per step and process (default %(default)s)"
     )
     parser.add_argument(
         "--lr", type=_above_zero, default=learning_rate, help="peak learning rate (default %(default)s)"
     )
-    parser.add_argument("--warmup", type=_whole(0), default=500, help="steps of rising rate (default %(default)s)")
+    parser.add_argument("--warmup", type=_whole(0), default=500, help="steps of warm-up (default %(default)s)")
     parser.add_argument("--minutes", type=_from_zero, default=0.0, help="stop, saved, after so many minutes; 0 = never")
     parser.add_argument(
         "--save-minutes", type=_from_zero, default=5.0, help="minutes between saves (default %(default)s)"
@@ -56,7 +56,7 @@ def add_loop_arguments(parser: argparse.ArgumentParser, steps: int, learning_rat
 
 
 def _whole(least: int) -> Callable[[str], int]:
-    """What reads a whole number of `least` at least."""
+    """A parser of whole numbers that are at least `least`."""
 
     def read(text: str) -> int:
         if not text.strip().lstrip("+-").isdecimal() or int(text) < least:
@@ -91,7 +91,7 @@ def _finite(text: str) -> float:
 
 
 def _device(text: str) -> str:
-    """A device that is there; one for each process where torchrun has started several."""
+    """A device that exists; with torchrun, one for each of its processes."""
     try:
         device = torch.device(text)
     except RuntimeError:
@@ -111,7 +111,7 @@ def _device(text: str) -> str:
 
 
 def loop_settings(arguments: argparse.Namespace) -> LoopSettings:
-    """The settings that parsed flags of `add_loop_arguments` ask for."""
+    """The settings from parsed flags of `add_loop_arguments`."""
     return LoopSettings(
         out=arguments.out,
         steps=arguments.steps,

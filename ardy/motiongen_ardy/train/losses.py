@@ -1,7 +1,7 @@
 """Losses of the paper (section 3.4, implementation details) and of kinematics, each a mean over valid entries.
 
-They are evaluated in float32 whatever precision the networks multiply in: half a per cent of a metre is more than the
-errors that they shall see.
+They are evaluated in float32, whatever precision the networks multiply in: half a per cent of a metre, the rounding
+error of bfloat16, is larger than the errors to be measured.
 """
 
 from __future__ import annotations
@@ -28,7 +28,7 @@ def smooth_l1(prediction: Tensor, target: Tensor, valid: Tensor) -> Tensor:
 
 
 def length(vectors: Tensor) -> Tensor:
-    """Euclidean norm (...) of (..., C), with a gradient at zero."""
+    """Euclidean norm (...) of (..., C), differentiable at zero."""
     return torch.linalg.vector_norm(vectors + 1e-8, dim=-1)
 
 
@@ -45,10 +45,11 @@ def skate(representation: Representation, features: Tensor, valid: Tensor) -> Te
 
 
 class Kinematics(NamedTuple):
-    """What the rotations and the root of features say, in world units.
+    """A pose in world units, from the rotations and the root of features.
 
     columns: (2, 3, B, T, J), the first two columns of the global rotation matrices; positions: (3, B, T, J) metres.
-    Components stand in front, so that arithmetic runs over long rows: behind, they would cost several times as much.
+    Components come first, so that arithmetic runs over long rows; as last dimension, they would cost several times
+    more.
     """
 
     columns: Tensor
@@ -72,19 +73,19 @@ def cross(first: Tensor, second: Tensor) -> Tensor:
 
 
 def distance(vectors: Tensor) -> Tensor:
-    """Length (...) of vectors (3, ...), with a gradient at zero."""
+    """Length (...) of vectors (3, ...), differentiable at zero."""
     return (dot(vectors, vectors) + 1e-12).sqrt()
 
 
 def unit(vectors: Tensor) -> Tensor:
-    """Vectors (3, ...) of length 1."""
+    """Vectors (3, ...) scaled to length 1."""
     return vectors / distance(vectors)
 
 
 def kinematics(representation: Representation, features: Tensor) -> Kinematics:
-    """Rotations and positions of features (B, T, D) in natural units, by their rotations and their root.
+    """Rotations and positions of features (B, T, D) in natural units, computed from their rotations and root.
 
-    The rotations' 6-D form is made orthonormal as `motiongen_ardy.core.rotation` makes it; positions add up bones.
+    The 6-D form is orthonormalised as in `motiongen_ardy.core.rotation`; positions are sums over bones.
     """
     skeleton = representation.skeleton
     given = _components(features[..., representation.rotation_block], 6)
@@ -100,7 +101,7 @@ def kinematics(representation: Representation, features: Tensor) -> Kinematics:
 
 
 def captured_kinematics(representation: Representation, features: Tensor) -> Kinematics:
-    """The same of captured features, whose rotations are orthonormal and whose positions are those of kinematics."""
+    """The same for captured features: orthonormal rotations, and positions that already agree with kinematics."""
     columns = _components(features[..., representation.rotation_block], 6).unflatten(0, (2, 3))
     return Kinematics(columns, _block_positions(representation, features))
 
@@ -111,7 +112,7 @@ def _components(block: Tensor, width: int) -> Tensor:
 
 
 def _block_positions(representation: Representation, features: Tensor) -> Tensor:
-    """World positions (3, B, T, J) that the position block of features (B, T, D) in natural units says."""
+    """World positions (3, B, T, J) from the position block of features (B, T, D) in natural units."""
     root = features[..., representation.root_position_block].movedim(-1, 0)[..., None]
     ground = torch.cat([root[:1], torch.zeros_like(root[:1]), root[2:]])
     others = _components(features[..., representation.position_block], 3) + ground
@@ -119,7 +120,7 @@ def _block_positions(representation: Representation, features: Tensor) -> Tensor
 
 
 def consistency(representation: Representation, features: Tensor, pose: Kinematics, valid: Tensor) -> Tensor:
-    """Mean distance (m) between joint positions as predicted and by kinematics; features (B, T, D) natural."""
+    """Mean distance (m) between joint positions as predicted and by kinematics; features (B, T, D), natural units."""
     apart = distance(pose.positions - _block_positions(representation, features))
     return masked_mean(apart[..., 1:], valid)
 
@@ -128,8 +129,8 @@ class KinematicErrors(NamedTuple):
     """How far a motion is from another by kinematics.
 
     joints: mean distance of joints (m); ends: of hands and feet (m); speed: of all joints' velocities (m/s);
-    planted: speed (m/s) of the foot joints where the true ones are in contact; turn: distance of the rotation
-    matrices' columns (unitless), which also sees a limb turned about itself.
+    planted: speed (m/s) of the foot joints where the true ones are in contact; turn: distance of the rotation matrices'
+    columns (unitless), which also detects a limb twisted about its own axis.
     """
 
     joints: Tensor
@@ -142,7 +143,7 @@ class KinematicErrors(NamedTuple):
 def kinematic_errors(
     representation: Representation, pose: Kinematics, true: Kinematics, contacts: Tensor, valid: Tensor
 ) -> KinematicErrors:
-    """Errors of a pose by kinematics. contacts: (B, T, 4) of the true motion; valid: (B, T) bool."""
+    """Errors of a pose by kinematics. contacts: (B, T, 4), of the true motion; valid: (B, T) bool."""
     skeleton = representation.skeleton
     apart = pose.positions - true.positions
     error = distance(apart)

@@ -1,4 +1,4 @@
-"""MovingAverage: the averaged weights, which are what is kept of a training."""
+"""MovingAverage: averages the weights; the average is what is kept of a training."""
 
 from __future__ import annotations
 
@@ -11,9 +11,9 @@ from torch import nn
 
 
 class MovingAverage:
-    """Exponential moving average of a module's weights, whose memory grows from nothing to 1 / (1 - decay) updates.
+    """Exponential moving average of a module's weights, whose span grows from nothing to 1 / (1 - decay) updates.
 
-    With a constant decay, the untrained weights would still weigh in after thousands of steps.
+    With a constant decay, the untrained weights would still count after thousands of steps.
     """
 
     def __init__(self, module: nn.Module, decay: float) -> None:
@@ -23,7 +23,7 @@ class MovingAverage:
 
     @torch.no_grad()
     def update(self, module: nn.Module, steps: int = 1) -> None:
-        """Move towards the module's present weights, as far as in so many single updates."""
+        """Move towards the module's current weights, by as much as `steps` single updates would."""
         share = 1 - torch.clamp((1 + self.count) / (10 + self.count), max=self.decay) ** steps
         averaged = list(self.module.parameters())
         moves = torch._foreach_sub([parameter.detach() for parameter in module.parameters()], averaged)

@@ -16,7 +16,7 @@ INNER_SCALE = 1.27  # makes a step of |m| = sqrt(v) as long as Adam's: 1.27 * at
 class AdamAtan2(Optimizer):
     """Adam with m / (sqrt(v) + eps) replaced by atan2(m, sqrt(v)), which needs no epsilon and is scale invariant.
 
-    The learning rate may be a tensor, which a captured step reads anew at every replay.
+    The learning rate may be a tensor, which a captured step reads at every replay.
     Everett et al. 2024, "Scaling exponents across parameterizations and optimizers", section 5.
     """
 
@@ -50,7 +50,7 @@ class AdamAtan2(Optimizer):
         gradients = [parameter.grad for parameter in parameters]
         means = [self.state[parameter]["mean"] for parameter in parameters]
         squares = [self.state[parameter]["square"] for parameter in parameters]
-        # A tensor on the device, so that a captured step counts on by itself.
+        # A tensor on the device, so that a captured step increments it by itself.
         step = group.setdefault("step", torch.zeros((), device=parameters[0].device))
         step.add_(1)
         torch._foreach_lerp_(means, gradients, 1 - beta_mean)
@@ -58,8 +58,8 @@ class AdamAtan2(Optimizer):
         torch._foreach_addcmul_(squares, gradients, gradients, 1 - beta_square)
         if decay:
             torch._foreach_mul_(parameters, 1 - learning_rate * decay)
-        # The corrections of both averages' bias, 1 - beta^step, as one factor: atan2 sees only the ratio.
-        # By expm1, which keeps its digits where the power rounds to almost 1.
+        # The bias corrections of both averages, 1 - beta^step, as one factor: atan2 depends only on the ratio. Computed
+        # with expm1, which keeps precision where the power is almost 1.
         unbiased = torch.expm1(step * math.log(beta_square)).neg().sqrt() / -torch.expm1(step * math.log(beta_mean))
         moves = torch._foreach_mul(means, unbiased)
         spread = torch._foreach_sqrt(squares)

@@ -1,4 +1,4 @@
-"""The processes of one training: the one that a command starts, or those that torchrun starts together."""
+"""The processes of one training: a single one, or those that torchrun starts together."""
 
 from __future__ import annotations
 
@@ -13,10 +13,10 @@ import torch.distributed
 
 @contextlib.contextmanager
 def distributed() -> Iterator[tuple[int, int]]:
-    """(rank, number of processes); joins the process group when started by torchrun.
+    """(rank, number of processes); joins the process group if started by torchrun.
 
-    One group serves all trainings of a process, and is left at its end: a second one would find the first one's
-    addresses in torchrun's store, and wait for them for ever.
+    One group serves all trainings of a process and is left at its end: a second group would find the first one's
+    addresses in torchrun's store, and wait for them forever.
     """
     if "RANK" not in os.environ:
         yield 0, 1

@@ -1,9 +1,9 @@
 """Make the prompt domain of a model: `python -m motiongen_ardy.train.prompt_domain DATA OUT`.
 
-Reads the captions of a training set, keeps those that stand for the rest, and sets the threshold between two lists of
-prompts that are no captions: what the model shall know, and what it shall not. Labels with few clips do not count:
-three jumps in four hours do not teach a model to jump. Nor do labels that the trained model was seen not to show
-(`--without`), however often the captures do.
+Reads the captions of a training set, keeps those that represent the rest, and sets the threshold between two lists of
+prompts that are not captions: those that the model should know, and those that it should not. Labels with few clips do
+not count: three jumps in four hours do not teach a model to jump. Nor do labels that the trained model was seen not to
+show (`--without`), however often the captures show them.
 """
 
 from __future__ import annotations
@@ -27,16 +27,16 @@ from motiongen_ardy.text.domain import DOMAIN_FILE, DomainError, best_threshold,
 from motiongen_ardy.text.encoder import TextWidthMismatch, UnknownTextEncoder
 
 MIN_CLIPS = 8
-MOST_KEPT = 700  # at 256 numbers a caption, 180 kB
+MOST_KEPT = 700  # at 256 numbers per caption, 180 kB
 CONFIGS = Path(str(resources.files("motiongen_ardy"))) / "train" / "configs"
 
 
 def known_captions(clips: Iterable[Clip], min_clips: int = MIN_CLIPS, without: Collection[str] = ()) -> list[str]:
-    """The captions of contents that min_clips captured clips or parts of them show, sorted, each once; contents in
-    `without` left out.
+    """The captions, sorted and unique, of contents that at least min_clips captured clips or segments show; contents in
+    `without` are left out.
 
-    Derived clips say the same actions two and three in a sentence, thousands of times; sentences of one action would
-    lie far from them.
+    Derived clips combine two or three actions in one caption, thousands of times; prompts with a single action would be
+    far from those.
     """
     counts: Counter[str] = Counter()
     captions: defaultdict[str, set[str]] = defaultdict(set)
@@ -51,7 +51,7 @@ def known_captions(clips: Iterable[Clip], min_clips: int = MIN_CLIPS, without: C
 
 
 def read_prompts(path: Path) -> list[str]:
-    """The lines of a list of prompts. Raises DomainError where it cannot be read or is empty."""
+    """The lines of a list of prompts. Raises DomainError if it cannot be read or is empty."""
     try:
         lines = [line.strip() for line in path.read_text(encoding="utf-8").splitlines()]
     except (OSError, UnicodeDecodeError) as error:
@@ -63,7 +63,7 @@ def read_prompts(path: Path) -> list[str]:
 
 
 def text_width(folder: Path) -> int | None:
-    """Numbers of a text's vector that a checkpoint folder's model takes, None for a folder that has no model yet.
+    """The width of the text vectors of a checkpoint folder's model; None for a folder without a model.
 
     Raises CheckpointError or ConfigError.
     """
@@ -76,17 +76,17 @@ def main(arguments: list[str] | None = None) -> int:
     parser = argparse.ArgumentParser(prog="python -m motiongen_ardy.train.prompt_domain", description=__doc__)
     parser.add_argument("data", type=Path, help="training set, as python -m motiongen_ardy.data build wrote it")
     parser.add_argument("out", type=Path, help=f"checkpoint folder to write {DOMAIN_FILE} to")
-    parser.add_argument("--text-encoder", default="static", help="the model's (default: %(default)s)")
-    parser.add_argument("--inside", type=Path, default=CONFIGS / "prompts-inside.txt", help="prompts it shall know")
-    parser.add_argument("--outside", type=Path, default=CONFIGS / "prompts-outside.txt", help="and shall not")
-    parser.add_argument("--min-clips", type=int, default=MIN_CLIPS, help="that show a label that counts")
-    parser.add_argument("--without", nargs="*", default=(), metavar="LABEL", help="that the model was seen not to show")
+    parser.add_argument("--text-encoder", default="static", help="the model's text encoder (default: %(default)s)")
+    parser.add_argument("--inside", type=Path, default=CONFIGS / "prompts-inside.txt", help="prompts it should know")
+    parser.add_argument("--outside", type=Path, default=CONFIGS / "prompts-outside.txt", help="those it should not")
+    parser.add_argument("--min-clips", type=int, default=MIN_CLIPS, help="clips that a label needs to count")
+    parser.add_argument("--without", nargs="*", default=(), metavar="LABEL", help="labels that the model fails to show")
     parser.add_argument("--most", type=int, default=MOST_KEPT, help="captions to keep (default: %(default)s)")
     options = parser.parse_args(arguments)
     try:
-        if not read_capabilities(options.out).knows:  # a domain alone would make the folder one that nothing reads
+        if not read_capabilities(options.out).knows:  # with a domain alone, nothing could read the folder
             raise CheckpointError(
-                f"{options.out} says nothing under knows in a {CAPABILITIES_FILE}, whose part this is"
+                f"{options.out} says nothing under knows in a {CAPABILITIES_FILE}, which a prompt domain needs"
             )
         clips = MotionDataset.load(options.data, "train").clips
         labels = {part.content for clip in clips for part in (clip, *clip.segments)}
@@ -104,7 +104,7 @@ def main(arguments: list[str] | None = None) -> int:
         print(f"error: {error}", file=sys.stderr)
         return 2
     print(f"{len(domain.directions)} of {len(captions)} captions kept; threshold {threshold:.3f}")
-    print(f"taken for outside: {alarms} of {len(inside)} inside; for inside: {misses} of {len(outside)} outside")
+    print(f"judged outside: {alarms} of {len(inside)} inside; judged inside: {misses} of {len(outside)} outside")
     return 0
 
 

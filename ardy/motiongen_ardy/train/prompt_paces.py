@@ -1,8 +1,8 @@
-"""Say how fast the motion of prompts goes: `python -m motiongen_ardy.train.prompt_paces DATA FOLDER`.
+"""Measure the usual speeds of prompts: `python -m motiongen_ardy.train.prompt_paces DATA FOLDER`.
 
-Reads how fast the captures of each caption go, keeps the captions that stand for the rest, and writes them beside the
-weights with the gaits of the folder's capabilities. What is told a window whose way contradicts its prompt follows from
-that (`motiongen_ardy.model.sampling.paces`).
+Measures how fast the captures of each caption move, keeps the captions that represent the rest, and writes them beside
+the weights, with the gaits of the folder's capabilities. They decide which text a window is given if its path
+contradicts its prompt (`motiongen_ardy.model.sampling.paces`).
 """
 
 from __future__ import annotations
@@ -29,7 +29,7 @@ from motiongen_ardy.text.domain import DomainError, best_threshold, spread_out
 from motiongen_ardy.text.encoder import TextWidthMismatch, UnknownTextEncoder
 from motiongen_ardy.train.prompt_domain import CONFIGS, MIN_CLIPS, known_captions, read_prompts, text_width
 
-MOST_KEPT = 400  # at 256 numbers of two bytes a caption, 200 kB
+MOST_KEPT = 400  # at 256 numbers of two bytes per caption, 200 kB
 MIN_FRAMES = 20
 USUAL = (0.05, 0.95)
 APART_M_S = 0.3
@@ -37,9 +37,9 @@ PROMPTS = ("prompts-inside.txt", "prompts-outside.txt")
 
 
 def caption_speeds(clips: Iterable[Clip], fps: float) -> dict[str, tuple[float, float]]:
-    """The 5th and the 95th percentile of the root's ground speed, in m/s, in the captures of each caption.
+    """The 5th and 95th percentile of the root's ground speed, in m/s, in the captures of each caption.
 
-    A clip's own captions count where no segment says something narrower; captions of less than a second do not.
+    A clip's own captions count where no segment has narrower ones; captions with less than a second do not count.
     """
     speeds: defaultdict[str, list[np.ndarray]] = defaultdict(list)
     for clip in clips:
@@ -67,7 +67,7 @@ def main(arguments: list[str] | None = None) -> int:
     parser = argparse.ArgumentParser(prog="python -m motiongen_ardy.train.prompt_paces", description=__doc__)
     parser.add_argument("data", type=Path, help="training set, as python -m motiongen_ardy.data build wrote it")
     parser.add_argument("folder", type=Path, help=f"checkpoint folder to write {PACES_FILE} to, with its capabilities")
-    parser.add_argument("--text-encoder", default="static", help="the model's (default: %(default)s)")
+    parser.add_argument("--text-encoder", default="static", help="the model's text encoder (default: %(default)s)")
     parser.add_argument("--most", type=int, default=MOST_KEPT, help="captions to keep (default: %(default)s)")
     options = parser.parse_args(arguments)
     try:
@@ -107,21 +107,21 @@ def main(arguments: list[str] | None = None) -> int:
     apart = (slow > speeds[:, 1] + APART_M_S) | (fast < speeds[:, 0] - APART_M_S)
     print(f"{len(kept)} of {len(captions)} captions kept; threshold {threshold:.3f}")
     print(
-        f"taken for unlike all captions: {alarms} of {len(near)} inside; for like one: {misses} of {len(far)} outside"
+        f"judged unlike all captions: {alarms} of {len(near)} inside; judged like one: {misses} of {len(far)} outside"
     )
     print(f"captions whose nearest kept one goes at another pace: {int(apart.sum())}")
     return 0
 
 
 def _of_groups(speeds: np.ndarray, group: np.ndarray, count: int) -> np.ndarray:
-    """The speeds (count, 2) of captions that stand for groups: those of all but the slowest and fastest of each."""
+    """The speeds (count, 2) of representative captions: those of their groups without the slowest and fastest tenth."""
     least, most = 2 * USUAL[0], 1 - 2 * USUAL[0]
     members = [speeds[group == number] for number in range(count)]
     return np.array([(np.quantile(one[:, 0], least), np.quantile(one[:, 1], most)) for one in members], np.float32)
 
 
 def _distances(paces: PromptPaces, vectors: np.ndarray) -> np.ndarray:
-    """One minus the cosine of each prompt (M, W) to the nearest caption, (M)."""
+    """(M): one minus the cosine of each prompt (M, W) to the nearest caption."""
     offsets = torch.nn.functional.normalize(torch.from_numpy(vectors), dim=1) - paces.mean
     cosines = torch.nn.functional.normalize(offsets, dim=1) @ paces.directions.T
     distances: np.ndarray = (1 - cosines.amax(dim=1)).numpy()

@@ -1,8 +1,8 @@
-"""What is trained: the sections of a training configuration, read from YAML and checked.
+"""The recipe of a training: the sections of a training configuration, read from YAML and checked.
 
-`tokenizer`, `denoiser` and `model` change fields of the configurations they are named after, `transformer` inside the
-first two the network's sizes, `patch` inside `tokenizer` the frames of a token; `loss` the weights of the loss; `files`
-names what is copied into the checkpoint.
+`tokenizer`, `denoiser` and `model` change fields of the configurations of those names; `transformer` within the first
+two changes the network's sizes, `patch` within `tokenizer` the frames per token; `loss` changes the weights of the
+loss; `files` names files to copy into the checkpoint.
 """
 
 from __future__ import annotations
@@ -36,8 +36,8 @@ MINI_DENOISER = DenoiserConfig(
 class Recipe:
     """Everything about a model that training decides.
 
-    horizon: frames that one window generates. files: (name in the checkpoint, file to copy there) of what stands beside
-    the weights, such as how the model wants to be sampled.
+    horizon: frames that one window generates. files: (name in the checkpoint, file to copy) of what accompanies the
+    weights, such as sampling options.
     """
 
     tokenizer: TokenizerConfig = MINI_TOKENIZER
@@ -49,10 +49,10 @@ class Recipe:
 
 
 def read_recipe(path: Path | None) -> Recipe:
-    """The recipe of a YAML file, of the built-in model where it says nothing (None: throughout).
+    """The recipe in a YAML file, completed by that of the built-in model (None: entirely).
 
-    Raises ConfigError for a file that is not such a mapping, for unknown keys and keys given twice, and for values that
-    cannot be built.
+    Raises ConfigError for a file that is not such a mapping, for unknown or duplicate keys, and for values with which
+    nothing can be built.
     """
     if path is None:
         return Recipe()
@@ -94,7 +94,7 @@ def _changed(base: Configuration, changes: Mapping[str, Any], where: str) -> Con
 
 
 def _files(given: Mapping[str, Any], folder: Path) -> tuple[tuple[str, Path], ...]:
-    """(name in the checkpoint, file) of each entry; files are looked for beside the recipe."""
+    """(name in the checkpoint, file) of each entry; files are looked for in the recipe's folder."""
     for name, source in given.items():
         plain = isinstance(name, str) and Path(name).name == name
         if not plain or not isinstance(source, str) or not (folder / source).is_file():

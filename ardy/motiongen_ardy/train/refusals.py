@@ -1,4 +1,4 @@
-"""What the commands of training answer with a message and exit code 2: input or a run that cannot be used."""
+"""The errors that training commands answer with a message and exit code 2: input or a run that cannot be used."""
 
 from motiongen_ardy.core.problems import Problems
 from motiongen_ardy.core.skeleton import UnknownSkeleton

@@ -1,4 +1,4 @@
-"""The folder of a training: the state that a run goes on from, and that one run at a time writes there."""
+"""The folder of a training: holds the state from which a run resumes, and is locked by one run at a time."""
 
 from __future__ import annotations
 
@@ -21,7 +21,7 @@ _ANEW = "give another run folder, or delete it to begin anew"
 
 
 class ResumeError(ValueError):
-    """Raised for a run folder whose training cannot go on with what is given; the message says what to do."""
+    """Raised for a run folder whose training cannot be resumed with what is given; the message says what to do."""
 
 
 class RunFolderError(ValueError):
@@ -30,10 +30,10 @@ class RunFolderError(ValueError):
 
 @contextlib.contextmanager
 def held(folder: Path, rank: int = 0) -> Iterator[None]:
-    """Hold a run folder, which is made if need be, against other trainings: two would each undo the other's saves.
+    """Lock a run folder, which is created if necessary, against other trainings, which would overwrite its saves.
 
-    Of processes that train together the first one holds it for all. A process that is killed holds nothing any more.
-    Raises RunFolderError where another training holds the folder, or where it cannot be made.
+    Of processes that train together, the first one locks it for all. The lock ends with its process, even if that is
+    killed. Raises RunFolderError if another training holds the folder, or if it cannot be created.
     """
     if rank:
         yield
@@ -55,24 +55,24 @@ def held(folder: Path, rank: int = 0) -> Iterator[None]:
 
 @contextlib.contextmanager
 def writing(folder: Path) -> Iterator[None]:
-    """While something is written to a run folder: a full disk and the like become RunFolderError."""
+    """Context for writing to a run folder: errors such as a full disk become RunFolderError."""
     try:
         yield
     except (OSError, SafetensorError) as error:
         raise RunFolderError(
-            f"{folder} cannot be written: {error}; what was saved before is kept: make room there, or mend what is"
-            " said, and give the same command again"
+            f"{folder} cannot be written: {error}; what was saved before is kept: make room there, or fix the"
+            " problem, and give the same command again"
         ) from error
 
 
 def write_state(folder: Path, state: Mapping[str, Any]) -> None:
-    """Write the state to go on from, whole or not at all. Raises OSError."""
+    """Write the state to resume from, completely or not at all. Raises OSError."""
     with written_whole(folder / STATE_FILE) as partial, partial.open("wb") as file:
         torch.save(dict(state), file)
 
 
 def read_state(folder: Path) -> dict[str, Any] | None:
-    """The state that a run left, None where there is none. Raises ResumeError for a file that is no state."""
+    """The state that a run left; None if there is none. Raises ResumeError for a file that is not a state."""
     path = folder / STATE_FILE
     if not path.exists():
         return None
@@ -86,9 +86,9 @@ def read_state(folder: Path) -> dict[str, Any] | None:
 
 
 def check_goes_on(folder: Path, state: Mapping[str, Any], fingerprint: str, terms: Mapping[str, str]) -> None:
-    """Raise ResumeError unless a state was made on what the training is to go on with.
+    """Raise ResumeError unless a state was made under the conditions of the training that is to resume from it.
 
-    States of before have no fingerprint or no terms; those are taken at their word.
+    Older states have no fingerprint or no terms; these are not checked.
     """
     path = folder / STATE_FILE
     if state.get("fingerprint", fingerprint) != fingerprint:
@@ -106,7 +106,7 @@ def check_goes_on(folder: Path, state: Mapping[str, Any], fingerprint: str, term
 
 @contextlib.contextmanager
 def loading(folder: Path) -> Iterator[None]:
-    """While a state is put into what is trained: one that does not fit becomes ResumeError."""
+    """Context for loading a state into what is trained: one that does not fit becomes ResumeError."""
     try:
         yield
     except (RuntimeError, ValueError, KeyError, TypeError, AttributeError) as error:
@@ -117,6 +117,6 @@ def loading(folder: Path) -> Iterator[None]:
 
 
 def _first_line(error: Exception) -> str:
-    """What an error says, in a line and without the places in the library's own code."""
+    """The message of an error in one line, without locations in the library's own code."""
     lines = [line.strip() for line in str(error).splitlines() if line.strip()]
     return " ".join(lines[:2])[:200].rstrip(".;") or type(error).__name__

@@ -26,7 +26,7 @@ def distill_static_text(model_folder: Path, out: Path, dimensions: int = DIMENSI
         quantize_to="int8",
         device="cpu",
     )
-    static.config["tokenizer_name"] = "sentence-transformers/all-MiniLM-L6-v2"  # not the folder it lay in here
+    static.config["tokenizer_name"] = "sentence-transformers/all-MiniLM-L6-v2"  # instead of the local folder
     static.save_pretrained(out)
 
 

@@ -1,8 +1,9 @@
 """Train the tokenizer: `python -m motiongen_ardy.train.tokenizer DATA OUT`.
 
-Reconstruction (smooth L1 on normalised features), foot skate (weight 0.01, as in the paper), consistency of positions
-with rotations, for a VAE the divergence of its latents from a unit normal, and kinematics: joints' positions and
-velocities, and rotations, of what is decoded, in world units. Positions alone would leave a thigh turned about itself.
+Losses: reconstruction (smooth L1 on normalised features), foot skate (weight 0.01, as in the paper), consistency of
+positions with rotations, for a VAE the divergence of its latents from a unit normal, and kinematics: joint positions,
+velocities and rotations of the decoded motion, in world units. Positions alone would permit a thigh twisted about its
+axis.
 """
 
 from __future__ import annotations
@@ -51,7 +52,7 @@ MIN_CROP_FRAMES = 12
 
 @dataclass(frozen=True)
 class Crop:
-    """A batch's shape: frames of every crop, and how often batches have it."""
+    """The shape of a batch: frames of every crop, and the chance that a batch has it."""
 
     frames: int
     chance: float
@@ -121,7 +122,7 @@ class TokenizerTask:
         self.module = TokenizerLoss(build_tokenizer(config, representation))
 
     def kinds(self, _progress: float) -> Sequence[tuple[Hashable, float]]:
-        """Crops of every length, all the time."""
+        """Crops of every length, throughout the training."""
         return [(crop, crop.chance) for crop in CROPS]
 
     def sample(self, kind: Hashable, generator: torch.Generator | None) -> tuple[Tensor, Tensor]:
@@ -132,7 +133,7 @@ class TokenizerTask:
         batch = max(1, self.batch * 64 // num_frames)
         clips = self.bank.draw_clips(batch, generator)
         length = self.bank.length[clips]
-        # Starting up to 16 frames before the last possible crop's end lets clips end inside a crop.
+        # The start range extends 16 frames beyond the last full crop, so that clips can end within a crop.
         room = (length - num_frames + 16).clamp(min=1)
         starts = (torch.rand(batch, generator=generator, device=device) * room).long()
         starts = torch.minimum(starts, length - MIN_CROP_FRAMES)
@@ -173,12 +174,12 @@ def train_tokenizer(
     """Train on a data set's clips and return the finished trainer; its folder holds the result."""
     with distributed() as (rank, num_processes), held(settings.out, rank):
         torch.manual_seed(settings.seed)
-        dataset.require(dataset.skeleton.name, round(dataset.fps))  # models count in whole frames a second
+        dataset.require(dataset.skeleton.name, round(dataset.fps))  # a model's frame rate is a whole number
         check_tokenizer_config(config, dataset.skeleton.name, int(dataset.fps))
         layout = natural_layout(dataset.skeleton, int(dataset.fps))
         bank = build_feature_bank(dataset, layout, device=device)
-        # A run that goes on keeps the statistics it began with: its weights know no others. They are written before the
-        # first weights are, so that a run that is killed at any time after that can go on.
+        # A resumed run keeps the statistics with which its weights were trained. They are written before the first
+        # weights, so that a run can be resumed whenever it is killed after that.
         if (settings.out / STATE_FILE).exists():
             stats = load_stats(settings.out / MOTION_STATS, dataset.skeleton.feature_dim + LOCAL_ROOT_WIDTH)
         else:

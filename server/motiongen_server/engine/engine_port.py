@@ -7,6 +7,16 @@ from typing import Protocol
 from motiongen_server.engine.types import Event, EventRefused, Outcome, Owner, Priority
 
 
+class ModelLost(RuntimeError):
+    """A model is not served although its engine process works. The message is for operators; told: the same for
+    clients, without the path of its files.
+    """
+
+    def __init__(self, message: str, told: str) -> None:
+        super().__init__(message)
+        self.told = told
+
+
 class EventSink(Protocol):
     """The part of an engine that streams use."""
 
@@ -40,7 +50,15 @@ class EnginePort(EventSink, Protocol):
 
     @property
     def failure(self) -> BaseException | None:
-        """The error that ended the engine, if one did."""
+        """Why the model is not served, if it should be; None again once it is served again.
+
+        ModelLost if the engines work, but what the model is loaded from has changed or cannot be loaded.
+        """
+        ...
+
+    @property
+    def num_engines(self) -> int:
+        """How many engines serve the model at this moment, each in a process of its own."""
         ...
 
     @property

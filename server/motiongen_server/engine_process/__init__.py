@@ -1,1 +1,1 @@
-"""Engine processes: what crosses between them and the gateway, and both ends of the way."""
+"""Engine processes, and the gateway's communication with them."""

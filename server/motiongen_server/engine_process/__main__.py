@@ -13,5 +13,5 @@ from motiongen_server.ops.memory import keep_freed_memory, use_one_arena
 if __name__ == "__main__":
     keep_freed_memory()
     use_one_arena()
-    # Not by the interpreter's own end: that takes seconds with torch loaded, and a failed engine's thread may run on.
+    # Not the interpreter's normal exit: with torch loaded it takes seconds, and a failed engine's thread may still run.
     os._exit(run(Path(sys.argv[1]), prepare))

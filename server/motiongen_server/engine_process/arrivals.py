@@ -1,4 +1,4 @@
-"""Arrivals: what comes to the engine on two ways, put back into an order that it can take."""
+"""Arrivals: restores an order that the engine can process for what arrives on two sockets."""
 
 from __future__ import annotations
 
@@ -7,27 +7,27 @@ from motiongen_server.engine_process.messages import CloseAhead, Events
 
 
 class Arrivals:
-    """A close may come ahead of events that were sent before it, and even of its session's Open.
+    """A Close may arrive before events that were sent earlier, and even before its session's Open.
 
-    Then the events that it has overtaken are left out (the gateway answers them when it hears that the session has
-    closed), and an Open that is still to come is followed by the close at once. The numbers of the events tell a
+    The events that it has overtaken are then dropped (the gateway answers them when it learns that the session has
+    closed), and an Open that arrives later is followed by the Close at once. The numbers of events distinguish a
     session from a later one with the same key.
     """
 
     def __init__(self) -> None:
-        self._seen = 0  # the number of the last event that came
-        self._early: dict[SessionKey, CloseAhead] = {}  # closes whose session has not come yet
-        self._void: dict[SessionKey, int] = {}  # events of the session up to this number are left out
+        self._seen = 0  # the number of the last event that arrived
+        self._early: dict[SessionKey, CloseAhead] = {}  # Closes whose session's Open has not arrived
+        self._void: dict[SessionKey, int] = {}  # events of the session up to this number are dropped
 
     def ahead(self, message: CloseAhead) -> list[Event]:
-        """What the engine is to take now that a close has come."""
+        """What to pass to the engine now that a Close has arrived."""
         if message.opened > self._seen:
             self._early[message.close.session] = message
             return []
         return self._end(message)
 
     def in_order(self, message: Events) -> list[Event]:
-        """What the engine is to take now that these events have come."""
+        """What to pass to the engine now that these events have arrived."""
         taken: list[Event] = []
         for number, event in enumerate(message.events, message.first_number):
             self._seen = number

@@ -1,4 +1,4 @@
-"""Bell: wakes a thread that waits for sockets, from any other thread."""
+"""Bell: wakes a thread that polls sockets, from any other thread."""
 
 from __future__ import annotations
 
@@ -18,18 +18,18 @@ class Bell:
         self._is_closed = False
 
     def fileno(self) -> int:
-        """The number to poll."""
+        """The descriptor to poll."""
         return self._reads
 
     def ring(self) -> None:
-        """From any thread. Costs next to nothing while the bell still rings."""
+        """Wake the thread. From any thread; costs next to nothing while the bell is still ringing."""
         with self._lock:
             if not self._is_rung and not self._is_closed:
                 self._is_rung = True
                 os.write(self._writes, b"\0")
 
     def quiet(self) -> None:
-        """What was rung for is about to be looked after."""
+        """Stop ringing; to be called before doing what it was rung for."""
         with self._lock:
             if self._is_rung:
                 self._is_rung = False

@@ -1,4 +1,4 @@
-"""Child: an engine process as its gateway holds it: started, seen to die, killed."""
+"""Child: the gateway's handle of an engine process: starts it, notices its death, kills it."""
 
 from __future__ import annotations
 
@@ -17,13 +17,13 @@ from motiongen_server.engine_process import signals
 _log = logging.getLogger(__name__)
 
 END_S = 5.0
-"""How long an engine process that has said its last may take to end."""
+"""How long an engine process may take to end after its last message."""
 KILL_S = 5.0
-"""How long one that was killed is waited for: what waits for a device or a disk in the kernel does not die yet."""
+"""How long to wait for a process that was killed: one that waits for a device or disk in the kernel lives on."""
 
 
 class Child(Protocol):
-    """A process that is given the folder of its gateway's sockets, and whose standard input ends with the gateway."""
+    """A process that gets the folder of its gateway's sockets, and whose standard input ends with the gateway."""
 
     @property
     def pid(self) -> int: ...
@@ -32,30 +32,30 @@ class Child(Protocol):
         """A descriptor that becomes readable when the process has died."""
 
     def kill(self) -> None:
-        """At once, from any thread."""
+        """Kill it at once. From any thread."""
 
     def ended(self, patience_s: float) -> str:
-        """How it ended, once it has died; that it has, where the system does not tell more in so long."""
+        """How it ended, in words, once it has died; without details if the system does not give them in that time."""
 
     def end(self, patience_s: float) -> str:
-        """Wait for its end, kill it where that does not come, and say how it ended.
+        """Wait for its end, kill it if it does not end, and say how it ended.
 
-        Nobody waits longer than `KILL_S` for one that has been killed.
+        Waits at most `KILL_S` after killing it.
         """
 
     def close(self) -> None:
-        """After `end`."""
+        """Close its descriptors, after `end`."""
 
 
 StartChild = Callable[[Path, Mapping[str, str]], Child]
-"""Starts a process, given a folder and what it finds in its environment besides. Raises OSError where it cannot."""
+"""Starts a process, given a folder and additional environment variables. Raises OSError if that fails."""
 
 
 class FreshChild:
-    """A `Child` of this process. It is started anew, not forked: a process in which gRPC runs must not be forked."""
+    """A `Child` started as a new program, since a process in which gRPC runs must not be forked."""
 
     def __init__(self, command: Sequence[str], folder: Path, environment: Mapping[str, str]) -> None:
-        """environment: what it finds besides this process's. Raises OSError where it cannot be started."""
+        """environment: variables in addition to this process's. Raises OSError if it cannot be started."""
         self._death, held_open = os.pipe()
         try:
             with signals.held_back():
@@ -94,7 +94,7 @@ class FreshChild:
         if self._process.stdin is not None:
             self._process.stdin.close()
         if code is None:
-            # Whenever it ends, its number is given back.
+            # Reaps it whenever it ends.
             threading.Thread(target=self._process.wait, name=f"reap-{self.pid}", daemon=True).start()
             return left_behind(self.pid)
         return how_it_ended(code)
@@ -110,7 +110,7 @@ class FreshChild:
 
 
 def how_it_ended(code: int | None) -> str:
-    """code: an exit code, or below 0 the number of a signal; None: not known."""
+    """How a process ended, in words. code: its exit code, or the negated number of a signal; None: unknown."""
     if code is None:
         return "has died"
     return f"killed by {_signal_name(-code)}" if code < 0 else f"ended with exit code {code}"
@@ -119,11 +119,11 @@ def how_it_ended(code: int | None) -> str:
 def _signal_name(number: int) -> str:
     try:
         return signal.Signals(number).name
-    except ValueError:  # one of those for real time, most of which have no name
+    except ValueError:  # a real-time signal, most of which have no name
         return f"signal {number}"
 
 
 def left_behind(pid: int) -> str:
-    """What is said of a process that was killed and has not died."""
+    """Log that a process was killed and has not died; returns that in words."""
     _log.error("process %d was killed and is still there after %g s: nobody waits for it any longer", pid, KILL_S)
     return f"was killed, but is still there: process {pid}"

@@ -1,8 +1,8 @@
-"""Values <-> bytes (msgpack), by the fields of their classes. Both ends are made from the type hints, nothing by hand.
+"""Values <-> bytes (msgpack), by the fields of their classes. Encoders and decoders are made from the type hints.
 
-A dataclass becomes the array of its fields, after its number in the union where there are several to choose from; an
-array becomes (type, shape, raw little-endian bytes); an enum its number. Types come from the hints alone, never from
-the bytes, so nothing can be made that the table does not name. `schema` is equal where both ends have the same table.
+A dataclass becomes the array of its fields, in a union preceded by its number there; an array becomes (type, shape, raw
+little-endian bytes); an enum becomes its number. Types come only from the hints, never from the bytes, so no object can
+be made that the table does not name. `schema` is equal if both ends have the same table.
 """
 
 from __future__ import annotations
@@ -36,20 +36,20 @@ _MAPPINGS = (dict, Mapping)
 
 
 class CodecError(ValueError):
-    """Bytes that are no message of the table, or a value that none of its types can hold."""
+    """Bytes that are not a message of the table, or a value that its field's type does not allow."""
 
 
 class Codec(Generic[Message]):
     """Encodes and decodes the messages of one union, with everything they hold."""
 
     def __init__(self, *messages: type[Message], writable: bool = True) -> None:
-        """writable: whether decoded arrays are copies that may be written to, or look into the message's bytes.
+        """writable: whether decoded arrays are writable copies, or views of the message's bytes.
 
-        Raises TypeError for a field whose type has no place in the table.
+        Raises TypeError for a field whose type the codec does not support.
         """
         table = _Table(_decode_array if writable else _view_array)
         self._encode, self._decode = table.union(messages)
-        # Kept, because a new buffer of a megabyte for each message costs more than what is put into it.
+        # Kept, because a new buffer of a megabyte for each message costs more than filling it.
         self._packer = msgpack.Packer(default=_pack_number)
         self._packing = threading.Lock()
         self.table = table.lines
@@ -68,8 +68,8 @@ class Codec(Generic[Message]):
         return packed
 
     def decode(self, data: bytes | memoryview) -> Message:
-        """Raises CodecError for anything that `encode` of the same schema did not make, or of one that fields with
-        defaults have since been added to, at the ends of its classes.
+        """Raises CodecError for anything that `encode` did not make with the same schema, or with an earlier one that
+        differs only in fields with defaults added since at the ends of classes.
         """
         try:
             message: Message = self._decode(msgpack.unpackb(data, use_list=False, strict_map_key=False))
@@ -79,12 +79,12 @@ class Codec(Generic[Message]):
 
 
 def sendable(text: str) -> str:
-    """A text as any message can hold it: what is no character, as in a file's name that is no UTF-8, is spelled out."""
+    """A text that any message can hold: what is not valid Unicode, as in some file names, is escaped."""
     return text.encode("utf-8", "backslashreplace").decode()
 
 
 def _pack_number(value: object) -> object:
-    """What msgpack does not know: numpy's numbers."""
+    """Converts numpy's numbers, which msgpack does not know."""
     if isinstance(value, np.generic):
         return value.item()
     raise TypeError(f"{type(value).__name__} has no place here")
@@ -102,11 +102,11 @@ def _view_array(value: Any) -> Any:
 
 
 def _decode_array(value: Any) -> Any:
-    return _view_array(value).copy()  # since torch takes no array that cannot be written to
+    return _view_array(value).copy()  # torch accepts only writable arrays
 
 
 class _Table:
-    """Converters by type. None stands for "as it is", so that a plain field costs nothing."""
+    """Converters by type. None stands for "unchanged", so that a plain field costs nothing."""
 
     def __init__(self, decode_array: Convert) -> None:
         self._decode_array = decode_array
@@ -114,7 +114,7 @@ class _Table:
         self._structs: dict[type, tuple[Convert, Convert]] = {}
 
     def of(self, hint: Any) -> tuple[Convert | None, Convert | None]:
-        """How a value of this type is encoded and decoded."""
+        """The encoder and the decoder of a type."""
         origin, arguments = typing.get_origin(hint), typing.get_args(hint)
         if hint in PLAIN:
             return None, None
@@ -128,7 +128,7 @@ class _Table:
             return self._mapping(arguments)
         if isinstance(hint, type) and issubclass(hint, Enum):
             self._note(hint, ", ".join(f"{member.name}={member.value}" for member in hint))
-            is_plain = issubclass(hint, int | str)  # msgpack takes it as it is
+            is_plain = issubclass(hint, int | str)  # msgpack packs it unchanged
             return None if is_plain else attrgetter("value"), hint._value2member_map_.__getitem__
         if isinstance(hint, type) and hasattr(hint, "_fields"):
             return self._named_tuple(hint)
@@ -202,13 +202,13 @@ class _Table:
 
 
 def _is_array(hint: Any) -> bool:
-    """Whether this is an `NDArray[...]`, which from numpy 2.5 on is an alias with its meaning in `__value__`."""
+    """Whether this is an `NDArray[...]`, which from numpy 2.5 on is a type alias with its type in `__value__`."""
     origin = typing.get_origin(hint)
     return np.ndarray in (origin, typing.get_origin(getattr(origin, "__value__", None)))
 
 
 def _spelled(hint: Any) -> str:
-    """A type's name, in the same words whatever the version of numpy, since servers read each other's records."""
+    """A type's name, the same for every version of numpy, since servers read each other's records."""
     if isinstance(hint, type) and not typing.get_args(hint):
         return hint.__name__
     return _ARRAY.sub(lambda found: _ARRAY_SPELLED.format(found["new"] or found["old"]), str(hint))
@@ -243,7 +243,7 @@ def _struct_decoder(kind: Callable[..., Any], decoders: list[Convert | None]) ->
     def decode(content: Any) -> Any:
         values = list(content)
         for index, convert in special:
-            if index < len(values):  # else it was written before there was this field
+            if index < len(values):  # else it was written before this field existed
                 values[index] = convert(values[index])
         return kind(*values)
 
@@ -251,7 +251,7 @@ def _struct_decoder(kind: Callable[..., Any], decoders: list[Convert | None]) ->
 
 
 def _fields_converter(converters: list[Convert | None]) -> Convert:
-    """Of a tuple of fixed length."""
+    """For a tuple of fixed length."""
     return lambda values: tuple(
         value if convert is None else convert(value) for value, convert in zip(values, converters, strict=True)
     )

@@ -1,4 +1,4 @@
-"""Connection: one engine process as the gateway talks to it, from its start to its end."""
+"""Connection: the gateway's connection to one engine process, from the start of the process to its end."""
 
 from __future__ import annotations
 
@@ -27,19 +27,23 @@ from motiongen_server.engine_process.messages import (
 from motiongen_server.engine_process.sockets import GatewayEnd, poller_of
 
 GREETING_S = 60.0
-"""How long an engine process may take to say its first word; it has only to import this package."""
+"""How long an engine process may take to send its first message; it only has to import this package."""
 CLOCK_TOLERANCE_S = 60.0
 LAST_READ_MS = 100
 TOLD_S = 0.5
-"""How long a system may take to tell how a process ended that has died: nothing waits for more than that."""
+"""How long to wait for the system to tell how a dead process ended."""
 
 
 class EngineLost(RuntimeError):
-    """The engine process ended, hung or said what is no message; the text says which."""
+    """The engine process ended, hung or sent an invalid message; the text says which."""
+
+
+class LoadFailed(EngineLost):
+    """The engine process continues, but failed to load a model for an unexpected reason."""
 
 
 class Stopped(Exception):
-    """Whoever waited has been asked to stop."""
+    """Raised by a wait when the gateway is asked to stop."""
 
 
 class Connection:
@@ -52,9 +56,9 @@ class Connection:
         is_stopping: Callable[[], bool],
         environment: Mapping[str, str] | None = None,
     ) -> None:
-        """Start the process. bell: ends every wait. environment: what the process finds besides this one's.
+        """Start the process. bell: ends every wait. environment: variables in addition to this process's.
 
-        Raises SettingError or OSError where that is impossible.
+        Raises SettingError or OSError if that is impossible.
         """
         self._end = GatewayEnd()
         try:
@@ -65,7 +69,7 @@ class Connection:
         self._bell = bell
         self._is_stopping = is_stopping
         self._has_died = False
-        self._has_left = False  # its sockets are gone; it may have died, of which its descriptor tells
+        self._has_left = False  # its sockets are closed; if it has died, its descriptor says so
         said: list[zmq.Socket[bytes] | int] = [self._end.back, bell.fileno(), self._child.fileno()]
         self._news = poller_of(said)
         self._news_or_room = poller_of(said, self._end.events)
@@ -74,10 +78,10 @@ class Connection:
     def pid(self) -> int:
         return self._child.pid
 
-    # ---- the beginning ----------------------------------------------------------------------------------------------
+    # ---- the handshake ----------------------------------------------------------------------------------------------
 
     def begin(self, message: Begin) -> None:
-        """Have it join. Raises EngineLost, or Stopped when asked to stop meanwhile."""
+        """Do the handshake. Raises EngineLost, or Stopped if asked to stop meanwhile."""
         greeting = self._await(GREETING, Greeting)
         if greeting.schema != SCHEMA:
             raise EngineLost(f"the engine process speaks schema {greeting.schema}, this one {SCHEMA}: mixed versions")
@@ -90,7 +94,7 @@ class Connection:
         self._end.seal()
 
     def _send_first(self, socket: zmq.Socket[bytes], message: Begin) -> None:
-        """Once it has connected there, which may be after its greeting came."""
+        """Send once it has connected to this socket, which may be after its greeting has arrived."""
         ends_at = time.monotonic() + GREETING_S
         connected_or_died = poller_of([self._bell.fileno(), self._child.fileno()], socket)
         while not socket.poll(0, zmq.POLLOUT):
@@ -108,7 +112,7 @@ class Connection:
             raise EngineLost(f"the engine process {what} within {GREETING_S:g} s")
 
     def _await(self, codec: Codec[Any], kind: type[Any]) -> Any:
-        """The next message, of this kind."""
+        """The next message, which must be of this kind."""
         ends_at = time.monotonic() + GREETING_S
         while (data := self._receive()) is None:
             self._check_patience(ends_at, f"said no {kind.__name__}")
@@ -125,34 +129,34 @@ class Connection:
             raise EngineLost(f"the engine process said {type(message).__name__} where {kind.__name__} was due")
         return message
 
-    # ---- what goes and what comes -----------------------------------------------------------------------------------
+    # ---- sending and receiving --------------------------------------------------------------------------------------
 
     @property
     def has_room(self) -> bool:
-        """Whether the engine process will take one more message of events."""
+        """Whether one more message of events can be sent."""
         return bool(self._end.events.poll(0, zmq.POLLOUT))
 
     def send(self, events: Events) -> None:
-        """While there is room. Where it has died nothing is sent, and `next_message` says so."""
+        """Send events, if `has_room`. If the process has died nothing is sent, and `next_message` raises EngineLost."""
         self._push(self._end.events, events)
 
     def send_ahead(self, message: ToEngine) -> None:
-        """Past the events that wait. Where it has died nothing is sent, and `next_message` says so."""
+        """Send a message that overtakes waiting events. If the process has died, as for `send`."""
         self._push(self._end.ahead, message)
 
     def _push(self, socket: zmq.Socket[bytes], message: ToEngine) -> None:
         try:
             socket.send(TO_ENGINE.encode(message), zmq.NOBLOCK)
-        except zmq.Again:  # there was room, so there is nobody; to wait would be to wait for ever
+        except zmq.Again:  # there was room, so the other side is gone; never wait for it
             self._has_left = True
 
     def wait(self, timeout_s: float, for_room: bool) -> None:
-        """Until it says something or dies, the bell rings, or (for_room) it takes events again."""
+        """Wait until it sends something or dies, the bell rings, or (for_room) events can be sent."""
         poller = self._news_or_room if for_room else self._news
         self._has_died = any(ready == self._child.fileno() for ready, _ in poller.poll(int(1000 * timeout_s)))
 
     def next_message(self) -> ToGateway | None:
-        """What it said next; None if there is nothing now. Raises EngineLost for what is no message, or its death."""
+        """Its next message; None if there is none now. Raises EngineLost if that is invalid, or the process died."""
         data = self._receive()
         if data is None and (self._has_died or self._has_left):
             data = self._receive(LAST_READ_MS)
@@ -178,7 +182,7 @@ class Connection:
         self._child.kill()
 
     def close(self, patience_s: float = 0.0) -> None:
-        """Make sure that the process is gone, after so many seconds at most, and drop what it has not taken."""
+        """End the process, killing it after `patience_s`, and drop what it has not received."""
         self._child.end(patience_s)
         self._child.close()
         self._end.close()

@@ -1,9 +1,9 @@
 """`python -m motiongen_server.engine_process.fork_server`: the process that engine processes are forked from.
 
-It has imported what they run and does nothing itself, so that they share the memory of that and start without it. It
-runs one thread and never computes: a lock that another thread held would stay locked in what is forked. Its standard
-input is a socket of packets from the gateway, each of which asks for one process. It ends with the gateway; and, once
-the gateway has closed the socket, with the last process.
+It imports what they need, so that they share that memory and start faster. It has one thread and never computes: a lock
+held by another thread would stay locked in forked processes. Its standard input is a packet socket from the gateway,
+each packet of which requests one process. It ends with the gateway or, once the gateway has closed the socket, with the
+last process.
 """
 
 from __future__ import annotations
@@ -26,27 +26,27 @@ _log = logging.getLogger(__name__)
 
 REQUEST_BYTES = 1 << 16
 REQUEST_FDS = 3
-"""Standard input of the process; what it holds open as long as it lives; where its number and its end are told."""
+"""The process's standard input; what it holds open while it lives; where its pid and how it ended are written."""
 NUMBER_BYTES = 8
-"""Of a process's number, and then of its exit code, below 0 of a signal. Signed, little endian."""
+"""Size of its pid, and then of its exit code or the negated number of a signal: signed, little endian."""
 
 RunEngine = Callable[[Path], int]
-"""What a forked process does, given the folder of its gateway's sockets. Returns its exit code."""
+"""What a forked process runs, given the folder of its gateway's sockets. Returns its exit code."""
 
 
 class ForkServer:
-    """Forks a process for each request, and tells how each of them ended."""
+    """Forks a process for each request, and reports how each of them ended."""
 
     def __init__(self, requests: socket.socket, run: RunEngine) -> None:
         self._requests = requests
         self._run = run
-        self._tells: dict[int, int] = {}  # by process, where its end is to be told
+        self._tells: dict[int, int] = {}  # by pid: where to report its end
         self._woken, self._wakes = os.pipe2(os.O_NONBLOCK | os.O_CLOEXEC)
 
     def serve(self) -> None:
-        """Until nobody will ask for another process, and all have ended."""
+        """Serve until no more requests can come and all processes have ended."""
         signal.set_wakeup_fd(self._wakes, warn_on_full_buffer=False)
-        signal.signal(signal.SIGCHLD, lambda *_: None)  # what is not handled at all does not wake
+        signal.signal(signal.SIGCHLD, lambda *_: None)  # a signal without a handler does not wake it
         news = select.poll()
         news.register(self._requests, select.POLLIN)
         news.register(self._woken, select.POLLIN)
@@ -60,14 +60,14 @@ class ForkServer:
                     news.unregister(self._requests)
 
     def _answer(self) -> bool:
-        """Take one request. False when there will be no more."""
+        """Take one request. False if there will be no more."""
         request, fds, _, _ = socket.recv_fds(self._requests, REQUEST_BYTES, REQUEST_FDS)
         if not request:
             return False
         lifeline_end, held_open, tells = fds
         try:
             pid = os.fork()
-        except OSError:  # the gateway hears of it when `tells` is closed
+        except OSError:  # the gateway notices when `tells` is closed
             _log.exception("no engine process can be forked")
             os.close(tells)
         else:
@@ -80,7 +80,7 @@ class ForkServer:
         return True
 
     def _become(self, request: dict[str, object], lifeline_end: int, tells: int) -> None:
-        """What a forked process does. It leaves here only by its end; `held_open` it never touches."""
+        """Run the forked process, and end it. `held_open` is never touched."""
         code = 1
         try:
             signal.set_wakeup_fd(-1)
@@ -96,11 +96,11 @@ class ForkServer:
         except BaseException:
             _log.exception("an engine process failed")
         finally:
-            # Not by the interpreter's own end: that takes seconds with torch loaded, and first returns into `serve`.
+            # Not the interpreter's normal exit: with torch loaded that takes seconds, and it would return to `serve`.
             os._exit(code)
 
     def _tell_ends(self) -> None:
-        """Say of those that have ended how they did."""
+        """Report how the processes that have ended did so."""
         with contextlib.suppress(BlockingIOError):
             os.read(self._woken, REQUEST_BYTES)
         while self._tells:
@@ -113,12 +113,12 @@ class ForkServer:
 
     @staticmethod
     def _tell(tells: int, number: int) -> None:
-        with contextlib.suppress(BrokenPipeError):  # the gateway does not want to know any more
+        with contextlib.suppress(BrokenPipeError):  # the gateway no longer listens
             os.write(tells, number.to_bytes(NUMBER_BYTES, "little", signed=True))
 
 
 def main() -> None:
-    """Import all that an engine process needs, then serve."""
+    """Import all that engine processes need, then serve."""
     signals.ignore()
 
     from motiongen_server.engine_process.main import run
@@ -129,9 +129,9 @@ def main() -> None:
     use_one_arena()
     import_libraries()
     gc.collect()
-    gc.freeze()  # looking for garbage writes into all objects, and what is written to is shared no more
+    gc.freeze()  # garbage collection writes to all objects, and memory that is written to is no longer shared
     give_back_freed_memory()
-    # Standard input itself becomes another one in every forked process.
+    # A duplicate, because forked processes replace standard input.
     requests = socket.socket(fileno=os.dup(sys.stdin.fileno()))
     ForkServer(requests, lambda folder: run(folder, prepare)).serve()
 

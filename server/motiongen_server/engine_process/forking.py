@@ -1,4 +1,4 @@
-"""ForkServerLink: what engine processes are forked from, as the gateway holds it; ForkedChild: one of those."""
+"""The gateway's side of forking engine processes: ForkServerLink for the fork server, ForkedChild for each process."""
 
 from __future__ import annotations
 
@@ -27,9 +27,9 @@ class ForkedChild:
     """A `Child` whose parent is a fork server."""
 
     def __init__(self, lifeline: int, death: int, told: int) -> None:
-        """Takes the gateway's ends of its three pipes, and waits until the fork server has told its number.
+        """Takes the gateway's ends of its three pipes, and waits until the fork server has reported its pid.
 
-        Raises ChildProcessError where that does not come.
+        Raises ChildProcessError if it does not.
         """
         self._lifeline, self._death, self._told = lifeline, death, told
         pid = _told_number(told, FORK_S)
@@ -47,7 +47,7 @@ class ForkedChild:
         return self._death
 
     def kill(self) -> None:
-        if not self._has_died(0.0):  # else its number may be another's by now
+        if not self._has_died(0.0):  # else its pid may belong to another process by now
             with contextlib.suppress(ProcessLookupError):
                 os.kill(self._pid, signal.SIGKILL)
 
@@ -58,7 +58,7 @@ class ForkedChild:
         if not self._has_died(patience_s):
             self.kill()
             if not self._has_died(KILL_S):
-                return left_behind(self._pid)  # its fork server waits for it
+                return left_behind(self._pid)  # the fork server reaps it
         code = self._code_within(KILL_S)
         return "ended after what it was forked from" if code is None else how_it_ended(code)
 
@@ -67,17 +67,17 @@ class ForkedChild:
             os.close(descriptor)
 
     def _code_within(self, patience_s: float) -> int | None:
-        if self._code is None:  # it is told once
+        if self._code is None:  # it is reported only once
             self._code = _told_number(self._told, patience_s)
         return self._code
 
     def _has_died(self, patience_s: float) -> bool:
-        """Waits for it so long."""
+        """Whether it has died, waiting for that up to `patience_s`."""
         return _can_be_read(self._death, patience_s)
 
 
 class ForkServerLink:
-    """The fork server is started with the first engine process, and anew where it was lost. From any thread."""
+    """Starts the fork server with the first engine process, and again if it was lost. From any thread."""
 
     def __init__(self, command: Sequence[str] = FORK_SERVER) -> None:
         self._command = command
@@ -89,11 +89,11 @@ class ForkServerLink:
 
     @property
     def pid(self) -> int | None:
-        """Of the fork server; None before there is one."""
+        """The fork server's pid; None before it was started."""
         return None if self._process is None else self._process.pid
 
     def start(self, folder: Path, environment: Mapping[str, str]) -> ForkedChild:
-        """A `StartChild`. Raises OSError where no process can be forked."""
+        """A `StartChild`. Raises OSError if no process can be forked."""
         request = json.dumps({"folder": str(folder), "environment": dict(environment)}).encode()
         (lifeline_end, lifeline), (death, held_open), (told, tells) = _pipes(3)
         theirs = [lifeline_end, held_open, tells]
@@ -117,13 +117,13 @@ class ForkServerLink:
         return child
 
     def _give_up(self, asked: subprocess.Popen[bytes] | None) -> None:
-        """Have one that answers no more make room for another; one that has not forked yet may still be importing."""
+        """Kill a fork server that no longer answers, unless it has never forked: then it may still be importing."""
         with self._lock:
             if self._has_forked and asked is not None and asked is self._process:
                 asked.kill()
 
     def _running(self) -> socket.socket:
-        """The way to a fork server that lives, or lived a moment ago."""
+        """The socket of a fork server that is running, or was a moment ago; starts one if there is none."""
         if self._is_stopped:
             raise ChildProcessError("the server is going away")
         if self._requests is not None and self._process is not None and self._process.poll() is None:
@@ -132,7 +132,7 @@ class ForkServerLink:
             self._requests.close()
         self._requests, theirs = socket.socketpair(socket.AF_UNIX, socket.SOCK_SEQPACKET)
         with theirs:
-            # One thread: more would wait in it for work that never comes, and would be missing in what is forked.
+            # One thread: others would only wait in it for work, and would be missing in forked processes.
             environment = {**os.environ, "OMP_NUM_THREADS": "1"}
             with signals.held_back():
                 self._process = subprocess.Popen(
@@ -141,7 +141,7 @@ class ForkServerLink:
         return self._requests
 
     def stop(self) -> None:
-        """Fork no more. What has been forked lives on; whoever waits for the first fork is told that there is none."""
+        """Fork no more. Forked processes continue; a wait for the first fork ends with an error."""
         with self._lock:
             self._is_stopped = True
             if self._requests is not None:
@@ -150,7 +150,7 @@ class ForkServerLink:
                 self._process.kill()
 
     def join(self, timeout_s: float) -> None:
-        """After `stop`: wait for its end, which comes after that of all that it has forked; else it is killed."""
+        """After `stop`: wait for its end, after that of all forked processes; kill it when the time is up."""
         if self._process is None:
             return
         try:
@@ -161,7 +161,7 @@ class ForkServerLink:
 
 
 def _pipes(count: int) -> list[tuple[int, int]]:
-    """Raises OSError where there are not so many to be had, and keeps none then."""
+    """Opens that many pipes. Raises OSError, and leaves none open, if it cannot."""
     made: list[tuple[int, int]] = []
     try:
         for _ in range(count):
@@ -174,7 +174,7 @@ def _pipes(count: int) -> list[tuple[int, int]]:
 
 
 def _told_number(told: int, patience_s: float) -> int | None:
-    """The next number from a fork server; None where none comes in time, or ever."""
+    """The next number from a fork server; None if none arrives in time, or none ever will."""
     if not _can_be_read(told, patience_s):
         return None
     data = os.read(told, NUMBER_BYTES)

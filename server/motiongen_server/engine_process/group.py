@@ -1,6 +1,6 @@
-"""EngineGroup: one model on all engine processes, as one engine. Sessions go to the one with the most room.
+"""EngineGroup: one model on all engine processes, as one engine. Sessions go to the one with the most free capacity.
 
-Of these that have cores of their own, that is; the others stand in for those that are lost.
+Spare engines, for which no cores are left, get sessions only while others are lost.
 """
 
 from __future__ import annotations
@@ -21,8 +21,8 @@ from motiongen_server.rpc.abilities import Abilities
 Member = tuple[EngineProcess, ModelLink]
 STALE_S = 5.0
 ASKED_STEPS = 20
-"""What is asked of engines that differs by less than one of so many steps is held to be equal: then the number of
-sessions decides.
+"""Engines count as equally asked if they differ by less than one of this many steps; then the number of sessions
+decides.
 """
 
 
@@ -36,8 +36,8 @@ class EngineGroup:
         admit_load: float = 1.0,
         num_at_work: int | None = None,
     ) -> None:
-        """max_sessions: open on all engine processes together, clips left out. admit_load: of each, up to which they
-        let sessions in. num_at_work: as many of those that are up, the first ones, are given sessions; None: all.
+        """max_sessions: open on all engine processes together, without clips. admit_load: the load up to which each
+        admits sessions. num_at_work: how many of those that are up, from the first on, get sessions; None: all.
         """
         self._members = tuple(members)
         self._num_at_work = num_at_work or len(self._members)
@@ -48,17 +48,17 @@ class EngineGroup:
 
     @property
     def facts(self) -> ModelFacts:
-        """Of the model; once it is loaded."""
+        """The model's facts, once it is loaded."""
         return self._members[0][1].ready.result().facts
 
     @property
     def licence(self) -> str:
-        """Of its weights; once it is loaded."""
+        """The licence of its weights, once it is loaded."""
         return self._members[0][1].ready.result().licence
 
     @property
     def abilities(self) -> Abilities:
-        """What it was trained for; once it is loaded."""
+        """What it was trained for, once it is loaded."""
         return self._members[0][1].ready.result().abilities
 
     @property
@@ -68,27 +68,32 @@ class EngineGroup:
 
     @property
     def heartbeat_at(self) -> float:
-        """When the engine that is best off last went round: one is enough to serve.
+        """The latest heartbeat of all its engines: one is enough to serve.
 
-        While all are started anew: too long ago to be ready, too lately for the server to be hung.
+        While all are being restarted: old enough for the server not to be ready, too recent for it to be hung.
         """
         beats = [link.heartbeat_at for _, link in self._members if link.is_up]
         return max(beats, default=time.monotonic() - STALE_S)
 
     @property
     def failure(self) -> BaseException | None:
-        """Why no engine process is left to serve it."""
-        failures = [process.failure for process, _ in self._members]
+        """Why no engine process can serve it any more; None if one can."""
+        failures = [process.failure or link.failure for process, link in self._members]
         return failures[0] if all(failures) else None
 
     @property
+    def num_engines(self) -> int:
+        """Engine processes that serve it at this moment."""
+        return sum(link.is_up for _, link in self._members)
+
+    @property
     def load(self) -> float:
-        """The share of all devices together that is spoken for, as their engines see it."""
+        """The share of all devices together that is committed, as their engines see it."""
         return sum(process.load for process, _ in self._members) / self._num_at_work
 
     @property
     def free_share(self) -> float:
-        """As in EnginePort: the mean over engine processes; one that is lost, or lets no NEAR in, has nothing left."""
+        """As in EnginePort: the mean over engine processes; one that is lost, or admits no NEAR, counts as 0."""
         if self._is_draining:
             return 0.0
         shares = [
@@ -100,7 +105,7 @@ class EngineGroup:
 
     @property
     def _at_work(self) -> Sequence[Member]:
-        """Those that sessions are given to by now."""
+        """The members that get sessions at present."""
         return [member for member in self._members if member[1].is_up][: self._num_at_work]
 
     @property
@@ -108,21 +113,21 @@ class EngineGroup:
         return sum(link.num_sessions - link.num_clips for _, link in self._members)
 
     def submit(self, event: Event) -> Outcome | None:
-        """Hand in an event. What is returned is a refusal; every other answer is delivered."""
+        """Pass an event to its engine. Returns a refusal; every other answer is delivered."""
         link = next((link for _, link in self._members if link.holds(event.session)), None)
         if link is None:
             if isinstance(event, Open):
                 return self._open(event)
-            # Of a session that has ended meanwhile: any engine knows what to answer.
+            # The session has ended meanwhile: any engine can answer that.
             link = next((link for _, link in self._members if link.is_up), None)
         if link is None:
             return refused_without_engine(event)
         return link.submit(event)
 
     def refusal_of(self, priority: Priority, denoise_steps: int, *, is_clip: bool = False) -> EventRefused | None:
-        """Why a session would not be let in, by what engines have last told; no place is held.
+        """Why a session would not be admitted, by what the engines last reported; no place is reserved.
 
-        They are not asked: on a busy machine their answer takes long, and asking keeps them from their work.
+        They are not asked: on a busy machine their answers take long, and asking keeps them from their work.
         """
         links = [link for _, link in self._at_work]
         if self._is_draining:
@@ -150,7 +155,7 @@ class EngineGroup:
             return refused_without_engine(event)
 
         def taken(member: Member) -> tuple[bool, int, int, int]:
-            # What an engine has told of is what it would refuse by; clips are let in wherever there is a place.
+            # An engine refuses by what it has reported; clips are admitted wherever there is a place.
             is_full = not spec.is_clip and member[1].refuses(spec.priority, spec.denoise_steps)
             return is_full, *_taken(*member, spec.is_clip)
 
@@ -158,23 +163,23 @@ class EngineGroup:
         return link.submit(event)
 
     def note_owner(self, owner: Owner) -> None:
-        """An owner may have this from now on, with the sessions that it has."""
+        """Tell the engines what an owner may have from now on, including for its open sessions."""
         for process, link in self._members:
-            if link.is_up:  # else it begins with none of its sessions
+            if link.is_up:  # else it will begin without any sessions of the owner
                 process.tell(OwnerChanged(link.slot, owner))
 
     def drain(self) -> None:
-        """Take no new sessions; those that are open are served on."""
+        """Admit no new sessions; open ones continue."""
         self._is_draining = True
 
     def stop(self) -> None:
-        """Finish the windows that run, close every session as DRAINED, and forget the model."""
+        """Finish the running windows, close every session as DRAINED, and unload the model."""
         self._is_draining = True
         for process, link in self._members:
             process.unload_model(link)
 
     def join(self, timeout_s: float | None = None) -> bool:
-        """Wait for the end. True if it has come."""
+        """Wait until it is unloaded everywhere. True if it is."""
         ends_at = None if timeout_s is None else time.monotonic() + timeout_s
         for _, link in self._members:
             link.ended.wait(None if ends_at is None else max(0.0, ends_at - time.monotonic()))
@@ -182,6 +187,6 @@ class EngineGroup:
 
 
 def _taken(process: EngineProcess, link: ModelLink, by_clips: bool) -> tuple[int, int, int]:
-    """How little room an engine process has. Clips are not asked for: they take what sessions leave."""
+    """How occupied an engine process is. Clips do not count towards `asked`: they use what sessions leave."""
     num_clips = link.num_clips if by_clips else 0
     return num_clips, round(ASKED_STEPS * process.asked), process.num_sessions

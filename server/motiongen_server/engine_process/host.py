@@ -1,4 +1,4 @@
-"""EngineHost: all models of an engine process. Reads what the gateway says, and loads models on the main thread."""
+"""EngineHost: all models of an engine process. Reads the gateway's messages, and loads models on the main thread."""
 
 from __future__ import annotations
 
@@ -11,6 +11,7 @@ from typing import Protocol
 import numpy as np
 import zmq
 
+from motiongen_server.engine.engine import Engine
 from motiongen_server.engine.types import Float32Array
 from motiongen_server.engine_process.bell import Bell
 from motiongen_server.engine_process.codec import CodecError, sendable
@@ -42,13 +43,13 @@ from motiongen_server.settings import SettingError
 _log = logging.getLogger(__name__)
 
 FREED_EVERY_S = 2.0
-"""How often it is looked whether memory is to be given back."""
+"""How often to check whether memory should be given back."""
 BLOCKED_MS = 10
-"""How often it is looked whether the gateway, or an engine, takes more again."""
+"""How often to check whether the gateway, or an engine, takes messages again."""
 
 
 class TextEncoder(Protocol):
-    """What encodes prompts here, on a thread of its own."""
+    """Encodes prompts in this process, on a thread of its own."""
 
     @property
     def identity(self) -> str: ...
@@ -57,14 +58,14 @@ class TextEncoder(Protocol):
 
 
 FreeUnused = Callable[[], None]
-"""Frees what is kept for the next windows only, when no session is open. On the main thread, in milliseconds."""
+"""Frees what is only kept for later windows, when no session is open. On the main thread; takes milliseconds."""
 LoadText = Callable[[int], TextEncoder]
 """Loads the configured text encoder for a width. Raises SettingError."""
 
 
 class EngineHost:
-    """Three kinds of threads: the main one loads (libraries that crash elsewhere crash there too, and never while the
-    process is being ended), one reads the sockets, and each model's engine has one.
+    """Has three kinds of threads: the main thread loads (libraries that crash elsewhere crash there too, and never
+    while the process is ending), one thread reads the sockets, and each model's engine has a thread.
     """
 
     def __init__(
@@ -76,12 +77,12 @@ class EngineHost:
         self._build = build
         self._load_text = load_text
         self._slots: dict[int, Slot] = {}
-        self._leaving: dict[int, Slot] = {}  # which say their last word
+        self._leaving: dict[int, Slot] = {}  # those that are sending their last message
         self._jobs: queue.SimpleQueue[Load | LoadEncoder | Slot | Stop | BaseException] = queue.SimpleQueue()
         self._texts: queue.SimpleQueue[EncodeTexts] = queue.SimpleQueue()
         self._bell = Bell()
         self._freed = FreedMemory()
-        wire.on_blocked = self._bell.ring  # the reader may be waiting for news, and they may not come
+        wire.on_blocked = self._bell.ring  # the reader must flush, and may be waiting for messages that do not come
         self._is_over = False
         self._is_stopping = False
         self._news = poller_of([end.ahead, self._bell.fileno(), end.events])
@@ -90,7 +91,7 @@ class EngineHost:
     # ---- the main thread --------------------------------------------------------------------------------------------
 
     def run(self) -> BaseException | None:
-        """Serve until the gateway says Stop. Returns what went wrong, if something did."""
+        """Serve until the gateway sends Stop. Returns what failed, if anything did."""
         reader = threading.Thread(target=self._read, name="reader", daemon=True)
         reader.start()
         failure = self._work()
@@ -122,7 +123,7 @@ class EngineHost:
                 self._load_encoder(job)
             elif isinstance(job, Slot):
                 job.join()
-                del job  # nobody holds its engine any more
+                del job  # the last reference to its engine
                 settle_again()
             else:
                 return None if isinstance(job, Stop) else job
@@ -130,32 +131,53 @@ class EngineHost:
     def _load(self, job: Load) -> None:
         outlet = Outlet(self._wire, job.slot)
         slot = Slot(job.slot, outlet.deliver)
+        built = self._built(job, slot, outlet)
+        if isinstance(built, Unloaded):
+            self._free_remains()
+            self._wire.say(built)
+            return
+        engine, ready = built
+        settle_again()  # before the engine has work
+        self._slots[job.slot] = slot
+        slot.start(engine, self._ended)
+        self._wire.send(ready)
+
+    def _built(self, job: Load, slot: Slot, outlet: Outlet) -> tuple[Engine, bytes] | Unloaded:
+        """An engine and its encoded Ready message, or why there is none."""
         try:
             built = self._build(job.source, outlet.deliver, outlet.observe, slot.inbox)
             ready = _encoded(Ready(job.slot, built.facts, built.licence, built.abilities, built.weights), built)
         except SettingError as error:
-            self._wire.say(Unloaded(job.slot, sendable(str(error)), is_setting=True))
+            return Unloaded(job.slot, sendable(str(error)), is_setting=True)
         except Exception as error:
             _log.exception("loading %r failed", job.source)
-            self._wire.say(Unloaded(job.slot, sendable(f"{type(error).__name__}: {error}")))
-        else:
-            settle_again()  # before anybody waits for the engine
-            self._slots[job.slot] = slot
-            slot.start(built.engine, self._ended)
-            self._wire.send(ready)
+            return Unloaded(job.slot, sendable(f"{type(error).__name__}: {error}"))
+        return built.engine, ready
 
     def _load_encoder(self, job: LoadEncoder) -> None:
-        try:
-            encoder = self._load_text(job.width)
-        except SettingError as error:
-            self._wire.say(EncoderReady("", 0, sendable(str(error))))
+        encoder = self._loaded_encoder(job)
+        if isinstance(encoder, EncoderReady):
+            self._free_remains()
+            self._wire.say(encoder)
             return
-        except Exception as error:  # as where memory runs out: models are served on, and so are prompts that are known
-            _log.exception("loading the text encoder failed")
-            self._wire.say(EncoderReady("", 0, sendable(f"{type(error).__name__}: {error}")))
-            return
-        self._wire.say(EncoderReady(encoder.identity, job.width, ""))  # before any vector: whose it is
+        self._wire.say(EncoderReady(encoder.identity, job.width, ""))  # before any vectors: their encoder
         threading.Thread(target=self._encode, args=(encoder,), name="text", daemon=True).start()
+
+    def _loaded_encoder(self, job: LoadEncoder) -> TextEncoder | EncoderReady:
+        """The encoder, or why there is none."""
+        try:
+            return self._load_text(job.width)
+        except SettingError as error:
+            return EncoderReady("", 0, sendable(str(error)))
+        except Exception as error:  # such as no memory: models, and prompts that are known, are still served
+            _log.exception("loading the text encoder failed")
+            return EncoderReady("", 0, sendable(f"{type(error).__name__}: {error}"))
+
+    @staticmethod
+    def _free_remains() -> None:
+        """Free what could not be loaded: a whole model, in cycles. The next may be loaded before an idle moment."""
+        free_garbage()
+        give_back_freed_memory()
 
     # ---- the encoder's thread ---------------------------------------------------------------------------------------
 
@@ -172,20 +194,20 @@ class EngineHost:
     # ---- an engine's thread -----------------------------------------------------------------------------------------
 
     def _ended(self, slot: Slot, failure: BaseException | None) -> None:
-        self._leaving[slot.number] = slot  # until it has spoken: what it speaks with is closed at the end
+        self._leaving[slot.number] = slot  # until its last message is sent: the sockets are closed only after that
         del self._slots[slot.number]
         if failure is not None:
             self._fail(failure)
         else:
             if not self._is_stopping:
-                # Its engine is held here: what is settled now would be kept. Before anybody asks for the next load.
+                # Settled later, since this thread still holds the engine; queued before the gateway can ask for a load.
                 self._jobs.put(slot)
             self._wire.say(Unloaded(slot.number))
         del self._leaving[slot.number]
 
     def _fail(self, error: BaseException) -> None:
-        """End the process. The gateway is told at once: the main thread may be loading a model for minutes yet, and
-        until then nobody would be answered.
+        """End the process. The gateway is told at once: the main thread may be loading a model for minutes, and no
+        client would be answered until then.
         """
         self._jobs.put(error)
         if not self._is_stopping:
@@ -197,7 +219,7 @@ class EngineHost:
         try:
             while not self._is_over:
                 self._wire.flush()
-                # While the gateway does not read, only what goes ahead is taken: what waits on all ways stays bounded.
+                # While the gateway does not read, only urgent messages are taken, so that all queues stay bounded.
                 is_blocked = self._is_blocked
                 (self._ahead if is_blocked else self._news).poll(BLOCKED_MS if is_blocked else None)
                 self._bell.quiet()
@@ -227,7 +249,7 @@ class EngineHost:
                 if slot.number != message.slot:
                     slot.note_steps_elsewhere(message.taken)
         elif isinstance(message, OwnerChanged):
-            if (slot := self._slots.get(message.slot)) is not None:  # else nobody of that owner is there
+            if (slot := self._slots.get(message.slot)) is not None:  # else it has no sessions of that owner
                 slot.note_owner(message.owner)
         elif isinstance(message, EncodeTexts):
             self._texts.put(message)
@@ -241,7 +263,7 @@ class EngineHost:
 
     def _pass_on(self, message: Events | CloseAhead) -> None:
         slot = self._slots.get(message.slot)
-        if slot is not None:  # else it crossed the slot's end, of which the gateway is told
+        if slot is not None:  # else the slot has ended, and the gateway is being told
             slot.take(message)
 
     @staticmethod
@@ -259,7 +281,7 @@ def ended_by(error: BaseException | None) -> Ended:
 
 
 def _encoded(ready: Ready, built: Built) -> bytes:
-    """What the gateway is told of a model. Raises SettingError where a folder says of it what is no text."""
+    """Encode a Ready message. Raises SettingError if text from the model's folder is not valid Unicode."""
     try:
         return TO_GATEWAY.encode(ready)
     except CodecError as error:

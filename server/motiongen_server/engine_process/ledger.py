@@ -1,4 +1,4 @@
-"""Ledger: what the gateway knows of every session in the engine process, so that none is left without an answer."""
+"""Ledger: what the gateway knows of each session in an engine process, so that every event gets an answer."""
 
 from __future__ import annotations
 
@@ -29,11 +29,11 @@ RETRY_AFTER_S = 2.0
 
 @dataclass(slots=True)
 class Entry:
-    """One session, from the Open that was submitted to the Closed that came back.
+    """One session, from its submitted Open to the Closed that came back.
 
-    unanswered: event_seqs without an Outcome, oldest first; unsent: those of them that still wait to be sent;
-    held_back: those that are not sent, because the session is closing. opened, last: the numbers, on the way to the
-    engine, of its Open and of its last event, 0 while they have not been sent. close: submitted, and to be sent ahead.
+    unanswered: event_seqs without an Outcome, oldest first. unsent: those of them that still wait to be sent.
+    held_back: those that are not sent because the session is closing. opened, last: the numbers, as sent to the engine,
+    of its Open and its last event; 0 until they are sent. close: its Close, once submitted, which is sent ahead.
     """
 
     open_seq: int
@@ -50,10 +50,10 @@ class Entry:
 
 @dataclass(slots=True)
 class Late:
-    """What the engine will yet say of a session that it has refused or ended: all of it has been answered here.
+    """Answers that the engine will still give for a session that it refused or ended; all were already given here.
 
-    seqs: of events that were sent. close_seq: of its Close, where that was: with the answer to it all has come, since
-    the engine leaves out what the Close has overtaken. 0 where none was sent.
+    seqs: of events that were sent. close_seq: that of its Close, 0 if none was sent. After the answer to the Close no
+    more will come, since the engine drops the events that the Close has overtaken.
     """
 
     seqs: set[int]
@@ -61,16 +61,16 @@ class Late:
 
 
 class Ledger:
-    """The sessions of one engine process. Not thread-safe: its owner holds a lock."""
+    """The sessions of one model on an engine process. Not thread-safe: its owner holds a lock."""
 
     def __init__(self) -> None:
         self._entries: dict[SessionKey, Entry] = {}
         self._closing: dict[SessionKey, Close] = {}
-        self._answered: set[tuple[SessionKey, int]] = set()  # here, before they were sent
-        self._late: dict[SessionKey, deque[Late]] = {}  # of one name, in the order in which the engine comes to them
+        self._answered: set[tuple[SessionKey, int]] = set()  # answered here before they were sent
+        self._late: dict[SessionKey, deque[Late]] = {}  # sessions of the same key, in the engine's order
         self._number = 0
         self.num_clips = 0
-        self._new: set[SessionKey] = set()  # and still here
+        self._new: set[SessionKey] = set()  # opened since `mark`, and still open
 
     def __contains__(self, session: SessionKey) -> bool:
         """Whether a session is open, or about to be."""
@@ -81,22 +81,22 @@ class Ledger:
 
     @property
     def num_played(self) -> int:
-        """Sessions that are open, or about to be; clips left out."""
+        """Sessions that are open, or about to be, without clips."""
         return len(self._entries) - self.num_clips
 
     @property
     def num_new(self) -> int:
-        """Those of them that were opened since `mark`."""
+        """How many of `num_played` were opened since `mark`."""
         return len(self._new)
 
     def mark(self) -> None:
-        """From now on sessions that are opened are new."""
+        """Count sessions as new that are opened from now on."""
         self._new.clear()
 
     # ---- on the way to the engine -----------------------------------------------------------------------------------
 
     def note(self, event: Event) -> None:
-        """An event has been taken in. The engine answers those of sessions that are not known here by itself."""
+        """Note an accepted event. Events of sessions that are unknown here are answered by the engine."""
         entry = self._entries.get(event.session)
         if entry is None:
             if isinstance(event, Open):
@@ -113,13 +113,13 @@ class Ledger:
             entry.unsent.add(event.event_seq)
 
     def goes_ahead(self, event: Event) -> bool:
-        """Whether an event is a Close of a known session, which does not wait behind other events."""
+        """Whether an event is a Close of a known session, which overtakes waiting events."""
         return isinstance(event, Close) and event.session in self._entries
 
     def number(self, events: Iterable[Event]) -> tuple[int, list[Event]]:
         """The number of the first of these events, and those that are to be sent.
 
-        Of a session that is closing, only the Open still goes; its Closed answers the rest.
+        For a session that is closing only the Open is sent; the rest is answered with its Closed.
         """
         sent: list[Event] = []
         first = self._number + 1
@@ -128,7 +128,7 @@ class Ledger:
             if (event.session, event.event_seq) in self._answered:
                 self._answered.remove((event.session, event.event_seq))
                 continue
-            # What comes before a session's Open is of an earlier one of its name, as a Playhead that waited is.
+            # An event before the session's Open belongs to an earlier session of the same key, such as a late Playhead.
             if entry is not None and (entry.opened or isinstance(event, Open)):
                 entry.unsent.discard(event.event_seq)
                 if entry.close is not None and entry.opened:
@@ -143,14 +143,14 @@ class Ledger:
         return first, sent
 
     def take_closes(self) -> list[tuple[Close, int, int]]:
-        """Closes that can be sent, each with the numbers of its session's Open and last event."""
+        """Remove and return the Closes that can be sent, each with the numbers of its session's Open and last event."""
         ready = [key for key in self._closing if self._entries[key].opened]
         return [(self._closing.pop(key), self._entries[key].opened, self._entries[key].last) for key in ready]
 
     # ---- on the way back --------------------------------------------------------------------------------------------
 
     def settle(self, outputs: Sequence[Output]) -> list[Output]:
-        """Enter what the engine has delivered, and answer before its session's end what a close has overtaken."""
+        """Note the engine's outputs. Before each session's end, insert the answers to events that a Close overtook."""
         settled: list[Output] = []
         for output in outputs:
             if self._late and isinstance(output, Outcome) and self._is_late(output):
@@ -163,7 +163,7 @@ class Ledger:
                 entry.num_frames += len(output.rows)
             elif isinstance(output, Opened):
                 entry.is_open = True
-                self._late.pop(output.session, None)  # the engine has come to all that was before it
+                self._late.pop(output.session, None)  # the engine has processed all that came before it
                 entry.unanswered.pop(entry.open_seq, None)
             elif isinstance(output, Closed):
                 if not self._is_asked_for(output, entry):
@@ -178,13 +178,14 @@ class Ledger:
         return settled
 
     def _is_asked_for(self, closed: Closed, entry: Entry) -> bool:
-        """Whether this is what the session's Close has brought about: then the engine leaves out what comes behind."""
+        """Whether the session's Close caused this: then the engine drops the events after it."""
         return entry.close is not None and closed.session not in self._closing and closed.reason is entry.close.reason
 
     def _refuse(self, key: SessionKey, entry: Entry) -> list[Output]:
-        """The engine has refused an Open, and will refuse what has been sent after it: the answers to all else.
+        """The engine has refused an Open, and will refuse what was sent after it: returns the answers to all of that.
 
-        At once: the name may be used again before the engine comes to these, and they are not of the next session.
+        They are given at once: the key may be used again before the engine processes these events, which do not belong
+        to the next session.
         """
         close_seqs = () if entry.close is None else (entry.close.event_seq,)
         self._expect_late(key, entry)
@@ -192,7 +193,7 @@ class Ledger:
         return self._overtaken(key, entry) + self._cancelled(key, close_seqs)
 
     def _expect_late(self, key: SessionKey, entry: Entry) -> None:
-        """Events of a session that has gone are on their way, and the engine will refuse them."""
+        """Remember the events of an ended session that are on their way, and that the engine will refuse."""
         never_sent = entry.unsent.union(entry.held_back)
         seqs = {seq for seq in entry.unanswered if seq not in never_sent}
         close_seq = 0 if entry.close is None or key in self._closing else entry.close.event_seq
@@ -202,7 +203,7 @@ class Ledger:
             self._late.setdefault(key, deque()).append(Late(seqs, close_seq))
 
     def _is_late(self, answer: Outcome) -> bool:
-        """Whether this has been answered here already. The engine answers events of a name in the order they came."""
+        """Whether this was already answered here. The engine answers events of a key in the order of their arrival."""
         sessions = self._late.get(answer.session)
         if sessions is None or answer.event_seq not in sessions[0].seqs:
             return False
@@ -215,7 +216,7 @@ class Ledger:
         return True
 
     def _overtaken(self, key: SessionKey, entry: Entry) -> list[Output]:
-        """The answers to what a close has overtaken; what of it still waits to be sent will not be."""
+        """The answers to events that a Close has overtaken; those that still wait are never sent."""
         self._answered |= {(key, seq) for seq in entry.unsent}
         return self._cancelled(key, entry.unanswered)
 
@@ -229,7 +230,7 @@ class Ledger:
         return [session_closed().outcome(key, seq) for seq in event_seqs]
 
     def end_all(self, reason: CloseReason, message: str) -> list[Output]:
-        """The engine process is gone: an end for every session, and an answer for everything that waits for one."""
+        """The engine process is gone: returns an end for every session, and an answer to everything unanswered."""
         outputs: list[Output] = []
         for key, entry in self._entries.items():
             entry.unanswered.pop(entry.open_seq, None)
@@ -256,7 +257,7 @@ def engine_restarting() -> EventRefused:
 
 
 def no_room(priority: Priority, steps: int, retry_after_s: float) -> EventRefused:
-    """The answer to an Open that no engine lets in, as they last told."""
+    """The answer to an Open that no engine would admit, by what they last reported."""
     asked = f"class {priority.name} with {steps} denoising steps"
     given = f"the machine has no room for another session of {asked}; try again later, or ask for fewer steps"
     allowed = "a session for which there is room, one of a more urgent class, or another server"

@@ -1,4 +1,4 @@
-"""The engine process, from its greeting to its end."""
+"""Runs an engine process, from its greeting to its end."""
 
 from __future__ import annotations
 
@@ -28,7 +28,7 @@ GATEWAY_GONE = 3
 """The exit code of an engine process that has lost its gateway."""
 
 Prepare = Callable[[Begin], tuple[BuildEngine, LoadText, FreeUnused]]
-"""What an engine process loads models and a text encoder with, and frees what they keep."""
+"""Returns what loads models and a text encoder in an engine process, and what frees memory that they keep."""
 
 
 def run(folder: Path, prepare: Prepare) -> int:
@@ -63,7 +63,7 @@ def _begun(socket: zmq.Socket[bytes]) -> Begin:
 
 
 def _end_with_gateway() -> None:
-    """Standard input is held open by the gateway and nobody else; it ends when the gateway does, however that ends."""
+    """Only the gateway holds standard input open, so it ends when the gateway does, for whatever reason."""
     while os.read(sys.stdin.fileno(), 1):
         pass
     os._exit(GATEWAY_GONE)

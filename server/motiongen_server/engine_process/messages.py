@@ -1,7 +1,7 @@
-"""What crosses between gateway and engine process: every message, and the two codecs, one for each direction.
+"""The messages between gateway and engine process, and their two codecs, one for each direction.
 
-A model that an engine process holds is known by the number of its slot. Times are seconds of the machine's monotonic
-clock, which both processes read; `clock_at` proves it at the start.
+A model that an engine process holds is identified by the number of its slot. Times are seconds of the machine's
+monotonic clock, which both processes read; `clock_at` verifies that at the start.
 """
 
 from __future__ import annotations
@@ -28,10 +28,10 @@ class Greeting:
 
 @dataclass(frozen=True, slots=True)
 class Begin:
-    """The first message on each of the two ways in.
+    """The first message on each of the two sockets to the engine process.
 
-    kind: of the device, cpu or cuda; threads: on the processor. engines: processes on devices of this kind, but for
-    spare ones.
+    kind: of the device, cpu or cuda. threads: on the CPU. engines: the number of engine processes on devices of this
+    kind, without spare ones.
     """
 
     config: ServerConfig
@@ -42,7 +42,7 @@ class Begin:
 
 @dataclass(frozen=True, slots=True)
 class Load:
-    """Load a model into a new slot; answered with Ready or Unloaded. It goes ahead."""
+    """Load a model into a new slot; answered with Ready or Unloaded. It is sent ahead of events."""
 
     slot: int
     source: str
@@ -50,14 +50,14 @@ class Load:
 
 @dataclass(frozen=True, slots=True)
 class Unload:
-    """Finish the windows of a slot that run, close its sessions as DRAINED, and forget it; answered with Unloaded."""
+    """Finish the slot's running windows, close its sessions as DRAINED, and free it; answered with Unloaded."""
 
     slot: int
 
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Events:
-    """Events of a slot in order. They are numbered from its first one; this is the number of the first here."""
+    """Events of a slot, in order. They are numbered from 1 in each slot; first_number: that of the first one here."""
 
     slot: int
     first_number: int
@@ -66,7 +66,7 @@ class Events:
 
 @dataclass(frozen=True, slots=True)
 class CloseAhead:
-    """End a session ahead of the events that still wait: its Open is number `opened`, its last event number `last`."""
+    """End a session ahead of waiting events. opened, last: the numbers of the session's Open and of its last event."""
 
     slot: int
     close: Close
@@ -83,7 +83,7 @@ class LoadEncoder:
 
 @dataclass(frozen=True, slots=True)
 class EncodeTexts:
-    """Answered with Encoded of the same number."""
+    """Encode prompts; answered with Encoded of the same number."""
 
     number: int
     texts: tuple[str, ...]
@@ -91,7 +91,7 @@ class EncodeTexts:
 
 @dataclass(frozen=True, slots=True)
 class StepsElsewhere:
-    """What engines but that of a slot did for owners with a quota. slot: 0 where it is of another engine process."""
+    """The steps that another engine did for owners with a quota. slot: that engine's; 0: of another engine process."""
 
     slot: int
     taken: StepsOf
@@ -99,7 +99,7 @@ class StepsElsewhere:
 
 @dataclass(frozen=True, slots=True)
 class OwnerChanged:
-    """What the owner of that name may have from now on, its sessions that are open too."""
+    """What an owner may have from now on, including for its open sessions."""
 
     slot: int
     owner: Owner
@@ -115,14 +115,14 @@ class Stop:
 
 @dataclass(frozen=True, slots=True)
 class Joined:
-    """All ways are connected."""
+    """All sockets are connected."""
 
 
 @dataclass(frozen=True, slots=True)
 class Ready:
     """The model of a slot is loaded, warm, and takes events. abilities: what it was trained for.
 
-    weights: a short name of them, another for others.
+    weights: a short name that differs for other weights.
     """
 
     slot: int
@@ -134,7 +134,7 @@ class Ready:
 
 @dataclass(frozen=True, slots=True)
 class Unloaded:
-    """The last message of a slot. error: why its model could not be loaded; is_setting: the settings are at fault."""
+    """The last message of a slot. error: why its model could not be loaded. is_setting: a setting is the cause."""
 
     slot: int
     error: str = ""
@@ -143,7 +143,7 @@ class Unloaded:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Outputs:
-    """What the engine of a slot delivered at once, in order."""
+    """What the engine of a slot delivered in one call, in order."""
 
     slot: int
     outputs: tuple[Output, ...]
@@ -151,7 +151,7 @@ class Outputs:
 
 @dataclass(frozen=True, slots=True)
 class Pulse:
-    """The loop of a slot's engine goes round: when it last did, and what the steps since the last Pulse did."""
+    """A slot's engine is alive. heartbeat_at: when its loop last ran. reports: on the steps since the last Pulse."""
 
     slot: int
     heartbeat_at: float
@@ -160,7 +160,7 @@ class Pulse:
 
 @dataclass(frozen=True, slots=True)
 class EncoderReady:
-    """The text encoder is loaded, or not: then error says why."""
+    """The text encoder is loaded; if not, error says why."""
 
     identity: str
     width: int
@@ -169,7 +169,7 @@ class EncoderReady:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Encoded:
-    """vectors: (texts, width), one of no rows where encoding failed, and then error says why."""
+    """vectors: (texts, width); without rows if encoding failed, and then error says why."""
 
     number: int
     vectors: Float32Array
@@ -178,7 +178,7 @@ class Encoded:
 
 @dataclass(frozen=True, slots=True)
 class Ended:
-    """The last message. error: why, empty after Stop."""
+    """The last message of an engine process. error: why it ends; empty after Stop."""
 
     error: str
 

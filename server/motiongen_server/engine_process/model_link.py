@@ -1,4 +1,4 @@
-"""ModelLink: one model of one engine process, as the gateway sees it: its sessions, and what waits to be sent."""
+"""ModelLink: the gateway's record of one model on one engine process: its sessions, and what waits to be sent."""
 
 from __future__ import annotations
 
@@ -9,6 +9,7 @@ from concurrent.futures import Future
 from math import inf
 
 from motiongen_server.engine.config import EngineConfig
+from motiongen_server.engine.engine_port import ModelLost
 from motiongen_server.engine.mailbox import Mailbox, pending_refusal
 from motiongen_server.engine.ports import Deliver, Observe
 from motiongen_server.engine.types import (
@@ -33,22 +34,24 @@ MAX_PENDING = EngineConfig().max_pending_events
 
 
 class ModelLink:
-    """Lives as long as the model is held, over the ends of engine processes.
+    """Lives as long as the model is held, and outlives engine processes.
 
-    `submit` and the properties may be used from any thread; the rest belongs to the thread of the engine process.
+    `submit` and the properties may be used from any thread; the rest belongs to the engine process's thread.
     """
 
     def __init__(self, slot: int, source: str, deliver: Deliver, ring: Callable[[], None]) -> None:
-        """ring: wakes the thread of the engine process. deliver: takes outputs, on that thread."""
+        """ring: wakes the engine process's thread. deliver: takes outputs, on that thread."""
         self.slot = slot
         self.source = source
         self.ready: Future[Ready] = Future()
         self.ended = threading.Event()
         self.is_retired = False  # it is being unloaded
-        self.silent_s = 0.0  # since the engine last said something
+        self.is_absent = False  # its engine process has reported that it does not hold it
+        self.failure: ModelLost | None = None  # why no engine process is expected to hold it
+        self.silent_s = 0.0  # since the engine's last message
         self.observe: Observe | None = None
-        self.on_quota_steps: Callable[[StepsOf], None] = lambda taken: None  # which owners with a quota had there
-        self.places: Mapping[Priority, float] = {}  # as in `StepReport`, as last told
+        self.on_quota_steps: Callable[[StepsOf], None] = lambda taken: None  # steps for owners with a quota
+        self.places: Mapping[Priority, float] = {}  # as in `StepReport`, as last reported
         self._deliver = deliver
         self._ring = ring
         self._lock = threading.Lock()
@@ -56,10 +59,10 @@ class ModelLink:
         self._mailbox = Mailbox(MAX_PENDING)
         self._has_events = False
         self._is_up = False
-        self._places_since = 0  # given up, less those taken, since places were told
+        self._places_since = 0  # given up less taken, since places were reported
         self._facts = b""
         self._load = self._asked = 0.0
-        self._played_before = 0  # sessions that were there when the load was told
+        self._played_before = 0  # sessions that were open when the load was reported
         self.heartbeat_at = time.monotonic()
 
     # ---- from any thread --------------------------------------------------------------------------------------------
@@ -76,31 +79,32 @@ class ModelLink:
 
     @property
     def num_clips(self) -> int:
-        """Those of them that are clips."""
+        """How many of `num_sessions` are clips."""
         return self._ledger.num_clips
 
     @property
     def load(self) -> float:
-        """The share of the device that is spoken for, as last told, and what sessions opened since will add to it."""
+        """The share of the device that is committed, as last reported, plus what sessions opened since will add."""
         return self._load * self._growth
 
     @property
     def asked(self) -> float:
-        """The share of the device that its sessions are expected to ask for, those opened since it was told too.
+        """The share of the device that its sessions are expected to ask for, including those opened since the report.
 
-        Steadier than the load, in which what they took in the last seconds counts where that is more.
+        Steadier than the load, in which what they used in the last seconds counts if that is more.
         """
         return self._asked * self._growth
 
     @property
     def _growth(self) -> float:
-        """By sessions: clips are no load, and neither is who was refused, or has gone again."""
+        """By the number of sessions: clips add no load, nor do sessions that were refused or have ended again."""
         return 1 + self._ledger.num_new / self._played_before if self._played_before else 1.0
 
     def refuses(self, priority: Priority, steps: int) -> bool:
-        """Whether its engine would not let a session in, by what it last told and what has come and gone since.
+        """Whether its engine would refuse a session, by its last report and the sessions opened and closed since.
 
-        Where it might, it is asked: a session of fewer steps than by default counts as less, one of more as no more.
+        If it might admit one, it is asked: a session with fewer steps than the default counts as less, one with more
+        steps does not count as more.
         """
         size = min(1.0, steps / self.ready.result().facts.default_steps)
         return size > self.places.get(priority, inf) + self._places_since
@@ -110,7 +114,7 @@ class ModelLink:
         return session in self._ledger
 
     def submit(self, event: Event) -> Outcome | None:
-        """Hand in an event. What is returned is a refusal; every other answer is delivered."""
+        """Take an event for the engine. Returns a refusal; every other answer is delivered."""
         with self._lock:
             if not self._is_up:
                 return refused_without_engine(event)
@@ -124,17 +128,18 @@ class ModelLink:
         return None
 
     def is_of_model(self, other: ModelLink) -> bool:
-        """Whether both hold the same model, weights and all; once they are ready."""
+        """Whether both hold the same model, including its weights; once they are ready."""
         return self._facts == other._facts
 
     # ---- from the thread of the engine process ----------------------------------------------------------------------
 
     def take_ready(self, message: Ready) -> bool:
-        """The engine takes events from now on. False where it is not the model that it was before."""
+        """The engine takes events from now on. False if it is not the same model as before."""
         facts = TO_GATEWAY.encode(message)
         if self._facts and facts != self._facts:
             return False
         self._facts = facts
+        self.failure = None
         self.silent_s = 0.0
         self.heartbeat_at = time.monotonic()
         with self._lock:
@@ -144,7 +149,7 @@ class ModelLink:
         return True
 
     def take_outputs(self, outputs: Sequence[Output]) -> None:
-        """Pass on what the engine has delivered."""
+        """Deliver the engine's outputs."""
         self.silent_s = 0.0
         with self._lock:
             settled = self._ledger.settle(outputs)
@@ -152,7 +157,7 @@ class ModelLink:
             self._deliver(settled)
 
     def take_pulse(self, pulse: Pulse) -> None:
-        """Note that the engine is well, and what it did."""
+        """Note that the engine is alive, and what it reports."""
         self.silent_s = 0.0
         self.heartbeat_at = pulse.heartbeat_at
         for report in pulse.reports:
@@ -171,7 +176,7 @@ class ModelLink:
             self.on_quota_steps(taken)
 
     def take_events(self) -> Events | None:
-        """What is to be sent next, when there is room for it."""
+        """The events to send next; call it only if there is room for them."""
         if not self._has_events:
             return None
         with self._lock:
@@ -180,7 +185,7 @@ class ModelLink:
         return Events(self.slot, first, tuple(events)) if events else None
 
     def take_closes(self) -> list[CloseAhead]:
-        """What is to be sent ahead of events."""
+        """The Closes to send ahead of events."""
         with self._lock:
             closes = self._ledger.take_closes()
         return [CloseAhead(self.slot, close, opened, last) for close, opened, last in closes]
@@ -191,9 +196,9 @@ class ModelLink:
         return self._has_events
 
     def lose(self, reason: CloseReason, message: str) -> None:
-        """The engine is gone: end its sessions, and answer all that waits."""
+        """The engine is gone: end its sessions, and answer everything unanswered."""
         with self._lock:
-            self._is_up = False
+            self._is_up = self.is_absent = False
             self._mailbox = Mailbox(MAX_PENDING)
             self._has_events = False
             self._load, self._asked, self._played_before = 0.0, 0.0, 0
@@ -201,13 +206,13 @@ class ModelLink:
             outputs = self._ledger.end_all(reason, message)
         if outputs:
             self._deliver(outputs)
-        if self.observe is not None:  # what the engine said last is no longer so, and it will not say that
+        if self.observe is not None:  # the engine's last reports no longer hold
             closes = [output.reason for output in outputs if isinstance(output, Closed)]
             tiers = dict.fromkeys(Priority, ServiceTier.FULL)
             self.observe(StepReport(sessions={}, load=0.0, asked=0.0, tiers=tiers, closes=closes))
 
     def end(self, error: Exception | None = None) -> None:
-        """It is held no more. error: why it never was."""
+        """The model is no longer held. error: why it could not be loaded, if it never was."""
         self.lose(CloseReason.DRAINED, "the server is going away; open a session elsewhere")
         if error is not None and not self.ready.done():
             self.ready.set_exception(error)
@@ -215,5 +220,5 @@ class ModelLink:
 
 
 def refused_without_engine(event: Event) -> Outcome | None:
-    """The answer to an event while its engine process is being started; None where nothing is said of it."""
+    """The answer to an event while its engine process is being started; None for events that get no answer."""
     return None if isinstance(event, UNTOLD) else engine_restarting().outcome(event.session, event.event_seq)

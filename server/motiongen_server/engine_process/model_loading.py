@@ -1,4 +1,4 @@
-"""What an engine process loads: a model on its device, the engine around it, and a text encoder that needs torch."""
+"""Loads what an engine process holds: a model on its device with its engine, and a text encoder that needs torch."""
 
 from __future__ import annotations
 
@@ -43,7 +43,7 @@ class MonotonicClock:
 
 
 class ProcessorClock:
-    """Goes while a process has the processor: calls are measured by it where a quota makes it stand still."""
+    """Runs only while the process has CPU time: calls are measured with it where a quota throttles the process."""
 
     def __init__(self, quota: QuotaAccount) -> None:
         self._quota = quota
@@ -62,14 +62,14 @@ class RunnerOfModel:
 
 
 def prepare(begin: Begin) -> tuple[BuildEngine, LoadText, FreeUnused]:
-    """The loaders of an engine process, and what frees its kernels. Models that it holds take turns on its device."""
+    """The loaders of an engine process, and what frees its kernels. Its models take turns on its device."""
     device = device_of(begin)
 
     def build(source: str, deliver: Deliver, observe: Observe, inbox: Inbox) -> Built:
         model = load_model(begin.config, source, begin.kind, begin.threads)
         config = replace(begin.config, model=source)
         check_fit(config, model.runner.facts)
-        with model.runner.recording_at_once():  # of what is measured, too: sessions will have it replayed
+        with model.runner.recording_at_once():  # also while measuring, since sessions will replay graphs
             if begin.kind == "cuda" and config.cuda_graphs:
                 config = replace(config, max_rows=record_graphs(config, model.runner, device))
             engine = build_engine(config, model.runner, deliver, observe, inbox, device)
@@ -93,16 +93,16 @@ def prepare(begin: Begin) -> tuple[BuildEngine, LoadText, FreeUnused]:
 
 
 def device_of(begin: Begin) -> Device:
-    """What the engines of this process compute on."""
+    """The device on which the engines of this process compute."""
     if begin.kind == "cpu":
         return Device(quota_account(begin.engines, begin.threads))
     return Device(counts_own=True)
 
 
 def quota_account(engines: int, threads: int) -> QuotaAccount | None:
-    """Of the quota of this process's control group, which so many engines of so many threads share.
+    """The account of the CPU quota of this process's control group, shared by that many engines with that many threads.
 
-    None where there is no quota, or the system does not say what is used of it.
+    None if there is no quota, or the system does not report its use.
     """
     used_s = quota_use()
     if used_s is None:
@@ -111,9 +111,9 @@ def quota_account(engines: int, threads: int) -> QuotaAccount | None:
 
 
 def import_libraries() -> None:
-    """Import what `prepare` and its loaders import when they are called, so that a fork need not."""
-    # Threads that wait for each other by spinning make every product several times slower as soon as another process
-    # wants a core. OpenMP reads this once, when torch is loaded.
+    """Import what `prepare` and its loaders import when they are called, so that forked processes need not."""
+    # Threads that spin while they wait for each other make every product several times slower as soon as another
+    # process wants a core. OpenMP reads this once, when torch is loaded.
     os.environ.setdefault("OMP_WAIT_POLICY", "PASSIVE")
     import torch
 
@@ -125,7 +125,7 @@ def import_libraries() -> None:
 
 
 def load_model(config: ServerConfig, source: str, kind: str = "cpu", threads: int = 1) -> RunnerOfModel:
-    """A model on a device of that kind. Raises SettingError saying what is wrong with the settings."""
+    """A model on a device of that kind. Raises SettingError that says what is wrong with the settings."""
     import_libraries()
     import torch
 
@@ -148,27 +148,27 @@ def load_model(config: ServerConfig, source: str, kind: str = "cpu", threads: in
 
 
 def check_domain(abilities: Abilities, facts: ModelFacts) -> None:
-    """Raise SettingError where prompts of the model could not be compared with those that it was trained with."""
+    """Raise SettingError if prompts could not be compared with those that the model was trained with."""
     domain = abilities.domain
     if domain is not None and len(domain.mean) != facts.embedding_dim:
         raise SettingError(
-            f"the prompt domain of {facts.model_id} is of vectors of {len(domain.mean)} numbers, but the model takes "
-            f"{facts.embedding_dim}; leave prompt_domain.safetensors out, or make it anew"
+            f"the prompt domain of {facts.model_id} has vectors of {len(domain.mean)} numbers, but the model takes "
+            f"{facts.embedding_dim}; remove prompt_domain.safetensors, or make it again"
         )
 
 
 def record_graphs(config: ServerConfig, runner: Runner, device: Device) -> int:
-    """Record graphs of the usual windows: later their sessions would wait for it. Returns how many windows at most may
-    be in a step, within the setting: so many as there is memory for beside the graphs.
+    """Record graphs of the usual batches now, so that sessions do not wait for that later. Returns the most windows
+    that a step may have: `max_rows` of the setting, or fewer if there is no memory for more beside the graphs.
 
-    Models at work wait for single calls.
+    Other models at work wait for single calls only.
     """
     from motiongen_ardy.model.packed.graphs import sizes_up_to
 
     begun_at, lease, passes = time.monotonic(), device.lease(), usual_passes(runner)
     most, largest = 0, config.max_rows
     try:
-        while largest and most != largest:  # where memory ran out, all graphs were let go of: again, of fewer windows
+        while largest and most != largest:  # out of memory, all graphs are freed: try again with fewer windows
             most = largest
             sizes, history_frames = sizes_up_to(most, passes), runner.facts.whole_patches(config.history_frames)
             largest = warm_up(InTurns(runner, lease), sizes, history_frames)
@@ -176,12 +176,12 @@ def record_graphs(config: ServerConfig, runner: Runner, device: Device) -> int:
         lease.leave()
     log.info("recorded graphs of up to %d windows in %.1f s", largest, time.monotonic() - begun_at)
     if 0 < largest < config.max_rows:
-        log.warning("the device has no memory for graphs of more than %d windows: steps are of no more", largest)
+        log.warning("the device has no memory for graphs of more than %d windows: no step has more", largest)
     return largest or config.max_rows
 
 
 def check_fit(config: ServerConfig, facts: ModelFacts) -> None:
-    """Raise SettingError where the settings ask for what the model cannot do."""
+    """Raise SettingError if the settings ask for what the model cannot do."""
     if not facts.min_steps <= config.denoise_steps <= facts.max_steps:
         raise SettingError(
             f"denoise_steps is {config.denoise_steps}; {facts.model_id} takes {facts.min_steps} to {facts.max_steps}"
@@ -206,9 +206,9 @@ def build_engine(
     inbox: Inbox | None = None,
     device: Device | None = None,
 ) -> Engine:
-    """Check that the settings fit, measure the model, and make the engine. Raises SettingError where they do not.
+    """Check that the settings fit, measure the model, and make the engine. Raises SettingError if they do not fit.
 
-    device: where other engines are at work; they wait for single calls of what is measured.
+    device: other engines may be at work on it; they wait only for single calls while the model is measured.
     """
     check_fit(config, runner.facts)
     clock, history_frames = MonotonicClock(), runner.facts.whole_patches(config.history_frames)
@@ -257,7 +257,7 @@ def build_engine(
 
 
 def admit_loads(load: float | None) -> tuple[float, float, float, float]:
-    """Up to which load each class is let in: heroes a little beyond, so that there is room for them, the rest below."""
+    """The load up to which each class is admitted: heroes a little beyond `load`, to leave them room, others below."""
     load = ADMIT_LOAD if load is None else load
     hero, near, crowd, batch = 1.02, 1.0, 0.98, 0.85
     return hero * load, near * load, crowd * load, batch * load

@@ -1,4 +1,4 @@
-"""The engines' way out. Neither their outputs nor their reports ever make them wait."""
+"""The path by which engines' outputs and reports leave the process; engines never wait for it."""
 
 from __future__ import annotations
 
@@ -17,37 +17,37 @@ from motiongen_server.engine_process.sockets import LAST_WORDS_MS
 
 PULSE_EVERY_S = 0.1
 MOST_REPORTS = 4096
-"""Reports kept for a gateway that does not read; the oldest go first, and its metrics then miss those steps."""
+"""Reports kept for a gateway that does not read; the oldest are dropped, and its metrics then miss those steps."""
 
 
 class Wire:
-    """Sends while the gateway reads, and else keeps what there is to say, in order. Used from any thread.
+    """Sends messages while the gateway reads, and otherwise queues them in order. Used from any thread.
 
-    What it keeps is bounded because no events are taken in while it is blocked: without playheads no session may be
-    sent more than its lookahead.
+    The queue is bounded because no events are taken in while it is blocked: without playheads no session may be sent
+    more than its look-ahead.
     """
 
     def __init__(self, socket: zmq.Socket[bytes]) -> None:
         self._socket = socket
-        self._lock = threading.Lock()  # around the socket, which knows nothing of threads
+        self._lock = threading.Lock()  # for the socket, which is not thread-safe
         self._unsent: deque[bytes] = deque()
         self.is_blocked = False
-        """Whether the gateway has as much to read as may wait."""
+        """Whether messages wait because the gateway does not read fast enough."""
         self.on_blocked: Callable[[], None] = lambda: None
-        """Called when that begins: somebody has to call `flush` until it is over."""
+        """Called when `is_blocked` becomes true: `flush` must then be called until it is false."""
 
     def say(self, message: ToGateway) -> None:
-        """Send a message, now or after those that wait. Raises CodecError for what cannot be encoded."""
+        """Send a message, now or after those that wait. Raises CodecError if it cannot be encoded."""
         self.send(TO_GATEWAY.encode(message))
 
     def send(self, data: bytes) -> None:
-        """The same of what is encoded already."""
+        """Send a message that is already encoded, as `say` does."""
         with self._lock:
             self._unsent.append(data)
             self._flush()
 
     def flush(self) -> None:
-        """Send what the gateway will take."""
+        """Send as many waiting messages as the gateway takes."""
         if self._unsent:
             with self._lock:
                 self._flush()
@@ -65,7 +65,7 @@ class Wire:
         self.is_blocked = False
 
     def finish(self) -> None:
-        """Before the end: wait a moment for what could not be sent yet."""
+        """Before the end: send what still waits, for up to `LAST_WORDS_MS` for each message."""
         with self._lock, contextlib.suppress(zmq.Again):
             self._socket.setsockopt(zmq.SNDTIMEO, LAST_WORDS_MS)
             while self._unsent:
@@ -74,7 +74,7 @@ class Wire:
 
 
 class Outlet:
-    """What the engine of one slot says. Used by its thread."""
+    """Sends the outputs and reports of one slot's engine. Used by the engine's thread."""
 
     def __init__(self, wire: Wire, slot: int) -> None:
         self._wire = wire
@@ -87,7 +87,7 @@ class Outlet:
         self._wire.say(Outputs(self._slot, tuple(outputs)))
 
     def observe(self, report: StepReport) -> None:
-        """The engine's Observe. Reports are gathered for a while, since each message costs both processes."""
+        """The engine's Observe. Collects reports for `PULSE_EVERY_S`, since each message costs both processes time."""
         now = time.monotonic()
         self._reports.append(report)
         if now >= self._next_pulse_at and not self._wire.is_blocked:

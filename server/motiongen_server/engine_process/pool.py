@@ -1,4 +1,4 @@
-"""EnginePool: all engine processes of a server. Each holds every model; a session is given to one of them."""
+"""EnginePool: all engine processes of a server. Each holds every model; each session runs on one of them."""
 
 from __future__ import annotations
 
@@ -30,6 +30,7 @@ from motiongen_server.engine_process.group import EngineGroup
 from motiongen_server.engine_process.messages import Begin, StepsElsewhere
 from motiongen_server.engine_process.process import HUNG_S, EngineProcess
 from motiongen_server.engine_process.restarts import REST_S
+from motiongen_server.engine_process.silence import LOAD_AGAIN_S
 from motiongen_server.engine_process.text import EngineTextEncoder
 from motiongen_server.models.loader import load_encoder
 from motiongen_server.ops.metrics import Metrics
@@ -39,10 +40,12 @@ from motiongen_server.text.ports import TextEncoder
 ENGINE_COMMAND = (sys.executable, "-m", "motiongen_server.engine_process")
 """Starts an engine process, given the folder of its gateway's sockets."""
 END_S = 5.0
+LOOK_EVERY_S = 1.0
+"""How often to check whether something prevents a model from being loaded."""
 _log = logging.getLogger(__name__)
 
 ObserverOf = Callable[[str, str], Observe]
-"""Takes the reports of a model, by its id, on an engine, by its name."""
+"""Returns what takes the reports of a model, by its id, on an engine, by its name."""
 
 
 class EnginePool:
@@ -59,7 +62,7 @@ class EnginePool:
         hung_s: float = HUNG_S,
         rest_s: float = REST_S,
     ) -> None:
-        """command: starts an engine process that is not ours, given a folder of sockets."""
+        """command: starts another program as engine process, given the folder of its gateway's sockets."""
         self._admit_load = admit_load_for(devices) if config.admit_load is None else config.admit_load
         config = replace(config, admit_load=self._admit_load)
         self._config = config
@@ -68,7 +71,7 @@ class EnginePool:
         self._text: EngineTextEncoder | None = None
         self._spare = spare_engines(devices)
         at_work = Counter(device.kind for device in engines_at_work(devices))
-        # One is the smaller where it is alone: what others are forked from stays in memory. CUDA is best left alone.
+        # A single process takes less memory without a fork server, which stays in memory. CUDA is not forked.
         shares = command is None and sum(device.kind == "cpu" for device in devices) > 1
         self._fork_server = ForkServerLink() if shares else None
         fresh: StartChild = partial(FreshChild, command or ENGINE_COMMAND)
@@ -101,12 +104,15 @@ class EnginePool:
     def load(self, source: str) -> EngineGroup:
         """Load a model on every engine process, and wait until it is warm.
 
-        Raises SettingError for what is wrong with the settings, EngineLost if it cannot be loaded for another reason.
+        Raises SettingError if the settings are wrong, EngineLost if it cannot be loaded for another reason.
         """
         slot = next(self._slots)
         links = [process.load_model(slot, source) for process in self.processes]
-        done, _ = wait([link.ready for link in links])
-        errors = [error for error in (future.exception() for future in done) if error is not None]
+        ready = [link.ready for link in links]
+        errors: list[BaseException] = []
+        while not errors and wait(ready, LOOK_EVERY_S).not_done:
+            errors = self._hindered()
+        errors += [error for future in ready if future.done() and (error := future.exception()) is not None]
         ordered = sorted(zip(self._spare, self.processes, links, strict=True), key=itemgetter(0))
         members = tuple((process, link) for _, process, link in ordered)
         num_at_work = len(members) - sum(self._spare)
@@ -125,18 +131,32 @@ class EnginePool:
             link.on_quota_steps = partial(self._tell_others, process, slot)
         return group
 
+    def _hindered(self) -> list[BaseException]:
+        """Why models cannot be loaded now: a process is still loading again what it held before, on the same thread."""
+        loading = [(process, "a model", process.absent.awaited_s) for process in self.processes]
+        if self._text is not None:
+            loading.append((self.processes[0], "the text encoder", self._text.loading_s))
+        return [
+            SettingError(
+                f"engine {process.name} has been loading {what} again for {loading_s:.0f} s, and loads no other before "
+                f"that ends; see what hinders it, then end process {process.pid}, which is started anew"
+            )
+            for process, what, loading_s in loading
+            if loading_s > LOAD_AGAIN_S and process.pid is not None
+        ]
+
     def _tell_others(self, process: EngineProcess, slot: int, taken: StepsOf) -> None:
-        """What the engine of a slot did for owners that have a quota counts for all engines."""
+        """Tell all engines what the engine of a slot did for owners that have a quota."""
         for each in self.processes:
-            if each.pid is not None:  # else one that begins later begins anew
+            if each.pid is not None:  # a process that starts later starts its count at zero
                 each.tell(StepsElsewhere(slot if each is process else 0, taken))
 
     def load_text(self, facts: ModelFacts) -> TextEncoder:
-        """The text encoder for a model, here where it needs no torch. Raises SettingError."""
+        """The text encoder for a model; if it needs no torch, in this process. Raises SettingError."""
         return load_encoder(self._config, facts, self._text_encoder)
 
     def _text_encoder(self, width: int, timeout_s: float) -> EngineTextEncoder:
-        """The configured text encoder, in the first engine process. Raises SettingError where it cannot be loaded."""
+        """The configured text encoder, in the first engine process. Raises SettingError if it cannot be loaded."""
         if self._text is None:
             self._text = EngineTextEncoder(self.processes[0], width, timeout_s)
         if self._text.width != width:
@@ -146,7 +166,7 @@ class EnginePool:
         return self._text
 
     def stop(self) -> None:
-        """End all engine processes; at once those that have loaded nothing yet."""
+        """End all engine processes, at once those that are loading a model for the first time."""
         for process in self.processes:
             process.stop()
         if self._fork_server is not None:
@@ -169,7 +189,7 @@ class EnginePool:
 def start_engine_processes(
     config: ServerConfig, deliver: Deliver, metrics: Metrics, command: Sequence[str] | None = None
 ) -> EnginePool:
-    """The engine processes that the settings ask for. Raises SettingError where there are no such devices."""
+    """The engine processes that the settings ask for. Raises SettingError if there are no such devices."""
 
     def observer_of(model_id: str, engine: str) -> Observe:
         return metrics.of_engine(model_id, engine).observer()

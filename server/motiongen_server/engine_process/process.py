@@ -1,4 +1,4 @@
-"""EngineProcess: an engine process that is started anew when it is lost, and all models that it holds."""
+"""EngineProcess: an engine process that is restarted when it is lost, and all models that it holds."""
 
 from __future__ import annotations
 
@@ -10,9 +10,10 @@ from collections.abc import Callable, Sequence
 from motiongen_server.devices import EngineDevice
 from motiongen_server.engine.ports import Deliver
 from motiongen_server.engine.types import CloseReason
+from motiongen_server.engine_process.absent_models import AbsentModels
 from motiongen_server.engine_process.bell import Bell
 from motiongen_server.engine_process.child import END_S, StartChild
-from motiongen_server.engine_process.connection import Connection, EngineLost, Stopped
+from motiongen_server.engine_process.connection import Connection, EngineLost, LoadFailed, Stopped
 from motiongen_server.engine_process.control import ControlQueue
 from motiongen_server.engine_process.messages import (
     Begin,
@@ -36,7 +37,7 @@ from motiongen_server.settings import SettingError
 _log = logging.getLogger(__name__)
 
 HUNG_S = 30.0
-"""An engine that says nothing for so long will not come back; a single step must not take it."""
+"""An engine that sends nothing for this long will not recover; no single step may take as long."""
 TICK_S = 0.5
 
 TakeText = Callable[[EncoderReady | Encoded], None]
@@ -45,7 +46,7 @@ TakeText = Callable[[EncoderReady | Encoded], None]
 class EngineProcess:
     """One engine process after the other, on one device. Everything public may be used from any thread.
 
-    When one is lost, its sessions are closed as ENGINE_FAULT, and the next one loads the models that it held.
+    When a process is lost, its sessions are closed as ENGINE_FAULT, and the next process loads the models that it held.
     """
 
     def __init__(
@@ -59,7 +60,7 @@ class EngineProcess:
         hung_s: float = HUNG_S,
         rest_s: float = REST_S,
     ) -> None:
-        """name: in logs and metrics. begin: its first message. start_child: starts it, given a folder of sockets."""
+        """name: for logs and metrics. begin: its first message. start_child: starts it, given a folder of sockets."""
         self.name = name
         self.device = device
         self._first_message = begin
@@ -68,6 +69,7 @@ class EngineProcess:
         self._hung_s = hung_s
         self._bell = Bell()
         self._control = ControlQueue()
+        self.absent = AbsentModels(name, self._control, rest_s)
         self._take_text: TakeText | None = None
         self._on_loss: Callable[[], None] = lambda: None
         self._stopping = threading.Event()
@@ -80,12 +82,12 @@ class EngineProcess:
 
     @property
     def failure(self) -> BaseException | None:
-        """Why there is no engine process, and none is being started."""
+        """Why there is no engine process and none is being started; None if there is."""
         return self._failure
 
     @property
     def pid(self) -> int | None:
-        """The engine process's number, None while there is none."""
+        """The engine process's pid; None while there is no process."""
         return None if (connection := self._connection) is None else connection.pid
 
     @property
@@ -95,12 +97,12 @@ class EngineProcess:
 
     @property
     def rss_bytes(self) -> int:
-        """Memory of the engine process, 0 where that is not known."""
+        """Memory of the engine process; 0 if unknown."""
         return 0 if (pid := self.pid) is None else resident_bytes(pid)
 
     @property
     def load(self) -> float:
-        """The share of the device in use, of all models."""
+        """The committed share of the device, for all models together."""
         return max((link.load for link in self._control), default=0.0)
 
     @property
@@ -110,7 +112,7 @@ class EngineProcess:
 
     @property
     def num_sessions(self) -> int:
-        """Of all models."""
+        """Sessions and clips of all models."""
         return sum(link.num_sessions for link in self._control)
 
     def start(self) -> None:
@@ -118,7 +120,7 @@ class EngineProcess:
         self._thread.start()
 
     def load_model(self, slot: int, source: str) -> ModelLink:
-        """Have a model loaded; the link's `ready` tells when that is done, or why it cannot be."""
+        """Begin to load a model; the link's `ready` is set when it is loaded, or to the reason why it cannot be."""
         link = ModelLink(slot, source, self._deliver, self._bell.ring)
         if self._failure is not None or not self._control.add(link):
             link.end(EngineLost(f"engine {self.name} has failed: {self._failure}"))
@@ -126,7 +128,7 @@ class EngineProcess:
         return link
 
     def unload_model(self, link: ModelLink) -> None:
-        """Have a model forgotten; the link's `ended` tells when that is done."""
+        """Begin to unload a model; the link's `ended` is set when it is unloaded."""
         if self._control.retire(link):
             self._bell.ring()
         else:
@@ -135,20 +137,20 @@ class EngineProcess:
     def serve_text(
         self, take: TakeText, on_begin: Callable[[], Sequence[ToEngine]], on_loss: Callable[[], None]
     ) -> None:
-        """Encode prompts too. on_begin: what each new process is told; take: what it answers; on_loss: it is gone."""
+        """Encode prompts too. take: gets the answers. on_begin: what to tell each new process. on_loss: at its end."""
         self._take_text, self._on_loss = take, on_loss
         if not self._control.serve_text(on_begin):
             on_loss()
         self._bell.ring()
 
     def tell(self, message: ToEngine) -> bool:
-        """Send a message ahead of events. False where no process will take one any more."""
+        """Send a message ahead of events. False if no process will receive it."""
         is_taken = self._control.tell(message)
         self._bell.ring()
         return is_taken
 
     def stop(self) -> None:
-        """End the engine process: at once while it loads its first model, else after its last words."""
+        """End the engine process: at once while it loads a model for the first time, else after its last message."""
         self._stopping.set()
         self._control.stop()
         if self._control.is_loading:
@@ -156,7 +158,7 @@ class EngineProcess:
         self._bell.ring()
 
     def join(self, timeout_s: float) -> bool:
-        """Wait for the end of the engine process; where it does not come in time, it is killed."""
+        """Wait for the end of the engine process, and kill it if it does not end in time. True if it has ended."""
         if not self._thread.ident:
             return True
         self._thread.join(timeout_s)
@@ -170,7 +172,7 @@ class EngineProcess:
     def _run(self) -> None:
         try:
             self._serve_one_after_the_other()
-        except Exception as unexpected:  # of this thread itself: without it nobody would be answered any more
+        except Exception as unexpected:  # without this thread no event would be answered
             _log.exception("the link to engine process %s has ended", self.name)
             self._failure = unexpected
             self._kill()
@@ -179,7 +181,7 @@ class EngineProcess:
             self._close()
 
     def _serve_one_after_the_other(self) -> None:
-        """Until stopped."""
+        """Run engine processes until stopped, or until none may be started any more."""
         error: Exception | None = None
         while not self._stopping.is_set():
             try:
@@ -205,17 +207,19 @@ class EngineProcess:
         connection = Connection(self._start_child, self._bell, self._stopping.is_set, self.device.environment())
         self._connection = connection
         connection.begin(self._first_message)
+        self.absent.begin()
         for link in self._control.begin():
             link.end()
         return connection
 
     def _serve(self, connection: Connection) -> None:
-        """Carry events there and outputs back. Returns after Stop; raises EngineLost when the process is lost."""
+        """Send events and take outputs. Returns after Stop; raises EngineLost when the process is lost."""
         silence = Silence(self._control, 2 * TICK_S)
         while True:
             connection.wait(TICK_S, for_room=self._control.send(connection))
             self._bell.quiet()
             silence.look()
+            self.absent.look(silence.missing_s)
             while (message := connection.next_message()) is not None:
                 if isinstance(message, Ended):
                     if message.error:
@@ -234,7 +238,7 @@ class EngineProcess:
         if (link := self._control.get(message.slot)) is not None:
             self._take_of(link, message)
         if isinstance(message, Ready) and self._control.get(message.slot) is None:
-            # It was given up while it was loaded anew: nobody else would have it unloaded.
+            # The model was removed while it was being loaded again: nobody else would unload it.
             self.tell(Unload(message.slot))
 
     def _take_of(self, link: ModelLink, message: Outputs | Pulse | Ready | Unloaded) -> None:
@@ -245,26 +249,26 @@ class EngineProcess:
         elif isinstance(message, Ready):
             self._take_ready(link, message)
         elif link.ready.done() and message.error:
-            raise EngineLost(f"{link.source!r} cannot be loaded again: {message.error}")
-        else:
+            self.absent.fail(link, message.error)
+        elif not link.is_absent:
             self._control.remove(link)
             text = message.error or "it was unloaded"
-            link.end(SettingError(text) if message.is_setting else EngineLost(text))
+            link.end(SettingError(text) if message.is_setting else LoadFailed(text))
 
     def _take_ready(self, link: ModelLink, message: Ready) -> None:
         is_again = link.ready.done()
         if not link.take_ready(message):
-            raise EngineLost("the model has changed since the server was started; start the server anew")
-        if is_again:
-            self._failure = None
+            self.absent.change(link)
+        elif is_again:
             _log.info("engine %s serves %s again, process %s", self.name, message.facts.model_id, self.pid)
+        self._failure = None
 
     # ---- loss -------------------------------------------------------------------------------------------------------
 
     def _lose(self, error: Exception) -> None:
-        """Kill what may be left of the process, end its sessions, and let go of what it never held, or no more.
+        """Kill what may be left of the process, end its sessions, and drop models that were never loaded, or retired.
 
-        Its sessions hear of it before anybody waits for its end: what hangs in a driver does not die at once.
+        Clients are told before anybody waits for the process to end: one that hangs in a driver does not die at once.
         """
         if not self._stopping.is_set():
             _log.error("lost engine process %s with %d sessions: %s", self.name, self.num_sessions, error)
@@ -273,12 +277,12 @@ class EngineProcess:
             link.end(error)
         for link in self._control:
             link.lose(CloseReason.ENGINE_FAULT, "the server's engine was lost; open a new session")
-        self._deliver(())  # after its sessions, and where it had none: that it is gone
+        self._deliver(())  # after its sessions, and even if it had none: says that it is gone
         self._on_loss()
         self._close()
 
     def _may_start_again(self, error: Exception) -> bool:
-        """Wait for as long as is wise before another process is started. False where there is to be none."""
+        """Wait before another process is started. False if none is to be started."""
         now = time.monotonic()
         wait_s = self._restarts.lose(now)
         if self._restarts.has_failed(now):

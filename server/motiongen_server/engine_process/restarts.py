@@ -1,4 +1,4 @@
-"""Restarts: how long to wait before an engine process is started in place of one that was lost."""
+"""Restarts: how long to wait before a lost engine process is replaced."""
 
 from __future__ import annotations
 
@@ -6,15 +6,15 @@ from collections import deque
 
 LOSSES = 3
 LOSSES_WITHIN_S = 60.0
-"""So many losses within so many seconds are no accident: then the engine counts as failed, and rests."""
+"""After `LOSSES` losses within this time the engine counts as failed, and rests."""
 REST_S = 30.0
-"""Before a failed engine process is tried once more, if others have kept the server alive."""
+"""The rest before a failed engine process is started again, if others have kept the server alive."""
 BACK_OFF_S = 0.5
-"""Before an engine process is started that was lost twice within that time."""
+"""The wait after the second loss within `LOSSES_WITHIN_S`."""
 
 
 class Restarts:
-    """Counts losses. The first is made good at once, the next after a while, and more than that only after a rest."""
+    """Counts losses. The process is replaced at once after the first, then after a short wait, then after a rest."""
 
     def __init__(self, rest_s: float = REST_S) -> None:
         self._rest_s = rest_s
@@ -22,7 +22,7 @@ class Restarts:
         self.count = 0
 
     def lose(self, now: float) -> float:
-        """Note a loss at a time in monotonic seconds; returns the seconds to wait."""
+        """Count a loss. now: monotonic seconds. Returns the seconds to wait before the next start."""
         self._losses.append(now)
         self.count += 1
         recent = self._recent(now)

@@ -1,4 +1,4 @@
-"""Signals that ask to stop are the gateway's business: it drains, and tells its engine processes when to end.
+"""Keeps signals to stop away from engine processes: the gateway drains, and tells them when to end.
 
 A terminal's Ctrl-C and a service manager's SIGTERM reach every process of the group, from its first moment on.
 """
@@ -14,9 +14,9 @@ ASKING_TO_STOP = (signal.SIGINT, signal.SIGTERM)
 
 @contextlib.contextmanager
 def held_back() -> Iterator[None]:
-    """A process that this thread starts meanwhile has them wait until it calls `ignore`.
+    """Block these signals in processes that this thread starts within it, until they call `ignore`.
 
-    Python needs some tenths of a second to get there, in which they would end it.
+    Python needs some tenths of a second to get there, and a signal in that time would end the process.
     """
     before = signal.pthread_sigmask(signal.SIG_BLOCK, ASKING_TO_STOP)
     try:
@@ -26,7 +26,7 @@ def held_back() -> Iterator[None]:
 
 
 def ignore() -> None:
-    """From now on and for what waits. In the main thread of an engine process, or of what those are forked from."""
+    """Ignore these signals, also pending ones. In the main thread of an engine process, or of the fork server."""
     for number in ASKING_TO_STOP:
         signal.signal(number, signal.SIG_IGN)
     signal.pthread_sigmask(signal.SIG_UNBLOCK, ASKING_TO_STOP)

@@ -1,4 +1,4 @@
-"""Slot: one loaded model of an engine process: its engine on a thread of its own, and what comes in for it."""
+"""Slot: one loaded model of an engine process: its engine on a thread of its own, and the events that wait for it."""
 
 from __future__ import annotations
 
@@ -17,12 +17,12 @@ from motiongen_server.rpc.abilities import NOTHING_CLAIMED, Abilities
 
 UNBOUNDED = 1 << 62
 MOST_WAITING = 2048
-"""Events of a slot that wait for its engine before no more are read. The gateway bounds what a session may have."""
+"""If more events of a slot wait for its engine, no more are read. The gateway bounds those of each session."""
 
 
 @dataclass(frozen=True)
 class Built:
-    """An engine that is loaded and warm, and what the gateway is told of it."""
+    """An engine that is loaded and warm, and what the gateway is told about it."""
 
     engine: Engine
     facts: ModelFacts
@@ -32,7 +32,7 @@ class Built:
 
 
 BuildEngine = Callable[[str, Deliver, Observe, Inbox], Built]
-"""Loads the model of a source and makes the engine. Raises SettingError saying what is wrong with the settings."""
+"""Loads the model of a source and makes its engine. Raises SettingError that says what is wrong with the settings."""
 
 
 class Slot:
@@ -47,7 +47,7 @@ class Slot:
         self._thread: threading.Thread | None = None
 
     def start(self, engine: Engine, ended: Callable[[Slot, BaseException | None], None]) -> None:
-        """Run the engine until it is stopped or fails. ended: is told, on the engine's thread."""
+        """Run the engine until it is stopped or fails. ended: called then, on the engine's thread."""
 
         def run() -> None:
             ended(self, run_loop(engine))
@@ -63,11 +63,11 @@ class Slot:
 
     @property
     def is_full(self) -> bool:
-        """Whether as many events wait as may."""
+        """Whether so many events wait that no more should be read."""
         return len(self.inbox) > MOST_WAITING
 
     def take(self, message: Events | CloseAhead) -> None:
-        """Hand in what has come. An Open that there is no room for is answered at once."""
+        """Pass what has arrived to the engine. If it refuses an event, the refusal is delivered at once."""
         if self._engine is None:
             return
         ahead = isinstance(message, CloseAhead)
@@ -87,7 +87,7 @@ class Slot:
             self._engine.intake.note_owner(owner)
 
     def stop(self) -> None:
-        """Let the engine finish."""
+        """Tell the engine to finish."""
         if self._engine is not None:
             self._engine.stop()
 

@@ -1,7 +1,7 @@
-"""The three ways between gateway and engine process: ZeroMQ sockets on paths that only this user can reach.
+"""The three ZeroMQ sockets between gateway and engine process, on paths that only this user can reach.
 
-`events` carries what may wait, `ahead` what may not (closes, stop), `back` all that the engine says. What waits
-on `events` and `back` is bounded: beyond so many messages the sender keeps to itself what it has.
+`events` carries what may wait, `ahead` what may not (closes, loading, stop), `back` everything that the engine process
+sends. The queues of `events` and `back` are bounded: when they are full, the sender keeps its messages.
 """
 
 from __future__ import annotations
@@ -18,16 +18,16 @@ from motiongen_server.settings import SettingError
 EVENT_MESSAGES = 32
 """Most messages that wait on `events`, on each side."""
 BACK_MESSAGES = 64
-"""Most messages that wait on `back`, on each side; one has what the engine delivers at once."""
+"""Most messages that wait on `back`, on each side; one message has all that the engine delivers in one call."""
 LAST_WORDS_MS = 2000
-"""How long an engine process that ends waits for what it has said to be taken."""
+"""How long an engine process that ends waits until the gateway has taken its messages."""
 
 
 class GatewayEnd:
     """Listens in a new folder that no other user can enter. Used by one thread."""
 
     def __init__(self) -> None:
-        """Raises SettingError where the folder for temporary files cannot hold sockets."""
+        """Raises SettingError if the folder for temporary files cannot hold sockets."""
         try:
             self.folder = Path(tempfile.mkdtemp(prefix="motiongen-"))
         except OSError as error:
@@ -51,7 +51,7 @@ class GatewayEnd:
         return socket
 
     def seal(self) -> None:
-        """Take the paths away: nobody else can connect, and nothing is left behind, however the process ends."""
+        """Remove the paths: nobody else can connect, and nothing is left behind, however the process ends."""
         shutil.rmtree(self.folder, ignore_errors=True)
 
     def close(self) -> None:
@@ -76,12 +76,12 @@ class EngineEnd:
         return socket
 
     def close(self) -> None:
-        """Wait a moment for what has been said to be taken."""
+        """Wait up to `LAST_WORDS_MS` until the gateway has taken all messages, and close."""
         self._context.destroy(linger=LAST_WORDS_MS)
 
 
 def poller_of(reads: Iterable[zmq.Socket[bytes] | int], writes: zmq.Socket[bytes] | None = None) -> zmq.Poller:
-    """Polls whether any of these can be read, or this one written."""
+    """A poller for whether any of `reads` can be read, or `writes` can be written."""
     poller = zmq.Poller()
     for each in reads:
         poller.register(each, zmq.POLLIN)

@@ -1,1 +1,1 @@
-"""Who calls, by which credentials, and what they may: TLS, tokens, tenants."""
+"""Who a caller is, by which credentials, and what it may do: TLS, tokens, tenants."""

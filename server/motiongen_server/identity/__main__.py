@@ -1,4 +1,4 @@
-"""`python -m motiongen_server.identity`: a new token, and the line of the tenants' file that lets it in."""
+"""`python -m motiongen_server.identity`: prints a new token, and the entry for the tenants' file that admits it."""
 
 from __future__ import annotations
 
@@ -16,23 +16,23 @@ MOST_DAYS = 36_500
 def main(arguments: Sequence[str] | None = None) -> int:
     parser = argparse.ArgumentParser(
         prog="python -m motiongen_server.identity",
-        description="Make a token. It is printed once and kept nowhere: give it to who shall call, and its hash to the "
-        "file of --tenants.",
+        description="Make a token. It is printed once and stored nowhere: give it to the caller, and add its hash to "
+        "the file named by --tenants.",
     )
-    parser.add_argument("tenant", help="whose it is, as the tenants' file is to name it")
-    parser.add_argument("--days", type=int, default=0, help="for which it is good (default: until it is taken out)")
+    parser.add_argument("tenant", help="the tenant's name in the tenants' file")
+    parser.add_argument("--days", type=int, default=0, help="days until it expires (default: never)")
     options = parser.parse_args(arguments)
     if not 0 <= options.days <= MOST_DAYS:
-        parser.error(f"--days is {options.days}; it must be 0, for ever, or at most {MOST_DAYS}")
+        parser.error(f"--days is {options.days}; it must be 0, for no expiry, or at most {MOST_DAYS}")
     if not options.tenant or not options.tenant.isprintable():
-        parser.error(f"tenant is {options.tenant!r}; it must be a name of characters that can be printed")
+        parser.error(f"tenant is {options.tenant!r}; it must be a name of printable characters")
     token, kept = new_token()
     until = ""
     if options.days:
         at = datetime.now(UTC).replace(microsecond=0) + timedelta(days=options.days)
         until = f", expires = {at.isoformat().replace('+00:00', 'Z')}"
     print(token)
-    name = json.dumps(options.tenant, ensure_ascii=False)  # whose escapes are TOML's too
+    name = json.dumps(options.tenant, ensure_ascii=False)  # the escapes of JSON are also valid in TOML
     print(f'[tenants.{name}]\ntokens = [{{ hash = "{kept}"{until} }}]', file=sys.stderr)
     return 0
 

@@ -1,4 +1,4 @@
-"""Caller: who a call comes from, as far as the gateway knows, and why a call is refused for that."""
+"""Caller: who makes a call, as far as the gateway knows, and the refusals of calls because of their credentials."""
 
 from __future__ import annotations
 
@@ -22,7 +22,7 @@ class Role(StrEnum):
     METRICS = "metrics"
     """Read the metrics."""
     TEXT = "text"
-    """Have texts encoded, by the encoder service."""
+    """Have the encoder service encode texts."""
 
 
 CREDENTIALS_EXPIRED = "CREDENTIALS_EXPIRED"
@@ -31,11 +31,11 @@ DEFAULT_ROLES = frozenset({Role.MOTION})
 
 @dataclass(frozen=True)
 class Caller:
-    """tenant: its name, "" for anybody. credential: what it showed, in words for logs; never the secret.
+    """tenant: its name, "" for anybody. credential: what the caller presented, in words for logs; never the secret.
 
-    expires_at: when that ends, in seconds of the wall clock since 1970; None: never. quota: limits of its tenant that
-    differ from those of an address, by the names of `rpc.limits.PeerLimits`. signed_by: the issuer and the
-    key of a token that is not of the tenants' file.
+    expires_at: when the credential expires, in seconds since 1970; None: never. quota: limits of its tenant that differ
+    from those of an address, by the names of `rpc.limits.PeerLimits`. signed_by: for a signed token, the issuer (the
+    claim `iss`) and the key; None for a token from the tenants' file.
     """
 
     tenant: str = ""
@@ -60,7 +60,7 @@ def credentials_invalid() -> StreamRefused:
 
 
 def credentials_repeated(num: int) -> StreamRefused:
-    message = f"the call carries {num} entries `authorization` in its metadata; send one, with the token that counts"
+    message = f"the call carries {num} entries `authorization` in its metadata; send only one"
     return StreamRefused(grpc.StatusCode.UNAUTHENTICATED, "CREDENTIALS_INVALID", message)
 
 
@@ -70,16 +70,16 @@ def credentials_not_for_us(audience: str) -> StreamRefused:
 
 
 def credentials_too_early(leeway_s: float) -> StreamRefused:
-    """Of a signed token: its issuer's clock, or this machine's, is wrong, or it is for later."""
+    """For a signed token: the clock of its issuer or of this machine is wrong, or the token is meant for later."""
     message = (
-        "the token is not good yet, by its `nbf` or `iat` and this server's clock; show it later, or set the clocks of "
+        "the token is not valid yet, by its `nbf` or `iat` and this server's clock; use it later, or set the clocks of "
         f"server and issuer, which may differ by {leeway_s:g} s"
     )
     return StreamRefused(grpc.StatusCode.UNAUTHENTICATED, "CREDENTIALS_INVALID", message)
 
 
 def tenant_unknown(name: str) -> StreamRefused:
-    message = f"the token names the tenant {name[:64]!r}, whom its issuer may not name here; ask the server's operator"
+    message = f"the token names the tenant {name[:64]!r}, which its issuer may not name here; ask the server's operator"
     return StreamRefused(grpc.StatusCode.UNAUTHENTICATED, "CREDENTIALS_INVALID", message)
 
 
@@ -94,10 +94,10 @@ def credentials_expired() -> StreamRefused:
 
 
 def credentials_revoked() -> StreamRefused:
-    message = "the credentials were taken back; ask the server's operator for others"
+    message = "the credentials were revoked; ask the server's operator for others"
     return StreamRefused(grpc.StatusCode.UNAUTHENTICATED, "CREDENTIALS_REVOKED", message)
 
 
 def role_missing(role: Role) -> StreamRefused:
-    message = f"these credentials do not allow this; it takes a tenant with the role {role.value!r}"
+    message = f"these credentials do not allow this; it requires a tenant with the role {role.value!r}"
     return StreamRefused(grpc.StatusCode.PERMISSION_DENIED, "ROLE_MISSING", message)

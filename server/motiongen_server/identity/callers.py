@@ -1,4 +1,4 @@
-"""Callers: from what a call shows to who it is, and whether that still holds."""
+"""Callers: identifies the caller by the credentials of a call, and says whether they are still valid."""
 
 from __future__ import annotations
 
@@ -39,9 +39,9 @@ AuthContext = Mapping[str, Iterable[bytes]]
 
 
 class Callers:
-    """Without tenants, everybody who gets through TLS may call. A token is asked before a certificate.
+    """Without tenants, everybody who gets through TLS may call. If a call has a token, its certificate is ignored.
 
-    tenants: as their file says at present. wall: seconds since 1970. rings: the keys of those who sign tokens.
+    tenants: the watched file of tenants. wall: returns seconds since 1970. rings: the keys of token issuers.
     """
 
     def __init__(
@@ -56,21 +56,21 @@ class Callers:
         self._checks = TokenChecks()
 
     def identify(self, metadata: Metadata, connection: AuthContext, role: Role = Role.MOTION) -> Caller:
-        """Who calls. connection: what gRPC says of it. Raises StreamRefused where it may not do what the role may."""
+        """The caller. connection: gRPC's auth context. Raises StreamRefused for bad credentials or a missing role."""
         num_shown = sum(key.lower() == AUTHORIZATION for key, _ in metadata)
-        if num_shown > 1 and self._tenants is not None:  # a proxy before this server may have gone by another of them
+        if num_shown > 1 and self._tenants is not None:  # a proxy in front may have checked another one of them
             raise credentials_repeated(num_shown)
         return self.of_header(_authorization(metadata), role, certificate_names(connection))
 
     def wanted(self, metadata: Metadata) -> Future[None] | None:
-        """What should be over before `identify` is asked: keys that are being fetched, of who signed the token."""
+        """A fetch of the issuer's keys that should finish before `identify` is called; None: there is none."""
         signed = self._signed(_token(_authorization(metadata)))
         return None if signed is None else self._rings.of(signed[1].source).wanted(signed[0].key_id)
 
     def num_unchecked(self, metadata: Metadata) -> int:
-        """Characters of a token that `identify` would have to read and check, since it is not known; 0: none.
+        """Characters of the token if `identify` would have to parse and check it, else 0.
 
-        Nothing is read for that.
+        Does not parse the token itself.
         """
         token = _token(_authorization(metadata))
         if self._tenants is None or not self._tenants.value.issuers or not may_be_signed(token):
@@ -82,7 +82,7 @@ class Callers:
         return 0 if self._checks.known(said, issuer, self._rings.of(issuer.source)) is not None else len(token)
 
     def _signed(self, token: str) -> tuple[Unchecked, Issuer] | None:
-        """A token of an issuer that is known, and that; None for any other."""
+        """What a token says, and its issuer; None if it is not a signed token or its issuer is unknown."""
         if self._tenants is None or not self._tenants.value.issuers:
             return None
         said = self._said(token)
@@ -93,7 +93,7 @@ class Callers:
         return self._checks.said(token) or unchecked(token)
 
     def of_header(self, authorization: str, role: Role, certificates: Sequence[str] = ()) -> Caller:
-        """The same by the header of that name, and the names of the client's certificate."""
+        """Like `identify`. authorization: the value of that header. certificates: names of the client's certificate."""
         if self._tenants is None:
             return Caller(credential=f"certificate {certificates[0]!r}") if certificates else ANYBODY
         self.look()
@@ -103,11 +103,13 @@ class Callers:
         return caller
 
     def metrics_refusal(self, ops_host: str, authorization: str) -> str | None:
-        """Why who sends that header may not read the metrics, in words; None: he may. ops_host: where they are served;
-        where only programs of this machine reach it, any of them may."""
+        """Why the sender of an `authorization` header may not read the metrics, in words; None if it may.
+
+        ops_host: where they are served; if only programs on this machine can reach it, all of them may read them.
+        """
         if is_local(ops_host):
             return None
-        self.wanted(((AUTHORIZATION, authorization),))  # a key that is new is known at the next scrape
+        self.wanted(((AUTHORIZATION, authorization),))  # starts fetching a new key, for the next scrape
         try:
             self.of_header(authorization, Role.METRICS)
         except StreamRefused as refusal:
@@ -155,7 +157,7 @@ class Callers:
     # ---- afterwards -------------------------------------------------------------------------------------------------
 
     def look(self) -> None:
-        """See whether the tenants' file has changed, or the keys of those who sign tokens."""
+        """Reload the tenants' file if it has changed, and the keys of issuers that have changed or must be fetched."""
         if self._tenants is not None:
             self._tenants.look()
             for issuer in self._tenants.value.issuers.values():
@@ -163,11 +165,11 @@ class Callers:
 
     @property
     def quotas(self) -> Mapping[str, Mapping[str, float]]:
-        """By tenant, as of the last look; the same object until the file is read anew."""
+        """By tenant, as of the last `look`; the same object until the file is read again."""
         return NO_QUOTAS if self._tenants is None else self._tenants.value.quotas
 
     def lapse(self, caller: Caller, role: Role = Role.MOTION) -> StreamRefused | None:
-        """Why a caller may not go on with what takes that role, if so, by what is known since the last look."""
+        """Why a caller may not continue what requires `role`, as of the last `look`; None if it may."""
         remaining_s = self.remaining_s(caller)
         if remaining_s is not None and remaining_s <= 0:
             return credentials_expired()
@@ -191,11 +193,11 @@ class Callers:
             return False
         try:
             return self._rings.of(known.source).tells(key)
-        except KeysUnavailable:  # what was let in before plays on until its token expires
+        except KeysUnavailable:  # a caller that was admitted before may continue until its token expires
             return True
 
     def remaining_s(self, caller: Caller) -> float | None:
-        """Seconds until the caller's credentials expire, of a token of the file as it says now; None: they do not."""
+        """Seconds until the caller's credentials expire; None: never. A token's expiry is that of the current file."""
         expires_at = caller.expires_at
         kind, _, name = caller.credential.partition(" ")
         if self._tenants is not None and kind == "token" and caller.signed_by is None:
@@ -213,7 +215,7 @@ def _token(authorization: str) -> str:
 
 
 def certificate_names(connection: AuthContext) -> list[str]:
-    """The names that a client's certificate, which an authority of ours has signed, has; none where it showed none."""
+    """The names in the client's certificate, which gRPC has verified; empty if it presented none."""
     return [name.decode(errors="replace") for key in _NAMES for name in connection.get(key, ())]
 
 

@@ -1,15 +1,15 @@
-"""Issuers: who may sign the tokens of tenants (JSON Web Tokens, RFC 7519), as the tenants' file says.
+"""Issuers, as the tenants' file lists them: who may sign tenants' tokens (JSON Web Tokens, RFC 7519).
 
 [issuers.corp]
-issuer = "https://login.example"                 # the claim iss, to the letter
+issuer = "https://login.example"                 # must equal the claim iss exactly
 audience = ["motiongen"]                         # one of these must be in the claim aud
-keys = "https://login.example/jwks.json"         # or a file; left out: as OpenID Connect finds them from the issuer
-authority = "login-ca.pem"                       # who signed the certificate there; left out: those of the system
+keys = "https://login.example/jwks.json"         # or a file; left out: found by OpenID Connect discovery
+authority = "login-ca.pem"                       # CA of the certificate there; left out: those of the system
 algorithms = ["RS256", "ES256"]
-tenant_claim = "tenant"                          # whose value is the tenant's name
-leeway_s = 30                                    # what clocks may differ by
-refresh_s = 300                                  # after which keys are fetched again
-stale_s = 3600                                   # for which those that were fetched hold while no others come
+tenant_claim = "tenant"                          # the claim with the tenant's name
+leeway_s = 30                                    # how far clocks may differ
+refresh_s = 300                                  # keys are fetched again after this time
+stale_s = 3600                                   # how long keys stay valid after that if no newer ones can be fetched
 """
 
 from __future__ import annotations
@@ -23,7 +23,7 @@ from motiongen_server.addresses import is_local
 from motiongen_server.identity.entries import number, table, word, words
 
 ALGORITHMS = ("RS256", "RS384", "RS512", "PS256", "PS384", "PS512", "ES256", "ES384", "ES512", "EdDSA")
-"""With a public key: who checks a token must not be able to make one. `none` is no algorithm."""
+"""Those with a public key only: whoever can check a token must not be able to make one. `none` is not among them."""
 DEFAULT_ALGORITHMS = ("RS256", "ES256", "EdDSA")
 DISCOVERY = "/.well-known/openid-configuration"
 _KNOWN = {
@@ -33,9 +33,9 @@ _KNOWN = {
 
 @dataclass(frozen=True)
 class KeySource:
-    """Where an issuer's keys are. place: a file, or a URL. is_discovery: the URL is of what names the keys' own.
+    """Where an issuer's keys are. place: a file or a URL. is_discovery: the document at the URL names the keys' URL.
 
-    authority: PEM file of who signed the certificate there, "": the system's.
+    authority: PEM file of the certificate authority for that host; "": those of the system.
     """
 
     place: str
@@ -51,7 +51,7 @@ class KeySource:
 
 @dataclass(frozen=True)
 class Issuer:
-    """One entry of the file. issuer: what its tokens say in `iss`."""
+    """One entry of the file. issuer: the claim `iss` of its tokens."""
 
     name: str
     issuer: str
@@ -63,13 +63,13 @@ class Issuer:
 
 
 def read_issuer(name: str, entry: Mapping[str, Any]) -> Issuer:
-    """Raises ValueError for what is wrong in an entry."""
+    """Raises ValueError if the entry is invalid."""
     entry = table(entry, _KNOWN, f"issuers.{name}")
     where = f"issuers.{name}"
     issuer = word(entry.get("issuer"), f"{where}.issuer")
     audience = words(entry.get("audience", []), f"{where}.audience")
     if not audience:
-        raise ValueError(f"{where}.audience is empty; name what tokens for this server say in aud")
+        raise ValueError(f"{where}.audience is empty; give the claim aud of tokens for this server")
     algorithms = words(entry.get("algorithms", list(DEFAULT_ALGORITHMS)), f"{where}.algorithms")
     unknown = sorted(set(algorithms) - set(ALGORITHMS))
     if unknown or not algorithms:
@@ -99,16 +99,16 @@ def _source(entry: Mapping[str, Any], issuer: str, where: str) -> KeySource:
     if source.is_url:
         check_url(source.place, f"{where}.{'issuer' if is_discovery else 'keys'}")
     elif is_discovery:
-        raise ValueError(f"{where} has no keys, and its issuer is no URL to find them by; give keys, a file or a URL")
+        raise ValueError(f"{where} has no keys, and its issuer is not a URL to find them by; give keys, a file or URL")
     return source
 
 
 def check_url(url: str, where: str) -> None:
-    """Raise ValueError for a URL whose answer others could change on its way, and for one with a password in it."""
+    """Raise ValueError for a URL with a password in it, and for one whose answer could be changed in transit."""
     parts = urlsplit(url)
     if parts.username is not None:
-        raise ValueError(f"{where} has a name or a password in its URL, which would not be shown; leave it out")
+        raise ValueError(f"{where} has a name or a password in its URL, which would not be sent; leave it out")
     if parts.scheme == "https" and parts.hostname:
         return
     if parts.scheme != "http" or not is_local(parts.hostname or "?"):
-        raise ValueError(f"{where} is {url!r}; keys come by https, or by http from this machine alone")
+        raise ValueError(f"{where} is {url!r}; keys are fetched only by https, or by http from this machine")

@@ -1,4 +1,4 @@
-"""Tokens that an issuer has signed: read, and checked against its keys and what is asked of its claims."""
+"""Signed tokens (JSON Web Tokens): parsed, and checked against the issuer's keys and its entry's requirements."""
 
 from __future__ import annotations
 
@@ -29,7 +29,7 @@ MOST_REMEMBERED = 1_024
 
 @dataclass(frozen=True)
 class Unchecked:
-    """What a token says of itself, which anybody may have written. issuer: whose it claims to be."""
+    """What a token says before it is checked; anybody may have written it. issuer: the one that it names."""
 
     token: str = field(repr=False)
     issuer: str
@@ -38,9 +38,9 @@ class Unchecked:
 
 @dataclass(frozen=True)
 class Checked:
-    """What an issuer says. tenant: the claim that it is asked for; expires_at: seconds since 1970, leeway included.
+    """What a valid token says. tenant: the value of `tenant_claim`. expires_at: seconds since 1970, plus the leeway.
 
-    key: what it was signed with.
+    key: the key that its signature was checked with.
     """
 
     tenant: str
@@ -49,9 +49,9 @@ class Checked:
 
 
 class TokenChecks:
-    """Tokens that were checked, so that it is not done again for every call: it takes 0.1 ms of the event loop.
+    """A cache of checked tokens, since checking one takes 0.1 ms of the event loop.
 
-    A check holds while its issuer's entry is the same and the issuer tells the same key, fetched again or not.
+    A result stays valid while the issuer's entry and its key are the same, also if the key is fetched again.
     """
 
     def __init__(self, most: int = MOST_REMEMBERED) -> None:
@@ -59,12 +59,12 @@ class TokenChecks:
         self._held: OrderedDict[str, tuple[Unchecked, Issuer, Checked]] = OrderedDict()
 
     def said(self, token: str) -> Unchecked | None:
-        """What a token says, which was checked before; nothing is read for that."""
+        """What a token says, if it is in the cache; does not parse it."""
         held = self._held.get(token)
         return None if held is None else held[0]
 
     def known(self, said: Unchecked, issuer: Issuer, keys: Keys) -> Checked | None:
-        """What a check of the token has found that still holds; whether it has expired is not looked at."""
+        """The cached result of a token's check, if still valid. It does not consider whether the token has expired."""
         held = self._held.get(said.token)
         if held is None or held[1] != issuer or held[2].key != _find(keys, said.key_id):
             return None
@@ -72,7 +72,7 @@ class TokenChecks:
         return held[2]
 
     def check(self, said: Unchecked, issuer: Issuer, keys: Keys) -> Checked:
-        """What the issuer says. Raises StreamRefused for a token that does not hold."""
+        """Check a token, or take the result from the cache. Raises StreamRefused if it is not valid."""
         found = self.known(said, issuer, keys)
         if found is None:
             found = checked(said, issuer, keys)
@@ -90,13 +90,13 @@ def _find(keys: Keys, key_id: str) -> Key | None:
 
 
 def may_be_signed(token: str) -> bool:
-    """Whether it looks like a token of that kind, and is not too long to be read."""
+    """Whether it looks like a signed token, and is short enough to be parsed."""
     return len(token) <= MOST_CHARACTERS and token.count(".") == 2
 
 
 @lru_cache(maxsize=256)
 def unchecked(token: str) -> Unchecked | None:
-    """None for what is no token of that kind. Asked several times for each call, hence the cache."""
+    """What a signed token says; None if it is not one. Cached because it is needed several times for each call."""
     if not may_be_signed(token):
         return None
     try:
@@ -108,7 +108,7 @@ def unchecked(token: str) -> Unchecked | None:
 
 
 def checked(said: Unchecked, issuer: Issuer, keys: Keys) -> Checked:
-    """Raises StreamRefused for a token that does not hold."""
+    """Check a token. Raises StreamRefused if it is not valid."""
     try:
         key = keys.find(said.key_id)
     except KeysUnavailable:
@@ -142,7 +142,7 @@ def checked(said: Unchecked, issuer: Issuer, keys: Keys) -> Checked:
 
 
 def claim_missing(claim: str) -> StreamRefused:
-    """The token holds, and does not say whose it is."""
+    """For a valid token that names no tenant."""
     refusal = credentials_invalid()
-    message = f"the token has no claim {claim!r} that names a tenant; have its issuer put it in"
+    message = f"the token has no claim {claim!r} that names a tenant; have its issuer add it"
     return StreamRefused(refusal.code, refusal.reason, message)

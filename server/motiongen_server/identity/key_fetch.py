@@ -1,4 +1,4 @@
-"""Fetching an issuer's keys over HTTP: within a time, of a bounded size, and from nobody but the issuer."""
+"""Fetches an issuer's keys over HTTP, with limits of time and size, and from nobody but the issuer."""
 
 from __future__ import annotations
 
@@ -21,14 +21,14 @@ from motiongen_server.identity.issuers import KeySource, check_url
 from motiongen_server.identity.key_set import KeysById, keys_of
 
 WITHIN_S = 10.0
-"""A whole fetch, of two answers where keys are found by discovery."""
+"""For the whole fetch, which takes two requests if keys are found by discovery."""
 CONNECT_WITHIN_S = 5.0
 MOST_BYTES = 1 << 20
-"""Of an answer; a set of ten keys has 5 KB."""
+"""In one answer; a set of ten keys has 5 KB."""
 
 
 def fetched(source: KeySource, within_s: float = WITHIN_S) -> KeysById:
-    """The keys of a source that is a URL. Raises ValueError, and OSError where it is not reached."""
+    """The keys of a source that is a URL. Raises ValueError if they cannot be fetched."""
     ends_at, place = time.monotonic() + within_s, source.place
     if source.is_discovery:
         place = str(_answer(place, source, ends_at).get("jwks_uri"))
@@ -37,15 +37,15 @@ def fetched(source: KeySource, within_s: float = WITHIN_S) -> KeysById:
 
 
 def _answer(url: str, source: KeySource, ends_at: float) -> Mapping[str, Any]:
-    """The object that a URL answers with. ends_at: monotonic seconds. A redirect is not followed. Raises ValueError."""
+    """The JSON object at a URL. ends_at: monotonic seconds. Does not follow redirects. Raises ValueError."""
     try:
         answer = json.loads(_body(urlsplit(url), source, ends_at))
-    except (OSError, HTTPException) as error:  # the latter of an answer that breaks off, or is no HTTP
+    except (OSError, HTTPException) as error:  # HTTPException: the answer breaks off, or is not HTTP
         raise ValueError(f"{url} does not answer: {error!r}") from error
     except (ValueError, RecursionError) as error:
-        raise ValueError(f"{url} answers with no keys: {error}") from error
+        raise ValueError(f"{url} does not answer with keys: {error}") from error
     if not isinstance(answer, Mapping):
-        raise ValueError(f"{url} answers with no object of JSON")
+        raise ValueError(f"{url} does not answer with a JSON object")
     return answer
 
 
@@ -67,8 +67,9 @@ def _body(url: SplitResult, source: KeySource, ends_at: float) -> bytes:
 
 
 def _line(url: SplitResult, source: KeySource) -> HTTPConnection:
-    """Not connected yet. A proxy that the environment names is used for https alone, which it can neither read nor
-    change, and not to this machine.
+    """A connection that is not open yet.
+
+    A proxy named by the environment is used only for https to other machines: it can neither read nor change that.
     """
     host = url.hostname or ""
     if url.scheme == "http":
@@ -91,16 +92,16 @@ def _to_proxy(proxy: SplitResult) -> dict[str, str]:
 
 
 class _Response(HTTPResponse):
-    """One that is there by a moment: a server that sends a byte a second would else hold the thread for good."""
+    """A response with a deadline: otherwise a server that sends a byte a second would block the thread for ever."""
 
     def __init__(self, ends_at: float, line: socket.socket, *more: Any, **named: Any) -> None:
-        """ends_at: monotonic seconds. The others are as of an HTTPResponse."""
+        """ends_at: monotonic seconds. The other arguments are those of HTTPResponse."""
         super().__init__(line, *more, **named)
         self.fp = io.BufferedReader(_Received(line, self.fp.detach(), ends_at))
 
 
 class _Received(io.RawIOBase):
-    """What comes over a socket. Raises TimeoutError where it comes too late."""
+    """What a socket receives. Raises TimeoutError after the deadline."""
 
     def __init__(self, line: socket.socket, received: io.RawIOBase, ends_at: float) -> None:
         self._line = line
@@ -113,7 +114,7 @@ class _Received(io.RawIOBase):
     def readinto(self, buffer: Any) -> int | None:
         left_s = self._ends_at - time.monotonic()
         if left_s <= 0:
-            raise TimeoutError("not all of it came in time")
+            raise TimeoutError("the answer did not arrive in time")
         self._line.settimeout(left_s)
         return self._received.readinto(buffer)
 

@@ -1,4 +1,4 @@
-"""Keys of an issuer: read from a file, or fetched, kept, and fetched again before they are old or when one is new."""
+"""An issuer's keys: read from a file, or fetched, cached, and fetched again when they are old or a new key is used."""
 
 from __future__ import annotations
 
@@ -20,39 +20,39 @@ from motiongen_server.identity.watched import Watched
 _log = logging.getLogger(__name__)
 
 GIVE_UP_S = 2 * WITHIN_S
-"""After which a fetch has failed, whatever its thread waits for: another may be begun."""
+"""After this time a fetch counts as failed, whatever its thread waits for, and another may begin."""
 RETRY_S = 10.0
-"""Least time after a fetch that failed, or that was not due: tokens of made-up keys cannot have the issuer asked more
-often."""
+"""Least time between fetches if one failed or is not due: tokens that name invented keys must not cause more requests
+to the issuer."""
 MOST_WAITING = 64
-"""Calls that may wait for one fetch; more are decided by what is known."""
+"""Calls that may wait for one fetch; further calls are decided with the keys at hand."""
 
 
 class KeysUnavailable(Exception):
-    """Nothing is known of a key: none came from the issuer, or they are too old, or newer ones cannot be had."""
+    """A key cannot be judged: no keys have been fetched yet, they are too old, or fetching newer ones fails."""
 
 
 class Keys(Protocol):
-    """An issuer's public keys at present. key_id: "" where a token names none."""
+    """An issuer's current public keys. key_id: "" if a token names none."""
 
     def find(self, key_id: str) -> Key | None:
-        """The key of that name; without one, the only key there is. Raises KeysUnavailable."""
+        """The key with that id; if `key_id` is "", the only key there is. Raises KeysUnavailable."""
 
     def tells(self, key: Key) -> bool:
-        """Whether that is one of them. Raises KeysUnavailable."""
+        """Whether the issuer still publishes a key. Raises KeysUnavailable."""
 
     def wanted(self, key_id: str) -> Future[None] | None:
-        """What is worth waiting for before `find` is asked."""
+        """A fetch that should finish before `find` is called; None: call it at once."""
 
     def look(self) -> None:
-        """See whether they have changed, or have to be fetched."""
+        """Read the keys again if their file has changed, or begin to fetch them if that is due."""
 
 
 class FileKeys:
-    """Of a file, read anew when it changes."""
+    """Keys from a file, which is read again when it changes."""
 
     def __init__(self, path: str) -> None:
-        """Raises ValueError, and OSError where it cannot be read."""
+        """Raises ValueError if the file holds no keys, OSError if it cannot be read."""
         self._watched = Watched(f"keys {path}", [path], lambda: _read(path))
 
     def find(self, key_id: str) -> Key | None:
@@ -72,16 +72,16 @@ def _read(path: str) -> KeysById:
     try:
         return keys_of(json.loads(Path(path).read_bytes()))
     except RecursionError as error:
-        raise ValueError(f"{path} is no set of keys; its lists lie in each other too deep") from error
+        raise ValueError(f"{path} is not a set of keys; its lists are nested too deeply") from error
 
 
 def in_thread(work: Callable[[], None]) -> None:
-    """Begin work beside the caller's; it does not keep the process from ending."""
+    """Run `work` on a daemon thread."""
     threading.Thread(target=work, name="issuer keys", daemon=True).start()
 
 
 class FetchedKeys:
-    """Of a URL. While they cannot be fetched, those that were hold for `stale_s`. Used from any thread."""
+    """Keys from a URL. If fetching fails, the last keys stay valid for `stale_s` longer. Used from any thread."""
 
     def __init__(
         self,
@@ -90,7 +90,7 @@ class FetchedKeys:
         clock: Callable[[], float] = time.monotonic,
         begin: Callable[[Callable[[], None]], None] = in_thread,
     ) -> None:
-        """fetch: the keys as they are now; raises ValueError or OSError. begin: has it done on another thread."""
+        """fetch: returns the issuer's current keys; raises ValueError or OSError. begin: runs it on another thread."""
         self._source = source
         self._fetch = fetch or (lambda: fetched(source))
         self._clock = clock
@@ -105,7 +105,7 @@ class FetchedKeys:
 
     def find(self, key_id: str) -> Key | None:
         found = find_key(self._known(), key_id)
-        if found is None and self._is_failing:  # it may be a new one, of which nothing has been heard
+        if found is None and self._is_failing:  # it may be a new key that could not be fetched
             raise KeysUnavailable(self._source.place)
         return found
 
@@ -113,7 +113,7 @@ class FetchedKeys:
         return is_told(self._known(), key)
 
     def _known(self) -> KeysById:
-        """Raises KeysUnavailable where there are none, or they are too old."""
+        """Raises KeysUnavailable if there are no keys, or they are too old."""
         if self._keys is None or self._are_too_old:
             raise KeysUnavailable(self._source.place)
         return self._keys
@@ -146,27 +146,29 @@ class FetchedKeys:
         return self._keys is None or self._age_s > self._source.refresh_s
 
     def _is_good_enough(self) -> bool:
-        """Whether a key that is known need not wait for what is being fetched: that was begun as soon as it was due, or
-        the issuer does not answer. Else nobody has asked for long, and a key may have been taken back since.
+        """Whether a known key may be used without waiting for the fetch in progress.
+
+        It may if the fetch began as soon as it was due, or if the issuer does not answer. Otherwise nobody has called
+        for a long time, and the key may have been revoked meanwhile.
         """
         is_asked_for = self._is_failing or self._age_s <= self._source.refresh_s + GIVE_UP_S
         return is_asked_for and not self._are_too_old
 
     def _ask(self) -> Future[None] | None:
-        """The fetch that is under way, begun now unless the last was just before."""
+        """The fetch in progress, or a new one; None if it is too early for one (`RETRY_S`)."""
         now = self._clock()
         if self._under_way is not None:
             if self._tried_at is None or now - self._tried_at < GIVE_UP_S:
                 return self._under_way
-            self._end(self._under_way, None, TimeoutError(f"nothing came in {GIVE_UP_S:g} s"))
-        is_once_more = self._is_failing or not self._is_due()  # else they may be good for less than that
+            self._end(self._under_way, None, TimeoutError(f"no answer within {GIVE_UP_S:g} s"))
+        is_once_more = self._is_failing or not self._is_due()  # `refresh_s` may be shorter than RETRY_S
         if self._tried_at is not None and is_once_more and now - self._tried_at < RETRY_S:
             return None
         self._tried_at, self._num_waiting = now, 0
         under_way = self._under_way = Future[None]()
         try:
             self._begin(lambda: self._renew(under_way))
-        except Exception as error:  # there is no thread left
+        except Exception as error:  # no thread can be started
             self._end(under_way, None, error)
         return under_way
 
@@ -175,19 +177,19 @@ class FetchedKeys:
         failure: Exception | None = None
         try:
             keys = self._fetch()
-        except Exception as error:  # whatever it is: it must not be the last fetch, and the keys that were hold
+        except Exception as error:  # whatever it is: later fetches must be possible, and the old keys stay valid
             failure = error
         with self._lock:
             self._end(under_way, keys, failure)
 
     def _end(self, under_way: Future[None], keys: KeysById | None, failure: Exception | None) -> None:
-        """A fetch is over, unless it was given up before."""
+        """Record the result of a fetch, unless it was given up before."""
         if self._under_way is not under_way:
             return
         self._under_way = None
         if keys is None:
             if not self._is_failing:
-                _log.error("keys of %s cannot be fetched, those that were hold for a while: %s",
+                _log.error("keys of %s cannot be fetched, the last ones stay valid for a while: %s",
                            self._source.place, _in_words(failure))  # fmt: skip
             self._is_failing = True
         else:
@@ -202,14 +204,14 @@ def _in_words(failure: Exception | None) -> str:
 
 
 class KeyRings:
-    """The keys of all issuers, which outlive a change of the file that names them."""
+    """The keys of all issuers, kept when the tenants' file is read again."""
 
     def __init__(self, begin: Callable[[Callable[[], None]], None] = in_thread) -> None:
         self._begin = begin
         self._keys: dict[KeySource, Keys] = {}
 
     def of(self, source: KeySource) -> Keys:
-        """Raises ValueError, or OSError, for a file that cannot be read."""
+        """The keys of a source. Raises ValueError or OSError if a file that it names cannot be read."""
         found = self._keys.get(source)
         if found is None:
             if source.authority:

@@ -1,4 +1,4 @@
-"""Identity as the settings have it: the gateway's credentials, who calls, and the ports that it listens on."""
+"""Sets up identity from the settings: TLS for the ports, the callers, and listening on an address."""
 
 from __future__ import annotations
 
@@ -21,19 +21,19 @@ _log = logging.getLogger(__name__)
 
 
 def make_tls(config: Protection) -> ServerTls | None:
-    """What the gateway's port is served with; None: plain text. Raises SettingError."""
+    """TLS for the gRPC port; None: plain text. Raises SettingError."""
     if not config.tls_certificate:
         return None
     return ServerTls(TlsFiles(config.tls_certificate, config.tls_key, config.tls_client_ca))
 
 
 def make_ops_context(config: Protection) -> ssl.SSLContext | None:
-    """What the port of operations is served with; None: plain text. Raises SettingError."""
+    """TLS for the port of health and metrics; None: plain text. Raises SettingError."""
     return server_context(TlsFiles(config.tls_certificate, config.tls_key)) if config.ops_tls else None
 
 
 def make_callers(config: Protection) -> Callers:
-    """Raises SettingError."""
+    """The callers of the settings' tenants. Raises SettingError."""
     if not config.tenants:
         return Callers()
     rings = KeyRings()
@@ -41,29 +41,32 @@ def make_callers(config: Protection) -> Callers:
     def read() -> Tenants:
         tenants = read_tenants(config.tenants)
         for issuer in tenants.issuers.values():
-            rings.of(issuer.source)  # files that it names must be there, too
+            rings.of(issuer.source)  # raises if a file that it names is missing
         return tenants
 
     try:
         callers = Callers(Watched("tenants", [config.tenants], read), rings=rings)
-        callers.look()  # keys that come from elsewhere are fetched meanwhile
+        callers.look()  # begins to fetch the keys of issuers
         return callers
     except (ValueError, OSError) as error:
         raise SettingError(f"tenants cannot be read: {error}") from error
 
 
 def warn_of_exposure(config: Protection) -> None:
-    """Say in the log what other machines reach unprotected, which `insecure` has allowed."""
+    """Log which ports other machines can reach without protection, as `insecure` allows."""
     for name, host, lacking in (("gRPC", config.host, lacks(config)), ("ops", config.ops_host, ops_lacks(config))):
         if lacking and not is_local(host):
             _log.warning("%s is served to other machines on %s without %s", name, host, " and without ".join(lacking))
     if config.tenants and not config.ops_tls and not is_local(config.ops_host):
-        _log.warning("tokens for the metrics cross the network to %s in plain text; --ops-tls hides them",
+        _log.warning("tokens for the metrics cross the network to %s in plain text; --ops-tls encrypts them",
                      config.ops_host)  # fmt: skip
 
 
 def listen(server: grpc.aio.Server, address: str, what: str, tls: ServerTls | None = None) -> int:
-    """Have a server listen on an address; returns the port, 0 for a unix socket. Raises SettingError."""
+    """Make a gRPC server listen on an address; returns the port, 0 for a unix socket. Raises SettingError.
+
+    what: is appended to the address in the error message.
+    """
     credentials = None if tls is None else tls.credentials()
     try:
         if credentials is None:

@@ -1,9 +1,9 @@
-"""Tenants: the file that says who may call, by which credentials, and how much each may have.
+"""Tenants: the file that says who may call, with which credentials, and how much each may have.
 
 [tenants.studio]
 roles = ["motion"]                       # the default; also "admin", "metrics"
 certificates = ["studio.example"]        # names of client certificates, common or alternative
-issuers = ["corp"]                       # whose tokens may name it: entries of `issuers`
+issuers = ["corp"]                       # whose signed tokens may name this tenant: names of entries of `issuers`
 tokens = [{ hash = "sha256:...", expires = 2027-01-01T00:00:00Z }]
 quota = { heroes = 8, session_weight = 64 }
 """
@@ -38,7 +38,8 @@ QUOTAS = {
     "share": (0.01, 1000),
     "steps_per_second": (1, 1e9),
 }
-"""What a tenant may be given other than an address has, and the range of each; names as in `rpc.limits.PeerLimits`."""
+"""Limits that a tenant may have instead of those of an address, and their ranges; names as in `rpc.limits.PeerLimits`.
+"""
 
 
 @dataclass(frozen=True)
@@ -62,10 +63,10 @@ class Tenant:
 
 
 class Tenants:
-    """All of them, by what they show."""
+    """All tenants, by name and by credential. issuers: by the claim `iss`."""
 
     def __init__(self, tenants: Iterable[Tenant], issuers: Iterable[Issuer] = ()) -> None:
-        """Raises ValueError where two show the same, or a tenant's issuer is not there."""
+        """Raises ValueError if a credential or an issuer occurs twice, or a tenant names an unknown issuer."""
         self.issuers: dict[str, Issuer] = {}
         for issuer in issuers:
             self._check_new(issuer.issuer in self.issuers, "issuer", issuer.issuer)
@@ -89,14 +90,14 @@ class Tenants:
     @staticmethod
     def _check_new(is_there: bool, kind: str, name: str) -> None:
         if is_there:
-            raise ValueError(f"the {kind} {name!r} is given twice; give each once, to one")
+            raise ValueError(f"the {kind} {name!r} is given twice; give each only once, to one tenant")
 
 
 def read_tenants(path: str) -> Tenants:
-    """Raises ValueError for what is wrong in the file, OSError where it cannot be read."""
+    """Raises ValueError if the file is invalid, OSError if it cannot be read."""
     try:
         text = Path(path).read_text(encoding="utf-8")
-        if not text.strip():  # as it is for a moment while it is written anew, when nobody is to be turned out
+        if not text.strip():  # as for a moment while it is rewritten; nobody must be thrown out then
             raise ValueError("it is empty; write [tenants] alone to let nobody in")
         document = tomllib.loads(text)
         parts = table(document, {"tenants", "issuers"}, "the file")
@@ -106,14 +107,14 @@ def read_tenants(path: str) -> Tenants:
             [_tenant(name, mapping(entry, name)) for name, entry in tenants.items()],
             [read_issuer(name, mapping(entry, f"issuers.{name}")) for name, entry in issuers.items()],
         )
-    except ValueError as error:  # TOML's own and those of its encoding are ValueErrors
+    except ValueError as error:  # errors of TOML and of the encoding are ValueErrors too
         raise ValueError(f"{path}: {error}") from error
 
 
 def _tenant(name: str, entry: Mapping[str, Any]) -> Tenant:
     if not name:
         raise ValueError(
-            "tenants has an entry without a name; give it one, by which its sessions are told from others'"
+            "tenants has an entry without a name; give it one, which tells its sessions from those of others"
         )
     entry = table(entry, {"roles", "tokens", "certificates", "issuers", "quota"}, name)
     roles = words(entry.get("roles", [role.value for role in DEFAULT_ROLES]), f"{name}.roles")
@@ -122,7 +123,7 @@ def _tenant(name: str, entry: Mapping[str, Any]) -> Tenant:
         raise ValueError(f"{name}.roles has {', '.join(unknown)}; known are {', '.join(role.value for role in Role)}")
     tokens = entry.get("tokens", [])
     if not isinstance(tokens, list):
-        raise ValueError(f"{name}.tokens must be a list of tables with hash and, where it ends, expires")
+        raise ValueError(f"{name}.tokens must be a list of tables with hash and, if it expires, expires")
     return Tenant(
         name,
         frozenset(map(Role, roles)),

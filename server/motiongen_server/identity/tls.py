@@ -1,4 +1,4 @@
-"""TLS: the certificate that the gateway shows, whose certificates it asks of clients, and how both are renewed."""
+"""TLS: the server's certificate, the authorities for clients' certificates, and how both are renewed."""
 
 from __future__ import annotations
 
@@ -17,9 +17,9 @@ REST_S = 0.1
 
 @dataclass(frozen=True)
 class TlsFiles:
-    """PEM files. certificate: the gateway's, with its chain; key: its key, not encrypted.
+    """PEM files. certificate: the server's, with its chain. key: its private key, not encrypted.
 
-    client_ca: authorities one of which must have signed a client's certificate; "": clients need show none.
+    client_ca: the authorities, one of which must have signed a client's certificate; "": clients need no certificate.
     """
 
     certificate: str
@@ -28,11 +28,11 @@ class TlsFiles:
 
     @property
     def paths(self) -> tuple[str, ...]:
-        """All that there are."""
+        """The files that are given."""
         return tuple(path for path in (self.certificate, self.key, self.client_ca) if path)
 
     def read(self) -> grpc.ServerCertificateConfiguration:
-        """What they hold. Raises ValueError where they do not fit together, OSError where one cannot be read."""
+        """Their content, for gRPC. Raises ValueError if they do not belong together, OSError if one cannot be read."""
         check_pair(self.certificate, self.key)
         authorities = None
         if self.client_ca:
@@ -43,11 +43,11 @@ class TlsFiles:
 
 
 class Renewal:
-    """What gRPC asks for, one thread at a time, whenever a client connects: other certificates, or None for the same.
+    """gRPC calls it whenever a client connects, one thread at a time: returns new certificates, or None for the same.
 
-    gRPC gives up what it had at once where it is given others, though other threads may just be about to use it: a
-    handshake that begins at that moment ends the process. So it is given others only where there are any, and after
-    `REST_S`, in which no handshake can begin and those that have begun hold what they use.
+    When gRPC gets new certificates, it frees the old ones at once, though another thread may be about to use them: a
+    handshake that begins at that moment crashes the process. Hence it gets them only if they have changed, and after
+    `REST_S`: no handshake can begin in that time, and those that have begun hold references to what they use.
     """
 
     def __init__(self, watched: Watched[grpc.ServerCertificateConfiguration]) -> None:
@@ -65,9 +65,7 @@ class Renewal:
 
 
 class ServerTls:
-    """What a port of gRPC is served with. Its files are looked at whenever a client connects; connections that there
-    are keep theirs.
-    """
+    """TLS for a gRPC port. The files are checked whenever a client connects; open connections keep theirs."""
 
     def __init__(self, files: TlsFiles) -> None:
         """Raises SettingError."""
@@ -78,17 +76,17 @@ class ServerTls:
         self._asks_clients = bool(files.client_ca)
 
     def credentials(self) -> grpc.ServerCredentials:
-        """For one port that is opened once: they remember what they have given it."""
+        """Credentials for one port: they remember which certificates they gave it."""
         renewal = Renewal(self._watched)
         return grpc.dynamic_ssl_server_credentials(
             renewal.given,
-            renewal,  # type: ignore[arg-type]  # the stubs do not know that None is the same as before
+            renewal,  # type: ignore[arg-type]  # the stubs do not know that it may return None
             require_client_authentication=self._asks_clients,
         )
 
 
 def server_context(files: TlsFiles) -> ssl.SSLContext:
-    """The same for what is not gRPC: the pair is looked at in each handshake. Raises SettingError."""
+    """TLS for a port that is not gRPC; the files are checked for changes in every handshake. Raises SettingError."""
 
     def read() -> ssl.SSLContext:
         check_pair(files.certificate, files.key)
@@ -107,32 +105,32 @@ def server_context(files: TlsFiles) -> ssl.SSLContext:
         watched.look()
         handshake.context = watched.value
 
-    first.sni_callback = renew  # which is called whether a name was sent or not
+    first.sni_callback = renew  # it is called whether the client sends a name or not
     return first
 
 
 def check_pair(certificate: str, key: str) -> None:
-    """Raise ValueError unless a certificate and a key belong together, OSError where one cannot be read."""
+    """Raise ValueError unless a certificate and a key belong together, OSError if one cannot be read."""
     try:
         ssl.SSLContext(ssl.PROTOCOL_TLS_SERVER).load_cert_chain(certificate, key, password=_no_password)
     except ssl.SSLError as error:
-        message = f"{certificate} and {key} are no certificate and its key, in PEM ({_words(error)})"
+        message = f"{certificate} and {key} are not a certificate and its key, in PEM ({_words(error)})"
         raise ValueError(message) from error
 
 
 def check_authorities(path: str) -> None:
-    """Raise ValueError unless a file holds certificates of authorities, OSError where it cannot be read."""
+    """Raise ValueError unless a file holds certificates of authorities, OSError if it cannot be read."""
     context = ssl.SSLContext(ssl.PROTOCOL_TLS_SERVER)
     try:
         context.load_verify_locations(path)
     except ssl.SSLError as error:
         raise ValueError(f"{path} holds no certificates of authorities, in PEM ({_words(error)})") from error
     if not context.get_ca_certs():
-        raise ValueError(f"{path} holds certificates, but none of an authority")
+        raise ValueError(f"{path} holds certificates, but none of a certificate authority")
 
 
 def _no_password() -> str:
-    raise ValueError("the key is encrypted; give one that is not, which only the server's user can read")
+    raise ValueError("the key is encrypted; give one that is not, in a file that only the server's user can read")
 
 
 def _words(error: ssl.SSLError) -> str:

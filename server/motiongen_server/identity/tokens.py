@@ -1,7 +1,7 @@
-"""Bearer tokens: made here, kept as salted hashes.
+"""Bearer tokens: made here, stored as salted hashes.
 
-A token is `mg_NUMBER_SECRET`. Its secret has 256 random bits, so a fast hash is as good as a slow one: there is nothing
-to guess, and a slow one would let strangers keep the gateway busy with wrong tokens.
+A token is `mg_NUMBER_SECRET`. Its secret has 256 random bits and cannot be guessed, so a fast hash is as good as a slow
+one. With a slow one, strangers could keep the gateway busy by sending wrong tokens.
 """
 
 from __future__ import annotations
@@ -25,7 +25,7 @@ _HASH = re.compile(
 
 @dataclass(frozen=True, slots=True)
 class TokenHash:
-    """What is kept of a token. number: its public part, by which its hash is found."""
+    """What is stored of a token. number: its public part, by which the hash is found."""
 
     number: str
     salt: bytes
@@ -43,16 +43,16 @@ class TokenHash:
         return f"{_SCHEME}:{self.number}:{self.salt.hex()}:{self.digest.hex()}"
 
     def is_of(self, token: str) -> bool:
-        """Whether it is the hash of a token; takes as long if it is not."""
+        """Whether this is the hash of `token`, compared in constant time."""
         return hmac.compare_digest(_digest(self.salt, token), self.digest)
 
 
 UNKNOWN = TokenHash("", bytes(_SALT_BYTES), bytes(32))
-"""Of no token: a number that is not known takes as long to refuse as a wrong secret."""
+"""The hash of no token. It is compared for unknown numbers: refusing one takes as long as refusing a wrong secret."""
 
 
 def new_token() -> tuple[str, TokenHash]:
-    """A token, and what is to be kept of it."""
+    """A new token, and its hash to be stored."""
     number = secrets.token_hex(_NUMBER_BYTES)
     token = f"{_PREFIX}_{number}_{secrets.token_hex(_SECRET_BYTES)}"
     salt = secrets.token_bytes(_SALT_BYTES)
@@ -60,7 +60,7 @@ def new_token() -> tuple[str, TokenHash]:
 
 
 def number_of(token: str) -> str | None:
-    """The public part of a token; None where it is not one of ours."""
+    """The public part of a token; None if it does not have the form of one."""
     match = _TOKEN.fullmatch(token)
     return None if match is None else match[1]
 

@@ -1,4 +1,4 @@
-"""Watched: what files say, read anew when one of them has changed."""
+"""Watched: the content of files, read again when one of them has changed."""
 
 from __future__ import annotations
 
@@ -12,21 +12,21 @@ from typing import Generic, TypeVar
 _log = logging.getLogger(__name__)
 
 RETRY_S = 1.0
-"""After which files that could not be read are tried again: they may name others, which have come since."""
+"""Files that could not be read are tried again after this time: they may name other files, which may exist by then."""
 
 T = TypeVar("T")
 _Signature = tuple[tuple[int, int, int], ...]
 
 
 class Watched(Generic[T]):
-    """What `read` makes of files. Used from any thread.
+    """The value that `read` makes of files. Used from any thread.
 
-    Files may be written anew or replaced one after the other: what cannot be read, for whatever reason, is logged, and
-    what was read last holds until it can be.
+    Files may be rewritten, or replaced one after the other: if reading fails, for whatever reason, that is logged, and
+    the last value stays in use until reading succeeds.
     """
 
     def __init__(self, what: str, paths: Sequence[str], read: Callable[[], T]) -> None:
-        """what: they are, in words, for the log. Raises what `read` raises, which must be ValueError or OSError."""
+        """what: names the files in the log. Raises what `read` raises, which must be ValueError or OSError."""
         self._what = what
         self._paths = paths
         self._read = read
@@ -40,7 +40,7 @@ class Watched(Generic[T]):
         self._seen = before
 
     def look(self) -> bool:
-        """Read the files anew if one of them has changed; whether `value` is another one now."""
+        """Read the files again if one of them has changed; returns whether `value` was replaced."""
         with self._lock:
             try:
                 signature = self._signature()
@@ -48,13 +48,13 @@ class Watched(Generic[T]):
                     return False
                 value = self._read()
                 if self._signature() != signature:
-                    return False  # it was written meanwhile: the next look reads all of it
-            except Exception as error:  # who looks lets everybody in, or watches all streams
+                    return False  # a file changed while it was read: the next `look` reads it again
+            except Exception as error:  # must not reach callers of `look`, which admit calls and watch all streams
                 self._note_failure(error)
                 return False
             self._seen, self._failed, self._told = signature, None, ""
             self.value = value
-        _log.info("%s: read anew", self._what)
+        _log.info("%s: read again", self._what)
         return True
 
     def _note_failure(self, error: Exception) -> None:
@@ -66,7 +66,7 @@ class Watched(Generic[T]):
         said = str(error) if isinstance(error, OSError | ValueError) else repr(error)
         if failed != self._failed or said != self._told:
             self._failed, self._told = failed, said
-            _log.error("%s: cannot be read anew, and what was read before holds: %s", self._what, said)
+            _log.error("%s: cannot be read again, the last content stays in use: %s", self._what, said)
 
     def _signature(self) -> _Signature:
         seen = (os.stat(path) for path in self._paths)

@@ -1,1 +1,1 @@
-"""Which models there are: their engines made, held, loaded and unloaded."""
+"""The models of a server: creates, holds and releases their engines."""

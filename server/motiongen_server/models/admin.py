@@ -1,4 +1,4 @@
-"""The admin service: what operators may ask of the models of a running server."""
+"""The admin service: operators list, load, unload and reload the models of a running server."""
 
 from __future__ import annotations
 
@@ -10,6 +10,7 @@ import grpc
 import grpc.aio
 
 from motiongen.v1 import admin_pb2
+from motiongen_server.engine.engine_port import ModelLost
 from motiongen_server.errors import StreamRefused
 from motiongen_server.identity.caller import Role
 from motiongen_server.identity.callers import Callers
@@ -27,17 +28,17 @@ T = TypeVar("T")
 
 
 class AdminService:
-    """Answers calls by what the manager can do. What was begun goes on when the caller has gone."""
+    """Has the manager do what callers ask. Work that has begun continues even if the caller disconnects."""
 
     def __init__(self, manager: ModelManager, load_of: Callable[[str], float], callers: Callers | None = None) -> None:
-        """load_of: the share of the machine spoken for, as a model's engine sees it. callers: who may call."""
+        """load_of: returns the committed share of the machine, as a model's engines see it. callers: who may call."""
         self._callers = callers or Callers()
         self._manager = manager
         self._load_of = load_of
         self._under_way: set[asyncio.Task[Any]] = set()
 
     async def ListModels(self, call: CallContext) -> admin_pb2.ListModelsResponse:
-        """All models, the one that is being loaded last. Raises StreamRefused."""
+        """All models; one that is being loaded comes last. Raises StreamRefused."""
         await self._check_open(call)
         parsed_as(admin_pb2.ListModelsRequest, await call.request())
         models = [self._status(kept) for kept in self._manager.kept]
@@ -46,7 +47,7 @@ class AdminService:
         return admin_pb2.ListModelsResponse(models=models)
 
     async def LoadModel(self, call: CallContext) -> admin_pb2.LoadModelResponse:
-        """One model more. Raises StreamRefused."""
+        """Load one more model. Raises StreamRefused."""
         await self._check_open(call)
         request = parsed_as(admin_pb2.LoadModelRequest, await call.request())
         if not request.source:
@@ -55,7 +56,7 @@ class AdminService:
         return admin_pb2.LoadModelResponse(model=self._status(kept))
 
     async def UnloadModel(self, call: CallContext) -> admin_pb2.UnloadModelResponse:
-        """One model less. Raises StreamRefused."""
+        """Unload a model. Raises StreamRefused."""
         await self._check_open(call)
         request = parsed_as(admin_pb2.UnloadModelRequest, await call.request())
         grace_s = _grace_s(request)
@@ -63,7 +64,7 @@ class AdminService:
         return admin_pb2.UnloadModelResponse(closed_sessions=closed)
 
     async def ReloadModel(self, call: CallContext) -> admin_pb2.ReloadModelResponse:
-        """The same model anew. Raises StreamRefused."""
+        """Load a model again and replace the old one. Raises StreamRefused."""
         await self._check_open(call)
         request = parsed_as(admin_pb2.ReloadModelRequest, await call.request())
         grace_s = _grace_s(request)
@@ -79,7 +80,7 @@ class AdminService:
             raise StreamRefused(grpc.StatusCode.UNAVAILABLE, "STARTING", message, retry_after_s=1.0)
 
     async def _done(self, work: Coroutine[Any, Any, T]) -> T:
-        """What the work comes to. It is finished also where the caller does not wait for it."""
+        """The result of `work`, which is finished even if the caller does not wait for it."""
         task = asyncio.create_task(work)
         self._under_way.add(task)
         task.add_done_callback(self._finished)
@@ -91,30 +92,34 @@ class AdminService:
     def _finished(self, task: asyncio.Task[Any]) -> None:
         self._under_way.discard(task)
         if not task.cancelled():
-            task.exception()  # looked at: the caller may be gone
+            task.exception()  # retrieved: the caller may be gone
 
     def _status(self, kept: LoadedModel) -> admin_pb2.ModelStatus:
-        failure = kept.engine.failure
+        failure = kept.engine.failure if kept.state is ModelState.FAILED else None
         return admin_pb2.ModelStatus(
             model_id=kept.model_id,
             source=kept.source,
             state=int(kept.state),  # type: ignore[arg-type]  # the manager's numbers are the protocol's
             sessions=kept.engine.num_sessions,
             load=self._load_of(kept.model_id),
-            message=f"its engine failed: {failure}" if kept.state is ModelState.FAILED else "",
+            message="" if failure is None else _why(failure),
         )
 
 
 def add_admin(service: AdminService, server: grpc.aio.Server) -> None:
-    """Serve it."""
+    """Register the service with a server."""
     requests = Requests()
     methods = (service.ListModels, service.LoadModel, service.UnloadModel, service.ReloadModel)
     handlers = {method.__name__: unary_method(method, requests) for method in methods}
     serve_methods(server, SERVICE_NAME, handlers)
 
 
+def _why(failure: BaseException) -> str:
+    return str(failure) if isinstance(failure, ModelLost) else f"its engine failed: {failure}"
+
+
 def _grace_s(request: admin_pb2.UnloadModelRequest | admin_pb2.ReloadModelRequest) -> float | None:
-    """The grace of a request; None where there is none. Raises StreamRefused."""
+    """The grace period of a request; None if it has none. Raises StreamRefused."""
     if not request.model_id:
         raise _no_field("model_id", "a model of ListModels")
     if not request.HasField("grace"):

@@ -1,4 +1,4 @@
-"""ModelFactory: makes of a model's name all that serving it takes: engine, text encoder, catalogue and metrics."""
+"""ModelFactory: makes all that serving a model needs, from its name: engine, text encoder, catalogue and metrics."""
 
 from __future__ import annotations
 
@@ -21,7 +21,7 @@ from motiongen_server.text.prompts import PromptEncoder
 
 
 class ModelEngine(EnginePort, Protocol):
-    """A model that is loaded and takes events, and what it says of itself."""
+    """A model that is loaded and takes events, with its facts, licence and abilities."""
 
     @property
     def facts(self) -> ModelFacts: ...
@@ -35,7 +35,7 @@ class ModelEngine(EnginePort, Protocol):
 
 @dataclass(frozen=True)
 class _Parts:
-    """What is loaded on a thread of its own."""
+    """What is loaded on a thread of its own, in one go."""
 
     engine: ModelEngine
     encoder: TextEncoder
@@ -43,7 +43,7 @@ class _Parts:
 
 
 class Engines(Protocol):
-    """What computes: engine processes, or something in their place. Used from any thread. `str` is for the log."""
+    """The engine processes, or a substitute for them. Used from any thread. `str` of it is logged."""
 
     def load(self, source: str) -> ModelEngine:
         """Load a model and measure it. Raises SettingError."""
@@ -54,16 +54,16 @@ class Engines(Protocol):
         ...
 
     def stop(self) -> None:
-        """End everything, at once what is being loaded."""
+        """End all engines, at once those that are still loading."""
         ...
 
     def join(self) -> bool:
-        """Wait for the end, for a while. True if it has come."""
+        """Wait for their end, with a time limit. True if all have ended."""
         ...
 
 
 class ModelFactory:
-    """Models of one server share an encoder where they take the same. Its coroutine runs on the event loop only."""
+    """Loads models; those that need the same text encoder share it. Its coroutine runs on the event loop only."""
 
     def __init__(self, config: ServerConfig, metrics: Metrics) -> None:
         self._config = config
@@ -74,7 +74,7 @@ class ModelFactory:
         self._served: set[str] = set()  # models by their ids
 
     def use(self, engines: Engines) -> None:
-        """Compute there; before anything is loaded."""
+        """Set the engines to load models on; to be called before `load`."""
         self._engines = engines
 
     async def load(self, source: str) -> LoadedModel:
@@ -114,13 +114,13 @@ class ModelFactory:
             raise
 
     def _give_up(self, engine: ModelEngine) -> None:
-        """Have a model let go that was loaded and cannot be served: nobody else would."""
+        """Unload a model that was loaded and cannot be served: nobody else would."""
         engine.stop()
-        if engine.facts.model_id not in self._served:  # else its metrics are those of the one that is
+        if engine.facts.model_id not in self._served:  # else its metrics belong to the model that is served
             self._metrics.forget_model(engine.facts.model_id)
 
     def forget(self, model: LoadedModel) -> None:
-        """Measure nothing more of a model that has been unloaded."""
+        """Remove the metrics of a model that has been unloaded."""
         facts = model.catalog.facts
         self._served.discard(facts.model_id)
         self._metrics.build.remove(facts.model_id, facts.rig.rig_id)
@@ -147,13 +147,13 @@ class ModelFactory:
         return sum(prompts.num_waiting for prompts in tuple(self._prompts.values()))
 
     def close(self) -> None:
-        """End the encoders."""
+        """Close the encoders."""
         for prompts in self._prompts.values():
             prompts.close()
 
 
 def make_limits(config: ServerConfig) -> ServiceLimits:
-    """What the service as a whole allows."""
+    """The limits of the service as a whole."""
     return ServiceLimits(
         max_streams=config.max_streams,
         max_clip_calls=config.max_clip_calls,
@@ -181,7 +181,7 @@ def make_limits(config: ServerConfig) -> ServiceLimits:
 def make_catalog(
     config: ServerConfig, facts: ModelFacts, licence: str, text_encoder: str, repertoire: Repertoire = NOTHING_SAID
 ) -> Catalog:
-    """What sessions with a model may ask for."""
+    """The catalogue of a model: what its sessions may ask for."""
     limits = Limits(
         max_sessions_per_stream=config.max_sessions_per_stream,
         max_prompt_characters=config.max_prompt_characters,

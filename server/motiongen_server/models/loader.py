@@ -1,4 +1,4 @@
-"""What serving a model takes besides its engine: the text encoder that fits it, presets, and the store of prompts."""
+"""Loads what serving a model needs besides its engine: the text encoder, presets, and the store of prompts."""
 
 from __future__ import annotations
 
@@ -23,23 +23,23 @@ _log = logging.getLogger(__name__)
 
 REMOTE_ENCODERS = ("grpc:", "grpcs:")
 WITH_TORCH = ("llm2vec",)
-"""Encoders that need torch, which the gateway never loads: an engine process has them."""
+"""Encoders that need torch, which the gateway never loads: they run in an engine process."""
 
 LoadText = Callable[[ModelFacts], TextEncoder]
-"""Loads the text encoder for a model. Raises SettingError where there is none or it does not fit."""
+"""Loads the text encoder for a model. Raises SettingError if there is none or it does not fit."""
 
 
 def load_encoder(
     config: ServerConfig, facts: ModelFacts, with_torch: Callable[[int, float], TextEncoder] | None = None
 ) -> TextEncoder:
-    """The configured text encoder. Raises SettingError where there is none or it does not fit the model.
+    """The configured text encoder. Raises SettingError if there is none or it does not fit the model.
 
-    with_torch: makes one that needs torch, for vectors of so many numbers and calls of so many seconds.
+    with_torch: makes one that needs torch, given the width of its vectors and the time limit of a call in seconds.
     """
     from motiongen_ardy.text import check_width, load_text_encoder
 
     name, width = config.text_encoder, facts.embedding_dim
-    timeout_s = 2 * config.prompt_timeout_s  # longer than anybody waits, so that it is there for the next who asks
+    timeout_s = 2 * config.prompt_timeout_s  # longer than any event waits: the result is cached for the next one
     try:
         if name.startswith(REMOTE_ENCODERS):
             remote = _remote_encoder(config, timeout_s)
@@ -55,7 +55,7 @@ def load_encoder(
 
 
 def _remote_encoder(config: ServerConfig, timeout_s: float) -> RemoteEncoder:
-    """The encoder at an address; if it is away and the prompt store knows what it was, that, and it may come later."""
+    """The encoder at an address. If it does not answer, its identity and width are taken from the prompt store."""
     from motiongen_ardy.text import TextEncoderUnavailable
     from motiongen_ardy.text.store import known_encoder
     from motiongen_server.text.encoder.access import encoder_credentials, encoder_token
@@ -70,12 +70,12 @@ def _remote_encoder(config: ServerConfig, timeout_s: float) -> RemoteEncoder:
         known = known_encoder(Path(config.prompt_store), config.text_encoder) if config.prompt_store else None
         if known is None:
             raise
-        _log.warning("%s; until it does, only prompts are served that %s has kept", error, config.prompt_store)
+        _log.warning("%s; until it does, only prompts stored in %s are served", error, config.prompt_store)
         return RemoteEncoder(address, timeout_s, known, credentials, token)
 
 
 def load_presets(config: ServerConfig, text_encoder: str, facts: ModelFacts) -> tuple[Preset, ...]:
-    """The configured presets. Raises SettingError where they are from another encoder than the server's."""
+    """The configured presets. Raises SettingError if they cannot be read, or are from another encoder."""
     if not config.presets:
         return ()
     from motiongen_ardy.text.prompt_file import PromptFileError, read_prompt_file
@@ -93,7 +93,7 @@ def load_presets(config: ServerConfig, text_encoder: str, facts: ModelFacts) -> 
 
 
 def load_repertoire(config: ServerConfig, encoder: TextEncoder, facts: ModelFacts, abilities: Abilities) -> Repertoire:
-    """The prompts of the checkpoint and the configured presets, which take the place of those of the same name.
+    """The prompts of the checkpoint and the configured presets, which replace those with the same id.
 
     Raises SettingError as `load_presets` does.
     """
@@ -104,7 +104,7 @@ def load_repertoire(config: ServerConfig, encoder: TextEncoder, facts: ModelFact
 
 
 def open_store(config: ServerConfig, text_encoder: str, facts: ModelFacts) -> Store | None:
-    """Where embeddings outlive the process, None where that is not asked for."""
+    """The store in which embeddings outlive the process; None if none is configured."""
     if not config.prompt_store:
         return None
     from motiongen_ardy.text.store import VectorStore

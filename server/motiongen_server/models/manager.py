@@ -1,4 +1,4 @@
-"""ModelManager: holds the engines of all models; loads, unloads and reloads them while the others are served."""
+"""ModelManager: holds the engines of all models; loads, unloads and reloads models while others are served."""
 
 from __future__ import annotations
 
@@ -9,8 +9,9 @@ from collections.abc import Awaitable, Callable
 from typing import Protocol
 
 from motiongen_server.background import start_in_background
-from motiongen_server.engine.engine_port import EnginePort
-from motiongen_server.engine.types import Code
+from motiongen_server.engine.engine_port import EnginePort, ModelLost
+from motiongen_server.engine.types import Code, EventRefused
+from motiongen_server.engine_process.connection import EngineLost, LoadFailed
 from motiongen_server.models.registry import LoadedModel, ModelRegistry, ModelState
 from motiongen_server.ops.memory import settle_again
 from motiongen_server.rpc.errors.events import model_failed, model_reloading
@@ -20,11 +21,11 @@ _log = logging.getLogger(__name__)
 
 LOOK_EVERY_S = 0.05
 CLOSE_S = 2.0
-"""For sessions that are told to close, and for an engine that is told to end."""
+"""How long to wait for sessions that are told to close, and for an engine that is told to end."""
 
 
 class CannotKeep(Exception):
-    """Why a model is not loaded or unloaded; those that are served are untouched. reason: a word for programs."""
+    """Why a model is not loaded or unloaded; served models are not affected. reason: a word for programs."""
 
     def __init__(self, code: Code, reason: str, message: str) -> None:
         super().__init__(message)
@@ -33,20 +34,19 @@ class CannotKeep(Exception):
 
 
 class Closer(Protocol):
-    """Ends the sessions of a model: the service."""
+    """Closes the sessions of a model; the service does."""
 
     def close_model(self, model: LoadedModel) -> int: ...
 
 
 class ModelManager:
-    """Several engines as one: started, looked after and stopped together. Its coroutines run on the event loop only.
+    """The engines of all models: watches, drains and stops them together. Its coroutines run on the event loop only.
 
-    One model is loaded or unloaded at a time. What goes wrong with it is raised as CannotKeep and leaves the rest as it
-    was.
+    One model is loaded at a time. If that fails, CannotKeep is raised and everything else stays as it was.
     """
 
     def __init__(self, make: Callable[[str], Awaitable[LoadedModel]], forget: Callable[[LoadedModel], None]) -> None:
-        """make: loads a model from its source, raising SettingError. forget: told of a model that is gone for good."""
+        """make: loads a model from a source; raises SettingError. forget: called with a model that is gone for good."""
         self._make = make
         self._forget = forget
         self._kept: list[LoadedModel] = []
@@ -58,7 +58,7 @@ class ModelManager:
     # ---- the models -------------------------------------------------------------------------------------------------
 
     def adopt(self, model: LoadedModel) -> None:
-        """Keep a model that start-up has loaded, and offer it."""
+        """Hold and offer a model that was loaded at startup."""
         self._kept.append(model)
         if self._models is None:
             self._models = ModelRegistry(model)
@@ -66,7 +66,7 @@ class ModelManager:
             self._models.put(model)
 
     def open(self, closer: Closer) -> None:
-        """Start-up is over. closer: ends the sessions of a model that is unloaded."""
+        """Startup is over. closer: closes the sessions of a model that is unloaded."""
         self._closer = closer
 
     def __contains__(self, model_id: str) -> bool:
@@ -74,18 +74,18 @@ class ModelManager:
 
     @property
     def is_open(self) -> bool:
-        """Whether start-up is over."""
+        """Whether startup is over."""
         return self._closer is not None
 
     @property
     def models(self) -> ModelRegistry:
-        """Those that are offered; there is one at least."""
+        """The models that are offered, at least one."""
         assert self._models is not None
         return self._models
 
     @property
     def kept(self) -> tuple[LoadedModel, ...]:
-        """All models there are, the default first."""
+        """All models that are held, the default first."""
         return tuple(self._kept)
 
     @property
@@ -98,7 +98,7 @@ class ModelManager:
         kept = await self._load(source)
         if kept.model_id in self:
             await self._end(kept.engine)
-            message = f"{kept.model_id} is loaded already; reload it to have it anew"
+            message = f"{kept.model_id} is already loaded; use reload to load it again"
             raise CannotKeep(Code.ALREADY_EXISTS, "MODEL_LOADED", message)
         self._kept.append(kept)
         self.models.put(kept)
@@ -109,7 +109,7 @@ class ModelManager:
     async def unload(self, model_id: str, grace_s: float | None) -> int:
         """Unload a model; returns how many sessions had to be closed. Raises CannotKeep.
 
-        grace_s: how long its sessions may go on; None refuses while there are any.
+        grace_s: how long its sessions may continue; None: refuse if there are any.
         """
         kept = self._find(model_id)
         others = [other for other in self._kept if other is not kept and other.state is ModelState.SERVING]
@@ -126,9 +126,9 @@ class ModelManager:
         return closed
 
     async def reload(self, model_id: str, grace_s: float | None) -> tuple[LoadedModel, int]:
-        """Load a model again and put it in the place of the old one; returns how many sessions had to be closed.
+        """Load a model again and replace the old one with it; returns how many sessions had to be closed.
 
-        grace_s: as for `unload`, from then on. Raises CannotKeep; the old one is then served as before.
+        grace_s: as for `unload`, counted from then on. Raises CannotKeep; the old one is then served as before.
         """
         old = self._find(model_id)
         self._check_free(old, grace_s)
@@ -141,11 +141,11 @@ class ModelManager:
                 await self._end(kept.engine)
                 if kept.model_id not in self:
                     self._forget(kept)
-                message = f"{old.source!r} holds {kept.model_id} by now, not {model_id}; load it by itself"
+                message = f"{old.source!r} now holds {kept.model_id}, not {model_id}; use load for that"
                 raise CannotKeep(Code.FAILED_PRECONDITION, "ANOTHER_MODEL", message)
         except CannotKeep:
-            if old.refusal is reloading:  # else its engine has failed meanwhile
-                old.refusal = before
+            if old.refusal is reloading:  # else its engine has failed since
+                old.refusal = before if old.state is ModelState.FAILED else None  # it may serve again meanwhile
             raise
         self._kept[self._kept.index(old)] = kept
         self.models.put(kept)
@@ -157,7 +157,7 @@ class ModelManager:
         return kept, closed
 
     def _find(self, model_id: str) -> LoadedModel:
-        """The model to do something to. Raises CannotKeep where there is none, or something is being done already."""
+        """The model with that id. Raises CannotKeep if there is none, or it is being loaded or unloaded."""
         for kept in self._kept:
             if kept.model_id == model_id:
                 if kept.state is ModelState.UNLOADING or self._loading == kept.source:
@@ -184,7 +184,7 @@ class ModelManager:
         _log.info("loading %r", source)
         try:
             made = await self._make(source)
-            if self._is_draining:  # which began while it was loaded, and none of its sessions would end in time
+            if self._is_draining:  # the drain began meanwhile, and its sessions would not end in time
                 made.engine.drain()
             return made
         except SettingError as error:
@@ -194,13 +194,17 @@ class ModelManager:
                 _log.info("loading %r was broken off", source)
                 message = f"{source!r} is not loaded any more: the server is going away"
                 raise CannotKeep(Code.UNAVAILABLE, "DRAINING", message) from error
+            if isinstance(error, EngineLost) and not isinstance(error, LoadFailed):
+                message = f"{source!r} is not loaded: {error}; try again once all engine processes serve"
+                _log.error("%s", message)
+                raise CannotKeep(Code.UNAVAILABLE, "ENGINE_LOST", message) from error
             _log.exception("loading %r failed", source)
             raise CannotKeep(Code.INTERNAL, "CANNOT_LOAD", f"loading {source!r} failed; the log says why") from error
         finally:
             self._loading = None
 
     async def _retire(self, kept: LoadedModel, grace_s: float | None) -> int:
-        """Wait for the sessions of a model that is offered no more, close those that are left, and end its engine."""
+        """Wait for the sessions of a model that is no longer offered, close those that are left, and end its engine."""
         assert self._closer is not None
         kept.state = ModelState.UNLOADING
         await self._until_empty(kept.engine, grace_s or 0.0)
@@ -224,12 +228,19 @@ class ModelManager:
     # ---- all engines as one -----------------------------------------------------------------------------------------
 
     def look_after(self) -> None:
-        """Note which engines have failed."""
+        """Update which models have failed, and which serve again."""
         for kept in self._kept:
-            if kept.state is ModelState.SERVING and kept.engine.failure is not None:
-                _log.error("%s is served no more: its engine has failed", kept.model_id)
+            failure = kept.engine.failure
+            if kept.state is ModelState.SERVING and failure is not None:
                 kept.state = ModelState.FAILED
-                kept.refusal = model_failed(kept.model_id)
+                kept.refusal = _refusal_of(kept, failure)
+                _log.error("%s", kept.refusal)
+            elif kept.state is ModelState.FAILED:
+                if kept.refusal is not None and kept.refusal.reason == "MODEL_FAILED":  # else it is being reloaded
+                    kept.refusal = None if failure is None else _refusal_of(kept, failure)
+                if failure is None:
+                    kept.state = ModelState.SERVING
+                    _log.info("%s is served again", kept.model_id)
 
     @property
     def failure(self) -> BaseException | None:
@@ -239,16 +250,16 @@ class ModelManager:
 
     @property
     def heartbeat_at(self) -> float:
-        """When the slowest of those that have not failed last went round, in monotonic seconds.
+        """The oldest heartbeat of models that have not failed, in monotonic seconds.
 
-        Of those that are being unloaded nobody waits for a sign of life: at their end they give none.
+        Models that are being unloaded are left out: at their end they send no more heartbeats.
         """
         held = [kept.engine for kept in self._kept if kept.state is not ModelState.UNLOADING]
         beats = [engine.heartbeat_at for engine in held if engine.failure is None]
         return min(beats, default=0.0)
 
     def drain(self) -> None:
-        """Let no engine take new sessions. What is being loaded will be broken off."""
+        """Admit no new sessions. A model that is being loaded will not be finished."""
         self._is_draining = True
         for kept in self._kept:
             kept.engine.drain()
@@ -256,3 +267,8 @@ class ModelManager:
     async def stop(self) -> None:
         """Close every session, and end all engines."""
         await asyncio.gather(*(self._end(kept.engine) for kept in self._kept))
+
+
+def _refusal_of(kept: LoadedModel, failure: BaseException) -> EventRefused:
+    """What clients are told about a model that has failed; the details are only logged."""
+    return model_failed(kept.model_id, failure.told if isinstance(failure, ModelLost) else "its engine has failed")

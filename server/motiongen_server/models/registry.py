@@ -1,4 +1,4 @@
-"""ModelRegistry: which of the models that are served an OpenSession gets, and what clients are told of them all."""
+"""ModelRegistry: the models that are offered: finds the one that a session asks for, and makes the catalogue of all."""
 
 from __future__ import annotations
 
@@ -18,7 +18,7 @@ from motiongen_server.text.prompts import PromptEncoder
 
 
 class ModelState(IntEnum):
-    """What a model that was loaded is doing; the numbers are those of the protocol."""
+    """The state of a loaded model; the numbers are those of the protocol."""
 
     SERVING = 2
     UNLOADING = 3
@@ -27,9 +27,9 @@ class ModelState(IntEnum):
 
 @dataclass(eq=False)
 class LoadedModel:
-    """One model: its engine, and what its sessions are served with.
+    """One model: its engine, and what its sessions need.
 
-    source: what it was loaded from, as it was asked for. refusal: what new sessions are told while it takes none.
+    source: what it was loaded from, as the operator named it. refusal: the answer to new sessions while it takes none.
     """
 
     source: str
@@ -42,11 +42,11 @@ class LoadedModel:
 
     @property
     def model_id(self) -> str:
-        """The name that clients ask for it by."""
+        """The name by which clients ask for it."""
         return self.catalog.facts.model_id
 
     def steps_hz(self, steps: int) -> float:
-        """Denoising steps a second that a session takes to play on, with so many a window."""
+        """Denoising steps a second that a session needs to keep playing. steps: for each window."""
         return steps * self.catalog.facts.fps / self.catalog.facts.horizon
 
 
@@ -55,7 +55,7 @@ class ModelRegistry:
 
     def __init__(self, first: LoadedModel) -> None:
         self._served = {first.model_id: first}
-        self.is_gateway_full: Callable[[], bool] = lambda: False  # then no model has room, whatever its engines say
+        self.is_gateway_full: Callable[[], bool] = lambda: False  # if so, no model has room
         self._response = _catalog_response(self._served.values())
 
     def __iter__(self) -> Iterator[LoadedModel]:
@@ -69,67 +69,77 @@ class ModelRegistry:
 
     @property
     def default(self) -> LoadedModel:
-        """What a session gets that names none."""
+        """The model of sessions that name none."""
         return next(iter(self))
 
     @property
     def limits(self) -> Limits:
-        """What a client must keep to, whichever models it uses."""
+        """The limits that clients must keep, whichever models they use."""
         return self.default.catalog.limits
 
     @property
     def limits_message(self) -> service_pb2.Limits:
-        """The same as a message."""
+        """`limits` as a message."""
         return self.default.catalog.limits_message
 
-    def find(self, model_id: str) -> LoadedModel:
-        """The model of that name, the default for an empty one. Raises EventRefused where no session can be opened."""
-        served = self._served.get(model_id) if model_id else next(iter(self))
+    def named(self, model_id: str) -> LoadedModel:
+        """The model with that name, or the default for ""; it may take no sessions. Raises EventRefused if unknown."""
+        served = self._served.get(model_id) if model_id else self.default
         if served is None:
             raise unknown_model(model_id, self._served)
+        return served
+
+    def find(self, model_id: str) -> LoadedModel:
+        """Like `named`, but also raises EventRefused if no session can be opened with the model."""
+        served = self.named(model_id)
         if served.refusal is not None:
             raise served.refusal
         return served
 
     def put(self, served: LoadedModel) -> None:
-        """Offer a model, in the place of the one of the same name if there is one, else as the last."""
+        """Offer a model: in place of the one with the same name, if there is one, otherwise as the last."""
         self._served[served.model_id] = served
         self._response = _catalog_response(self._served.values())
 
     def remove(self, served: LoadedModel) -> None:
-        """Offer a model no more, unless another has its place already. The next one is the default if it was."""
+        """Stop offering a model, unless another has already replaced it. The next one then is the default if it was."""
         if self._served.get(served.model_id) is served:
             del self._served[served.model_id]
             self._response = _catalog_response(self._served.values())
 
     def note_owner(self, owner: Owner) -> None:
-        """Tell all engines what an owner may have from now on."""
+        """Tell the engines of all models what an owner may have from now on."""
         for each in self:
             each.engine.note_owner(owner)
 
     @property
     def free_share(self) -> float:
-        """The share of the default model's capacity that is left to new sessions, 0 to 1."""
+        """The share of the default model's capacity that is left for new sessions, 0 to 1."""
         return self._free_share_of(self.default)
 
     @property
     def free_shares(self) -> dict[str, float]:
-        """The same of each model, by its name. From any thread; 0 of those that take no sessions."""
+        """The same for each model, by its name; 0 for those that take no sessions. From any thread."""
         return {each.model_id: 0.0 if each.refusal else self._free_share_of(each) for each in self}
+
+    @property
+    def num_engines(self) -> dict[str, int]:
+        """How many engine processes serve each model at this moment, by its name. From any thread."""
+        return {each.model_id: each.engine.num_engines for each in self}
 
     def _free_share_of(self, model: LoadedModel) -> float:
         return 0.0 if self.is_gateway_full() else model.engine.free_share
 
     def catalog_response(self, known_etag: str) -> service_pb2.GetCatalogResponse:
-        """The catalogue, or its etag alone for a client that holds it already; with what is free at this moment."""
+        """The catalogue, or only its etag for a client that already has it; with the current `free_share`."""
         if known_etag == self._response.catalog_etag:
             return service_pb2.GetCatalogResponse(catalog_etag=known_etag, free_share=self.free_share)
-        self._response.free_share = self.free_share  # no part of what the etag stands for
+        self._response.free_share = self.free_share  # the etag does not cover it
         return self._response
 
 
 def _catalog_response(served: Iterable[LoadedModel]) -> service_pb2.GetCatalogResponse:
-    """The catalogues of single models as one."""
+    """Merges the catalogues of the models into one."""
     whole = service_pb2.GetCatalogResponse()
     for number, each in enumerate(served):
         one = each.catalog.response("")

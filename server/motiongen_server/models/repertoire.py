@@ -1,4 +1,4 @@
-"""Repertoire: what a checkpoint says of its training, made ready with the server's text encoder."""
+"""Repertoire: what a checkpoint says about its training, with its prompts encoded by the server's text encoder."""
 
 from __future__ import annotations
 
@@ -23,7 +23,7 @@ _SUPPORT = {"trained": FormSupport.TRAINED, "warn": FormSupport.UNTRAINED, "refu
 
 @dataclass(frozen=True)
 class Repertoire:
-    """presets, gaits: with their embeddings. abilities: those that hold with the server's text encoder."""
+    """presets, gaits: with their embeddings. abilities: those that are valid with the server's text encoder."""
 
     presets: tuple[Preset, ...]
     gaits: tuple[Gait, ...]
@@ -34,7 +34,7 @@ NOTHING_SAID = Repertoire((), (), NOTHING_CLAIMED)
 
 
 def as_abilities(capabilities: Capabilities) -> Abilities:
-    """What was read of a checkpoint, in the server's own types, which cross to the gateway's process."""
+    """What was read from a checkpoint, in the server's own types, which are sent to the gateway."""
     domain = capabilities.domain
     return Abilities(
         forms={form: _SUPPORT[support] for form, support in capabilities.forms.items()},
@@ -51,7 +51,7 @@ def as_abilities(capabilities: Capabilities) -> Abilities:
 
 
 def encoded(abilities: Abilities, encoder: TextEncoder, model_id: str) -> Repertoire:
-    """The prompts of a checkpoint, encoded. What the encoder at hand cannot do is left out, and logged."""
+    """The prompts of a checkpoint, encoded. What this encoder cannot encode is left out, and logged."""
     domain = abilities.domain
     if domain is not None and domain.text_encoder != encoder.identity:
         _log.warning(

@@ -1,1 +1,1 @@
-"""What operators see: health and metrics over HTTP, logs, memory."""
+"""For operators: health and metrics over HTTP, traces, logs, memory."""

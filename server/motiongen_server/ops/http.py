@@ -23,12 +23,12 @@ from uvicorn.protocols.http.h11_impl import H11Protocol
 from motiongen_server.ops.pace import Pace
 
 LIFE_S = 30.0
-_HEAD_END, _HEAD_END_BYTES = re.compile(rb"\n\r?\n"), 2  # without the last byte: that comes with other data
+_HEAD_END, _HEAD_END_BYTES = re.compile(rb"\n\r?\n"), 2  # the bytes of it that earlier data may hold
 MOST_CONNECTIONS = 64
 RENDERINGS_A_SECOND = 5
-"""Of the metrics, which take milliseconds; who asks more often gets those of just before."""
+"""Of the metrics, each of which takes milliseconds; more frequent requests get the last rendering."""
 END_S = 2
-"""Seconds that requests under way may take once the server ends."""
+"""Seconds that requests in progress may still take when the server ends."""
 
 
 def ops_app(
@@ -39,7 +39,7 @@ def ops_app(
 ) -> Starlette:
     """/livez and /healthz: the process works; /readyz: it takes sessions; /metrics: Prometheus text.
 
-    refusal_of: why who sends that `Authorization` header may not read the metrics, in words; None: he may.
+    refusal_of: why the sender of an `Authorization` header may not read the metrics, in words; None if it may.
     """
 
     pace, rendered = Pace(RENDERINGS_A_SECOND), b""
@@ -51,7 +51,7 @@ def ops_app(
         return _answer(is_ready())
 
     async def metrics(request: Request) -> Response:
-        refusal = refusal_of(", ".join(request.headers.getlist("authorization")))  # of several none counts
+        refusal = refusal_of(", ".join(request.headers.getlist("authorization")))  # if there are several, none counts
         if refusal is not None:
             return PlainTextResponse(f"{refusal}\n", status_code=401, headers={"WWW-Authenticate": "Bearer"})
         nonlocal rendered
@@ -74,19 +74,18 @@ def _answer(well: bool) -> Response:
 
 
 def _is_for_operators(record: logging.LogRecord) -> bool:
-    """uvicorn warns of each request that is none, as often as clients like; faults of the server's own are errors.
-
-    So is, for uvicorn, an answer that comes when the request's body has turned out to be none.
+    """Not what clients can cause as often as they like: uvicorn's warnings of invalid requests, and its errors when it
+    answers a request whose body is invalid (ProtocolError). The server's own faults are errors too.
     """
     fault = record.exc_info[1] if record.exc_info else None
     return record.levelno != logging.WARNING and not isinstance(fault, ProtocolError)
 
 
 class BoundedConnection(H11Protocol):
-    """A connection of one request, that lives for a while; there are so many at most.
+    """A connection for one request, open for `LIFE_S` at most; beyond `MOST_CONNECTIONS` the oldest one is aborted.
 
-    Whoever only connects, says its request a byte at a time, or does not read the answer, would else hold a place for
-    ever, and the server's end up.
+    Otherwise a client that only connects, sends its request a byte at a time, or does not read the answer could hold a
+    place for ever, and delay the end of the server.
     """
 
     open_ones: ClassVar[OrderedDict[H11Protocol, None]] = OrderedDict()
@@ -102,14 +101,14 @@ class BoundedConnection(H11Protocol):
 
     def data_received(self, data: bytes) -> None:
         if self._has_head:
-            return  # a body, which nothing here takes: in chunks of a byte it would cost the event loop half a second
+            return  # a body is ignored: one in chunks of a byte would take half a second of the event loop
         known = len(self._last)
         end = _HEAD_END.search(self._last + data)
         self._last = (self._last + data)[-_HEAD_END_BYTES:]
         self._has_head = end is not None
         try:
             super().data_received(data if end is None else data[: end.end() - known])
-        except ProtocolError:  # uvicorn's own answer to what is no request, of one that it has begun to answer
+        except ProtocolError:  # uvicorn wants to refuse an invalid request that it has already begun to answer
             self.transport.abort()
 
     def connection_lost(self, exc: Exception | None) -> None:
@@ -119,10 +118,10 @@ class BoundedConnection(H11Protocol):
 
 
 class OpsServer(uvicorn.Server):
-    """uvicorn inside the application's event loop, which keeps its own signal handlers."""
+    """uvicorn in the application's event loop; signals are left to the application."""
 
     def __init__(self, app: Starlette, host: str, port: int, context: ssl.SSLContext | None = None) -> None:
-        """context: of TLS; None: plain text."""
+        """context: for TLS; None: plain text."""
         logging.getLogger("uvicorn.error").addFilter(_is_for_operators)
         super().__init__(
             uvicorn.Config(
@@ -143,10 +142,10 @@ class OpsServer(uvicorn.Server):
 
     @contextlib.contextmanager
     def capture_signals(self) -> Iterator[None]:
-        """Leave signals to the application, which ends this server last."""
+        """Leave signals to the application, which stops this server last."""
         yield
 
     @property
     def port(self) -> int:
-        """The port that is served, which differs from the one asked for when that was 0."""
+        """The port that is served; it differs from the requested one if that was 0."""
         return int(self.servers[0].sockets[0].getsockname()[1])

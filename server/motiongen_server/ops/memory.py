@@ -1,4 +1,4 @@
-"""How the process keeps its memory."""
+"""How the process manages its memory: what it keeps, what it gives back, and how often it collects garbage."""
 
 from __future__ import annotations
 
@@ -13,27 +13,29 @@ from pathlib import Path
 _TRIM_THRESHOLD, _MMAP_THRESHOLD, _ARENA_MAX = -1, -3, -8  # M_TRIM_THRESHOLD and so on in malloc.h
 KEPT_BYTES = 64 << 20
 LARGEST_KEPT_BYTES = 32 << 20
-"""Of one block; glibc takes no more."""
+"""The largest single block that is kept; glibc accepts no more."""
 FIRST_LOOKS, MOST_LOOKS = 8, 128
-"""After a try to give back memory: so many looks later comes another, and twice as many after each, up to the last."""
+"""Calls of `FreedMemory.is_due` from one attempt to give back memory to the next: the first number after the first
+attempt, then twice as many after each, up to the second number."""
 COLLECT_EVERY = (50_000, 10, 10)
-"""Objects made and not yet gone, then collections of the younger ones: Python's default is 700, 10, 10."""
+"""Thresholds of Python's garbage collector: new objects still alive, then collections of the younger generations.
+Python's default is 700, 10, 10."""
 
 
 def keep_freed_memory() -> bool:
-    """Keep what is freed for the next message instead of giving it back to the operating system. True where it can be.
+    """Keep freed memory for the next message instead of giving it back to the operating system. True if that succeeds.
 
-    Messages with frames and tensors are hundreds of kilobytes each, which glibc returns when they are freed and then
-    gets back page by page: half of what it costs to send frames.
+    Messages with frames and tensors have hundreds of kilobytes each. By default glibc gives that memory back when it is
+    freed, and then gets it again page by page: half of the cost of sending frames.
     """
     return _set_malloc(_TRIM_THRESHOLD, KEPT_BYTES) and _set_malloc(_MMAP_THRESHOLD, LARGEST_KEPT_BYTES)
 
 
 def use_one_arena() -> bool:
-    """Have all threads take memory from the main arena, before the first of them does. True where it can be.
+    """Make all threads allocate from the main arena; to be called before threads start. True if that succeeds.
 
-    malloc_trim gives back the end of the main arena alone: that of an arena of a thread's own stays as long as its
-    highest peak was, of which there is a higher one ever more seldom. For processes in which one thread does the work.
+    malloc_trim gives back only the end of the main arena. An arena of another thread stays as large as its highest peak
+    so far, so it keeps growing, if ever more slowly. For processes in which one thread does the work.
     """
     return _set_malloc(_ARENA_MAX, 1)
 
@@ -41,14 +43,14 @@ def use_one_arena() -> bool:
 def _set_malloc(parameter: int, value: int) -> bool:
     try:
         return bool(ctypes.CDLL(None).mallopt(parameter, value))
-    except (AttributeError, OSError, TypeError):  # another C library, which has other ways
+    except (AttributeError, OSError, TypeError):  # another C library
         return False
 
 
 def give_back_freed_memory() -> bool:
-    """Give what is free by now back to the operating system, once. True where that can be.
+    """Give free memory back to the operating system, once. True if there was any to give back.
 
-    For the end of loading: that and measuring a model take more memory than serving it ever does again.
+    For the end of a peak, such as loading and measuring a model, which takes more memory than serving it ever does.
     """
     try:
         trim = ctypes.CDLL(None).malloc_trim
@@ -58,16 +60,16 @@ def give_back_freed_memory() -> bool:
 
 
 def free_garbage() -> None:
-    """Free rings of objects that nobody holds any more, for a moment in which nothing is done.
+    """Free unreachable cycles of objects. For moments without work.
 
-    Within `settled_objects` they are looked for so rarely that those of thousands of sessions add up; all that is
-    settled is left out, so it takes a few milliseconds.
+    Within `settled_objects` collections are so rare that the cycles of thousands of sessions add up. Settled objects
+    are not visited, so it takes a few milliseconds.
     """
     gc.collect()
 
 
 def resident_bytes(pid: int) -> int:
-    """Memory of a process, what it shares with others included; 0 where that is not known."""
+    """Resident memory of a process, including what it shares with others; 0 if unknown."""
     try:
         return resource.getpagesize() * int(Path(f"/proc/{pid}/statm").read_text(encoding="ascii").split()[1])
     except (OSError, IndexError, ValueError):  # it has just ended, or this system has no /proc
@@ -75,11 +77,11 @@ def resident_bytes(pid: int) -> int:
 
 
 class FreedMemory:
-    """Tells when memory is worth giving back: after a peak that is over, and when nothing is done any more.
+    """Decides when to give memory back: after a peak, and when all work has ended.
 
-    What is in use every day stays meanwhile. Of sessions of all lengths that come and go, pieces are left between what
-    lives longer: a day of them would leave more and more. What a peak has taken may be in use still when it is seen, as
-    calls are that wait for the event loop, so it is tried again a few times, ever more seldom.
+    Memory that normal operation uses is kept. Sessions of different lengths leave free pieces between objects that live
+    longer, more and more of them in a day. The memory of a peak may still be in use when the peak is noticed, for
+    example by calls that wait for the event loop: hence a few more attempts follow, at growing intervals.
     """
 
     def __init__(self, resident_bytes_of_process: Callable[[], int] | None = None) -> None:
@@ -89,17 +91,17 @@ class FreedMemory:
         self._looks_left = self._looks_between = 0
 
     def is_due(self, *, is_busy: bool) -> bool:
-        """Whether much more is resident than after the last time, or all that was being done has ended."""
+        """Whether resident memory has grown much since the last time, all work has just ended, or an attempt is due."""
         has_ended, self._was_busy = self._was_busy and not is_busy, is_busy
         now = self._resident_bytes()
         if has_ended:
-            self._kept = None  # what is left then is the least
+            self._kept = None  # the next call measures what is left
             return self._try_later()
         if self._kept is None or now < self._kept:
             self._kept = now
         if now - self._kept <= KEPT_BYTES:
             return self._is_later()
-        self._kept = now - KEPT_BYTES // 2  # so that what cannot be given back is not tried for at every look
+        self._kept = now - KEPT_BYTES // 2  # else memory that cannot be given back would be due in every call
         return self._try_later()
 
     def _try_later(self) -> bool:
@@ -119,10 +121,10 @@ class FreedMemory:
 
 @contextmanager
 def settled_objects() -> Iterator[None]:
-    """Leave all objects that there are out of garbage collection meanwhile, and look for garbage less often.
+    """Within it, exclude all objects that already exist from garbage collection, and collect less often.
 
     For the time after everything is loaded. A full collection visits every object of every library while all threads
-    stand still, which took 15 ms even without a model. Chunks and reports have no cycles: they go at once without it.
+    stand still, which took 15 ms even without a model. Chunks and reports have no cycles, so they are freed without it.
     """
     thresholds = gc.get_threshold()
     gc.collect()
@@ -136,11 +138,11 @@ def settled_objects() -> Iterator[None]:
 
 
 def settle_again() -> None:
-    """Free what has been unloaded or was needed to load; within `settled_objects`, leave what has been loaded since out
-    of collection too.
+    """Free what was unloaded or needed only for loading. Within `settled_objects`, exclude what has been loaded since
+    from collection, too.
     """
     are_settled = gc.get_freeze_count() > 0
-    gc.unfreeze()  # else rings of objects that nobody holds any more would stay
+    gc.unfreeze()  # else unreachable cycles among the settled objects would stay
     gc.collect()
     give_back_freed_memory()
     if are_settled:

@@ -1,4 +1,4 @@
-"""The metrics of engines: declared once, kept for each model and engine apart, and told with both as labels."""
+"""The metrics of engines, kept separately for each model and engine, and exported with both as labels."""
 
 from __future__ import annotations
 
@@ -22,19 +22,19 @@ ROW_BUCKETS = (1, 2, 4, 8, 16, 32, 64, 128)
 
 
 class EngineMetrics:
-    """What one engine does for one model, in a registry of its own."""
+    """The metrics of one engine for one model, in a registry of their own."""
 
     def __init__(self) -> None:
         registry = CollectorRegistry()
         self.registry = registry
         self.sessions = Gauge("motiongen_sessions", "Open sessions.", ["class", "state"], registry=registry)
         self.opens = Counter(
-            "motiongen_session_opens", "Sessions that engines were asked for.", ["code"], registry=registry
+            "motiongen_session_opens", "Requests to open a session, by outcome.", ["code"], registry=registry
         )
         self.closes = Counter("motiongen_session_closes", "Sessions ended, by reason.", ["reason"], registry=registry)
         self.windows = Counter("motiongen_windows", "Windows accepted.", ["class", "cause"], registry=registry)
         self.discarded = Counter("motiongen_windows_discarded", "Windows that came too late.", registry=registry)
-        self.restarted = Counter("motiongen_windows_restarted", "Windows an edit started anew.", registry=registry)
+        self.restarted = Counter("motiongen_windows_restarted", "Windows restarted by an edit.", registry=registry)
         self.steps_discarded = Counter(
             "motiongen_steps_discarded", "Denoising steps, by rows, of windows that were not used.", registry=registry
         )
@@ -45,7 +45,7 @@ class EngineMetrics:
         self.underruns = Counter(
             "motiongen_client_underruns", "Underruns that clients report.", ["class"], registry=registry
         )
-        for priority in Priority:  # what has not happened is 0, not missing: rates and shares of it can be drawn
+        for priority in Priority:  # 0 from the beginning, so that rates and shares can be drawn
             for counter in (self.deadlines, self.misses, self.underruns):
                 counter.labels(priority.name)
         self.first_frame = Histogram(
@@ -63,7 +63,7 @@ class EngineMetrics:
         )
         self.slack = Histogram(
             "motiongen_slack_seconds",
-            "Playback that clients hold when they report.",
+            "Playback time that clients hold when they report.",
             ["class"],
             buckets=(0.0, 0.1, 0.25, 0.5, 1.0, 1.5, 2.0, 3.0, 4.0),
             registry=registry,
@@ -87,18 +87,18 @@ class EngineMetrics:
         self.nan_rows = Counter("motiongen_nan_rows", "Rows that turned to NaN or infinity.", registry=registry)
         self.faults = Counter("motiongen_runner_faults", "Calls of the model that failed.", registry=registry)
         self.memory_splits = Counter(
-            "motiongen_memory_splits", "Calls of the model made smaller for want of memory.", registry=registry
+            "motiongen_memory_splits", "Calls of the model split because memory was short.", registry=registry
         )
-        self.soft_resets = Counter("motiongen_soft_resets", "Characters righted after they drifted.", registry=registry)
+        self.soft_resets = Counter("motiongen_soft_resets", "Corrections of drifted characters.", registry=registry)
         self.held = Counter(
-            "motiongen_frames_held", "Frames that repeat a pose for want of a window.", registry=registry
+            "motiongen_frames_held", "Frames that repeat a pose because there was no window.", registry=registry
         )
-        self.load = Gauge("motiongen_load", "Share of the machine spoken for, 1 being all of it.", registry=registry)
+        self.load = Gauge("motiongen_load", "Share of the machine committed, 1 being all of it.", registry=registry)
         self.tier = Gauge(
-            "motiongen_service_tier", "What a class is served: 1 all, 2 fewer steps, 3 no guidance, 5 a held pose.",
+            "motiongen_service_tier", "Service of a class: 1 full, 2 fewer steps, 3 no guidance, 5 a held pose.",
             ["class"], registry=registry,
         )  # fmt: skip
-        # By who reports: while a model is loaded anew there are two, of whom one has fewer and fewer sessions.
+        # By reporting engine: while a model is reloaded there are two, one of which has fewer and fewer sessions.
         self._sessions: dict[object, Mapping[tuple[Priority, PlayState], int]] = {}
         self._loads: dict[object, float] = {}
         self._tiers: dict[object, Mapping[Priority, ServiceTier]] = {}
@@ -106,11 +106,11 @@ class EngineMetrics:
         self._set_tiers()
 
     def observer(self) -> Observe:
-        """For the reports of one engine; others may report beside it."""
+        """A function that takes the reports of one engine; other engines may report too, each to its own."""
         return partial(self.observe, source=object())
 
     def observe(self, report: StepReport, source: object = None) -> None:
-        """Count what one engine step did; called on the engine's thread. source: which engine's."""
+        """Count what one engine step did; called on the engine's thread. source: identifies the engine."""
         if report.rows:
             self.batch_rows.observe(report.rows)
             self.step_seconds.labels(str(report.bucket)).observe(report.step_seconds)
@@ -166,7 +166,7 @@ class EngineMetrics:
             self.tier.labels(priority.name).set(worst.value)
 
     def _set_sessions(self) -> None:
-        # All of them, 0 too: a series that comes and goes makes gaps, and clearing first would race with a scrape.
+        # Also those that are 0: a series that comes and goes has gaps, and clearing first would race with a scrape.
         said = tuple(self._sessions.values())
         for priority in Priority:
             for state in PlayState:
@@ -175,7 +175,7 @@ class EngineMetrics:
 
 
 def _put(said: dict[object, T], source: object, what: T, is_something: bool) -> None:
-    """Keep what an engine has said last; of one that says that there is nothing, nothing is kept."""
+    """Keep an engine's last report, or remove it if there is nothing in it: the engine may be gone for good."""
     if is_something:
         said[source] = what
     else:
@@ -183,24 +183,24 @@ def _put(said: dict[object, T], source: object, what: T, is_something: bool) -> 
 
 
 class ByEngine(Collector):
-    """The metrics of all models on all engines, each sample with the name of its model and of its engine."""
+    """The metrics of all models on all engines; each sample is labelled with its model and its engine."""
 
     def __init__(self) -> None:
         self._blank = EngineMetrics()
         self._engines: dict[tuple[str, str], EngineMetrics] = {}
 
     def of(self, model_id: str, engine: str) -> EngineMetrics:
-        """Those of a model on an engine, from now on. From any thread."""
+        """The metrics of a model on an engine, exported from now on. From any thread."""
         return self._engines.setdefault((model_id, engine), EngineMetrics())
 
     def forget(self, model_id: str) -> None:
-        """Tell nothing more of a model."""
+        """Stop exporting the metrics of a model."""
         for key in tuple(self._engines):
             if key[0] == model_id:
                 self._engines.pop(key, None)
 
     def load(self, model_id: str) -> float:
-        """The share of their devices that the engines of a model saw in use, on average."""
+        """The load that the engines of a model report, on average."""
         loads = [
             metrics.registry.get_sample_value("motiongen_load") or 0.0
             for key, metrics in tuple(self._engines.items())
@@ -209,11 +209,11 @@ class ByEngine(Collector):
         return sum(loads) / max(1, len(loads))
 
     def describe(self) -> Iterable[Metric]:
-        """What is declared, without samples."""
+        """All metrics, without samples."""
         return [_without_samples(family) for family in self._blank.registry.collect()]
 
     def collect(self) -> Iterable[Metric]:
-        """What is declared, with the samples of every model on every engine."""
+        """All metrics, with the samples of every model on every engine."""
         whole = {family.name: family for family in self.describe()}
         for (model_id, engine), metrics in tuple(self._engines.items()):
             labels = {"model": model_id, "engine": engine}

@@ -1,4 +1,4 @@
-"""Paces: how often something may be done, and how often whoever connects to the port of operations is let in."""
+"""Rate limits for the port of health and metrics: of connections, in all and for each address, and of renderings."""
 
 from __future__ import annotations
 
@@ -7,26 +7,26 @@ from collections import OrderedDict, deque
 from collections.abc import Callable
 
 CONNECTIONS_A_SECOND = 300
-"""Each is one request, and each costs the event loop that streams live on."""
+"""Each carries one request, and takes time of the event loop that serves the streams."""
 CONNECTIONS_OF_AN_ADDRESS = 100
-"""More often than any orchestrator or Prometheus asks; who floods leaves room for others."""
+"""More than any orchestrator or Prometheus needs; an address that floods leaves room for others."""
 MOST_ADDRESSES = 1024
-"""That are remembered: who has more than that has the pace of all alone."""
+"""Addresses that are remembered; for a client with more than that, only the limit for all addresses holds."""
 
 
 class Pace:
-    """So many times a second, and no more."""
+    """Allows something at most `times` times a second."""
 
     def __init__(self, times: int, clock: Callable[[], float] = time.monotonic) -> None:
         self._clock = clock
         self._last: deque[float] = deque(maxlen=times)
 
     def is_used_up(self) -> bool:
-        """Whether it may not be done now."""
+        """Whether it is not allowed now."""
         return len(self._last) == self._last.maxlen and self._clock() - self._last[0] < 1.0
 
     def allows(self) -> bool:
-        """Whether it may be done now, which counts as done."""
+        """Whether it is allowed now; if so, it is counted."""
         if self.is_used_up():
             return False
         self._last.append(self._clock())
@@ -34,16 +34,16 @@ class Pace:
 
 
 class AddressPaces:
-    """So many times a second for all, of which one address has only a part."""
+    """Allows something at most `of_all` times a second in all, and `of_one` times for one address."""
 
     def __init__(self, of_all: int, of_one: int, clock: Callable[[], float] = time.monotonic) -> None:
         self._clock = clock
         self._all = Pace(of_all, clock)
         self._of_one = of_one
-        self._addresses: OrderedDict[str, Pace] = OrderedDict()  # that came last is at the end
+        self._addresses: OrderedDict[str, Pace] = OrderedDict()  # the most recent address at the end
 
     def allows(self, address: str) -> bool:
-        """Whether it may be done now for that address. What is refused uses up nothing."""
+        """Whether it is allowed now for an address; only then is it counted."""
         pace = self._addresses.get(address)
         if pace is None:
             pace = self._addresses[address] = Pace(self._of_one, self._clock)

@@ -1,4 +1,4 @@
-"""OpsPort: the HTTP port of a program, from the first connection to the last."""
+"""OpsPort: a program's HTTP port for health and metrics, and the limits of its connections."""
 
 from __future__ import annotations
 
@@ -16,15 +16,16 @@ from motiongen_server.ops.pace import CONNECTIONS_A_SECOND, CONNECTIONS_OF_AN_AD
 from motiongen_server.settings import SettingError
 
 MOST_TURNED_AWAY = 64
-"""At a time, before the event loop goes on with what else there is."""
+"""Connections turned away in a row before the event loop continues with other work."""
 
 
 class BoundedListener(socket.socket):
-    """Has so many connections at most, those among them that have not come to the end of their TLS handshake.
+    """Holds at most `MOST_CONNECTIONS`, including those whose TLS handshake has not finished, and limits their rate.
 
-    Of these a protocol hears nothing, and asyncio waits a minute for each: whoever only connects would take all
-    descriptors. The oldest has to go. Who comes too often is turned away here, where no handshake has cost anything
-    yet, and by its address, so that whoever floods keeps no orchestrator from its answer.
+    A protocol learns nothing of unfinished handshakes, and asyncio waits a minute for each: clients that only connect
+    would use up all file descriptors. So the oldest connection is shut down when there are too many. Connections beyond
+    the rate limits are closed here, before a handshake costs anything, and by address, so that a client that floods
+    does not keep orchestrators from their answers.
     """
 
     def __init__(self, listening: socket.socket) -> None:
@@ -39,31 +40,31 @@ class BoundedListener(socket.socket):
                 self._hold(connection)
                 return connection, address
             connection.close()
-        raise BlockingIOError  # asyncio asks again
+        raise BlockingIOError  # asyncio calls again
 
     def _hold(self, connection: socket.socket) -> None:
         self._held = [held for held in self._held if held.fileno() >= 0]
         self._held.append(connection)
         if len(self._held) > MOST_CONNECTIONS:
-            with contextlib.suppress(OSError):  # its client has gone
+            with contextlib.suppress(OSError):  # its client has disconnected
                 self._held.pop(0).shutdown(socket.SHUT_RDWR)
 
 
 class OpsPort:
-    """port: the one that is served, once it is."""
+    """port: the port that is served, once `start` has returned."""
 
     def __init__(self, app: Starlette, host: str, port: int, context: ssl.SSLContext | None = None) -> None:
-        """context: of TLS; None: plain text."""
+        """context: for TLS; None: plain text."""
         self._app = app
         self._host = host
         self._context = context
         self.port = port
 
     async def start(self) -> None:
-        """Listen. Raises SettingError where that cannot be."""
+        """Listen and serve. Raises SettingError if it cannot listen."""
         host = self._host
         try:
-            # Bound here, because uvicorn ends the process when it cannot.
+            # Bound here, because uvicorn ends the process if it cannot bind.
             family = socket.AF_INET6 if ":" in host else socket.AF_INET
             listener = BoundedListener(socket.create_server((host, self.port), family=family))
         except OSError as error:
@@ -78,6 +79,6 @@ class OpsPort:
         self.port = self._server.port
 
     async def stop(self) -> None:
-        """End it."""
+        """Stop serving."""
         self._server.should_exit = True
         await self._serving

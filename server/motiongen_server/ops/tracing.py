@@ -1,7 +1,7 @@
-"""Windows as OpenTelemetry spans: one each, from the event that asked for it to its first frame on the wire.
+"""OpenTelemetry spans: one for each window, from the event that requested it to its first frame on the wire.
 
-Needs `motiongen-server[tracing]`. Spans leave on a thread of their own; where the collector is away or slow they are
-dropped, and nobody waits.
+Needs `motiongen-server[tracing]`. Spans are exported on a thread of their own; if the collector is slow or down they
+are dropped, and nothing waits for it.
 """
 
 from __future__ import annotations
@@ -20,14 +20,14 @@ if TYPE_CHECKING:
 
 SPAN_NAME = "motiongen.window"
 END_S = 2.0
-"""That spans which have not left may take once the server ends."""
+"""How long the export of the remaining spans may take when the server ends."""
 
 
 class WindowSpans:
-    """Takes traces of windows, on any thread. share: of them that become spans, 0 to 1."""
+    """Makes spans of windows' traces. From any thread. share: of the windows that become spans, 0 to 1."""
 
     def __init__(self, exporter: SpanExporter, share: float = 1.0) -> None:
-        """Raises SettingError where OpenTelemetry is not installed."""
+        """Raises SettingError if OpenTelemetry is not installed."""
         try:
             from opentelemetry import trace
             from opentelemetry.sdk.resources import SERVICE_NAME, Resource
@@ -42,11 +42,11 @@ class WindowSpans:
         self._provider = TracerProvider(sampler=TraceIdRatioBased(share), resource=resource, shutdown_on_exit=False)
         self._provider.add_span_processor(BatchSpanProcessor(exporter))
         self._tracer = self._provider.get_tracer("motiongen_server")
-        # Traces have dates, sessions go by the monotonic clock; a wall clock that is set later moves no span.
+        # Spans have dates, sessions use the monotonic clock. Read once: setting the wall clock later moves no span.
         self._epoch_ns = time.time_ns() - time.monotonic_ns()
 
     def record(self, window: WindowTrace) -> None:
-        """A window was sent, or will not be."""
+        """Record a window that was sent, or that will not be."""
         timing = window.timing
         span = self._tracer.start_span(
             SPAN_NAME,
@@ -72,8 +72,8 @@ class WindowSpans:
         span.end(self._date(window.sent_at))
 
     def close(self) -> None:
-        """Send what there is, for a moment, and end."""
-        # By itself the library tries again for half a minute where the collector is away.
+        """Export the remaining spans, for `END_S` at most, and end."""
+        # By itself the library retries for half a minute if the collector is down.
         giving_up = threading.Timer(END_S, self._exporter.shutdown)
         giving_up.start()
         try:
@@ -87,7 +87,7 @@ class WindowSpans:
 
 
 def open_window_spans(address: str, share: float) -> WindowSpans | None:
-    """To the collector of the setting; None where there is none. Raises SettingError."""
+    """Spans that are exported to the collector at `address`; None if that is "". Raises SettingError."""
     if not address:
         return None
     try:

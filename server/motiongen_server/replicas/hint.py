@@ -1,4 +1,4 @@
-"""RefusedOpen: the answer to an open that is refused for lack of room, with servers that have room."""
+"""RefusedOpen: the answer to an open that only this server cannot serve, with servers that have room for it."""
 
 from __future__ import annotations
 
@@ -7,7 +7,7 @@ from typing import NamedTuple
 
 from motiongen_server.engine.types import Outcome
 
-FOR_WANT_OF_ROOM = frozenset({"OVERLOADED", "SESSION_LIMIT", "ENGINE_RESTARTING"})
+OF_THIS_SERVER = frozenset({"OVERLOADED", "SESSION_LIMIT", "ENGINE_RESTARTING", "MODEL_FAILED"})
 """Reasons that concern this server only. Callers' quotas are not among them: other servers are no way around those."""
 
 

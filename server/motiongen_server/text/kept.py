@@ -1,4 +1,4 @@
-"""The store of embeddings beside the event loop: it only saves time, so nobody waits for it long, nor do many."""
+"""Uses the store of embeddings without blocking the event loop. It only saves time: few calls wait for it, briefly."""
 
 from __future__ import annotations
 
@@ -13,17 +13,17 @@ from motiongen_server.text.ports import Embedding, Store
 T = TypeVar("T")
 
 STORE_WAIT_S = 0.5
-"""Longest that a text waits for the store, which answers in microseconds unless its disk is slow or its file locked."""
+"""How long a text waits for the store, which answers in microseconds unless its disk is slow or its file is locked."""
 
 
 class KeptPrompts:
-    """A store on a thread of its own. Used from the event loop, but for `close`.
+    """A store on a thread of its own. Used from the event loop, except `close`.
 
-    While a call of it takes too long, or as many wait for it as may, texts are not found and vectors not kept.
+    While a call of the store takes too long, or too many wait, no texts are found and no vectors are stored.
     """
 
     def __init__(self, store: Store, most: int, complain: Callable[[str, object], None]) -> None:
-        """most: calls of the store that may be under way or wait. complain: told what to log, when it is slow."""
+        """most: calls of the store that may run or wait. complain: called with what to log when the store is slow."""
         self._store = store
         self._complain = complain
         self._places = threading.Semaphore(most)
@@ -31,14 +31,14 @@ class KeptPrompts:
         self._late: Future[Mapping[str, Embedding]] | None = None
 
     async def find(self, texts: Sequence[str]) -> Mapping[str, Embedding]:
-        """Those of the texts that it knows, (E,) each; none where it does not answer."""
+        """The embeddings (E,) of those texts that the store has; none if it does not answer."""
         call: Future[Mapping[str, Embedding]] | None = self._begin(lambda: _known_to(self._store, texts))
         if call is None:
             return {}
         answer = asyncio.wrap_future(call)
         answer.add_done_callback(_retrieve)
         try:
-            # Shielded: the call goes on, and what waits for the store stays counted until it is over.
+            # Shielded: the call continues, and keeps its place until it is over.
             return await asyncio.wait_for(asyncio.shield(answer), STORE_WAIT_S)
         except TimeoutError:
             self._late = call
@@ -46,7 +46,7 @@ class KeptPrompts:
             return {}
 
     def keep(self, vectors: Mapping[str, Embedding]) -> None:
-        """Remember them."""
+        """Store the vectors of texts."""
         self._begin(lambda: _keep(self._store, vectors))
 
     @property
@@ -54,12 +54,12 @@ class KeptPrompts:
         return self._late is not None and not self._late.done()
 
     def close(self) -> None:
-        """Write what waits to be kept, unless the store is late, and close it."""
+        """Finish the waiting calls, unless the store is late, and close it."""
         self._thread.shutdown(wait=True, cancel_futures=self._is_late)
         self._store.close()
 
     def _begin(self, work: Callable[[], T]) -> Future[T] | None:
-        """Do it on the thread; None where there is no place, or a call before it is late."""
+        """Do it on the thread; None if there is no place, or an earlier call is late."""
         if self._is_late or not self._places.acquire(blocking=False):
             return None
 
@@ -83,6 +83,6 @@ def _keep(store: Store, vectors: Mapping[str, Embedding]) -> None:
 
 
 def _retrieve(answer: asyncio.Future[Mapping[str, Embedding]]) -> None:
-    """Look at how it ended: who asked may have gone on, and asyncio complains of failures nobody saw."""
+    """Retrieve a failure: the caller may have stopped waiting, and asyncio logs failures that nobody has retrieved."""
     if not answer.cancelled():
         answer.exception()

@@ -1,4 +1,4 @@
-"""What the prompt encoder needs from outside, and how it asks: an encoder, and a place where vectors outlive it."""
+"""Interfaces of what the prompt encoder uses: a text encoder, and a store in which vectors outlive the process."""
 
 from __future__ import annotations
 
@@ -11,14 +11,14 @@ from numpy.typing import NDArray
 Embedding: TypeAlias = NDArray[np.float32]
 """(E,)"""
 Answer: TypeAlias = Embedding | Exception
-"""To one text: its vector, or why there is none."""
+"""For one text: its vector, or why there is none."""
 
 
 class TextEncoder(Protocol):
-    """What the workers run; `motiongen_ardy.text` has implementations.
+    """A text encoder, called on threads; `motiongen_ardy.text` has implementations.
 
-    encode gives a row for each text, which depends on that text alone. It raises ConnectionError where the encoder
-    cannot answer now, with a message that may be told to clients, and may give that an attribute `retry_after_s`.
+    encode returns a row for each text, which depends on that text alone. It raises ConnectionError if the encoder
+    cannot answer now, with a message that clients may see and, optionally, an attribute `retry_after_s`.
     """
 
     @property
@@ -29,13 +29,13 @@ class TextEncoder(Protocol):
 
 @runtime_checkable
 class Closeable(Protocol):
-    """An encoder that has calls under way which can be ended."""
+    """An encoder whose calls in progress can be cancelled."""
 
     def close(self) -> None: ...
 
 
 class Store(Protocol):
-    """Where embeddings outlive the process; it never fails, it only forgets."""
+    """Keeps embeddings beyond the end of the process. It never fails, it only forgets."""
 
     def get(self, text: str) -> Embedding | None: ...
 
@@ -45,9 +45,9 @@ class Store(Protocol):
 
 
 def answers_to(texts: Sequence[str], encoder: TextEncoder) -> Mapping[str, Answer]:
-    """What an encoder says to each of several texts, in one call.
+    """The encoder's answer to each text, from one call.
 
-    Texts of whoever asks come together, so where the call fails because of one of them, the others are asked for alone.
+    If that call fails, possibly because of a single text, each text gets a call of its own.
     """
     try:
         return {text: vector.copy() for text, vector in zip(texts, encoder.encode(texts), strict=True)}
@@ -58,5 +58,5 @@ def answers_to(texts: Sequence[str], encoder: TextEncoder) -> Mapping[str, Answe
 
 
 def _is_away(error: Exception) -> bool:
-    """Whether it has nothing to do with any text: another call now would only fail, too, maybe after a wait."""
+    """Whether the error is not due to a text: another call now would fail too, perhaps after a wait."""
     return isinstance(error, ConnectionError) and getattr(error, "retry_after_s", None) is not None

@@ -9,9 +9,9 @@ from motiongen_server.engine.types import Float32Array
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Preset:
-    """A prompt by a name. embedding: (E,) float32, from the encoder that the model was trained with.
+    """A prompt with an id. embedding: (E,) float32, from the encoder that the model was trained with.
 
-    description: what motion to expect, for people.
+    description: the motion to expect, in words for users.
     """
 
     preset_id: str

@@ -1,4 +1,4 @@
-"""Prompt text -> embedding, beside the denoising loop: kept in memory, kept on the disk, or asked of the encoder."""
+"""Prompt text -> embedding: from the cache in memory, from the store on disk, or from the encoder."""
 
 from __future__ import annotations
 
@@ -19,22 +19,22 @@ from motiongen_server.text.turns import Asker, Place, PlaceLost, Turns
 _log = logging.getLogger(__name__)
 
 ENCODING_THREADS = 4
-"""For encoders elsewhere, which can take several at once; one in this process takes its turns itself."""
+"""For remote encoders, which can take several calls at once; one in this process takes them in turn by itself."""
 MOST_TOGETHER = 16
-"""Texts of one who asks, in one call of the encoder: a call has a cost of its own."""
+"""Texts of one asker in one call of the encoder: a call has a cost of its own."""
 TOGETHER_S = 0.005
-"""What a call of several may take, by how long the last one took, so that others do not wait longer for their turn."""
+"""How long a call with several texts may take, estimated from the last call, so that others' turns are not delayed."""
 NOBODY = Asker()
-"""Who asks on nobody's behalf."""
+"""For texts that are encoded on nobody's behalf."""
 QUIET_S = 10.0
-"""A failing encoder is mentioned in the log so often."""
+"""A failing encoder is logged at most once in this time."""
 
 
 class PromptEncoder:
     """Encodes prompts on threads of its own and remembers the most recently used.
 
-    Used from the event loop only. The encoder never changes, so the text alone is the key. Prompts that are kept never
-    wait for the encoder, in whatever state it is.
+    Used from the event loop only. The encoder never changes, so the text alone is the key. Cached prompts never wait
+    for the encoder, whatever state it is in.
     """
 
     def __init__(
@@ -49,12 +49,13 @@ class PromptEncoder:
         count: Callable[[str], None] | None = None,
         clock: Callable[[], float] = time.monotonic,
     ) -> None:
-        """observe: told the seconds that each text took. timeout_s: longest that one who asks waits for a text.
+        """observe: called with the seconds that each text took at the encoder, waiting included. timeout_s: how long a
+        caller waits for a text.
 
-        max_waiting: texts that may be at the encoder or wait for it; one more is refused, or the newest of the peer
-        that has most. So many calls of the store may wait too; who finds no place there goes on without it. count: told
-        where each text that was not in memory came from ("store", "encoder"), or the reason for which it did not come.
-        clock: seconds since any moment.
+        max_waiting: calls that may be at the encoder or wait for it; beyond that a new one is refused, or the newest of
+        the peer that has the most. As many calls of the store may wait; beyond that, texts go to the encoder without
+        asking the store. count: called for each text that was not in memory, with its source ("store", "encoder") or
+        the reason of its refusal. clock: seconds since any moment.
         """
         self._count = count or (lambda what: None)
         self._encoder = encoder
@@ -66,7 +67,7 @@ class PromptEncoder:
         self._cache: OrderedDict[str, Embedding] = OrderedDict()
         self._clock = clock
         self._running: dict[str, tuple[asyncio.Future[Embedding], Place]] = {}
-        self._calls: set[asyncio.Task[None]] = set()  # of the encoder; the event loop itself keeps none of its tasks
+        self._calls: set[asyncio.Task[None]] = set()  # of `_encode`; the event loop keeps only weak references
         self._together = 1  # texts in the next call
         self._turns = Turns(ENCODING_THREADS, max_waiting)
         self._workers = ThreadPoolExecutor(ENCODING_THREADS, thread_name_prefix="prompts")
@@ -79,35 +80,35 @@ class PromptEncoder:
 
     @property
     def num_waiting(self) -> int:
-        """Texts that are under way."""
+        """Texts that are being looked up or encoded, or wait for that."""
         return len(self._running)
 
     def cached(self, text: str) -> Embedding | None:
-        """The embedding (E,) if it is known already."""
+        """The embedding (E,) if it is in the cache."""
         embedding = self._cache.get(text)
         if embedding is not None:
             self._cache.move_to_end(text)
         return embedding
 
     def remember(self, text: str, embedding: Embedding) -> None:
-        """Know a text's embedding (E,) from now on."""
+        """Put a text's embedding (E,) into the cache."""
         self._cache[text] = embedding
         while len(self._cache) > self._cache_size:
             self._cache.popitem(last=False)
 
     async def encode(self, text: str, asker: Asker = NOBODY) -> Embedding:
-        """The embedding (E,). Whoever asks for a text that is being encoded waits for the same result.
+        """The embedding (E,). Callers that ask for the same text at the same time share its result.
 
-        asker: peers take turns, and who asks within them; where all places are taken, the peer that has most gives up
-        one. Raises EventRefused when the encoder is slow (the text is still encoded, for the next who asks), busy or
-        away.
+        asker: peers take turns at the encoder, and so do the askers of a peer; if all places are taken, the peer with
+        the most gives up one. Raises EventRefused if the encoder is slow (it still finishes the text, for later
+        callers), busy or unavailable.
         """
         return (await self.encode_all((text,), asker))[text]
 
     async def encode_all(self, texts: Sequence[str], asker: Asker = NOBODY) -> dict[str, Embedding]:
-        """The embedding (E,) of each text, as `encode` gives it, one after the other.
+        """The embedding (E,) of each text, as from `encode`, one after the other.
 
-        Of a quick encoder several come of one call, which has one place.
+        A fast encoder gets several texts in one call, which takes one place.
         """
         found: dict[str, Embedding] = {}
         begun: dict[str, asyncio.Future[Embedding]] = {}
@@ -128,7 +129,7 @@ class PromptEncoder:
         return {text: answer}
 
     def _begin(self, texts: Sequence[str], asker: Asker) -> Mapping[str, asyncio.Future[Embedding]]:
-        """Have the first of them encoded, as many as one call takes."""
+        """Start encoding the first of the texts, as many as one call takes."""
         new = [text for text in dict.fromkeys(texts) if text not in self._cache and text not in self._running]
         loop, place = asyncio.get_running_loop(), Place(asker)
         answers = {text: loop.create_future() for text in new[: self._together]}
@@ -149,7 +150,7 @@ class PromptEncoder:
             raise self._refused(encoder_slow(self._timeout_s)) from None
 
     async def _encode(self, answers: Mapping[str, asyncio.Future[Embedding]], place: Place) -> None:
-        """Answer each, whatever happens."""
+        """Get the embeddings and resolve every answer, whatever happens."""
         texts = tuple(answers)
         try:
             if self._kept is not None:
@@ -166,7 +167,7 @@ class PromptEncoder:
                     del self._running[text]
 
     async def _ask(self, texts: Sequence[str], place: Place) -> Mapping[str, Answer]:
-        """What the encoder says to each. Raises EventRefused where there is no place."""
+        """The encoder's answer to each text. Raises EventRefused if there is no place."""
         started = self._clock()
         try:
             await self._turns.take(place)
@@ -177,7 +178,7 @@ class PromptEncoder:
             said, call_s = await loop.run_in_executor(self._workers, self._call, texts)
         finally:
             self._turns.give_back()
-        if not any(isinstance(vector, Exception) for vector in said.values()):  # failing is quick, and says nothing
+        if not any(isinstance(vector, Exception) for vector in said.values()):  # a failure may be fast
             self._together = min(max(1, int(TOGETHER_S * len(texts) / max(call_s, 1e-9))), MOST_TOGETHER)
         if self._observe is not None:
             took_s = self._clock() - started
@@ -187,7 +188,7 @@ class PromptEncoder:
         return said
 
     def _call(self, texts: Sequence[str]) -> tuple[Mapping[str, Answer], float]:
-        """On a worker's thread. Returns the seconds that it took, too."""
+        """Runs on an encoding thread. Returns the answers and the seconds that the call took."""
         started = self._clock()
         said = answers_to(texts, self._encoder)
         return said, self._clock() - started
@@ -198,7 +199,7 @@ class PromptEncoder:
         answers: Mapping[str, asyncio.Future[Embedding]],
         source: str,
     ) -> None:
-        """Whoever waits for these texts, and remember them. source: where they came from, as it is counted."""
+        """Answer those who wait for these texts, and cache the vectors. source: where they came from, for `count`."""
         for text, vector in said.items():
             del self._running[text]
             if isinstance(vector, Exception):
@@ -211,7 +212,7 @@ class PromptEncoder:
             self._kept.keep({text: vector for text, vector in said.items() if not isinstance(vector, Exception)})
 
     def _refusal_for(self, error: Exception) -> Exception:
-        """What those who asked are told; what is no encoder's own word is a fault, as it is."""
+        """The refusal for an encoder's error; any other exception is a fault, and is returned as it is."""
         if isinstance(error, EventRefused):
             return self._refused(error)
         if not isinstance(error, ConnectionError):
@@ -226,14 +227,14 @@ class PromptEncoder:
         return refusal
 
     def _complain(self, message: str, *values: object) -> None:
-        """Log it, unless something like it was logged just now: an encoder that is down fails every prompt."""
+        """Log a warning, at most one in `QUIET_S`: an encoder that is down fails every prompt."""
         now = self._clock()
         if now >= self._quiet_until:
             self._quiet_until = now + QUIET_S
             _log.warning(message, *values)
 
     def close(self) -> None:
-        """End the workers. Calls of an encoder elsewhere are broken off; an encoding in this process is finished."""
+        """End the threads. Calls to a remote encoder are cancelled; an encoding in this process is finished."""
         if isinstance(self._encoder, Closeable):
             self._encoder.close()
         self._workers.shutdown(wait=True, cancel_futures=True)
@@ -242,6 +243,6 @@ class PromptEncoder:
 
 
 def _retrieve(answer: asyncio.Future[Embedding]) -> None:
-    """Look at how it ended: all who asked may have given up, and asyncio complains of failures nobody saw."""
+    """Retrieve a failure: all callers may have given up, and asyncio logs failures that nobody has retrieved."""
     if not answer.cancelled():
         answer.exception()

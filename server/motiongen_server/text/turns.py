@@ -1,4 +1,7 @@
-"""Turns: who is next at the encoder. Peers go round, and within each those who ask, however much any of them asks."""
+"""Turns: who is served next at the text encoder or at the store of sessions.
+
+Peers are served in rotation, and within each peer its streams and calls, however many requests any of them has.
+"""
 
 from __future__ import annotations
 
@@ -8,28 +11,28 @@ from typing import NamedTuple
 
 
 class Asker(NamedTuple):
-    """Who asks: a stream or a call by its number, and the name of the peer that it is counted for."""
+    """Who asks: the number of a stream or call, and the name of the peer that it counts for."""
 
     peer: str = ""
     number: int = 0
 
 
 class PlaceLost(Exception):
-    """All places are taken by those who have no more, or this one was given up for somebody who has less."""
+    """All places are taken and nobody has more than this asker, or this place was given up for an asker with fewer."""
 
 
 class Place:
-    """Where one who asks waits, or several peers who ask for the same."""
+    """A place in the queue of an asker, or of one asker of each of several peers that want the same result."""
 
     __slots__ = ("called", "numbers")
 
     def __init__(self, asker: Asker) -> None:
-        self.numbers = {asker.peer: asker.number}  # of each peer, the first that asked
+        self.numbers = {asker.peer: asker.number}  # by peer: the first of its askers
         self.called: asyncio.Future[None] | None = None
 
 
 class _Line:
-    """The places of one peer: each who asks has a queue."""
+    """The places of one peer, with a queue for each asker."""
 
     __slots__ = ("num_places", "queues")
 
@@ -52,20 +55,20 @@ class _Line:
         return len(self.queues.get(number, ()))
 
     def longest(self) -> int:
-        """Who has most; of equals the one who was served last."""
+        """The asker with the most places; among equals, the one served last."""
         return max(reversed(self.queues), key=self.num_of)
 
 
 class Turns:
-    """So many at once, and so many who have a turn or wait. Used from the event loop only."""
+    """Limits how many are served at once, and how many are served or wait. Used from the event loop only."""
 
     def __init__(self, at_once: int, most: int) -> None:
-        """most: places in all, of those whose turn it is too."""
+        """most: places in all, including those being served."""
         self._at_once = at_once
         self._most = most
         self._num_serving = 0
         self._num_waiting = 0
-        self._lines: OrderedDict[str, _Line] = OrderedDict()  # of peers, the one served longest ago first
+        self._lines: OrderedDict[str, _Line] = OrderedDict()  # by peer, the one served longest ago first
 
     async def take(self, place: Place) -> None:
         """Wait for a turn; `give_back` ends it. Raises PlaceLost."""
@@ -82,13 +85,13 @@ class Turns:
             await place.called
         except asyncio.CancelledError:
             if not place.called.cancelled() and place.called.exception() is None:
-                self.give_back()  # it was called in the same moment
+                self.give_back()  # its turn came at the same moment
             elif place.called.cancelled():
                 self._leave(place)
             raise
 
     def join(self, place: Place, asker: Asker) -> None:
-        """Another asks for the same: the place is served at whichever turn comes first, and lost when both lose it."""
+        """Let another asker wait for the same: the place is served at the earlier turn, and lost once both lose it."""
         if asker.peer in place.numbers:
             return
         if place.called is None:
@@ -98,7 +101,7 @@ class Turns:
             self._enter(asker.peer, asker.number, place)
 
     def give_back(self) -> None:
-        """End a turn; the next begins: of the peer served longest ago, and there of who was served longest ago."""
+        """End a turn and begin the next, of the peer that was served longest ago and its asker served longest ago."""
         self._num_serving -= 1
         while self._lines:
             peer, line = next(iter(self._lines.items()))
@@ -109,13 +112,13 @@ class Turns:
                 self._lines.move_to_end(peer)
             if number in line.queues:
                 line.queues.move_to_end(number)
-            if place.called is not None and not place.called.done():  # who gives up waiting may not have left yet
+            if place.called is not None and not place.called.done():  # a cancelled waiter may not have left yet
                 self._num_serving += 1
                 place.called.set_result(None)
                 return
 
     def _make_room(self, place: Place) -> bool:
-        """Have another place given up for this one. Whether there is one, of somebody who has more."""
+        """Take a place from an asker that has more, for this one; returns whether there was one to take."""
         for asker in place.numbers.items():
             while (most := self._who_has_more(*asker)) is not None:
                 if self._give_up(*most):
@@ -123,7 +126,10 @@ class Turns:
         return False
 
     def _who_has_more(self, peer: str, number: int) -> tuple[str, int] | None:
-        """The peer that has most, if that is more than this one would have; else such a one of this peer."""
+        """The peer with the most places, if it has more than this one would have, and its asker with the most.
+
+        Otherwise the same within this peer: its asker with the most; None if that has no more either.
+        """
         if not self._lines:
             return None
         most = max(reversed(self._lines), key=lambda name: self._lines[name].num_places)
@@ -135,9 +141,9 @@ class Turns:
         return None
 
     def _give_up(self, peer: str, number: int) -> bool:
-        """Take the newest place of one who asks. Whether nobody has it any more."""
+        """Take an asker's newest place from it; returns whether the place is free now."""
         place = self._lines[peer].queues[number][-1]
-        if len(place.numbers) > 1:  # others wait with it
+        if len(place.numbers) > 1:  # other peers wait for it too
             self._go(peer, number, place)
             del place.numbers[peer]
             return False
@@ -156,7 +162,7 @@ class Turns:
             del self._lines[peer]
 
     def _leave(self, place: Place) -> None:
-        """It waits no more. Does nothing where it has left."""
+        """Remove a place from all queues. Does nothing if it was removed before."""
         for peer, number in place.numbers.items():
             self._go(peer, number, place)
         if place.numbers:

@@ -3,8 +3,10 @@
 HOW says what goes wrong: nothing; small (an engine takes one session); settings, load (refused, or failed, while it
 loads); tell_load (refused, with the admit_load that it got); schema (the greeting has another version); garbage (after
 its first outputs it sends something that is not a message); stuck:FOLDER (all processes that load leave a file there,
-and the second never finishes); changing (each process that loads finds other weights); hang, die, fail (in the second
-window of a session with the seed `FATAL_SEED`).
+and the second never finishes); stuck encoder:FOLDER (the same for the text encoder); large encoder; changing (each
+process that loads finds other weights); shelf:FOLDER (the weights of a model are what its file there says; without a
+file it cannot be loaded, and with "stuck" in it loading never ends); hang, die, fail (in the second window of a session
+with the seed `FATAL_SEED`).
 """
 
 from __future__ import annotations
@@ -61,10 +63,15 @@ def build(begin: Begin, how: str, source: str, deliver: Deliver, observe: Observ
     if how == "load":
         raise RuntimeError("the disk is gone")
     if how.startswith("stuck:"):
-        folder = Path(how.partition(":")[2])
-        (folder / str(os.getpid())).touch()
-        if len(list(folder.iterdir())) == 2:
-            threading.Event().wait()
+        hang_second(Path(how.partition(":")[2]))
+    weights = str(os.getpid()) if how == "changing" else ""
+    if how.startswith("shelf:"):
+        try:
+            weights = (Path(how.partition(":")[2]) / source).read_text(encoding="utf-8")
+            if weights == "stuck":
+                threading.Event().wait()
+        except OSError as error:
+            raise SettingError(f"cannot serve model {source!r}: {error}") from error
     runner = FatalRunner(RealTime())
     runner.how = how
     runner.facts = replace(runner.facts, model_id=source)
@@ -72,7 +79,14 @@ def build(begin: Begin, how: str, source: str, deliver: Deliver, observe: Observ
     # It plays in real time: without the other settings, sessions would be refused or degraded on a busy machine.
     engine_config = EngineConfig(max_sessions=max_sessions, admit_load=ANY_LOAD, degrade=False)
     engine = Engine(runner, RealTime(), deliver, engine_config, observe=observe, inbox=inbox)
-    return Built(engine, runner.facts, "CC0-1.0", weights=str(os.getpid()) if how == "changing" else "")
+    return Built(engine, runner.facts, "CC0-1.0", weights=weights)
+
+
+def hang_second(folder: Path) -> None:
+    """Hang in the second process that calls this with a folder."""
+    (folder / str(os.getpid())).touch()
+    if len(list(folder.iterdir())) == 2:
+        threading.Event().wait()
 
 
 class Stutterer:
@@ -113,6 +127,8 @@ def main(how: str, folder: Path) -> int:
         def load_text(width: int) -> Stutterer:
             if how == "settings":
                 raise SettingError("there is no such encoder")
+            if how.startswith("stuck encoder:"):
+                hang_second(Path(how.partition(":")[2]))
             if how == "large encoder":
                 raise MemoryError("15 GiB")
             return Stutterer()

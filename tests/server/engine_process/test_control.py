@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from motiongen_server.engine.types import ModelFacts
+from motiongen_server.engine.types import CloseReason, ModelFacts
 from motiongen_server.engine_process.control import ControlQueue
 from motiongen_server.engine_process.messages import EncodeTexts, Load, LoadEncoder, Ready, Stop, ToEngine, Unload
 from motiongen_server.engine_process.model_link import ModelLink
@@ -56,12 +56,41 @@ def test_a_lost_process_takes_with_it_what_was_never_loaded_and_what_was_given_u
     assert (list(queue), queue.take()) == ([held], ())
 
 
+def test_what_a_process_was_loading_when_it_was_lost_is_loaded_after_the_others() -> None:
+    """Where that hung, or crashed, those behind it would never come."""
+    first, second, third = (loaded(link_of(slot)) for slot in (1, 2, 3))
+    queue = queue_of(first, second, third)
+    assert queue.lose() == []
+    for link in queue:
+        link.lose(CloseReason.ENGINE_FAULT, "it was killed")
+    queue.begin()
+    assert queue.take() == (Load(1, "model-1"), Load(2, "model-2"), Load(3, "model-3")), "all were there"
+    loaded(first)
+    assert queue.lose() == []
+    queue.begin()
+    assert queue.take() == (Load(1, "model-1"), Load(3, "model-3"), Load(2, "model-2"))
+
+
 def test_a_model_that_is_given_up_while_there_is_no_process_is_gone_at_once() -> None:
     link = link_of(1)
     queue = queue_of(link)
     assert not queue.retire(link)
     assert list(queue) == []
     assert queue.get(1) is None
+
+
+def test_a_model_is_tried_again_unless_it_was_given_up() -> None:
+    absent, given_up = loaded(link_of(1)), loaded(link_of(2))
+    queue = queue_of(absent, given_up)
+    for link in (absent, given_up):
+        link.lose(CloseReason.ENGINE_FAULT, "it was killed")
+        link.is_absent = True
+    queue.take()
+    queue.retire(given_up)
+    for slot in (1, 2):
+        queue.load_again(slot)
+    assert queue.take() == (Load(1, "model-1"),)
+    assert not absent.is_absent
 
 
 def test_nothing_more_is_loaded_once_the_end_has_been_asked_for_or_has_come() -> None:

@@ -17,7 +17,7 @@ import pytest
 from motiongen_server.config import ServerConfig
 from motiongen_server.devices import EngineDevice
 from motiongen_server.engine.types import Chunk, Closed, CloseReason, Opened, Output, Priority, ServiceTier, SessionKey
-from motiongen_server.engine_process.connection import EngineLost
+from motiongen_server.engine_process.connection import EngineLost, LoadFailed
 from motiongen_server.engine_process.group import EngineGroup
 from motiongen_server.engine_process.pool import EnginePool
 from motiongen_server.engine_process.restarts import LOSSES
@@ -206,7 +206,7 @@ def test_after_a_rest_a_failed_engine_is_tried_once_more() -> None:
     ("how", "error", "says"),
     [
         ("settings", SettingError, "denoise_steps is too small"),
-        ("load", EngineLost, "the disk is gone"),
+        ("load", LoadFailed, "the disk is gone"),
         ("schema", EngineLost, "mixed versions"),
     ],
 )

@@ -4,9 +4,10 @@ from __future__ import annotations
 
 import asyncio
 import os
+import shutil
 import signal
 import sys
-from collections.abc import AsyncIterator
+from collections.abc import AsyncIterator, Sequence
 from contextlib import asynccontextmanager, suppress
 from pathlib import Path
 
@@ -15,30 +16,33 @@ import httpx
 import psutil
 import pytest
 
-from motiongen.v1 import service_pb2, service_pb2_grpc, session_pb2
+from motiongen.v1 import admin_pb2, admin_pb2_grpc, service_pb2, service_pb2_grpc, session_pb2
 from motiongen_compliance.talk import Talk
 from tests.conftest import ROOT, TINY_MODEL
 from tests.server.engine_process.audience import is_gone, stopped
 from tests.server_process import watched
 from tests.waiting import LIMIT_S, try_again, until_true
 
-SETTINGS = ("--model", str(TINY_MODEL), "--text-encoder", "hashed", "--profile-s", "0",
+SETTINGS = ("--text-encoder", "hashed", "--profile-s", "0",
             "--port", "0", "--ops-port", "0", "--print-ports", "--drain-wait-s", "0", "--drain-grace-s", "0",
             "--admit-load", "1000", "--degrade", "false",  # however busy the machine
             "--devices")  # fmt: skip
 
 
-async def start(devices: str) -> asyncio.subprocess.Process:
+async def start(devices: str, *more: str, models: Sequence[Path] = (TINY_MODEL,)) -> asyncio.subprocess.Process:
+    named = [word for folder in models for word in ("--model", str(folder))]
     return await asyncio.create_subprocess_exec(
-        sys.executable, "-m", "motiongen_server", *SETTINGS, devices,
+        sys.executable, "-m", "motiongen_server", *named, *SETTINGS, devices, *more,
         cwd=ROOT, stdout=asyncio.subprocess.PIPE, stderr=asyncio.subprocess.PIPE,
     )  # fmt: skip
 
 
 @asynccontextmanager
-async def serving(devices: str) -> AsyncIterator[tuple[asyncio.subprocess.Process, dict[str, int]]]:
+async def serving(
+    devices: str, *more: str, models: Sequence[Path] = (TINY_MODEL,)
+) -> AsyncIterator[tuple[asyncio.subprocess.Process, dict[str, int]]]:
     """A server that is ready, and its ports."""
-    process = await start(devices)
+    process = await start(devices, *more, models=models)
     async with watched(process) as told:
         yield process, told
 
@@ -125,6 +129,51 @@ async def test_with_two_engines_half_of_the_sessions_notice_nothing() -> None:
         assert await talk.to_the_end() is grpc.StatusCode.OK
         assert await process.wait() == 0
         assert all(is_gone(each.pid) for each in (fork_server, *engines, *replaced))
+
+
+async def test_a_model_that_was_replaced_on_the_disk_costs_no_other_and_is_served_once_it_is_reloaded(
+    tmp_path: Path,
+) -> None:
+    first, second = (Path(shutil.copytree(TINY_MODEL, tmp_path / name)) for name in ("first", "second"))
+    async with (
+        asyncio.timeout(LIMIT_S),
+        serving("cpu:1", "--admin-listen", "localhost:0", models=[first, second]) as (process, ports),
+        grpc.aio.insecure_channel(f"localhost:{ports['grpc_port']}") as channel,
+        grpc.aio.insecure_channel(f"localhost:{ports['admin_port']}") as admin_channel,
+        httpx.AsyncClient(base_url=f"http://localhost:{ports['ops_port']}") as ops,
+    ):
+        stub = service_pb2_grpc.MotionServiceStub(channel)
+        admin = admin_pb2_grpc.MotionAdminServiceStub(admin_channel)
+        talk = Talk(stub, await stub.GetCatalog(service_pb2.GetCatalogRequest()))  # type: ignore[arg-type, misc]
+        await talk.hello()
+        weights = bytearray((first / "denoiser.safetensors").read_bytes())
+        weights[8 + int.from_bytes(weights[:8], "little")] ^= 1  # after the header: the first number is another one
+        (first / "denoiser.safetensors").write_bytes(weights)
+        (engine,) = psutil.Process(process.pid).children()
+        engine.kill()
+        while True:
+            (one, two) = (await admin.ListModels(admin_pb2.ListModelsRequest())).models
+            if one.state == admin_pb2.MODEL_STATE_FAILED:
+                break
+            await try_again()
+        assert one.message.startswith(f"'{first}' holds another model by now")
+        assert two.state == admin_pb2.MODEL_STATE_SERVING
+        while (await ops.get("/readyz")).status_code != 200:
+            await try_again()
+        metrics = (await ops.get("/metrics")).text
+        assert f'motiongen_model_engines{{model="{one.model_id}"}} 0.0' in metrics
+        assert f'motiongen_model_engines{{model="{two.model_id}"}} 1.0' in metrics
+        refused = await talk.ask_open(1)  # the default
+        await talk.until(lambda: refused.outcomes)
+        assert refused.outcomes[0].reason == "MODEL_FAILED"
+        assert "its weights have changed" in refused.outcomes[0].message
+        assert str(tmp_path) not in refused.outcomes[0].message
+        await talk.open(2, model_id=two.model_id)
+        await talk.plays_on(2)
+        await admin.ReloadModel(admin_pb2.ReloadModelRequest(model_id=one.model_id))
+        await talk.open(3)
+        await talk.plays_on(3)
+        await talk.plays_on(2)
 
 
 async def test_the_gateway_has_no_torch_and_an_engine_process_no_grpc() -> None:

@@ -49,6 +49,18 @@ def test_models_that_do_not_come_back_are_lost(monkeypatch: pytest.MonkeyPatch) 
         watch.look_for(5.0)
 
 
+def test_while_another_is_served_no_model_that_does_not_come_back_takes_it_with_it(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    stuck, served = Ready(1, was_held=True), Ready(2, was_held=True)
+    watch = Watch(monkeypatch, stuck, served)
+    served.come()
+    for _ in range(60):
+        watch.look_for(LOAD_AGAIN_S / 30)
+        served.silent_s = 0.0  # as it goes on talking
+    assert watch.silence.missing_s > LOAD_AGAIN_S
+
+
 def test_each_that_comes_back_gives_the_others_time(monkeypatch: pytest.MonkeyPatch) -> None:
     first, second = Ready(1, was_held=True), Ready(2, was_held=True)
     watch = Watch(monkeypatch, first, second)
@@ -61,6 +73,16 @@ def test_each_that_comes_back_gives_the_others_time(monkeypatch: pytest.MonkeyPa
     watch.look_for(20.0)
     with pytest.raises(EngineLost, match="said nothing for 3"):
         watch.look_for(20.0)
+
+
+def test_what_a_process_has_said_not_to_hold_is_not_waited_for(monkeypatch: pytest.MonkeyPatch) -> None:
+    absent = Ready(1, was_held=True)
+    watch = Watch(monkeypatch, absent)
+    absent.is_absent = True
+    watch.look_for(2 * LOAD_AGAIN_S)
+    absent.is_absent = False  # it is tried again
+    with pytest.raises(EngineLost, match="loading again"):
+        watch.look_for(LOAD_AGAIN_S + 5.0)
 
 
 def test_what_was_never_loaded_may_take_as_long_as_it_takes(monkeypatch: pytest.MonkeyPatch) -> None:

@@ -2,8 +2,11 @@
 
 from __future__ import annotations
 
+import os
+import signal
 import threading
 from collections.abc import Callable, Sequence
+from pathlib import Path
 from typing import cast
 
 import numpy as np
@@ -56,6 +59,33 @@ def test_one_for_which_there_is_no_memory_leaves_the_models_of_its_process_alone
         there.engine.submit(opening())
         there.audience.wait_for_frames(1)
         assert there.pool.processes[0].num_restarts == 0
+
+
+def test_one_that_never_ends_loading_again_does_not_hold_up_who_would_have_a_model_loaded_for_ever(
+    monkeypatch: pytest.MonkeyPatch, tmp_path: Path
+) -> None:
+    """As where a driver hangs, or a disk: it is loaded by the thread that loads models."""
+    with remote(f"stuck encoder:{tmp_path}", text_encoder="llm2vec") as there:
+        there.pool.load_text(there.engine.facts)
+        process, pid = there.pool.processes[0], there.pid()
+        assert pid is not None
+        os.kill(pid, signal.SIGKILL)
+        until(lambda: process.num_restarts == 1 and len(list(tmp_path.iterdir())) == 2)
+        until(lambda: there.engine.num_engines and not process.absent.awaited_s)
+        monkeypatch.setattr("motiongen_server.engine_process.pool.LOAD_AGAIN_S", 0.1)
+        with pytest.raises(
+            SettingError, match=r"engine 0 has been loading the text encoder again for \d+ s, and loads"
+        ):
+            there.pool.load("another")
+        until(lambda: there.engine.submit(opening()) is None)
+        there.audience.wait_for_frames(20)
+        assert [link.source for link in process._control] == ["fake"]
+        stuck = there.pid()
+        assert stuck is not None
+        os.kill(stuck, signal.SIGKILL)  # as the refusal says
+        until(lambda: process.num_restarts == 2 and there.engine.num_engines)
+        monkeypatch.undo()
+        there.pool.load("another")
 
 
 def test_the_end_breaks_off_what_is_encoded_and_nothing_is_asked_afterwards() -> None:

@@ -28,6 +28,7 @@ from motiongen_server.engine_process.process import EngineProcess
 from motiongen_server.engine_process.slot import Built
 from motiongen_server.ops.memory import settled_objects
 from motiongen_server.rpc.abilities import NOTHING_CLAIMED
+from motiongen_server.settings import SettingError
 from tests.server.engine.fakes import FACTS, FakeRunner, RealTime
 from tests.server.engine_process.test_host import Process
 
@@ -91,6 +92,9 @@ class RealEngines(Process):
     def _build(self, source: str, deliver: Deliver, observe: Observe, inbox: Inbox) -> Built:
         runner = FakeRunner(RealTime())
         self.runners.append(weakref.ref(runner))
+        if source == "unsound":
+            runner.itself = runner  # type: ignore[attr-defined]  # models have such rings
+            raise SettingError("its capabilities are no mapping")
         engine = Engine(runner, RealTime(), deliver, EngineConfig(), observe=observe, inbox=inbox)
         return Built(engine, runner.facts, "CC0-1.0")
 
@@ -106,6 +110,21 @@ def test_a_model_that_is_unloaded_is_freed_though_what_is_loaded_is_left_out_of_
         process.tell(LoadEncoder(2))  # what is loaded next comes after that
         process.hear_of(EncoderReady)
         assert [runner() is None for runner in process.runners] == [unloaded == 1, unloaded == 2]
+        process.tell(Stop())
+        while process.thread.is_alive():
+            process.hear(10)
+        process.end.close()
+        process.gateway.close()
+
+
+def test_of_a_model_that_is_refused_nothing_is_left() -> None:
+    """It may be tried again and again, beside sessions that never end: none of it waits for an idle moment."""
+    with settled_objects():
+        process = RealEngines()
+        process.load(1)
+        process.tell(Load(2, "unsound"))
+        assert process.hear_of(Unloaded) == Unloaded(2, "its capabilities are no mapping", is_setting=True)
+        assert [runner() is None for runner in process.runners] == [False, True]
         process.tell(Stop())
         while process.thread.is_alive():
             process.hear(10)

@@ -84,7 +84,7 @@ async def test_tokens_for_the_metrics_in_plain_text_are_warned_of(
     tenants.one()
     async with running(config(ops_host="0.0.0.0", tenants=str(tenants.path))):
         pass
-    assert any("--ops-tls hides them" in message for message in caplog.messages)
+    assert any("--ops-tls encrypts them" in message for message in caplog.messages)
 
 
 async def test_what_is_served_unprotected_is_warned_of(caplog: pytest.LogCaptureFixture) -> None:

@@ -128,7 +128,7 @@ def test_a_file_that_cannot_be_read_changes_nothing(tenants: TenantsFile, caplog
     tenants.path.unlink()
     for _ in range(3):
         assert lapse_of(callers, caller) is None
-    assert [line.partition(" and what")[0] for line in caplog.messages] == ["tenants: cannot be read anew,"] * 2
+    assert [line.partition(" the last")[0] for line in caplog.messages] == ["tenants: cannot be read again,"] * 2
     tenants.write("")
     assert lapse_of(callers, caller) == "CREDENTIALS_REVOKED"
 

@@ -262,13 +262,13 @@ def test_what_only_looks_like_a_token_is_refused(callers: Callers, junk: str) ->
         ("algorithms = ['HS256']", "algorithms has HS256; known are RS256"),
         ("algorithms = ['none']", "algorithms has none"),
         ("algorithms = []", "algorithms has none"),
-        ("issuer = 'corp'", "has no keys, and its issuer is no URL"),
-        ("keys = 'http://login.example/jwks'", "keys come by https"),
-        ("keys = 'ftp://127.0.0.1/jwks'", "keys come by https"),
+        ("issuer = 'corp'", "has no keys, and its issuer is not a URL"),
+        ("keys = 'http://login.example/jwks'", "keys are fetched only by https"),
+        ("keys = 'ftp://127.0.0.1/jwks'", "keys are fetched only by https"),
         ("keys = 'https://me:hush@login.example/jwks'", "has a name or a password in its URL"),
         ("leeway_s = 1000", "leeway_s is 1000"),
         ("colour = 'red'", "issuers.corp has colour; known are algorithms"),
-        ("issuer = ''", "issuer must be a word"),
+        ("issuer = ''", "issuer must be a non-empty string"),
     ],
 )
 def test_what_is_wrong_with_an_issuer_is_said(tenants: TenantsFile, change: str, said: str) -> None:

@@ -115,7 +115,7 @@ def test_keys_that_discovery_finds_come_by_a_way_on_which_nobody_can_change_them
     answer = HEAD + b'\r\n{"jwks_uri": "%s"}' % named.encode()
     with (
         answering(lambda line: line.sendall(answer)) as (port, _),
-        pytest.raises(ValueError, match=r"jwks_uri of http://127.0.0.1.*(keys come by https|has a name or a password)"),
+        pytest.raises(ValueError, match=r"jwks_uri of http://127.0.0.1.*(only by https|has a name or a password)"),
     ):
         fetched(KeySource(f"http://127.0.0.1:{port}/jwks", is_discovery=True))
 

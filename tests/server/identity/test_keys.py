@@ -194,7 +194,7 @@ def test_keys_to_encrypt_with_and_shared_ones_are_passed_over() -> None:
 
 @pytest.mark.parametrize("document", [[], {}, {"keys": {}}, None])
 def test_what_is_no_set_of_keys_is_said_to_be_none(document: object) -> None:
-    with pytest.raises(ValueError, match="no set of keys"):
+    with pytest.raises(ValueError, match="not a set of keys"):
         keys_of(document)
 
 

@@ -42,7 +42,7 @@ def test_quotas_are_limits_of_an_address() -> None:
         ("[tenant.studio]", "the file has tenant; known are issuers, tenants"),
         ("[tenants.studio]\nrole = []", "studio has role; known are certificates, issuers, quota, roles, tokens"),
         ("[tenants.studio]\nroles = ['root']", "studio.roles has root; known are motion, admin, metrics"),
-        ("[tenants.studio]\nroles = 'motion'", "studio.roles must be a list of words"),
+        ("[tenants.studio]\nroles = 'motion'", "studio.roles must be a list of non-empty strings"),
         ("[tenants.studio]\ntokens = ['mg_1_2']", "studio.tokens must be a table"),
         ("[tenants.studio]\ntokens = 'mg_1_2'", "studio.tokens must be a list"),
         ("[tenants.'']", "an entry without a name"),

@@ -96,7 +96,7 @@ async def test_files_that_do_not_fit_change_nothing(tmp_path: Path, caplog: pyte
         (tmp_path / "server.pem").write_bytes((CERTIFICATES / "server-2.pem").read_bytes())
         for _ in range(2):
             assert await shown_name(server.address) == "server-1"
-        assert len([line for line in caplog.messages if "no certificate and its key" in line]) == 1
+        assert len([line for line in caplog.messages if "not a certificate and its key" in line]) == 1
         (tmp_path / "server.key").write_bytes((CERTIFICATES / "server-2.key").read_bytes())
         assert await shown_name(server.address) == "server-2"
 
@@ -113,11 +113,11 @@ def test_grpc_is_given_certificates_only_where_there_are_others(tmp_path: Path) 
 @pytest.mark.parametrize(
     ("files", "said"),
     [
-        (("server-1.pem", "server-2.key", ""), "no certificate and its key"),
-        (("make.sh", "server-1.key", ""), "no certificate and its key"),
+        (("server-1.pem", "server-2.key", ""), "not a certificate and its key"),
+        (("make.sh", "server-1.key", ""), "not a certificate and its key"),
         (("nowhere.pem", "server-1.key", ""), "No such file"),
         (("server-1.pem", "server-1.key", "make.sh"), "no certificates of authorities"),
-        (("server-1.pem", "server-1.key", "client.pem"), "none of an authority"),
+        (("server-1.pem", "server-1.key", "client.pem"), "none of a certificate authority"),
         (("server-1.pem", "server-1.key", "nowhere.pem"), "No such file"),
     ],
 )

@@ -58,11 +58,11 @@ def test_the_entry_is_toml_whatever_the_name(name: str, capsys: pytest.CaptureFi
 @pytest.mark.parametrize(
     ("arguments", "complaint"),
     [
-        (["studio", "--days", "999999999999"], "it must be 0, for ever, or at most 36500"),
-        (["studio", "--days", "3000000"], "it must be 0, for ever, or at most 36500"),
+        (["studio", "--days", "999999999999"], "it must be 0, for no expiry, or at most 36500"),
+        (["studio", "--days", "3000000"], "it must be 0, for no expiry, or at most 36500"),
         (["studio", "--days", "-1"], "it must be 0"),
         ([""], "tenant is ''"),
-        (["a]\n[b"], "it must be a name of characters that can be printed"),
+        (["a]\n[b"], "it must be a name of printable characters"),
     ],
 )
 def test_what_no_entry_can_say_is_one_line(

@@ -15,6 +15,7 @@ from motiongen_server.app import Application
 from motiongen_server.config import ServerConfig
 from motiongen_server.engine.engine_port import EnginePort
 from motiongen_server.engine.types import Priority
+from motiongen_server.engine_process.connection import EngineLost, LoadFailed
 from motiongen_server.models.manager import CannotKeep
 from motiongen_server.models.registry import ModelState
 from motiongen_server.settings import SettingError
@@ -56,21 +57,27 @@ async def test_a_model_is_loaded_while_others_play(stage: Stage) -> None:
 
 
 @pytest.mark.parametrize(
-    ("error", "code", "named"),
+    ("error", "told", "named"),
     [
-        (SettingError("cannot serve model 'three': 2 tensors are missing"), "FAILED_PRECONDITION", "2 tensors are"),
-        (ZeroDivisionError("in the loader"), "INTERNAL", "the log says why"),
+        (
+            SettingError("cannot serve model 'three': 2 tensors are missing"),
+            ("FAILED_PRECONDITION", "CANNOT_LOAD"),
+            "2 tensors are",
+        ),
+        (EngineLost("engine 1 has failed"), ("UNAVAILABLE", "ENGINE_LOST"), "engine 1 has failed; try again"),
+        (LoadFailed("ZeroDivisionError: in the engine"), ("INTERNAL", "CANNOT_LOAD"), "the log says why"),
+        (ZeroDivisionError("in the loader"), ("INTERNAL", "CANNOT_LOAD"), "the log says why"),
     ],
 )
 async def test_a_load_that_fails_is_told_and_leaves_the_others_serving(
-    stage: Stage, error: Exception, code: str, named: str
+    stage: Stage, error: Exception, told: tuple[str, str], named: str
 ) -> None:
     talk = await stage.talk()
     await talk.open(1)
     stage.shop.broken["three"] = error
-    told = await refusal(stage.admin.LoadModel(load("three")))
-    assert (told[0].name, told[1]) == (code, "CANNOT_LOAD")
-    assert named in told[2]
+    code, reason, message = await refusal(stage.admin.LoadModel(load("three")))
+    assert (code.name, reason) == told
+    assert named in message
     assert set(await stage.listed()) == {"one", "two"}
     await talk.plays_on(1)
     del stage.shop.broken["three"]

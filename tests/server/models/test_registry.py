@@ -56,7 +56,7 @@ def test_a_model_that_takes_no_sessions_says_why_by_name_and_as_the_default() ->
     first = served("one")
     models = ModelRegistry(first)
     models.put(served("two"))
-    first.refusal = model_failed("one")
+    first.refusal = model_failed("one", "its engine has failed")
     for name in ("", "one"):
         with pytest.raises(EventRefused) as refused:
             models.find(name)

@@ -5,10 +5,14 @@ from __future__ import annotations
 import asyncio
 import gc
 
+import pytest
+
 from motiongen.v1 import admin_pb2
+from motiongen_server.engine.engine_port import ModelLost
+from motiongen_server.errors import EventRefused
 from motiongen_server.ops.memory import settled_objects
 from motiongen_server.settings import SettingError
-from tests.server.in_process import ENGINE
+from tests.server.in_process import ENGINE, InProcessModel
 from tests.server.models.model_shop import Stage, load, refusal, reload, unload
 
 
@@ -106,6 +110,55 @@ async def test_a_model_that_fails_while_it_is_loaded_again_in_vain_is_refused(st
     assert (await talk.answer(1, 1)).reason == "MODEL_FAILED"
     stage.application.ask_to_stop()
     await serving
+
+
+@pytest.fixture
+def failing(monkeypatch: pytest.MonkeyPatch) -> dict[str, ModelLost]:
+    """Which models are not served for what a test puts here."""
+    failing: dict[str, ModelLost] = {}
+    monkeypatch.setattr(InProcessModel, "failure", property(lambda model: failing.get(model.facts.model_id)))
+    return failing
+
+
+async def test_a_model_that_was_replaced_on_the_disk_says_so_and_may_come_back(
+    stage: Stage, failing: dict[str, ModelLost]
+) -> None:
+    talk = await stage.talk()
+    failing["one"] = ModelLost("'/models/one' holds another model by now", "its weights have changed")
+    stage.manager.look_after()
+    status = (await stage.listed())["one"]
+    assert (status.state, status.message) == (admin_pb2.MODEL_STATE_FAILED, "'/models/one' holds another model by now")
+    for handle, model_id in enumerate(("one", "")):  # nobody is given another model than the one that was meant
+        heard = await talk.ask_open(handle, model_id=model_id)
+        assert (await talk.answer(handle, 1)).reason == "MODEL_FAILED"
+        assert heard.outcomes[0].message.startswith("one is not served: its weights have changed")
+    await talk.open(3, model_id="two")
+    failing["one"] = ModelLost("'/models/one' cannot be loaded again", "the server could not load it again")
+    stage.manager.look_after()
+    with pytest.raises(EventRefused, match="could not load it again"):
+        stage.manager.models.find("one")
+    failing.clear()
+    stage.manager.look_after()
+    assert (await stage.listed())["one"].state == admin_pb2.MODEL_STATE_SERVING
+    await talk.open(4, model_id="one")
+
+
+async def test_a_model_that_comes_back_while_it_is_reloaded_in_vain_is_served(
+    stage: Stage, failing: dict[str, ModelLost]
+) -> None:
+    failing["one"] = ModelLost("'one' cannot be loaded again", "the server could not load it again")
+    stage.manager.look_after()
+    stage.shop.broken["one"] = SettingError("cannot serve model 'one': the folder is gone")
+    stage.shop.go.clear()
+    reloading = asyncio.ensure_future(stage.admin.ReloadModel(reload("one")))
+    await stage.until(lambda models: models[-1].state == admin_pb2.MODEL_STATE_LOADING)
+    failing.clear()
+    stage.manager.look_after()
+    with pytest.raises(EventRefused, match="one is being reloaded"):
+        stage.manager.models.find("one")
+    stage.shop.go.set()
+    assert (await refusal(reloading))[1] == "CANNOT_LOAD"
+    await (await stage.talk()).open(1, model_id="one")
 
 
 async def test_what_is_unloaded_is_freed_though_what_is_loaded_is_left_out_of_collection(stage: Stage) -> None:

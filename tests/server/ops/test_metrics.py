@@ -21,6 +21,7 @@ SET_BY_THE_APPLICATION = {
     "motiongen_prompts_waiting",
     "motiongen_engine_heartbeat_age_seconds",
     "motiongen_engine_up",
+    "motiongen_model_engines",
     "motiongen_engine_restarts",
     "motiongen_engine_resident_memory_bytes",
     "motiongen_admission_rejects",

@@ -51,7 +51,7 @@ def test_presets_of_another_encoder_or_width_are_refused_with_both(tmp_path: Pat
     ("name", "said"),
     [
         ("static", f"takes {WIDTH}"),
-        ("grpc:nowhere", "no address"),
+        ("grpc:nowhere", "not the address"),
         ("gradio:nowhere", "no address"),
         ("prompts:nowhere", "cannot be read"),
         ("abacus", "static, hashed, llm2vec"),

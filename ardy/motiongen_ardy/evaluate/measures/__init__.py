@@ -1,1 +1,1 @@
-"""Figures of motion in metres, seconds, radians, from world joint positions."""
+"""Figures of motion in metres, seconds and radians, from world joint positions."""

@@ -1,4 +1,4 @@
-"""Feet: do they slide, float or sink, and when do they lift."""
+"""Feet: whether they slide, float or sink, and when they lift."""
 
 from __future__ import annotations
 
@@ -12,7 +12,7 @@ from motiongen_ardy.core.skeleton import Skeleton
 from motiongen_ardy.evaluate.measures.root import MOVING_M_S, ground_speed, smoothed
 
 LIFT_M = 0.025
-# Toes of a slow walk rise by 1.5 cm only: what tells a first step from a body that leans is less.
+# In a slow walk, toes rise by only 1.5 cm; this lower threshold distinguishes a first step from a body that leans.
 STEP_M = 0.01
 LOW_M = 0.05
 SKATE_M = 0.025
@@ -31,7 +31,7 @@ def foot_speeds(skeleton: Skeleton, positions: Tensor, fps: int) -> Tensor:
 
 
 def slowest_foot(skeleton: Skeleton, positions: Tensor, fps: int) -> float:
-    """The median over frames with a moving root of the slowest foot joint's speed over the root's; nan if none moves.
+    """The slowest foot joint's speed over the root's, median of frames in which the root moves; nan if there are none.
 
     0 is a foot that stays where it is put, 1 a statue that is pushed.
     """
@@ -46,19 +46,19 @@ def slowest_foot(skeleton: Skeleton, positions: Tensor, fps: int) -> float:
 
 
 def glide_share(skeleton: Skeleton, positions: Tensor, fps: int) -> float:
-    """The share of frames in which even the slowest foot joint goes faster than 0.5 m/s."""
+    """The share of frames in which even the slowest foot joint is faster than 0.5 m/s."""
     return float((foot_speeds(skeleton, positions, fps).amin(dim=-1) > GLIDE_M_S).float().mean())
 
 
 def skate_in_contact(skeleton: Skeleton, positions: Tensor, contacts: Tensor, fps: int) -> float:
-    """The mean speed in m/s of foot joints while they are labelled (T, 4) bool as in contact; nan if none is."""
+    """The mean speed, m/s, of foot joints while labelled (T, 4) bool as in contact; nan if none is."""
     speeds = foot_speeds(skeleton, positions, fps)
     labelled = contacts[:-1]
     return float(speeds[labelled].mean()) if bool(labelled.any()) else math.nan
 
 
 def skating_ratio(skeleton: Skeleton, positions: Tensor) -> float:
-    """The share of frames in which a toe below 5 cm goes more than 2.5 cm to the next frame."""
+    """The share of frames in which a toe below 5 cm moves more than 2.5 cm to the next frame."""
     toes = foot_joints(skeleton, positions)[:, [1, 3]]
     low = (toes[1:, :, 1] < LOW_M) & (toes[:-1, :, 1] < LOW_M)
     far = (toes[1:] - toes[:-1])[..., [0, 2]].norm(dim=-1) > SKATE_M
@@ -71,17 +71,17 @@ def foot_height(skeleton: Skeleton, positions: Tensor) -> float:
 
 
 def penetration(skeleton: Skeleton, positions: Tensor) -> float:
-    """The mean depth in metres of the lowest foot joint below the ground, 0 where it is above."""
+    """The mean depth in metres of the lowest foot joint below the ground; 0 in frames in which it is above."""
     return float((-foot_joints(skeleton, positions)[..., 1].amin(dim=-1)).clamp(min=0).mean())
 
 
 def lifted(skeleton: Skeleton, positions: Tensor, rest: Tensor, by_m: float = LIFT_M) -> Tensor:
-    """(T, 2) bool: whether the left and right toe is by_m above where it rested (2), metres."""
+    """(T, 2) bool: whether the left and right toe is more than by_m above its resting height (2), metres."""
     return foot_joints(skeleton, positions)[:, [1, 3], 1] > rest + by_m
 
 
 class FirstLift(NamedTuple):
-    """Seconds to the first lifted foot, and metres until then: of the root, and of whichever foot joint is slowest."""
+    """Seconds until the first foot is lifted, and metres until then: of the root, and of the slowest foot joint."""
 
     seconds: float
     root_m: float
@@ -89,10 +89,10 @@ class FirstLift(NamedTuple):
 
 
 def first_lift(skeleton: Skeleton, positions: Tensor, from_frame: int, fps: int) -> FirstLift:
-    """The first lifted foot from from_frame on. Without one all counts to the end.
+    """The first lifted foot from from_frame on. Without one, everything up to the end counts.
 
-    The height of rest is each toe's over the half second before. A root that moves over feet that stay leans, and does
-    not glide: what glides is the slowest foot.
+    A toe's resting height is its mean over the half second before. A root that moves over feet that stay in place is
+    leaning, not gliding: gliding is the movement of the slowest foot.
     """
     rest = foot_joints(skeleton, positions[max(0, from_frame - fps // 2) : from_frame])[:, [1, 3], 1].mean(dim=0)
     frames = lifted(skeleton, positions[from_frame:], rest, STEP_M).any(dim=-1).nonzero()[:, 0]
@@ -116,9 +116,9 @@ def stop(skeleton: Skeleton, positions: Tensor, from_frame: int, fps: int) -> tu
 
 
 def swivelled(skeleton: Skeleton, positions: Tensor) -> float:
-    """Metres that toes go over the ground while they are not lifted, the mean of both: 0 for who turns in steps.
+    """Metres that toes move over the ground while not lifted, mean of both: 0 for a character that turns in steps.
 
-    The height of rest is each toe's own lowest tenth.
+    A toe's resting height is its own lowest tenth.
     """
     toes = foot_joints(skeleton, positions)[:, [1, 3]]
     low = ~lifted(skeleton, positions, toes[..., 1].quantile(0.1, dim=0))

@@ -1,4 +1,4 @@
-"""R-precision and the Frechet distance (FID) of motion and text vectors."""
+"""R-precision and Frechet distance (FID) of motion and text vectors."""
 
 from __future__ import annotations
 
@@ -12,10 +12,10 @@ POOL = 32
 
 
 def ranks(motions: Tensor, texts: Tensor, labels: Sequence[str], seed: int = 0) -> np.ndarray:
-    """The place (N), 0 the first, of each motion's own text among POOL texts of different labels.
+    """The rank (N), from 0, of each motion's own text among POOL texts of different labels.
 
-    motions, texts: (N, K) unit vectors; labels: texts with the same one say the same and are never in one pool. The
-    pool is smaller where there are fewer labels.
+    motions, texts: (N, K) unit vectors; labels: texts with the same label mean the same and are never in one pool. The
+    pool is smaller if there are fewer labels.
     """
     random = np.random.default_rng(seed)
     scores = (motions @ texts.T).numpy()
@@ -36,7 +36,7 @@ def frechet_distance(first: Tensor, second: Tensor) -> float:
     a, b = first.double(), second.double()
     mean = (a.mean(dim=0) - b.mean(dim=0)).square().sum()
     cov_a, cov_b = torch.cov(a.T), torch.cov(b.T)
-    # The trace of the root of the product by the eigenvalues of a symmetric form of it.
+    # The trace of the square root of the product, from the eigenvalues of a symmetric form of it.
     values, vectors = torch.linalg.eigh(cov_a)
     root = vectors @ torch.diag(values.clamp(min=0).sqrt()) @ vectors.T
     crossed = torch.linalg.eigvalsh(root @ cov_b @ root).clamp(min=0).sqrt().sum()

@@ -1,4 +1,4 @@
-"""What goes wrong with time: leaning, floating, freezing."""
+"""What goes wrong over time: leaning, floating, freezing."""
 
 from __future__ import annotations
 
@@ -20,13 +20,13 @@ def lean(skeleton: Skeleton, positions: Tensor) -> Tensor:
 
 
 def over_seconds(values: Tensor, fps: int, seconds: int = 1) -> Tensor:
-    """(S) means of (T) over whole stretches of so many seconds."""
+    """(S) means of values (T) over consecutive stretches of `seconds`; an incomplete one at the end is dropped."""
     count = len(values) // (fps * seconds)
     return values[: count * fps * seconds].view(count, -1).mean(dim=-1)
 
 
 def frozen_share(positions: Tensor, fps: int) -> float:
-    """The share of seconds in which joints go slower than 2 cm/s on average; nan for less than one second."""
+    """The share of seconds in which joints are slower than 2 cm/s on average; nan for less than one second."""
     speeds = (positions[1:] - positions[:-1]).norm(dim=-1).mean(dim=-1) * fps
     seconds = over_seconds(speeds, fps)
     return float((seconds < STILL_M_S).float().mean()) if len(seconds) else math.nan

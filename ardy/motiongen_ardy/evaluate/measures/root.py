@@ -1,4 +1,4 @@
-"""The root over the ground: speeds, directions, and how far it is from where it should be."""
+"""The root over the ground: speeds, directions, and differences of angles."""
 
 from __future__ import annotations
 
@@ -18,13 +18,13 @@ def ground_velocity(root: Tensor, fps: int) -> Tensor:
 
 
 def smoothed(values: Tensor, width: int) -> Tensor:
-    """Means (T, K) over `width` (odd) frames about each frame of (T, K); the ends repeat."""
+    """Moving averages (T, K) over `width` (odd) frames of (T, K); the end values are repeated beyond the ends."""
     padded = functional.pad(values.T[None], (width // 2, width // 2), mode="replicate")
     return functional.avg_pool1d(padded, width, stride=1)[0].T
 
 
 def ground_speed(root: Tensor, fps: int, width: int = 9) -> Tensor:
-    """(T-1) metres a second, of a velocity smoothed over `width` frames so that a stride's sway does not count."""
+    """(T-1) metres a second, from a velocity smoothed over `width` frames so that a stride's sway does not count."""
     return smoothed(ground_velocity(root, fps), width).norm(dim=-1)
 
 
@@ -40,18 +40,18 @@ def turn_rate(heading: Tensor, fps: int, width: int = 9) -> Tensor:
 
 
 def travel_angle(root: Tensor, frames: int = 8) -> float:
-    """The direction in radians about +Y in which the last frames of a root (T, 2) went."""
+    """The direction, in radians about +Y, of the last frames of a root (T, 2)."""
     step = root[-1] - root[max(0, len(root) - 1 - frames)]
     return math.atan2(float(step[0]), float(step[1]))
 
 
 def is_running(root: Tensor, fps: int) -> bool:
-    """Whether a root goes faster than 1.8 m/s on average while it moves."""
+    """Whether a root is faster than 1.8 m/s on average while it moves."""
     speed = ground_velocity(root, fps).norm(dim=-1)
     moving = speed > MOVING_M_S
     return bool(moving.any()) and float(speed[moving].mean()) > RUNNING_M_S
 
 
 def is_moving(root: Tensor, fps: int) -> bool:
-    """Whether a clip's root goes faster than 0.3 m/s on average."""
+    """Whether a clip's root is faster than 0.3 m/s on average."""
     return len(root) > 1 and float(ground_velocity(root, fps).norm(dim=-1).mean()) > MOVING_M_S

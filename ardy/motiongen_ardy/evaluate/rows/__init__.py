@@ -1,1 +1,1 @@
-"""The rows of the table, one subject a file: each adds its figures and a few takes to look at to a context."""
+"""The rows of the table, one subject per file: each adds its figures, and a few takes to look at, to a context."""

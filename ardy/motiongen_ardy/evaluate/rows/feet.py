@@ -33,7 +33,7 @@ class _Change:
     derived: list[tuple[Tensor, int]]
 
     def add(self, row: str, unit: str, measure: Callable[[Tensor, int], float], bound: str | None = None) -> None:
-        """A row of what is measured of positions (T, J, 3) from the frame of a change."""
+        """Add a row: what `measure` returns for positions (T, J, 3) and the frame of a change."""
         known = [value for positions, frame in self.derived if not math.isnan(value := measure(positions, frame))]
         self.context.add_goal(
             FAMILY,
@@ -48,13 +48,13 @@ class _Change:
         )
 
     def slowest(self, positions: Tensor, frame: int) -> float:
-        """The speed of the slowest foot over the root's in the two seconds from a change."""
+        """The speed of the slowest foot over the root's in the two seconds after a change."""
         skeleton, fps = self.context.skeleton, self.context.fps
         return feet.slowest_foot(skeleton, positions[frame : frame + 2 * fps], fps)
 
 
 def add(context: Context) -> None:
-    """All rows of feet: sessions without history, under prompts alone."""
+    """Add all rows about feet: sessions without history, with prompts alone."""
     lead = context.frames(3)
     seeds = range(context.size.sessions)
     steady = [Take("walk", seed, context.frames(6), ((0, WALK),)) for seed in seeds]
@@ -142,7 +142,7 @@ def _stop(context: Context, ended: list[Result], lead: int) -> None:
 
 
 def _changes(context: Context, starts: bool) -> list[tuple[Tensor, int]]:
-    """Positions and frame of each change in the data from standing to going, or back; these are derived clips."""
+    """Positions and frame of each change in the data from standing to moving, or back; these are derived clips."""
     return [
         (case.motion.positions, frame)
         for case in context.cases

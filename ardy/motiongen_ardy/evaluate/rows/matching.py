@@ -1,4 +1,4 @@
-"""Text against motion by the judge: R-precision and FID of takes made from captions of held-out clips."""
+"""Text against motion, by the judge: R-precision and FID of takes from captions of held-out clips."""
 
 from __future__ import annotations
 
@@ -13,11 +13,11 @@ from motiongen_ardy.evaluate.measures.matching import frechet_distance, ranks
 from motiongen_ardy.evaluate.take import Take
 
 FAMILY = "text"
-MIN_CASES = 2  # of which a spread is known
+MIN_CASES = 2  # the fewest that have a spread
 
 
 def add(context: Context) -> None:
-    """R-precision top-1 to top-3 of the takes beside the captures', and both distances to other captures."""
+    """Add R-precision top-1 to top-3 of the takes beside the captures', and both distances to other captures."""
     cases = [case for case in context.cases if not case.derived and case.num_frames >= 40]
     judge = context.judge
     assert judge is not None, "a command that names these rows has loaded it"

@@ -1,4 +1,4 @@
-"""Dense paths: the clip's own, a circle, a right angle as clicked; headings fixed off the way; turning on the spot."""
+"""Dense paths (the clip's own, a circle, a right angle as clicked), headings fixed off the path, turns on the spot."""
 
 from __future__ import annotations
 
@@ -25,7 +25,7 @@ WALK = "a person walks forward"
 def path_take(
     context: Context, case: Case, name: str, seed: int, ground: Tensor, *, prompt: str, heading: Tensor | None = None
 ) -> Take:
-    """A case told its ground position (K, 2), and perhaps its heading (K), at each frame that follows."""
+    """A case whose ground position (K, 2), and optionally heading (K), is constrained at each following frame."""
     targets = Targets(context.skeleton)
     frames = range(HISTORY, HISTORY + len(ground))
     targets.add_waypoints(frames, ground.float(), None if heading is None else heading.float())
@@ -34,7 +34,7 @@ def path_take(
 
 
 def off_path(result: Result) -> float:
-    """The mean distance in metres from where the path should be at each of its frames."""
+    """The mean distance in metres from where the path is at each of its frames."""
     assert result.take.targets is not None
     frames = sorted(result.take.targets.ground)
     asked = torch.from_numpy(np.array([result.take.targets.ground[frame] for frame in frames]))
@@ -42,21 +42,21 @@ def off_path(result: Result) -> float:
 
 
 def circle(angle: float, num_frames: int, fps: int, side: int) -> Tensor:
-    """Ground positions (K, 2) along a circle that starts at the origin in a direction; side: 1 left, -1 right."""
+    """Ground positions (K, 2) along a circle from the origin, starting in a direction; side: 1 left, -1 right."""
     arc = torch.arange(1, num_frames + 1) * SPEED_M_S / fps / CIRCLE_RADIUS_M
     ahead, left = direction(angle), direction(angle + side * math.pi / 2)
     return CIRCLE_RADIUS_M * (arc.sin()[:, None] * ahead + (1 - arc.cos())[:, None] * left)
 
 
 def right_angle(angle: float, num_frames: int, fps: int, side: int) -> Tensor:
-    """Ground positions (K, 2) 2 m ahead and then aside, at one speed through a sharp corner."""
+    """Ground positions (K, 2): 2 m ahead and then aside, at constant speed through a sharp corner."""
     far = torch.arange(1, num_frames + 1) * SPEED_M_S / fps
     ahead, aside = direction(angle), direction(angle + side * math.pi / 2)
     return far.clamp(max=2.0)[:, None] * ahead + (far - 2.0).clamp(min=0.0)[:, None] * aside
 
 
 def add(context: Context) -> None:
-    """All rows of paths and headings."""
+    """Add all rows about paths and headings."""
     _paths(context)
     _headings(context)
     _turns(context)
@@ -99,7 +99,7 @@ def _asked(result: Result) -> np.ndarray:
 
 
 def off_heading(context: Context, first: int) -> Callable[[Result], float]:
-    """The mean angle in degrees between the hips' facing and the asked heading, from frame `first` on."""
+    """A measure of the mean angle in degrees between the hips' facing and the asked heading, from frame `first` on."""
 
     def measure(result: Result) -> float:
         assert result.take.targets is not None
@@ -112,7 +112,7 @@ def off_heading(context: Context, first: int) -> Callable[[Result], float]:
 
 
 def _headings(context: Context) -> None:
-    """A straight walk with the heading fixed off the way; the first second is left to get there."""
+    """A straight walk with a heading fixed off the path; the first second is left for getting there."""
     takes: dict[int, list[Take]] = {0: [], 45: [], 90: []}
     count = context.frames(4)
     for number, case in enumerate(walkers(context, context.size.sessions)):
@@ -137,7 +137,7 @@ def _headings(context: Context) -> None:
 
 
 def _turns(context: Context) -> None:
-    """Standing clips told to be where they are, turned, a while later."""
+    """Standing clips that are to stay in place and be turned a while later."""
     takes: dict[int, list[Take]] = {90: [], 180: []}
     for number, case in enumerate(context.chosen(STANDING, HISTORY + 8)):
         facing = float(case.motion.facing(context.skeleton)[HISTORY - 1])

@@ -1,4 +1,4 @@
-"""Poses: whole keyframes, hands, feet, the head's rotation, the root's height; joints and root apart."""
+"""Poses: whole keyframes, hands, feet, the head's rotation, the root's height; joints and root separately."""
 
 from __future__ import annotations
 
@@ -21,7 +21,7 @@ LOWER_M = 0.10
 
 
 def add(context: Context) -> None:
-    """All rows of poses, of the clip's own pose 1.5 s ahead; none of heads of skeletons that have none."""
+    """Add all rows about poses, which are the clip's own 1.5 s ahead; no head rotation without a head."""
     forms: dict[str, tuple[str, tuple[int, ...]]] = {"keyframe, body": ("keyframe", _all(context))}
     chains = limb_chains(context.skeleton)
     forms |= {
@@ -76,7 +76,7 @@ def _take(case: Case, name: str, seed: int, frame: int, targets: Targets) -> Tak
 
 
 def _ask(targets: Targets, name: str, frame: int, pose: Tensor, turns: Tensor, side: int) -> None:
-    """The clip's root with its head turned aside, or lowered."""
+    """Constrain the clip's root, and its head turned aside; or only the root, lowered."""
     if name == "head rotation":
         head = targets.skeleton.index("Head")
         aside = rotation_y(torch.tensor(math.radians(side * HEAD_TURN_DEG))) @ turns[head]
@@ -87,7 +87,7 @@ def _ask(targets: Targets, name: str, frame: int, pose: Tensor, turns: Tensor, s
 
 
 def _joints(frame: int, joints: tuple[int, ...]) -> Callable[[Result], float]:
-    """The mean distance of joints, the root laid over the asked root's ground position."""
+    """A measure of the mean distance of joints, after moving the root to the ground position that was asked for."""
 
     def measure(result: Result) -> float:
         asked, done = _asked(result, frame, joints), result.positions[frame]

@@ -19,7 +19,7 @@ PROMPTS = (WALK, STAND, WAVE, WALK, RUN)
 
 
 def add(context: Context) -> None:
-    """Rows for the seams of windows under one prompt, and for those where the prompt changes."""
+    """Add rows for the seams of windows under one prompt, and for those where the prompt changes."""
     seeds = range(context.size.sessions)
     steady = [Take(f"steady {text}", seed, context.frames(8), ((0, text),)) for seed in seeds for text in (WALK, RUN)]
     spans = tuple((context.frames(3) * number, text) for number, text in enumerate(PROMPTS))

@@ -1,4 +1,4 @@
-"""Long sessions of mixed prompts: one row for each seed and figure, so that one bad session is seen."""
+"""Long sessions of mixed prompts: one row per seed and figure, so that a single bad session is noticed."""
 
 from __future__ import annotations
 
@@ -26,7 +26,7 @@ PROMPTS = (
 
 
 def add(context: Context) -> None:
-    """Glide, drift, lean and freeze of each session."""
+    """Add glide, drift, lean and freeze of each session."""
     takes = [_take(context, seed) for seed in range(context.size.long_sessions)]
     minutes = context.size.long_s / 60
     captured = [case.motion.positions for case in context.cases if not case.derived]
@@ -58,7 +58,7 @@ def _take(context: Context, seed: int) -> Take:
 
 def _figures(context: Context, result: Result) -> dict[str, tuple[str, float]]:
     skeleton, fps, positions = context.skeleton, context.fps, result.positions
-    # Seconds of each session's own tenth: an hour that sinks by a millimetre a minute shows in the last one.
+    # Averages over a tenth of each session: sinking by a millimetre a minute for an hour shows in the last one.
     tenth = max(fps, len(positions) // 10)
     low = foot_joints(skeleton, positions)[..., 1].amin(dim=-1)
     moving = torch.cat([torch.arange(first, end) for first, end, text in _spans(result) if "stand" not in text])

@@ -1,4 +1,4 @@
-"""Short ways: one who stands goes a step or two and stands again; feet that are there at once show here."""
+"""Short ways: a standing character takes a step or two and stands again; feet that jump to their place show here."""
 
 from __future__ import annotations
 
@@ -17,12 +17,12 @@ from motiongen_ardy.evaluate.take import Result, Take, direction, result_frames
 FAMILY = "short"
 LEAD_S, WAY_S, AFTER_S = 2.0, 1.2, 1.5
 CAPTURED_M_S2 = 80.0
-"""The hardest of all joints of sixteen held-out captured walks, whose median is 46."""
+"""The greatest acceleration of any joint in sixteen held-out captured walks; their median is 46."""
 WAYS_M = {"0.6 m ahead": (0.6, 30), "0.5 m aside": (0.5, 90), "0.4 m behind": (0.4, 180)}
 
 
 def add(context: Context) -> None:
-    """All rows of short ways: sessions of people who stand, who are told a place and nothing else."""
+    """Add all rows about short ways: sessions of standing characters that are given a place and nothing else."""
     lead = context.frames(LEAD_S)
     for row, (far, degrees) in WAYS_M.items():
         place = far * direction(math.radians(degrees))

@@ -1,4 +1,4 @@
-"""Prompts obeyed: turning the labelled way, stopping to turn, walking, waving with one hand; and reconstruction."""
+"""Adherence to prompts: turning the labelled way, walking straight again, waving with one hand; and reconstruction."""
 
 from __future__ import annotations
 
@@ -19,7 +19,7 @@ ENOUGH_DEG = 45
 
 
 def add(context: Context) -> None:
-    """All rows of prompts."""
+    """Add all rows about prompts."""
     _turns(context)
     _gestures(context)
     _reconstruction(context)
@@ -57,7 +57,7 @@ def _turns(context: Context) -> None:
 
 
 def _gestures(context: Context) -> None:
-    """Waving with one hand and not the other, 4 s from nothing; walks that go 2 m."""
+    """Waving with one hand and not the other, 4 s from nothing; walks that cover 2 m."""
     skeleton = context.skeleton
     hands = {"right": skeleton.right_hand[0], "left": skeleton.left_hand[0]}
     takes = [
@@ -89,7 +89,7 @@ def _gestures(context: Context) -> None:
 
 @torch.no_grad()
 def _reconstruction(context: Context) -> None:
-    """Joint error of clips that are encoded and decoded, 6 s of each at most, with no denoising."""
+    """Joint error of clips that are encoded and decoded without denoising, 6 s of each at most."""
     layout, codec, patch = context.layout, context.sampler.model.codec, context.sampler.model.config.patch
     for group in (MOVING, STANDING):
         samples = []

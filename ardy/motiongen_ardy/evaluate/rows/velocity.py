@@ -1,4 +1,4 @@
-"""Velocity: speeds from standing and walking, U-turns of the stick, prompts that stand, wave or walk."""
+"""Velocity: speeds from standing and walking, U-turns, and prompts that stand, wave or walk."""
 
 from __future__ import annotations
 
@@ -20,12 +20,12 @@ STAND, WALK, WAVE = "a person stands still", "a person walks forward", "a person
 
 
 def grace_s(speed: float) -> float:
-    """How long a character has to reach a speed, in seconds."""
+    """The time that a character has to reach a speed, in seconds."""
     return 1.0 if speed <= 1.5 else 2.0
 
 
 def add(context: Context) -> None:
-    """All rows of velocity: sessions of 2.4 s under a prompt alone, then steered."""
+    """Add all rows about velocity: sessions of 2.4 s under a prompt alone, then steered."""
     lead = context.frames(LEAD_S)
     takes: dict[str, list[Take]] = {}
     meaning: dict[str, float] = {}
@@ -64,14 +64,14 @@ def _take(context: Context, row: str, seed: int, before: str, during: str, speed
 
 
 def along(result: Result, fps: int) -> Tensor:
-    """(T-1) metres a second in the direction of the last velocity asked for, over 0.45 s."""
+    """(T-1) metres a second in the direction of the last velocity asked for, smoothed over 0.45 s."""
     steer = result.take.steers[-1]
     asked = torch.tensor([steer.x, steer.z])
     return smoothed(ground_velocity(result.root, fps), 9) @ (asked / asked.norm())
 
 
 def _reached(speed: float, first: int, fps: int) -> Callable[[Result], float]:
-    """The mean speed over the second from frame `first` on, as a share of what was asked."""
+    """A measure of the mean speed over the second from frame `first` on, as a share of what was asked for."""
 
     def measure(result: Result) -> float:
         return float(along(result, fps)[first : first + fps].mean()) / speed
@@ -80,7 +80,7 @@ def _reached(speed: float, first: int, fps: int) -> Callable[[Result], float]:
 
 
 def _time_to(speed: float, lead: int, fps: int) -> Callable[[Result], float]:
-    """Seconds from the effective frame to 90 % of the speed; to the end where it is not reached."""
+    """A measure of the seconds from frame `lead` to 90 % of the speed; to the end if that is not reached."""
 
     def measure(result: Result) -> float:
         there = (along(result, fps)[lead:] >= 0.9 * speed).nonzero()[:, 0]
@@ -90,7 +90,7 @@ def _time_to(speed: float, lead: int, fps: int) -> Callable[[Result], float]:
 
 
 def _u_turn(context: Context, speed: float) -> None:
-    """The stick thrown from ahead to back."""
+    """A velocity that is reversed from ahead to back."""
     lead, turn = context.frames(LEAD_S), context.frames(LEAD_S + 3)
     end = turn + context.frames(4)
     takes = [

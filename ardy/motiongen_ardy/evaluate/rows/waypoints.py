@@ -1,4 +1,4 @@
-"""Waypoints: in the horizon and beyond it, on the clip's way and off it, with, without and against a prompt."""
+"""Waypoints within the horizon and beyond it, on the clip's way and off it; with, without and against a prompt."""
 
 from __future__ import annotations
 
@@ -18,22 +18,22 @@ AHEAD_S = 2.0
 BEYOND_S = (2.5, 4.0, 6.0)
 TURNS = (30, 60, 90, 180)
 MAX_SPEED_M_S = 1.2
-# What is reachable is counted for people who walk: a runner has first to slow down.
+# What is reachable is calculated for people who walk: a runner has to slow down first.
 WALKING_M_S = 2.0
 
 
 def reach(seconds: float, turn_deg: float) -> float:
-    """How far in metres a waypoint may lie to be reachable, turning included."""
+    """How far away, in metres, a waypoint may be to be reachable in that time, turning included."""
     return MAX_SPEED_M_S * (seconds - abs(turn_deg) / 180)
 
 
 def contradiction(case: Case) -> str:
-    """A prompt that the waypoint goes against."""
+    """A prompt that the waypoint contradicts."""
     return "a person stands still" if case.group == MOVING else "a person waves with the right hand"
 
 
 def way(case: Case, context: Context) -> tuple[float, float]:
-    """Direction (radians) and speed (m/s) of a case at its last history frame; of one that stands, where it faces."""
+    """Direction (radians) and speed (m/s) of a case at its last history frame; if it stands, the direction it faces."""
     root = case.motion.root[:HISTORY]
     speed = float((root[-1] - root[-9]).norm()) / 8 * context.fps
     if case.group == MOVING and speed > 0.2:
@@ -42,7 +42,7 @@ def way(case: Case, context: Context) -> tuple[float, float]:
 
 
 def waypoint_take(context: Context, case: Case, name: str, seed: int, *, goal: Tensor, frame: int, prompt: str) -> Take:
-    """A case that goes on to a ground position (2) at a frame."""
+    """A take that continues a case to a ground position (2) at a frame."""
     targets = Targets(context.skeleton)
     targets.add_waypoints([frame], goal[None].float())
     return Take(f"{case.id} {name}", seed, frame + 1, ((0, prompt),), case.group, case.history, targets)
@@ -56,7 +56,7 @@ def miss(result: Result) -> float:
 
 
 def add(context: Context) -> None:
-    """All rows of waypoints."""
+    """Add all rows about waypoints."""
     _in_horizon(context)
     _beyond(context)
 
@@ -96,7 +96,7 @@ def _in_horizon(context: Context) -> None:
 
 
 def _off_the_way(distance: float, angle: float, number: int) -> list[tuple[str, Tensor]]:
-    """Rows and places of one clip whose own way is `distance` metres; sides change from clip to clip."""
+    """Rows and places for a clip whose own way is `distance` metres long; sides alternate from clip to clip."""
     places = []
     for turn in TURNS:
         side = 1 if (number + turn // 30) % 2 else -1

@@ -1,4 +1,4 @@
-"""What both denoisers share: how tokens, goals and future become the input vectors of a stage.
+"""What both denoisers share: how tokens, constraints and future become the input vectors of a stage.
 
 Attribute names are those of the released checkpoints.
 """
@@ -20,17 +20,17 @@ from motiongen_ardy.model.window import Window
 
 
 def where_tokens(kind: Tensor, chosen: Tensor, otherwise: Tensor) -> Tensor:
-    """chosen where kind (B, N) is true, else otherwise; both (B, N, C), cast to one type under autocast."""
+    """`chosen` where kind (B, N) is true, else `otherwise`; both (B, N, C), cast to one type under autocast."""
     return torch.where(kind[..., None], chosen, otherwise.to(chosen.dtype))
 
 
 def leading_columns(projection: nn.Linear, values: Tensor) -> Tensor:
-    """The projection of values (B, N, C) whose further inputs, the goals, are all zero."""
+    """The projection of values (B, N, C), with zeros for its remaining inputs, the goals."""
     return functional.linear(values, projection.weight[:, : values.shape[-1]], projection.bias)
 
 
 class Denoiser(InWeightPrecision, ABC):
-    """Noisy hybrid tokens -> clean ones."""
+    """Predicts clean hybrid tokens from noisy ones."""
 
     def __init__(self, config: DenoiserConfig, representation: Representation) -> None:
         super().__init__()
@@ -51,18 +51,18 @@ class Denoiser(InWeightPrecision, ABC):
     def forward(self, tokens: Tensor, step: Tensor, window: Window) -> Tensor:
         """Predict clean tokens.
 
-        tokens: (B, N, 5P + L): history (clean), then horizon (noisy), zero elsewhere. step: (B) int64 base diffusion
-        index. Returns (B, N, 5P + L): history as given, horizon predicted, zero elsewhere.
+        tokens: (B, N, 5P + L): history (clean), then horizon (noisy), zero elsewhere. step: (B) int64, base diffusion
+        step. Returns (B, N, 5P + L): history as given, horizon predicted, zero elsewhere.
         """
 
     def goals(self, window: Window) -> Goals | None:
-        """The window's constraints by token, None when it has none or the model takes none."""
+        """The window's constraints per token; None if it has none or the model takes none."""
         return goals_of(window) if self.config.constraints else None
 
     def hybrid_inputs(self, tokens: Tensor, goals: Goals | None, window: Window) -> tuple[Tensor, Tensor]:
-        """Input vectors (B, N, width) of a stage that reads the global root, and those of the future tokens alone.
+        """Input vectors (B, N, width) of a stage that reads the global root, and separately those of the future tokens.
 
-        In horizon tokens the root is overwritten where it is constrained.
+        In horizon tokens, the root is overwritten where it is constrained.
         """
         plain = self.global_root_hybrid_proj(tokens)
         root, latent = tokens[..., : self.root_width], tokens[..., self.root_width :]
@@ -76,9 +76,9 @@ class Denoiser(InWeightPrecision, ABC):
         return self.join(noisy, plain, ahead, window), ahead
 
     def future_inputs(self, known: Tensor, window: Window) -> Tensor:
-        """Vectors (B, N, width) of the visible future tokens, zero elsewhere; known: (B, N, 2PD), root, goals, mask."""
+        """Vectors (B, N, width) of the visible future tokens, zero elsewhere. known: (B, N, 2PD), root, goals, mask."""
         future = window.future_tokens
-        # In training every weight takes part in every batch, which distributed training counts on.
+        # In training, every weight must take part in every batch: distributed training relies on it.
         if self.future_constraints_proj is None or not (self.training or bool(future.any())):
             return known.new_zeros(*future.shape, self.config.transformer.width)
         vectors = self.future_constraints_proj(known)
@@ -86,7 +86,7 @@ class Denoiser(InWeightPrecision, ABC):
 
     @staticmethod
     def join(noisy: Tensor, plain: Tensor, ahead: Tensor, window: Window) -> Tensor:
-        """Each token's own kind of vector: horizon noisy, history plain, else that of the future, zero where hidden."""
+        """Vectors by kind of token: `noisy` in the horizon, `plain` in the history, else `ahead` (zero if hidden)."""
         return where_tokens(window.generation_tokens, noisy, where_tokens(window.history_tokens, plain, ahead))
 
     @staticmethod
@@ -96,7 +96,7 @@ class Denoiser(InWeightPrecision, ABC):
         return torch.where(window.generation_tokens[..., None], prediction.to(given.dtype), kept)
 
     def on_goals(self, root: Tensor, window: Window) -> Tensor:
-        """Root tokens (B, N, 5P) whose horizon is brought onto the window's root goals, where it says so."""
+        """Root tokens (B, N, 5P), the horizon projected onto the window's root goals if there is a projection."""
         projection = window.projection
         if projection is None:
             return root
@@ -107,6 +107,6 @@ class Denoiser(InWeightPrecision, ABC):
         return by_token(torch.cat([frames[:, : projection.first], horizon, frames[:, end:]], dim=1), patch)
 
     def visible(self, window: Window) -> Tensor:
-        """(B, N) bool: the motion tokens that attention may look at; a model without goals knows no future."""
+        """(B, N) bool: the motion tokens that attention may see; a model without constraints sees no future."""
         known = window.history_tokens | window.generation_tokens
         return known | window.future_tokens if self.config.constraints else known

@@ -1,4 +1,4 @@
-"""One stage's transformer: prefix of text, step and heading, then the motion tokens."""
+"""The transformer of one stage: a prefix of text, step and heading, then the motion tokens."""
 
 from __future__ import annotations
 
@@ -13,7 +13,7 @@ MAX_STEPS = 1024
 
 
 class StepEmbedding(nn.Module):
-    """A diffusion step's index -> (B, 1, width): its sinusoidal row through a two-layer perceptron."""
+    """Diffusion step index -> (B, 1, width): sinusoidal embedding, then a two-layer perceptron."""
 
     def __init__(self, width: int) -> None:
         super().__init__()
@@ -21,26 +21,26 @@ class StepEmbedding(nn.Module):
         self.time_embed = nn.Sequential(nn.Linear(width, width), nn.SiLU(), nn.Linear(width, width))
 
     def forward(self, step: Tensor) -> Tensor:
-        """step: (B) int64 base diffusion index."""
+        """step: (B) int64, base diffusion step."""
         output: Tensor = self.time_embed(self.rows(step)).unsqueeze(1)
         return output
 
 
 class PrefixEmbedding(nn.Module):
-    """Learned rows that tell the prefix tokens apart."""
+    """Learned vectors that distinguish the prefix tokens."""
 
     def __init__(self, num_tokens: int, width: int) -> None:
         super().__init__()
         rows = torch.empty(num_tokens, width)
-        # On torch's meta device, where models that are loaded are built, normal numbers bring in the compiler: 900 more
-        # modules and 145 MiB.
+        # On torch's meta device, where a model is built before its weights are loaded, normal_ would import the
+        # compiler: 900 more modules and 145 MiB.
         if not rows.is_meta:
             nn.init.normal_(rows)
         self.embedding = nn.Embedding.from_pretrained(rows, freeze=False)
 
 
 class StageTransformer(nn.Module):
-    """The transformer of one stage with a prefix of its own."""
+    """The transformer of one stage, with its own prefix."""
 
     def __init__(self, config: DenoiserConfig, output_width: int) -> None:
         super().__init__()
@@ -58,9 +58,9 @@ class StageTransformer(nn.Module):
         self.use_text_mask = config.use_text_mask
 
     def prefix(self, window: Window, step: Tensor) -> Tensor:
-        """(B, n + 1 or 2, width): text, step and heading tokens with their learned rows.
+        """(B, n + 1 or 2, width): text, step and heading tokens plus their learned vectors.
 
-        Fewer text vectors than the model takes are filled up with zeros, more are cut off.
+        Too few text vectors are padded with zeros; those beyond what the model takes are cut off.
         """
         text = window.text[:, : self.text_tokens]
         if text.shape[1] < self.text_tokens:

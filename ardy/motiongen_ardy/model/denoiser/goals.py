@@ -1,4 +1,4 @@
-"""A window's constraints as the denoiser reads them: by token, beside the tokens."""
+"""A window's constraints per token, as the denoiser reads them."""
 
 from __future__ import annotations
 
@@ -12,7 +12,7 @@ from motiongen_ardy.model.window import Window
 
 
 class Goals(NamedTuple):
-    """Observed root and body and the whole mask, frame-major: (B, N, 5P), (B, N, 5P), (B, N, P(D-5)), (B, N, PD)."""
+    """Observed root (B, N, 5P) and its mask, observed body (B, N, P(D-5)), whole mask (B, N, PD); frame-major."""
 
     observed_root: Tensor
     root_mask: Tensor
@@ -20,12 +20,12 @@ class Goals(NamedTuple):
     mask: Tensor
 
     def overwrite(self, root: Tensor) -> Tensor:
-        """Root tokens (B, N, 5P) with the observed numbers where the root is constrained."""
+        """Root tokens (B, N, 5P), replaced by the observed values where the root is constrained."""
         return root * (1 - self.root_mask) + self.observed_root * self.root_mask
 
 
 def goals_of(window: Window) -> Goals | None:
-    """The window's constraints by token, None when it has none."""
+    """The window's constraints per token; None if it has none."""
     if window.mask is None or window.observed is None:
         return None
     patch = window.patch

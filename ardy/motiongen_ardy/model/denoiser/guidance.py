@@ -1,7 +1,7 @@
 """Classifier-free guidance: which passes a row needs, and their weighted sum.
 
-separated: u + w_t (text - u) + w_c (constraints - u), u being neither; joint: both + (w_t - 1) (text - u) + (w_c - 1)
-(constraints - u), one pass at 1 and 1; regular: u + w_t (both - u); none: both.
+With u the unconditioned pass: separated: u + w_t (text - u) + w_c (constraints - u); joint: both + (w_t - 1) (text - u)
++ (w_c - 1) (constraints - u), a single pass if both weights are 1; regular: u + w_t (both - u); none: both.
 """
 
 from __future__ import annotations
@@ -21,7 +21,7 @@ from motiongen_ardy.model.window import KeptRoots, Window
 
 @dataclass(frozen=True)
 class GuidanceWeights:
-    """The two weights of one row; the constraint weight counts in separated and joint guidance only."""
+    """The two weights of one row; the constraint weight is used in separated and joint guidance only."""
 
     text: float = 2.0
     constraint: float = 2.0
@@ -33,7 +33,7 @@ class GuidanceWeights:
 
 
 class Pass(NamedTuple):
-    """One evaluation of the denoiser for a row: what it is told, and its weight in the guided prediction."""
+    """One evaluation of the denoiser for a row: its conditions, and its weight in the guided prediction."""
 
     with_text: bool
     with_constraints: bool
@@ -41,7 +41,7 @@ class Pass(NamedTuple):
 
 
 def full_passes(mode: PassMode, weights: GuidanceWeights) -> tuple[Pass, ...]:
-    """The passes as the formulas have them, needed or not."""
+    """All passes of the mode's formula, whether needed or not."""
     if mode == "none":
         return (Pass(True, True, 1.0),)
     if mode == "regular":
@@ -62,9 +62,9 @@ def full_passes(mode: PassMode, weights: GuidanceWeights) -> tuple[Pass, ...]:
 
 @lru_cache(maxsize=1024)
 def needed_passes(mode: PassMode, weights: GuidanceWeights, has_text: bool, has_constraints: bool) -> tuple[Pass, ...]:
-    """The same weighted sum with as few passes as give it.
+    """The same weighted sum with as few passes as possible.
 
-    Without text or constraints some passes are the same evaluation, and a weight of 0 makes a pass vanish.
+    Without text or constraints some passes are identical, and a pass with weight 0 is dropped.
     """
     merged: dict[tuple[bool, bool], float] = {}
     for with_text, with_constraints, weight in full_passes(mode, weights):
@@ -78,7 +78,7 @@ def needed_passes(mode: PassMode, weights: GuidanceWeights, has_text: bool, has_
 
 
 class PassBatch(NamedTuple):
-    """Passes of all rows side by side: (R) row, text flag, constraint flag and weight of each."""
+    """The passes of all rows, flattened: row, text flag, constraint flag and weight of each, all (R)."""
 
     rows: Tensor
     with_text: Tensor
@@ -87,7 +87,7 @@ class PassBatch(NamedTuple):
 
 
 def batch_passes(passes: list[tuple[Pass, ...]], device: torch.device | str = "cpu") -> PassBatch:
-    """Lay the passes of rows 0, 1, ... side by side."""
+    """Flatten the passes of rows 0, 1, ..."""
     flat = [(row, one) for row, group in enumerate(passes) for one in group]
 
     def column(values: list[float]) -> Tensor:
@@ -102,7 +102,7 @@ def batch_passes(passes: list[tuple[Pass, ...]], device: torch.device | str = "c
 
 
 def expand_window(window: Window, batch: PassBatch) -> Window:
-    """The window of every pass: rows repeated, text and constraints taken away where the pass is not told them."""
+    """The window repeated for every pass, without text or constraints where the pass has none."""
     rows = batch.rows
     observed, mask = window.observed, window.mask
     if observed is not None and mask is not None:
@@ -123,7 +123,7 @@ def expand_window(window: Window, batch: PassBatch) -> Window:
 
 
 def guided_prediction(denoiser: Denoiser, tokens: Tensor, step: Tensor, window: Window, batch: PassBatch) -> Tensor:
-    """The guided clean tokens (B, N, 20 + L); tokens and step as `Denoiser.forward` takes them, one row each."""
+    """The guided clean tokens (B, N, 5P + L); tokens and step as in `Denoiser.forward`, one row per window."""
     predictions = denoiser(tokens[batch.rows], step[batch.rows], expand_window(window, batch))
     weighted = predictions.to(tokens.dtype) * batch.weight[:, None, None]
     return torch.zeros_like(tokens).index_add_(0, batch.rows, weighted)

@@ -1,4 +1,4 @@
-"""The one-stage denoiser of the paper's ablation: root and latents predicted at once."""
+"""The one-stage denoiser of the paper's ablation: predicts root and latents at once."""
 
 from __future__ import annotations
 
@@ -14,7 +14,7 @@ from motiongen_ardy.model.window import Window
 
 
 class OneStageDenoiser(Denoiser):
-    """One transformer on the inputs of the root stage, whose output is a whole hybrid token."""
+    """One transformer with the inputs of the root stage, whose output is a whole hybrid token."""
 
     def __init__(self, config: DenoiserConfig, representation: Representation) -> None:
         super().__init__(config, representation)

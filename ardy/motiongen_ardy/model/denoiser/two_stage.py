@@ -16,7 +16,7 @@ from motiongen_ardy.model.window import Window
 
 
 class TwoStageDenoiser(Denoiser):
-    """Root stage, then body stage on the local root of the first stage's prediction."""
+    """Root stage, then body stage, which reads the local root of the first stage's prediction."""
 
     def __init__(self, config: DenoiserConfig, representation: Representation) -> None:
         super().__init__(config, representation)
@@ -45,7 +45,7 @@ class TwoStageDenoiser(Denoiser):
     def local_inputs(self, tokens: Tensor, root: Tensor, goals: Goals | None, ahead: Tensor, window: Window) -> Tensor:
         """Input vectors (B, N, width) of the body stage.
 
-        root: (B, N, 5P), the first stage's result; ahead: (B, N, width), the future tokens' vectors, used again.
+        root: (B, N, 5P), the first stage's result; ahead: (B, N, width), the future tokens' vectors, reused.
         """
         lengths = window.history_len + window.generation_len
         patch = self.config.patch

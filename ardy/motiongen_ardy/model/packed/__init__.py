@@ -1,6 +1,6 @@
-"""The denoiser as it is served: many rows at once, without padding, nothing computed twice, in one precision.
+"""The denoiser as it is served: many rows at once, without padding or repeated computation, in one precision.
 
-It gives what `model.denoiser.guidance.guided_prediction` gives; `tests/ardy/model/test_packed.py` compares them.
+Its results are those of `model.denoiser.guidance.guided_prediction`, as `tests/ardy/model/test_packed.py` checks.
 """
 
 from motiongen_ardy.model.packed.batch import PackedBatch

@@ -1,4 +1,4 @@
-"""The rows of one denoising step, laid out: every guidance pass of a row is a sequence, like shapes side by side."""
+"""The layout of the rows of one denoising step: one sequence per row and guidance pass, grouped by shape."""
 
 from __future__ import annotations
 
@@ -15,10 +15,10 @@ from motiongen_ardy.model.sampling.projection import RootProjection
 
 @dataclass(frozen=True, slots=True)
 class SequenceSlot:
-    """Where the vectors of a group's sequences that change from step to step stand, as views of the inputs.
+    """Where a group's per-step vectors are, as views of the inputs.
 
-    first, end: the group's sequences. step, horizon: by stage. last: of the second stage, None without history.
-    history: history tokens. group: what is read of it is the horizon.
+    first, end: the group's sequences. step, horizon: by stage. last: of the second stage; None without history.
+    history: number of history tokens. group: the group, whose output is read at the horizon.
     """
 
     first: int
@@ -31,9 +31,9 @@ class SequenceSlot:
 
 
 class Sequences:
-    """What stages are evaluated on. Only `inputs` is written to between steps, in the slots.
+    """The input of the stages. Between steps, only the slots within `inputs` are written to.
 
-    inputs: by stage, (P, width), sequences one behind another and zeros behind the last. num_tokens: of a horizon.
+    inputs: by stage, (P, width), the sequences one after another, then zeros. num_tokens: of a horizon.
     """
 
     inputs: tuple[Tensor, ...]
@@ -43,7 +43,7 @@ class Sequences:
     step_position: int
 
     def _append(self, group: Group, first: int, history: int) -> None:
-        """A group of the inputs, and its slot; first: the number of its first sequence."""
+        """Add a group of sequences and its slot; first: the number of its first sequence."""
         parts = tuple(group.of(stage) for stage in self.inputs)
         has_last = history > 0 and len(parts) > 1
         self.groups.append(group)
@@ -64,7 +64,7 @@ class FirstStagePart(Sequences):
     """Some of a batch's sequences, for the first stage alone."""
 
     def __init__(self, whole: Batch, chosen: Sequence[int]) -> None:
-        """chosen: numbers of sequences, rising."""
+        """chosen: ascending numbers of sequences."""
         self.num_tokens, self.step_position = whole.num_tokens, whole.step_position
         members = [(slot, [one - slot.first for one in chosen if slot.first <= one < slot.end]) for slot in whole.slots]
         members = [(slot, ones) for slot, ones in members if ones]
@@ -81,14 +81,15 @@ class FirstStagePart(Sequences):
 
 
 class Batch(Sequences):
-    """Sequences of one evaluation.
+    """The sequences of one evaluation.
 
-    row_numbers: each sequence's row among those of the step. last: (Q, 1, 20 + L), last history tokens.
+    row_numbers: each sequence's row among those of the step. last: (Q, 1, 5P + L), last history tokens.
     horizon: by stage, (Q, G, width), what is added to the horizon's vectors.
-    projection: of every sequence, None where no row has one.
-    told: (C), the sequences that see constraints, with their observed root and its mask (C, G, 20); None for none.
-    kept: (Q, 1, 1) bool, the sequences whose root is kept, and those roots (Q, G, 5P); None where it is told by row.
-    filled: P for so many vectors of sequences.
+    projection: of every sequence; None if no row has one.
+    told: the sequences (C) that see constraints, with their observed root and its mask (C, G, 5P); None if there are
+    none.
+    kept: (Q, 1, 1) bool, the sequences whose root is kept, and those roots (Q, G, 5P); None if given by row instead.
+    filled: the padded number of vectors for a number of vectors.
     """
 
     row_numbers: list[int]
@@ -101,7 +102,7 @@ class Batch(Sequences):
     _part: tuple[tuple[int, ...], FirstStagePart] | None = None
 
     def first_stage_part(self, chosen: Sequence[int]) -> FirstStagePart:
-        """Some of the sequences for the first stage alone; most steps choose the same as the step before."""
+        """Some of the sequences, for the first stage alone; cached, since most steps choose the same ones."""
         key = tuple(chosen)
         if self._part is None or self._part[0] != key:
             self._part = key, FirstStagePart(self, key)
@@ -109,7 +110,7 @@ class Batch(Sequences):
 
 
 class PackedBatch(Batch):
-    """Rows that are laid out. rows: (Q), the row numbers; weight: (Q, 1, 1). num_vectors: those of sequences."""
+    """Rows laid out as sequences. rows: (Q), the row numbers; weight: (Q, 1, 1). num_vectors: without padding."""
 
     def __init__(
         self,
@@ -119,7 +120,7 @@ class PackedBatch(Batch):
         step_position: int,
         filled: Callable[[int], int] = lambda vectors: vectors,
     ) -> None:
-        """sequences: (row, pass) pairs, like shapes side by side. horizon_of: positions (S, G, width) for a history."""
+        """sequences: (row, pass) pairs, sorted by shape. horizon_of: history tokens -> positions (S, G, width)."""
         device = rows[0].last.device
         self.num_tokens = horizon_of(0).shape[1]
         self.step_position, self.filled = step_position, filled
@@ -135,10 +136,10 @@ class PackedBatch(Batch):
         self._observed: tuple[Tensor, Tensor] | None = None
 
     def alike(self, slot: SequenceSlot, root_width: int) -> tuple[Tensor, ...]:
-        """What a `RecordedBatch` of a group's n sequences is made of: tensors (n, ...), each as `Batch` has it.
+        """The arguments of a `RecordedBatch` for a group's n sequences: tensors (n, ...), each as in `Batch`.
 
-        The last history tokens, observed roots and their mask (zeros where nothing is told), by stage what is added to
-        the horizon's vectors, the projection's tensors, if there is one, and by stage the inputs.
+        The last history tokens; observed roots and their mask (zeros without constraints); by stage, what is added to
+        the horizon's vectors; the projection's tensors, if there is one; by stage, the inputs.
         """
         if self._observed is None:
             shape = len(self.row_numbers), self.num_tokens, root_width
@@ -205,7 +206,7 @@ class PackedBatch(Batch):
 
 
 def _projection_of(rows: Sequence[RootProjection | None]) -> RootProjection | None:
-    """The projections of sequences side by side, without goals where there is none."""
+    """The projections of sequences in one; sequences without one get a projection without goals."""
     known = next((row for row in rows if row is not None), None)
     if known is None:
         return None

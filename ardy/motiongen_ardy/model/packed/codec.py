@@ -1,4 +1,4 @@
-"""A tokenizer as it is served: what a row gets does not depend on how many rows are encoded or decoded with it."""
+"""A tokenizer as it is served: a row's result does not depend on how many rows are encoded or decoded with it."""
 
 from __future__ import annotations
 
@@ -14,7 +14,7 @@ from motiongen_ardy.model.transformer import SelfAttention, TransformerLayer
 
 
 class _PackedLayer(nn.Module):
-    """Stands where an `nn.Linear` does."""
+    """Takes the place of an `nn.Linear`."""
 
     def __init__(self, packed: PackedLinear) -> None:
         super().__init__()
@@ -26,7 +26,7 @@ class _PackedLayer(nn.Module):
 
 
 class _PackedAttention(SelfAttention):
-    """Self-attention whose projections are packed."""
+    """Self-attention with packed projections."""
 
     def __init__(self, plain: SelfAttention) -> None:
         nn.Module.__init__(self)
@@ -40,9 +40,9 @@ class _PackedAttention(SelfAttention):
 
 
 def _fuse_activation(layer: TransformerLayer) -> None:
-    """Apply the activation on the way out of the product before it.
+    """Apply the activation within the product before it.
 
-    By itself it would have a kernel of oneDNN for each shape of a batch, which take the places of products.
+    A separate activation would need a oneDNN kernel for each batch shape, and those displace the kernels of products.
     """
     widen = PackedLinear.of(layer.linear1, torch.float32, layer.activation)
     setattr(layer, "linear1", _PackedLayer(widen))  # noqa: B010
@@ -50,9 +50,9 @@ def _fuse_activation(layer: TransformerLayer) -> None:
 
 
 def packed_codec(codec: Tokenizer | ExplicitBody) -> Tokenizer | ExplicitBody:
-    """The same codec with float32 layers laid out for the kernel, which is faster and the same in any company.
+    """The same codec with packed float32 layers: faster, and independent of what else is in the batch.
 
-    The one that is given stays as it is; layers in another precision are left alone.
+    The codec that is given is left unchanged; layers in another precision are not packed.
     """
     if isinstance(codec, ExplicitBody) or codec.encoder.precision is not torch.float32:
         return codec

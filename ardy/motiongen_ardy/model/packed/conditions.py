@@ -1,4 +1,4 @@
-"""What stays the same for a row while its window is denoised, as the vectors that the stages read."""
+"""What stays constant for a row while its window is denoised, as the vectors that the stages read."""
 
 from __future__ import annotations
 
@@ -13,7 +13,7 @@ from motiongen_ardy.model.sampling.projection import RootProjection
 
 
 class WindowVectors(NamedTuple):
-    """Of B rows. S stages, P prefix tokens, N_h history tokens.
+    """Vectors of B rows, without constraints. S stages, P prefix tokens, N_h history tokens.
 
     told, untold: (B, S, P, width), the prefix with the rows' texts, and without. history, decided, last: (B, ...), as
     in `RowConditions`.
@@ -30,8 +30,8 @@ class WindowVectors(NamedTuple):
 class RowGoals:
     """A row's constraints. S stages, G horizon tokens, F visible future tokens.
 
-    horizon: (S, G, width), what they add to the horizon's input vectors. future: (S, F, width), placed.
-    root, root_mask: (G, 20), the observed root and where it overwrites the noisy one.
+    horizon: (S, G, width), what they add to the horizon's input vectors. future: (S, F, width), with positions added.
+    root, root_mask: (G, 5P), the observed root and where it overwrites the noisy one.
     """
 
     horizon: Tensor
@@ -42,11 +42,11 @@ class RowGoals:
 
 @dataclass(frozen=True, slots=True)
 class RowConditions:
-    """One row. S stages, P prefix tokens, N_h history tokens.
+    """The conditions of one row. S stages, P prefix tokens, N_h history tokens.
 
-    prefixes: of each pass, (S, P, width). history: (N_h, width), placed vectors of the first stage; decided:
-    (N_h - 1 or 0, width), those of the second stage, which for the last history token depend on the frame after it.
-    last: (20 + L), that token, zeros without history. projection: of this row alone.
+    prefixes: of each pass, (S, P, width). history: (N_h, width), first-stage vectors with positions added. decided:
+    (N_h - 1 or 0, width), those of the second stage, without the last history token, whose vector depends on the frame
+    after it. last: (5P + L), that token; zeros without history. projection: of this row alone.
     """
 
     passes: tuple[Pass, ...]
@@ -62,10 +62,10 @@ class RowConditions:
         return self.history.shape[0]
 
     def told(self, index: int) -> RowGoals | None:
-        """The constraints that the pass with this index sees."""
+        """The constraints that pass number `index` sees."""
         return self.goals if self.passes[index].with_constraints else None
 
     def future_tokens(self, index: int) -> int:
-        """How many future tokens the pass with this index sees."""
+        """How many future tokens pass number `index` sees."""
         goals = self.told(index)
         return 0 if goals is None else goals.future.shape[1]

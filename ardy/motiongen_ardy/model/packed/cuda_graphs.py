@@ -1,4 +1,4 @@
-"""CudaGraphRecorder: records CUDA graphs."""
+"""CudaGraphRecorder: records work as CUDA graphs."""
 
 from __future__ import annotations
 
@@ -15,21 +15,22 @@ Result = TypeVar("Result")
 
 
 class CudaGraphRecorder:
-    """Records CUDA graphs, which share one pool of memory. For one device; one thread at a time."""
+    """Records CUDA graphs, which share one memory pool. For one device; one thread at a time."""
 
     def __init__(self, device: torch.device) -> None:
         self._device = device
         self._pool = torch.cuda.graph_pool_handle()
-        # One for all: libraries keep memory for every stream that they have ever worked on.
+        # One stream for all recordings: libraries keep memory for every stream that they have worked on.
         self._aside = torch.cuda.Stream(device)
 
     def record(self, work: Callable[[], Result]) -> tuple[Callable[[], None], Result]:
-        """As `GraphRecorder.record`. Raises RecordingFailed; torch.OutOfMemoryError where memory is short."""
+        """As `GraphRecorder.record`. Raises RecordingFailed, or torch.OutOfMemoryError if memory is short."""
         with torch.cuda.device(self._device):
             self._call(work)
             graph = torch.cuda.CUDAGraph()
             try:
-                # What other threads do meanwhile, as to load another model, is no part of it and need not be held up.
+                # thread_local: what other threads do meanwhile, such as loading a model, is not captured and not
+                # blocked.
                 with torch.cuda.graph(graph, self._pool, self._aside, capture_error_mode="thread_local"):
                     result = work()
             except torch.OutOfMemoryError:
@@ -39,12 +40,12 @@ class CudaGraphRecorder:
         return graph.replay, result
 
     def _call(self, work: Callable[[], Result]) -> None:
-        """Libraries choose kernels and take their memory when they are first called, which must not be recorded."""
+        """Warm up: on first calls, libraries choose kernels and allocate memory, which must not be recorded."""
         current = torch.cuda.current_stream(self._device)
         self._aside.wait_stream(current)
         try:
             with torch.cuda.stream(self._aside):
                 for _ in range(_WARM_UPS):
                     work()
-        finally:  # also where it fails: what it reads may be used for something else from here on
+        finally:  # also on failure: from here on, the memory it reads may be reused
             current.wait_stream(self._aside)

@@ -1,8 +1,8 @@
 """PackedDenoiser: guided predictions for rows that differ in history, future, text, constraints and guidance.
 
-What the formulas compute anew at each step is computed once for a window: text and heading vectors, history
-vectors (save the last token's second-stage vector, whose velocity looks into the prediction), future vectors, and what
-constraints add to the horizon's vectors. Hidden tokens do not exist, and neither do passes that guidance does not need.
+What the plain denoiser computes at each step is computed once per window: text and heading vectors, history vectors
+(except the last token's second-stage vector, whose velocity depends on the prediction), future vectors, and what
+constraints add to the horizon's vectors. There are no hidden tokens, and no passes that guidance does not need.
 """
 
 from __future__ import annotations
@@ -28,7 +28,7 @@ from motiongen_ardy.model.tokenizer.model import by_token, root_from_tokens
 
 
 class PackedDenoiser:
-    """A denoiser's weights as they are served, and the evaluation. Inputs and outputs are float32."""
+    """A denoiser's weights as they are served, and their evaluation. Inputs and outputs are float32."""
 
     def __init__(
         self,
@@ -41,8 +41,8 @@ class PackedDenoiser:
     ) -> None:
         """horizon: frames that a window generates. dtype: of the transformers' products, float32 or bfloat16.
 
-        graphs: that evaluations are replayed from; None: they are called each time. keeps_roots: whether
-        rows may come whose root is kept; with graphs it is predicted all the same.
+        graphs: recorded graphs to replay; None: evaluate directly. keeps_roots: whether rows may come with a kept root;
+        with graphs, the root is predicted all the same.
         """
         self._denoiser = denoiser
         self._layout = denoiser.representation
@@ -52,7 +52,7 @@ class PackedDenoiser:
         latent_dim = denoiser.config.latent_dim
         device = denoiser.global_root_hybrid_proj.weight.device
         self.stages = [PackedStage(denoiser.root_model, num_base_steps, dtype)]
-        # The released layer that is told constraints takes the latent before the root; tokens have the root first.
+        # The released layer that reads constraints has the latent before the root; tokens have the root first.
         order = torch.cat([torch.arange(self._root_width) + latent_dim, torch.arange(latent_dim)]).to(device)
         told = denoiser.global_root_hybrid_constraints_proj
         self._projections = [InputLayer(denoiser.global_root_hybrid_proj, told, order, self._patch)]
@@ -80,7 +80,7 @@ class PackedDenoiser:
         self._horizon_positions: dict[int, Tensor] = {}
 
     def release_originals(self) -> None:
-        """Free the matrices of the transformers, of which this has copies; the denoiser itself is of no more use."""
+        """Free the transformers' weight matrices, of which this holds copies; the denoiser itself becomes unusable."""
         for stage in self.stages:
             stage.stack.release_originals()
 
@@ -88,9 +88,9 @@ class PackedDenoiser:
 
     @torch.inference_mode()
     def vectors(self, history: Tensor, text: Tensor, heading: Tensor) -> WindowVectors:
-        """What rows of one history length see in all steps, but for constraints.
+        """What the rows of one history length see in all steps, apart from constraints.
 
-        history: (B, N_h, 20 + L), recentred. text: (B, n, W), zeros for no text; heading: (B) radians, of the first
+        history: (B, N_h, 5P + L), recentred. text: (B, n, W), zeros for no text; heading: (B) radians, of the first
         frame.
         """
         prefixes = [stage.prefixes(text, heading) for stage in self.stages]
@@ -106,9 +106,9 @@ class PackedDenoiser:
         goals: Sequence[RowGoals | None],
         projections: Sequence[RootProjection | None],
     ) -> list[RowConditions]:
-        """What stays the same while the windows of B rows are denoised.
+        """What stays constant while the windows of B rows are denoised.
 
-        passes: what each row's guidance needs. projections: what each row's root is brought onto, of it alone.
+        passes: those that each row's guidance needs. projections: of each row alone, what its root is projected onto.
         """
         kinds = zip(vectors.untold.unbind(), vectors.told.unbind(), strict=True)
         prefixes = [tuple(kind[one.with_text] for one in of_row) for kind, of_row in zip(kinds, passes, strict=True)]
@@ -128,17 +128,17 @@ class PackedDenoiser:
     def goals(
         self, observed: Tensor, mask: Tensor, history_tokens: int, mask_on_host: Tensor | None = None
     ) -> list[RowGoals | None]:
-        """What each of B rows is told of constraints.
+        """The constraints of each of B rows, as the stages read them.
 
-        observed, mask: (B, 4N, D), in the window's own frame, zero in the history, and observed zero where the mask is.
-        mask_on_host: the same on the processor, where it is there; it tells how much is to be done.
+        observed, mask: (B, PN, D), in the window's own frame, zero in the history; observed is zero where the mask is.
+        mask_on_host: a copy on the CPU, if there is one; it shows how much there is to compute.
         """
         num_rows, future = len(mask), self._future
         if future is None:
             return [None] * num_rows
         end = history_tokens + self._num_tokens
         on_host = mask.cpu() if mask_on_host is None else mask_on_host
-        which = ToldTokens.of(on_host.unflatten(1, (-1, self._patch)), end)  # few; the other tokens add zero
+        which = ToldTokens.of(on_host.unflatten(1, (-1, self._patch)), end)  # few; all other tokens add zero
         rows, numbers = torch.stack([which.rows, which.numbers]).to(mask.device).unbind()
         seen = (part.unflatten(1, (-1, self._patch))[rows, numbers] for part in (observed, mask))
         told = TokenGoals.of(*seen, which.beyond_root)
@@ -164,10 +164,10 @@ class PackedDenoiser:
 
     @torch.inference_mode()
     def batch(self, rows: Sequence[RowConditions]) -> PackedBatch:
-        """Lay the rows out for any number of steps; sequences of one shape stand side by side."""
+        """Lay the rows out for any number of steps; sequences of the same shape are adjacent."""
         sequences = [(row, index) for row, conditions in enumerate(rows) for index in range(len(conditions.passes))]
         sequences.sort(key=lambda pair: (rows[pair[0]].history_tokens, rows[pair[0]].future_tokens(pair[1])))
-        # What is replayed is filled up there.
+        # Batches that are replayed from graphs are padded there.
         filled = (lambda vectors: vectors) if self._recorded is not None else self.stages[0].stack.filled
         return PackedBatch(rows, sequences, self._horizon_of, self.stages[0].step_position, filled)
 
@@ -191,11 +191,11 @@ class PackedDenoiser:
         project: Sequence[bool] | None = None,
         kept: Sequence[Tensor | None] | None = None,
     ) -> Tensor:
-        """The guided clean horizon (R, G, 5P + L) of noisy horizon tokens of that shape; step: (R) base steps.
+        """The guided clean horizon (R, G, 5P + L) from noisy horizon tokens of that shape; step: (R) base steps.
 
-        project: of each row, whether its root is brought onto its goals in this step; None for no row. kept: of each
-        row, its clean root (G, 5P) as an earlier step has predicted it, None where it is to be predicted; where there
-        is one stage only, it always is.
+        project: for each row, whether its root is projected onto its goals in this step; None: no row. kept: for each
+        row, its clean root (G, 5P) as predicted in an earlier step, or None to predict it; ignored by a denoiser with a
+        single stage.
         """
         noisy, step = tokens[batch.rows], step[batch.rows]
         active = None
@@ -215,9 +215,9 @@ class PackedDenoiser:
         active: Tensor | None,
         kept: Sequence[Tensor | None] | None = None,
     ) -> Tensor:
-        """The clean horizon (Q, G, 5P + L) of each sequence, of noisy horizons of that shape, which are written to.
+        """The clean horizon (Q, G, 5P + L) of each sequence, from noisy horizons of that shape, which are overwritten.
 
-        step: (Q) base steps. active: (Q) 0 or 1, whose roots are brought onto their goals; None for none. kept: by row.
+        step: (Q) base steps. active: (Q), 1 to project the root onto its goals, else 0; None: none. kept: by row.
         """
         step_vectors = self._step_vectors[:, step]
         result = self._first_stage(batch, noisy, step_vectors, kept)
@@ -229,7 +229,7 @@ class PackedDenoiser:
         known = self._local(torch.cat([batch.last, torch.cat([result, latent], dim=-1)], dim=1))
         for slot in batch.slots:
             if slot.last is not None:
-                # One vector a sequence, side by side: as a batch of products of one vector each they take longer.
+                # One vector per sequence, side by side: a batch of products with one vector each is slower.
                 vectors = self._projections[1].plain(known[slot.first : slot.end, 0])
                 slot.last.copy_(self.stages[1].placed(vectors[:, None], slot.history, slot.history - 1)[:, 0])
         horizon = self._projections[1].noisy.plus(known[:, 1:], batch.horizon[1])
@@ -238,7 +238,7 @@ class PackedDenoiser:
     def _first_stage(
         self, batch: Batch, noisy: Tensor, step_vectors: Tensor, kept: Sequence[Tensor | None] | None
     ) -> Tensor:
-        """What the first stage predicts (Q, G, 5P or more), for sequences whose root is kept that root instead."""
+        """The first stage's prediction (Q, G, 5P or more); for sequences whose root is kept, that root."""
         roots = enumerate(kept[row] for row in batch.row_numbers) if kept and len(self.stages) > 1 else ()
         known = {number: root for number, root in roots if root is not None}
         missing = [number for number in range(len(batch.row_numbers)) if number not in known]
@@ -259,7 +259,7 @@ class PackedDenoiser:
         return result
 
     def _run(self, sequences: Sequences, number: int, step_vectors: Tensor, horizon: Tensor) -> Tensor:
-        """What a stage predicts (Q, G, its output). step_vectors: (Q, width); horizon: (Q, G, width)."""
+        """A stage's prediction (Q, G, its output). step_vectors: (Q, width); horizon: (Q, G, width)."""
         for slot in sequences.slots:
             slot.step[number].copy_(step_vectors[slot.first : slot.end])
             slot.horizon[number].copy_(horizon[slot.first : slot.end])
@@ -268,7 +268,7 @@ class PackedDenoiser:
         return stage.output(encoded.unflatten(0, (-1, sequences.num_tokens)))
 
     def _on_goals(self, batch: Batch, result: Tensor, active: Tensor) -> Tensor:
-        """Predictions (Q, G, 5P or more), their roots on the goals of the sequences that are active (Q)."""
+        """Predictions (Q, G, 5P or more), with the roots of active sequences (Q) projected onto their goals."""
         if batch.projection is None:
             return result
         root = batch.projection.apply(self._layout, root_from_tokens(result, self._patch), active)

@@ -1,7 +1,7 @@
-"""FusedStack: transformer layers on a GPU, with kernels for what stands between their products.
+"""FusedStack: transformer layers on a GPU, with fused kernels between their matrix products.
 
-On sequences of tens of vectors products take less than half of a layer's time; torch's attention, sums, casts and norms
-take the rest. The products are those of `PackedLayer`, and all else is the same but for the order of rounding.
+For sequences of some tens of vectors, products take less than half of a layer's time; torch's attention, sums, casts
+and norms take the rest. The products are those of `PackedLayer`; everything else differs only in the order of rounding.
 """
 
 from __future__ import annotations
@@ -20,7 +20,7 @@ if TYPE_CHECKING:
     from motiongen_ardy.model.packed.stack import Group, Norm, PackedLayer
 
 LONGEST = 64
-"""Vectors of a sequence: longer ones are for torch's own attention."""
+"""The most vectors of a sequence; torch's own attention suits longer ones."""
 _HEAD_WIDTHS = (16, 32, 64, 128)
 _LEAST_BLOCK = 16  # of a matrix product in Triton
 
@@ -28,15 +28,15 @@ log = logging.getLogger(__name__)
 
 
 class FusedStack:
-    """Does what the layers do one after another, for sequences of at most LONGEST vectors."""
+    """Applies the layers one after another to sequences of at most LONGEST vectors."""
 
     def __init__(self, layers: Sequence[PackedLayer], kernels: ModuleType) -> None:
         self._layers = layers
         self._kernels = kernels
 
     def __call__(self, vectors: Tensor, groups: Sequence[Group]) -> Tensor:
-        """What is read (R, width) of vectors (P, width) float32, as `PackedStack.__call__` has it."""
-        with torch.cuda.device_of(vectors):  # Triton starts kernels on the device that is current
+        """The output (R, width) that is read, for vectors (P, width) float32, as in `PackedStack.__call__`."""
+        with torch.cuda.device_of(vectors):  # Triton launches kernels on the current device
             return self._run(vectors, groups)
 
     def _run(self, vectors: Tensor, groups: Sequence[Group]) -> Tensor:
@@ -58,7 +58,7 @@ class FusedStack:
     def _attended(
         self, layer: PackedLayer, normed: Tensor, stream: Tensor, groups: Sequence[Group]
     ) -> tuple[Tensor, Tensor]:
-        """What runs on (n, width) and its norm, for the vectors of the stream: those that are read of the groups."""
+        """The residual stream (n, width) after attention and its norm, for the vectors of the groups that are read."""
         packed = layer.mix_in(normed)
         taken = packed.new_empty(stream.shape)
         head_width, first_taken = stream.shape[1] // layer.num_heads, 0
@@ -81,7 +81,7 @@ class FusedStack:
         return self._added(layer, layer.mix_out(taken), stream, layer.norms[1 if layer.norm_first else 0])
 
     def _added(self, layer: PackedLayer, product: Tensor, stream: Tensor, norm: Norm) -> tuple[Tensor, Tensor]:
-        """The sum, or with the norms behind its norm, (n, width) float32; and the norm in the layer's precision."""
+        """The sum, or its norm where norms come last, (n, width) float32; and the norm in the layer's precision."""
         added, normed = torch.empty_like(stream), product.new_empty(product.shape)
         width = stream.shape[1]
         self._kernels.add_and_norm[(len(stream),)](
@@ -100,7 +100,7 @@ class FusedStack:
 
 
 def fused_stack(layers: Sequence[PackedLayer]) -> FusedStack | None:
-    """Of layers in bfloat16 on a GPU; None where they are not, or the kernels cannot be compiled."""
+    """The fused stack for layers in bfloat16 on a GPU; None for others, or if the kernels cannot be compiled."""
     weight = layers[0].norms[0].weight
     head_width = len(weight) // layers[0].num_heads
     if weight.device.type != "cuda" or layers[0].dtype != torch.bfloat16 or head_width not in _HEAD_WIDTHS:
@@ -115,7 +115,7 @@ def _block(size: int) -> int:
 
 @lru_cache
 def _compiled(device: torch.device) -> ModuleType | None:
-    """The kernels, if Triton is here and can compile the smaller one; else a warning says why they are not used."""
+    """The kernels, if Triton is available and can compile the smaller one; otherwise logs a warning that says why."""
     try:
         from motiongen_ardy.model.packed import kernels
 
@@ -123,7 +123,7 @@ def _compiled(device: torch.device) -> ModuleType | None:
         arguments = (numbers, numbers, numbers[0], numbers[0], torch.empty_like(numbers), torch.empty_like(numbers))
         with torch.cuda.device_of(numbers):
             kernels.add_and_norm[(2,)](*arguments, 1e-5, WIDTH=16, BLOCK=16, NORM_ADDED=True)
-    except Exception as error:  # Triton, the C compiler that it calls, and the driver have each errors of their own
+    except Exception as error:  # Triton, the C compiler that it calls, and the driver each have their own errors
         log.warning(
             "layers are called with torch's kernels, which takes longer: Triton compiles none for %s (%s: %s); it "
             "needs a C compiler (apt install gcc)", device, type(error).__name__, error,

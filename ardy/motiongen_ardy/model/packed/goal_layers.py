@@ -1,7 +1,7 @@
-"""What constraints add to input vectors: by all columns of a layer, or by the few of the root, where no more is asked.
+"""What constraints add to input vectors, computed from only the root's columns of a layer where that suffices.
 
-Of a layer's inputs the root and its mask are one in sixty, and a stick, a path or a waypoint asks for nothing else. The
-others are zeros then, which add nothing and take most of the time.
+The root and its mask are one in sixty of a layer's inputs, and a velocity, path or waypoint constrains nothing else.
+The other inputs are then zeros, which add nothing but would take most of the time.
 """
 
 from __future__ import annotations
@@ -17,7 +17,7 @@ from motiongen_ardy.model.packed.linear import PackedLinear
 
 class TokenGoals(NamedTuple):
     """Tokens (n, ...) with constraints: observed root and its mask (n, 5P), observed body (n, P(D-5)), the whole mask
-    (n, PD), and which of them (n) ask for more than the root, on the processor: a device would be waited for.
+    (n, PD), and whether each constrains more than the root (n); the last is on the CPU, to avoid synchronising.
     """
 
     root: Tensor
@@ -39,15 +39,15 @@ class TokenGoals(NamedTuple):
         )
 
     def between(self, begin: int, end: int) -> TokenGoals:
-        """Tokens begin to end."""
+        """Tokens begin to end - 1."""
         return TokenGoals(*(part[begin:end] for part in self))
 
 
 class ToldTokens(NamedTuple):
-    """Which tokens of B rows are told of constraints: n, those of the horizon first, each kind by row.
+    """The n tokens of B rows that have constraints: first those of the horizon, then those behind it, each by row.
 
-    rows, numbers, beyond_root: (n) on the processor, a token's row, its number in the window, and whether it is asked
-    for more than the root. num_here: those of the horizon. num_ahead: by row, those behind it.
+    rows, numbers, beyond_root: (n), on the CPU: a token's row, its number in the window, and whether it constrains more
+    than the root. num_here: how many are in the horizon. num_ahead: how many are behind it, by row.
     """
 
     rows: Tensor
@@ -58,7 +58,7 @@ class ToldTokens(NamedTuple):
 
     @classmethod
     def of(cls, mask: Tensor, end: int) -> ToldTokens:
-        """mask: (B, N, P, D), on the processor. end: the first token behind the horizon."""
+        """mask: (B, N, P, D), on the CPU. end: the first token behind the horizon."""
         asked = mask != 0
         beyond = asked[..., ROOT_WIDTH:].flatten(2).any(dim=-1)
         told = beyond | asked[..., :ROOT_WIDTH].flatten(2).any(dim=-1)
@@ -69,7 +69,7 @@ class ToldTokens(NamedTuple):
 
 
 class GoalLayer:
-    """A float32 layer of which the inputs are a token's observed root, if it reads that, observed body and mask."""
+    """A float32 layer whose inputs are a token's observed root (if reads_root), observed body and mask."""
 
     def __init__(self, weight: Tensor, bias: Tensor, patch: int, *, reads_root: bool) -> None:
         """weight: (width, 5P or 0 + P(D-5) + PD)."""
@@ -83,11 +83,11 @@ class GoalLayer:
 
     @classmethod
     def of(cls, layer: nn.Linear, patch: int) -> GoalLayer:
-        """From a layer of torch that reads the root too."""
+        """From a torch layer that reads the root too."""
         return cls(layer.weight, layer.bias, patch, reads_root=True)
 
     def __call__(self, goals: TokenGoals) -> Tensor:
-        """(n, width). What a token gets depends on itself alone, not on which others ask for more than the root."""
+        """(n, width). A token's result does not depend on whether other tokens constrain more than the root."""
         root = [goals.root] if self._reads_root else []
         added = self._of_root(torch.cat([*root, goals.root_mask], dim=1))
         if not bool(goals.beyond_root.any()):

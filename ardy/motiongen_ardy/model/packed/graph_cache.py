@@ -1,4 +1,4 @@
-"""GraphCache: the recorded graphs of one runner, of all kinds of work, and when a shape is worth one."""
+"""GraphCache: all recorded graphs of one runner, and the decision when a shape is worth recording."""
 
 from __future__ import annotations
 
@@ -12,32 +12,34 @@ from torch import Tensor
 
 MOST_GRAPHS = 128
 MOST_BYTES = 1 << 30
-"""Of what graphs read. Beyond either those go that were not replayed for longest."""
+"""The most memory that graphs read. Above MOST_GRAPHS or MOST_BYTES, those least recently replayed are dropped."""
 WORTH_IT = 8
-"""Recording takes some 25 ms, and replaying saves 2 to 18 each time (docs/performance/gpu.md)."""
+"""Occurrences before a shape is recorded: that takes some 25 ms, and a replay saves 2 to 18
+(docs/performance/gpu.md).
+"""
 _MOST_COUNTED = 4096
 
 Result = TypeVar("Result")
 
 
 class GraphRecorder(Protocol):
-    """Makes work that can be replayed."""
+    """Records work so that it can be replayed."""
 
     def record(self, work: Callable[[], Result]) -> tuple[Callable[[], None], Result]:
-        """What does the work again, on the memory it was recorded with, and the tensors that it leaves its result in.
+        """A function that repeats the work on the memory it was recorded with, and the tensors that receive its result.
 
-        Results of two recordings may share memory: each is to be taken before the next replay.
+        The results of two recordings may share memory: read each one before the next replay.
         """
         ...
 
 
 class RecordingFailed(RuntimeError):
-    """Work could not be recorded; the device may not be used any more."""
+    """Work could not be recorded; the device may no longer be usable."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Graph(Generic[Result]):
-    """read_from: what is written before it is replayed; result: what is read after."""
+    """read_from: tensors to write to before a replay; result: what to read after it."""
 
     read_from: Sequence[Tensor]
     replay: Callable[[], None]
@@ -49,10 +51,10 @@ class Graph(Generic[Result]):
 
 
 class GraphCache:
-    """Graphs by what they were recorded for. num_recorded: how many were made in all.
+    """Graphs by key. num_recorded: how many have been recorded in all.
 
-    A shape is recorded once it has come so often that it is worth it: what clients ask for has shapes without end, and
-    everybody waits while one is recorded. Those that are recorded at once, before anybody waits, stay.
+    A shape is recorded only once it has occurred often enough: clients can cause any number of shapes, and all sessions
+    wait during a recording. Graphs that were recorded within `at_once`, before there are sessions, are never evicted.
     """
 
     def __init__(
@@ -62,7 +64,7 @@ class GraphCache:
         most_bytes: int = MOST_BYTES,
         worth_it: int = WORTH_IT,
     ) -> None:
-        """most, most_bytes: of graphs that were not recorded at once. worth_it: a shape that comes so many times."""
+        """most, most_bytes: limits for graphs recorded outside `at_once`. worth_it: occurrences before recording."""
         self._recorder, self._most, self._most_bytes, self._worth_it = recorder, most, most_bytes, worth_it
         self._staying: dict[Hashable, Graph[Any]] = {}
         self._others: OrderedDict[Hashable, Graph[Any]] = OrderedDict()
@@ -73,7 +75,7 @@ class GraphCache:
 
     @contextmanager
     def at_once(self) -> Iterator[None]:
-        """Within, every shape is recorded when it first comes, and stays."""
+        """Within this context, every shape is recorded on its first occurrence and never evicted."""
         self._is_at_once = True
         try:
             yield
@@ -83,9 +85,10 @@ class GraphCache:
     def of(
         self, key: Hashable, begin: Callable[[], tuple[Sequence[Tensor], Callable[[], Result]]]
     ) -> Graph[Result] | None:
-        """The graph for a key, None while it is not worth one.
+        """The graph for a key, or None while the key is not worth recording.
 
-        begin: what a graph is to read, and the work that reads it; the same for every call with this key.
+        begin: returns the tensors that a graph reads, and the work that reads them; the same for every call with this
+        key.
         """
         held = self._staying.get(key) or self._others.get(key)
         if held is None:
@@ -98,7 +101,7 @@ class GraphCache:
         return held
 
     def clear(self) -> None:
-        """Let go of all graphs, and so of their memory."""
+        """Drop all graphs, and so free their memory."""
         self._staying.clear()
         self._others.clear()
         self._came.clear()

@@ -1,8 +1,8 @@
-"""Functions of rows replayed as recorded graphs, where starting kernels takes longer than they do.
+"""Row functions replayed as recorded graphs, for work whose kernels take longer to launch than to run.
 
-A graph is of one shape and of its own memory. So batches are filled up to few sizes, their rows copied to where the
-graph reads them, and the result copied from where it writes. What a row gets does not depend on the others, so those
-that fill up may be anything. What comes too seldom for a graph is called.
+A graph has one shape and its own memory. Batches are therefore padded to a few sizes, their rows are copied to where
+the graph reads them, and results are copied from where it writes. Since a row's result does not depend on the others,
+the padding may be anything. Shapes that are too rare for a graph are computed by ordinary calls.
 """
 
 from __future__ import annotations
@@ -18,16 +18,16 @@ from torch import Tensor
 from motiongen_ardy.model.packed.graph_cache import GraphCache
 
 SIZES = (1, 2, 4, 8, 12, 16, 24, 32, 48, 64, 96, 128, 192, 256, 384, 512)
-"""Rows of a batch. More than the last are filled up to a multiple of it."""
+"""Batch sizes in rows. Larger batches are padded to a multiple of the last."""
 
 RowWork: TypeAlias = Callable[..., tuple[Tensor, ...]]
 """Tensors (B, ...) -> tensors (B, ...)."""
 
 
 class GraphedRows:
-    """Does what a function of rows does, by recordings of it: a graph for each number of rows that fewer fill up.
+    """Replays recordings of a row function, one for each batch size; smaller batches are padded.
 
-    What a row gets must not depend on the others, and nothing in the function may wait for the device.
+    A row's result must not depend on the other rows, and the function must not synchronise with the device.
     """
 
     def __init__(self, work: RowWork, graphs: GraphCache) -> None:
@@ -35,11 +35,11 @@ class GraphedRows:
         self._graphs = graphs
 
     def __call__(self, *rows: Tensor) -> tuple[Tensor, ...]:
-        """What the function gives for tensors (B, ...). It is to be taken before anything else is replayed."""
+        """The function's result for tensors (B, ...). It is valid only until the next replay of any graph."""
         return self._done(None, self._work, rows)
 
     def of(self, kind: Hashable, *rows: Tensor) -> tuple[Tensor, ...]:
-        """The same by a function that is given a kind of rows before them."""
+        """The same, for a function whose first argument is a kind."""
         return self._done(kind, partial(self._work, kind), rows)
 
     def _done(self, kind: Hashable, work: RowWork, rows: Sequence[Tensor]) -> tuple[Tensor, ...]:
@@ -60,20 +60,20 @@ class GraphedRows:
 
 
 def keeping(work: RowWork) -> RowWork:
-    """The same, but what it gives may be kept: results of a replay last until the next."""
+    """The same function with copied results: those of a replay are valid only until the next one."""
     return lambda *rows: tuple(part.clone() for part in work(*rows))
 
 
 def sizes_up_to(most: int, passes: int = 1) -> list[int]:
-    """Numbers of rows that graphs are recorded for where there are never more than so many, rising.
+    """Ascending batch sizes to record graphs for if there are never more than `most` rows.
 
-    passes: sequences of each row in an evaluation, of which all numbers are to be recorded, too.
+    passes: sequences per row in an evaluation; all sizes in sequences are to be covered too.
     """
     return sorted({size for size in (*SIZES, *(each // passes for each in SIZES)) if 0 < size < most} | {most})
 
 
 def filled_size(rows: int) -> int:
-    """The size that so many rows are filled up to."""
+    """The size to which a batch of `rows` rows is padded."""
     if rows > SIZES[-1]:
         return -(-rows // SIZES[-1]) * SIZES[-1]
     return SIZES[bisect_left(SIZES, rows)]

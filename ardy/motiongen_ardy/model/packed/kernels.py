@@ -1,11 +1,11 @@
-"""Kernels of a layer on a GPU, in Triton: attention within short sequences, and the sum and norm between products.
+"""Triton kernels for a layer on a GPU: attention within short sequences, and the sum and norm between products.
 
 Torch's own attention is made for long sequences and leaves most of a GPU idle on tens of vectors; its sums, casts and
-norms each read and write everything anew. Here every program has one sequence's head, or one vector, so what a
-sequence gets does not depend on the others.
+norms each read and write all data again. Here every program handles one head of one sequence, or one vector, so a
+sequence's result does not depend on the others.
 """
 
-# Not `annotations` from the future: Triton reads these as they stand.
+# No `from __future__ import annotations`: Triton reads the annotations as they are.
 import triton
 import triton.language as tl
 
@@ -27,9 +27,9 @@ def attend(
 ):
     """softmax(q k^T scale) v of one head in one sequence; the grid is (sequences, heads).
 
-    packed: (P, 3, HEADS, WIDTH), sequences of `length` vectors from vector `first` on. taken: (R, HEADS, WIDTH), to
-    which vectors `first_read` to `first_read + num_read` of each are written from `first_taken` on. KEYS, QUERIES:
-    powers of two from 16 on, not below length and num_read.
+    packed: (P, 3, HEADS, WIDTH), sequences of `length` vectors each, starting at vector `first`. taken: (R, HEADS,
+    WIDTH), receives vectors `first_read` to `first_read + num_read` of each sequence, from `first_taken` on. KEYS,
+    QUERIES: powers of two, at least 16 and at least length and num_read.
     """
     sequence, head = tl.program_id(0).to(tl.int64), tl.program_id(1)
     queries, keys, columns = tl.arange(0, QUERIES), tl.arange(0, KEYS), tl.arange(0, WIDTH)
@@ -65,7 +65,7 @@ def add_and_norm(
     """One vector: stream + product, and the layer norm of that; the grid is (vectors).
 
     product: in any precision; stream: float32. added: float32, the sum, or its norm with NORM_ADDED; normed: the norm
-    in its own precision. weight, bias: (WIDTH) of the norm. BLOCK: a power of two not below WIDTH.
+    in its own precision. weight, bias: (WIDTH) of the norm. BLOCK: a power of two, at least WIDTH.
     """
     vector = tl.program_id(0).to(tl.int64)
     columns = tl.arange(0, BLOCK)

@@ -1,4 +1,4 @@
-"""A linear layer for inference: its weight is laid out once, and what follows the product is done on the way out."""
+"""A linear layer for inference: its weight is laid out once, and what follows the product is fused into it."""
 
 from __future__ import annotations
 
@@ -9,15 +9,15 @@ import torch
 from torch import Tensor, nn
 from torch.nn import functional
 
-# A kernel for few vectors may add in another order than those for many; from so many on there is but one.
+# Kernels for few vectors may add in another order than those for many; from this many on there is only one order.
 _MANY = {torch.float32: 256, torch.bfloat16: 768}
-# Below so many vectors, sizes are rounded up to a power of two; above, there are so many sizes to every doubling.
+# Up to _FEW vectors, counts are rounded up to a power of two; above, to one of so many counts per doubling.
 _FEW, _SIZES_A_DOUBLING = 16, 4
 
 Activation = Callable[[Tensor], Tensor]
 
-# On a CPU these oneDNN operators take a weight in the layout of the kernel, where `functional.linear` brings it there
-# again at every call, and they apply the activation or add the residual while the result is still in registers.
+# On a CPU, these oneDNN operators take a weight in the kernel's own layout, whereas `functional.linear` converts it at
+# every call, and they apply the activation or add the residual while the result is still in registers.
 _POINTWISE: dict[Activation | None, str] = {None: "none", functional.gelu: "gelu", functional.relu: "relu"}
 
 
@@ -31,11 +31,11 @@ def _onednn_takes(weight: Tensor) -> bool:
 
 
 def filled_size(vectors: int) -> int:
-    """The number that so many vectors are filled up to, where each number has a kernel of its own.
+    """The number of vectors to which `vectors` are padded, where each number has its own kernel.
 
     oneDNN compiles a kernel for each number of vectors and each matrix, which takes longer than a small product, and
-    few are kept (`docs/performance/memory.md`). Batches come in hundreds of sizes, so kernels would be made at nearly
-    every step. Filled up, at most a quarter is computed for nothing, a tenth on average.
+    keeps few of them (`docs/performance/memory.md`). Batches come in hundreds of sizes, so nearly every step would
+    compile kernels. With padding, at most a quarter is computed in vain, a tenth on average.
     """
     if vectors <= _FEW:
         return 1 << max(vectors - 1, 0).bit_length()
@@ -44,9 +44,9 @@ def filled_size(vectors: int) -> int:
 
 
 def least_agreeing(product: Callable[[int], Tensor], sizes: Sequence[int]) -> int:
-    """The least size from which on all of the sizes give their vectors the same as the last one does.
+    """The smallest size from which on all sizes give their vectors the same results as the largest one.
 
-    product: of the first so many of some vectors, (n, out). sizes: ascending.
+    product: n -> (n, out), the product of the first n of some vectors. sizes: ascending.
     """
     among_most, least = product(sizes[-1]), sizes[-1]
     for size in reversed(sizes):
@@ -59,11 +59,11 @@ def least_agreeing(product: Callable[[int], Tensor], sizes: Sequence[int]) -> in
 @lru_cache(maxsize=256)
 @torch.inference_mode()
 def _least_vectors(outputs: int, inputs: int, dtype: torch.dtype) -> int:
-    """From how many vectors on kernels for a matrix (outputs, inputs) add in the same order.
+    """From how many vectors on the kernels for a matrix (outputs, inputs) add in the same order.
 
-    With AMX and bfloat16 those of 512 by 256 do from 256 on; from 48 to 224 they add in another. The second half of
-    each sum takes away what the first was: what is left tells the order. Rounded to bfloat16, the sums of usual
-    vectors show it in one number of many thousands.
+    With AMX and bfloat16, those for 512 by 256 do so from 256 vectors on; from 48 to 224 they use another order. The
+    test vectors make the second half of each sum cancel the first, so that only rounding errors remain, which reveal
+    the order. With ordinary vectors, rounded to bfloat16, one number in many thousands would show it.
     """
     many, random, half = _MANY[dtype], torch.Generator().manual_seed(0), -(-inputs // 2)
     rows, columns = torch.randn(many, half, generator=random), torch.randn(outputs, half, generator=random)
@@ -80,8 +80,8 @@ def _least_vectors(outputs: int, inputs: int, dtype: torch.dtype) -> int:
 class PackedLinear:
     """x W^T + b in the precision of a copied weight, with an optional activation or an optional addend.
 
-    least_vectors: fewer vectors than these are filled up to them, so that what one gets is the same in any company;
-    others to what `filled_size` says.
+    least_vectors: inputs with fewer vectors are padded to this number, so that a vector's result does not depend on how
+    many there are; larger inputs are padded to `filled_size`.
     """
 
     def __init__(self, weight: Tensor, bias: Tensor, dtype: torch.dtype, activation: Activation | None = None) -> None:
@@ -100,7 +100,7 @@ class PackedLinear:
 
     @classmethod
     def of(cls, layer: nn.Linear, dtype: torch.dtype, activation: Activation | None = None) -> PackedLinear:
-        """From a layer of torch."""
+        """From a torch layer."""
         return cls(layer.weight, layer.bias, dtype, activation)
 
     def __call__(self, values: Tensor) -> Tensor:
@@ -108,19 +108,19 @@ class PackedLinear:
         return self._product(values, self._activation)
 
     def plus(self, values: Tensor, addend: Tensor) -> Tensor:
-        """The result for values (..., in), without the activation, plus an addend (..., out) in its precision.
+        """The result for values (..., in), without activation, plus an addend (..., out), in the addend's precision.
 
-        A float32 addend to a product in another precision is added in float32.
+        A float32 addend is added in float32 even if the product is in another precision.
         """
         if addend.dtype != self._weight.dtype or not self.onednn or self._missing(values):
-            # Converted and then added in place: a sum of two precisions takes up to twice as long.
+            # Converted, then added in place: a sum of two precisions takes up to twice as long.
             return self._product(values, None).to(addend.dtype).add_(addend)
         operators = torch.ops.mkldnn._linear_pointwise
         result: Tensor = operators.binary(values, addend, self._weight, self._bias, "add")
         return result
 
     def _missing(self, values: Tensor) -> int:
-        """How many vectors are filled in before the product is taken."""
+        """How many vectors of padding the product needs."""
         count = values.shape[:-1].numel()
         return max(filled_size(count) if self.onednn else count, self.least_vectors) - count
 
@@ -130,7 +130,7 @@ class PackedLinear:
             return result if activation is None else activation(result)
         missing = self._missing(values)
         if missing:
-            # `functional.pad` would write zeros everywhere first, which in bfloat16 is slow.
+            # `functional.pad` would first write zeros everywhere, which is slow in bfloat16.
             flat = values.reshape(-1, values.shape[-1])
             filled = flat.new_empty(len(flat) + missing, flat.shape[1])
             filled[: len(flat)] = flat

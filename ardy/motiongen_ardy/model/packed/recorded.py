@@ -1,4 +1,4 @@
-"""Evaluations of the denoiser that are replayed as one graph for the sequences of a length, in both stages."""
+"""Evaluations of the denoiser replayed as graphs: one graph covers both stages, for sequences of one length."""
 
 from __future__ import annotations
 
@@ -14,7 +14,7 @@ from motiongen_ardy.model.packed.stack import Group
 from motiongen_ardy.model.sampling.projection import RootProjection
 
 Evaluate = Callable[[Batch, Tensor, Tensor, Tensor | None], Tensor]
-"""A batch, noisy horizons (Q, G, 5P + L), base steps (Q), which are brought onto goals (Q) -> clean horizons."""
+"""A batch, noisy horizons (Q, G, 5P + L), base steps (Q), which roots to project (Q) -> clean horizons."""
 
 
 class RecordedBatch(Batch):
@@ -33,7 +33,7 @@ class RecordedBatch(Batch):
         num_prefix: int,
         step_position: int,
     ) -> None:
-        """As `PackedBatch.alike` gives them: (n, ...), horizon and inputs by stage. history: tokens of it."""
+        """Arguments as from `PackedBatch.alike`: (n, ...), horizon and inputs by stage. history: in tokens."""
         count, length, width = inputs[0].shape
         self.num_tokens, self.step_position, self.filled = horizon[0].shape[1], step_position, lambda vectors: vectors
         self.inputs, self.groups, self.slots = tuple(stage.view(-1, width) for stage in inputs), [], []
@@ -43,7 +43,7 @@ class RecordedBatch(Batch):
 
 
 class RecordedSequences:
-    """Evaluates batches by recordings: a graph for each shape and number of sequences, that fewer fill up."""
+    """Evaluates batches by replaying recordings: a graph per shape and batch size; smaller batches are padded."""
 
     def __init__(
         self,
@@ -56,12 +56,12 @@ class RecordedSequences:
         step_position: int,
         keeps_roots: bool,
     ) -> None:
-        """keeps_roots: whether rows may come whose root is kept; then all are told by a mask whether theirs is."""
+        """keeps_roots: whether rows may come with a kept root; graphs then take a mask that says which rows do."""
         self._evaluate, self._keeps_roots = evaluate, keeps_roots
         self._num_stages, self._root_width = num_stages, root_width
         self._places = {"num_prefix": num_prefix, "step_position": step_position}
         self._rows = GraphedRows(self._recorded, graphs)
-        self._slowing_s = 0.0  # of all projections of a model
+        self._slowing_s = 0.0  # the same for all projections of a model
 
     def __call__(
         self,
@@ -71,7 +71,7 @@ class RecordedSequences:
         active: Tensor | None,
         kept: Sequence[Tensor | None] | None = None,
     ) -> Tensor:
-        """What `evaluate` gives. kept: by row."""
+        """As `evaluate`. kept: by row."""
         acting: list[Tensor] = []
         if batch.projection is not None:
             self._slowing_s = batch.projection.slowing_s
@@ -86,7 +86,7 @@ class RecordedSequences:
         return result
 
     def _kept(self, batch: PackedBatch, noisy: Tensor, kept: Sequence[Tensor | None]) -> tuple[Tensor, Tensor]:
-        """Of each sequence, whether its root is kept (Q, 1, 1), and that root (Q, G, 5P)."""
+        """For each sequence, whether its root is kept (Q, 1, 1), and that root (Q, G, 5P)."""
         none = noisy.new_zeros(noisy.shape[1], self._root_width)
         roots = [kept[row] for row in batch.row_numbers] if kept else []
         if all(root is None for root in roots):

@@ -1,8 +1,8 @@
-"""The transformer layers on sequences packed one behind another: linear layers see no padding, attention no mask.
+"""The transformer layers on packed sequences: linear layers see no padding, attention needs no mask.
 
-The last layer is evaluated only for the vectors that are read after it, two thirds of a denoiser's: the others count
-for their keys and values. Products and attention are in the precision that is asked for. What runs past them from
-layer to layer, and its norms, is float32: in bfloat16 it would be rounded twice a layer, which shows as jitter.
+The last layer is evaluated only for the vectors that are read after it, two thirds of a denoiser's; the others
+contribute only keys and values. Products and attention use the requested precision. The residual stream from layer to
+layer, and its norms, are float32: in bfloat16 it would be rounded twice per layer, which shows as jitter.
 """
 
 from __future__ import annotations
@@ -20,9 +20,9 @@ from motiongen_ardy.model.transformer import TransformerLayer, TransformerStack
 
 
 class Group(NamedTuple):
-    """`num_sequences` sequences of `length` vectors each, from vector `start` of the packed tensor on.
+    """`num_sequences` sequences of `length` vectors each, starting at vector `start` of the packed tensor.
 
-    first_read, num_read: of each sequence, the vectors that are read after the last layer.
+    first_read, num_read: in each sequence, the vectors that are read after the last layer.
     """
 
     start: int
@@ -41,17 +41,17 @@ class Group(NamedTuple):
 
     @property
     def total_read(self) -> int:
-        """Of all its sequences."""
+        """The vectors that are read, over all its sequences."""
         return self.num_sequences * self.num_read
 
     @property
     def read(self) -> slice:
-        """Of a sequence."""
+        """The vectors of a sequence that are read."""
         return slice(self.first_read, self.first_read + self.num_read)
 
 
 class Norm:
-    """A layer norm, called without what a module does about its calls."""
+    """A layer norm without the overhead of a module call."""
 
     def __init__(self, layer: nn.LayerNorm) -> None:
         self._shape = layer.normalized_shape
@@ -65,7 +65,7 @@ _ALL = slice(None)
 
 
 class PackedLayer:
-    """One transformer layer; its weights are copies in the precision that it computes in."""
+    """One transformer layer; its weights are copies in the precision in which it computes."""
 
     def __init__(self, layer: TransformerLayer, dtype: torch.dtype) -> None:
         attention = layer.self_attn
@@ -79,9 +79,9 @@ class PackedLayer:
         self.narrow = PackedLinear.of(layer.linear2, dtype)
 
     def _attention(self, vectors: Tensor, groups: Sequence[Group], asking: Sequence[slice], count: int) -> Tensor:
-        """What vectors take from their sequences, before the output projection; zeros behind the last, `count` in all.
+        """Attention output before the output projection, padded with zeros to `count` vectors.
 
-        asking: of each group's sequences, the vectors that take.
+        asking: in each group's sequences, the vectors that are queries.
         """
         packed = self.mix_in(vectors.to(self.dtype)).view(len(vectors), 3, self.num_heads, -1)
         taken = packed.new_empty(count, *packed.shape[2:])
@@ -99,7 +99,7 @@ class PackedLayer:
         return self._after(vectors, self._attention(self.before(vectors), groups, [_ALL] * len(groups), len(vectors)))
 
     def of_read(self, vectors: Tensor, groups: Sequence[Group], count: int) -> Tensor:
-        """(count, width): for the vectors that are read alone, one group's behind another's, then zeros' results."""
+        """(count, width): the layer's result for the vectors that are read only, group after group, then for zeros."""
         attended = self._attention(self.before(vectors), groups, [group.read for group in groups], count)
         read = vectors.new_empty(count, vectors.shape[1])
         end = 0
@@ -110,11 +110,11 @@ class PackedLayer:
         return self._after(read, attended)
 
     def before(self, vectors: Tensor) -> Tensor:
-        """Vectors as attention takes them."""
+        """Vectors as attention takes them: normed if norms come first."""
         return self.norms[0](vectors) if self.norm_first else vectors
 
     def _after(self, vectors: Tensor, attended: Tensor) -> Tensor:
-        """The rest of the layer for vectors (n, width), from what each has taken from its sequence."""
+        """The rest of the layer for vectors (n, width), after attention."""
         first, second = self.norms
         if self.norm_first:
             vectors = self.mix_out.plus(attended, vectors)
@@ -134,11 +134,11 @@ class PackedStack:
         self._fused = fused_stack(self.layers)
 
     def filled(self, vectors: int) -> int:
-        """How many vectors to fill so many up to, once, where otherwise each product would fill up its own."""
+        """The number to pad vectors to once, instead of padding in each product."""
         return filled_size(vectors) if self._fills else vectors
 
     def release_originals(self) -> None:
-        """Free the matrices that the layers here are copies of; the stack they were made from is of no more use."""
+        """Free the weight matrices of which the layers hold copies; the original stack becomes unusable."""
         for layer in self._originals:
             attention = layer.self_attn
             for matrix in (
@@ -150,9 +150,9 @@ class PackedStack:
                 matrix.data = matrix.new_empty(0)
 
     def __call__(self, vectors: Tensor, groups: Sequence[Group]) -> Tensor:
-        """What is read (R, width) of vectors (P, width) float32, one group's behind another's.
+        """The output (R, width) that is read, group after group, from vectors (P, width) float32.
 
-        P: the groups' one behind another, and maybe more, which are not looked at. The argument is not changed.
+        P: at least the groups' vectors; any further ones are ignored. The argument is not changed.
         """
         if self._fused is not None and max(group.length for group in groups) <= LONGEST:
             return self._fused(vectors, groups)

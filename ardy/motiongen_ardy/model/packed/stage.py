@@ -1,4 +1,4 @@
-"""One stage of the denoiser, taken apart into what is constant over a window's steps and what is not."""
+"""One stage of the denoiser, split into what is constant over a window's steps and what is not."""
 
 from __future__ import annotations
 
@@ -11,9 +11,9 @@ from motiongen_ardy.model.packed.stack import PackedStack
 
 
 class PackedStage:
-    """A `StageTransformer` whose layers multiply in one precision; what goes in and comes out is float32.
+    """A `StageTransformer` whose layers multiply in one precision; inputs and outputs are float32.
 
-    Sequences are: text, step, heading, history, horizon, visible future.
+    The order of a sequence: text, step, heading, history, horizon, visible future.
     """
 
     def __init__(self, stage: StageTransformer, num_base_steps: int, dtype: torch.dtype) -> None:
@@ -32,14 +32,14 @@ class PackedStage:
         self.step_vectors = self._marked_prefix(stage.embed_timestep(steps), self.step_position)[:, 0]
 
     def _marked_prefix(self, vectors: Tensor, first: int) -> Tensor:
-        """Prefix vectors (B, n, width) from prefix token `first` on, with what tells the prefix tokens apart."""
+        """Prefix vectors (B, n, width), from prefix token `first` on, plus what distinguishes prefix tokens."""
         count = vectors.shape[1]
         if self._stage.learned_prefix_embedding is not None:
             return vectors + self._stage.learned_prefix_embedding.embedding.weight[first : first + count]
         return vectors + self._stage.positions(torch.arange(first, first + count, device=vectors.device))
 
     def prefixes(self, text: Tensor, heading: Tensor) -> tuple[Tensor, Tensor]:
-        """(B, prefix tokens, width) with texts (B, n, W), and without, at headings (B) radians.
+        """(B, prefix tokens, width), once with texts (B, n, W) and once without, at headings (B) in radians.
 
         The step's vector is left at zero.
         """
@@ -52,12 +52,12 @@ class PackedStage:
         return torch.cat([texts, *parts], dim=1), torch.cat([self._no_text.expand_as(texts), *parts], dim=1)
 
     def placed(self, vectors: Tensor, history_tokens: int, first_token: int) -> Tensor:
-        """Token vectors (..., n, width) with their positions; first_token: the number of the first in the window."""
+        """Token vectors (..., n, width) plus their positions; first_token: the first one's number in the window."""
         numbers = torch.arange(first_token, first_token + vectors.shape[-2], device=vectors.device)
         return self.placed_at(vectors, history_tokens, numbers)
 
     def placed_at(self, vectors: Tensor, history_tokens: int, numbers: Tensor) -> Tensor:
-        """Token vectors (..., n, width) with their positions; numbers: (n), of each token in its window."""
+        """Token vectors (..., n, width) plus their positions; numbers: (n), of each token in its window."""
         places = numbers - history_tokens if self._stage.relative else numbers + self.num_prefix
         placed: Tensor = vectors + self._stage.positions(places)
         return placed

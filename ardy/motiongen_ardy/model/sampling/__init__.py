@@ -1,1 +1,1 @@
-"""Sampling beside the networks: a model's own defaults, planned roots, and what is corrected after a window."""
+"""Sampling apart from the networks: a model's own options, planned roots, and corrections of finished windows."""

@@ -1,7 +1,7 @@
-"""Foot clean-up: feet that carry weight stay where they are, on the ground and not in it.
+"""Foot clean-up: feet that carry weight stay in place, on the ground and not in it.
 
-What a window's frames need follows from themselves and from the one frame before them, whose feet stand already where
-they are to stay; so stances go on across the seam and nothing else is remembered.
+A window's frames are corrected from themselves and the one frame before them, whose feet are already in place. That is
+how stances continue across a seam; no other state is kept.
 """
 
 from __future__ import annotations
@@ -23,15 +23,15 @@ from motiongen_ardy.model.sampling.steps import ground_offsets
 from motiongen_ardy.model.sampling.twist import turn_legs, turned_about_up, twist
 
 LANDING_FRAMES = 5
-SINK_M = 0.004  # how far below its height on the ground a foot joint may be
+SINK_M = 0.004  # how far a foot joint may be below its height on the ground
 LOWER_FRAMES = 3
 
 
 def clean_feet(poses: Poses, options: FeetOptions, pinned: Tensor, height_held: Tensor) -> None:
-    """Hold the feet of poses (B, T) in place while they stand. Frame 0 is of the history and does not change.
+    """Hold the feet of poses (B, T) in place while they stand. Frame 0 belongs to the history and does not change.
 
-    pinned: (B, T, 2) bool, frames at which the left or the right foot is where it shall be; height_held: (B, T) bool,
-    frames at which the root is as high as it shall be.
+    pinned: (B, T, 2) bool, frames at which the left or right foot is on a goal and stays there; height_held: (B, T)
+    bool, frames at which the root's height is on a goal.
     """
     limbs = legs(poses.layout.skeleton)
     positions = poses.positions()
@@ -42,7 +42,7 @@ def clean_feet(poses: Poses, options: FeetOptions, pinned: Tensor, height_held: 
     states = contact_states(poses.contacts, feet, pace, poses.layout.fps, options)
     standing = states.unflatten(2, (2, 2)).any(dim=-1)
     twisted = twist(standing, sole)
-    # Where the feet would be if they had not turned: what they slip beside turning.
+    # Where the feet would be without turning: leaves only how far they slip.
     straight = torch.stack([heel, heel + turned_about_up(sole, -twisted)], dim=3).flatten(2, 3)
     offsets, turn, lift, standing = ground_offsets(
         standing, slip(states, straight), twisted, pace, pinned, fps=poses.layout.fps, options=options
@@ -71,7 +71,7 @@ def clean_feet(poses: Poses, options: FeetOptions, pinned: Tensor, height_held: 
 
 
 def _heights(feet: Tensor, states: Tensor, pinned: Tensor, options: FeetOptions) -> Tensor:
-    """How much (B, T, 4) heels and toes are to rise: onto the ground where they stand, out of it everywhere."""
+    """How far (B, T, 4) heels and toes are to be raised: onto the ground if they stand, above it anyway."""
     ground = constant((options.heel_m, options.toe_m) * 2, feet.dtype, feet.device)
     short = ground - feet[..., 1]
     pins = pinned.repeat_interleave(2, dim=2)
@@ -84,7 +84,7 @@ def _heights(feet: Tensor, states: Tensor, pinned: Tensor, options: FeetOptions)
 def _lowering(
     limbs: tuple[Limb, Limb], positions: Tensor, ankle: Tensor, heels: Tensor, options: FeetOptions
 ) -> Tensor:
-    """How far (B, T) metres the pelvis gives way, so that legs reach ankles (B, T, 2, 3) whose heels stand."""
+    """How far (B, T) in metres to lower the pelvis so that the legs reach ankles (B, T, 2, 3) whose heels stand."""
     upper, _, end = limb_joints(limbs, positions.device)
     hips = positions[:, :, upper]
     before = (positions[:, :, end] - hips).norm(dim=-1)
@@ -101,14 +101,14 @@ def _lowering(
 
 
 def _reaches(limbs: tuple[Limb, Limb], like: Tensor) -> Tensor:
-    """How far (2) metres each leg reaches without being straightened."""
+    """How far (2) in metres each leg reaches without being straightened."""
     return constant(tuple(SOFT_REACH * limb.length_m for limb in limbs), like.dtype, like.device)
 
 
 def _heel_rise(limbs: tuple[Limb, Limb], positions: Tensor, ankle: Tensor, toe: Tensor, toes: Tensor) -> Tensor:
-    """Ankles (B, T, 2, 3) that a leg which is too short reaches by lifting the heel over toes that stand.
+    """Ankles (B, T, 2, 3) that a too short leg can reach by lifting the heel over a standing toe.
 
-    The ankle goes along the circle about the toe, in the plane of hip, ankle and toe, to where the leg is long enough.
+    The ankle moves along the circle about the toe, in the plane of hip, ankle and toe, until the leg is long enough.
     """
     upper, _, end = limb_joints(limbs, positions.device)
     hips = positions[:, :, upper]

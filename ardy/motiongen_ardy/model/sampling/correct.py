@@ -1,4 +1,4 @@
-"""One entry for what is corrected on a finished window before its frames are committed."""
+"""All corrections of a finished window, applied before its frames are committed."""
 
 from __future__ import annotations
 
@@ -29,14 +29,13 @@ def correct_window(
     *,
     reaches: bool | None = None,
 ) -> Tensor:
-    """The new frames (B, G, D) of B rows with their feet in place and their joints on their goals, as options say.
+    """The new frames (B, G, D) of B rows, with feet in place and joints on their goals, as the options say.
 
-    history: (B, H, D), of which the last two frames count, H 0 where a motion begins; new: (B, G, D); both normalised,
-    in the world frame. goals: observed features (B, G, D), normalised, in the world frame, and their mask, as
-    `Targets.observe` makes them; None for none. patch: frames of a token. reaches: whether goals are of more than roots
-    on the ground; None: they are looked at, for which a GPU is waited for. Where nothing is to be corrected the new
-    frames come back as they are.
-    Raises ConfigError for a skeleton whose legs have more than two bones.
+    history: (B, H, D), of which only the last two frames are used; H = 0 at the beginning of a motion. new: (B, G, D).
+    Both are normalised, in the world frame. goals: observed features (B, G, D) and their mask, as made by
+    `Targets.observe`; None: no goals. patch: frames per token. reaches: whether there are goals for more than the root
+    on the ground; None: find out, which synchronises with a GPU. If there is nothing to correct, `new` itself is
+    returned. Raises ConfigError for a skeleton whose legs have more than two bones.
     """
     if not options.corrects or not new.shape[1]:
         return new
@@ -65,7 +64,7 @@ def correct_window(
 
 
 def _join(before: Poses, poses: Poses, asked: JointGoals | None, options: JoinOptions, patch: int) -> None:
-    """Join poses (B, G) in place to those before them, and the frames of each token to those of the next."""
+    """Smooth poses (B, G) in place: from the poses before them, and from the frames of each token to the next."""
     skeleton, root = poses.layout.skeleton, poses.root
     held = root.new_zeros(root.shape[:2], dtype=torch.bool) if asked is None else asked.root_met(root)
     rotations = hinge_knees(skeleton, poses.rotations)

@@ -1,4 +1,4 @@
-"""Paths that say where the root is at every frame or nearly: how a person gets onto one, and round its corners."""
+"""Dense paths, with the root's position at (nearly) every frame: how to join one, and how to round its corners."""
 
 from __future__ import annotations
 
@@ -9,14 +9,14 @@ import numpy as np
 from motiongen_ardy.model.sampling.options import PlanOptions
 from motiongen_ardy.model.sampling.steering import smoothstep
 
-# Beyond this a path that somebody drew is rounded where it bends; people's own paths stay below it.
+# Above this, bends of a drawn path are rounded; people's own paths stay below it.
 SHARPEST_M_S2 = 6.0
 ROUNDING_FRAMES = 2.4
 FASTEST_M_S = 4.5
 
 
 def rounded(ground: np.ndarray, fps: int) -> np.ndarray:
-    """A path (T, 2) with its corners rounded, and left as it is where no person would need it rounder."""
+    """A path (T, 2) with its sharp corners rounded; elsewhere it is unchanged."""
     if len(ground) < 3:
         return ground
     bend = np.zeros(len(ground))
@@ -27,7 +27,7 @@ def rounded(ground: np.ndarray, fps: int) -> np.ndarray:
     offsets = np.arange(-reach, reach + 1)
     kernel = np.exp(-0.5 * (offsets / ROUNDING_FRAMES) ** 2)
     kernel /= kernel.sum()
-    # Beyond its ends a path goes on straight, so that its first and last frames stay where they are.
+    # Extend the path straight beyond its ends, so that its first and last frames stay where they are.
     longer = np.concatenate([_straight(ground[::-1], reach)[::-1], ground, _straight(ground, reach)])
     smooth = np.stack([np.convolve(longer[:, axis], kernel, mode="valid") for axis in (0, 1)], axis=1)
     near = np.zeros(len(ground))
@@ -38,12 +38,12 @@ def rounded(ground: np.ndarray, fps: int) -> np.ndarray:
 
 
 def _straight(ground: np.ndarray, count: int) -> np.ndarray:
-    """The `count` points after a path (T, 2) that goes on straight."""
+    """`count` points that continue a path (T, 2) straight."""
     return ground[-1] + np.arange(1, count + 1)[:, None] * (ground[-1] - ground[-2])
 
 
 def limited(ground: np.ndarray, start: np.ndarray, fps: int) -> np.ndarray:
-    """A path (T, 2) that, from start (2) on, is followed no faster than anybody runs; what it outruns is cut short."""
+    """A path (T, 2), followed from start (2) no faster than anyone runs; where it is faster, it is cut short."""
     step = FASTEST_M_S / fps
     steps = np.hypot(*np.diff(np.concatenate([start[None], ground]), axis=0).T)
     if len(ground) == 0 or steps[1:].max(initial=0.0) <= step:
@@ -57,9 +57,9 @@ def limited(ground: np.ndarray, start: np.ndarray, fps: int) -> np.ndarray:
 
 
 def joined(values: np.ndarray, offset: np.ndarray, drift: np.ndarray, most: float, rate: float, fps: int) -> np.ndarray:
-    """A signal (T, C) approached from `offset` (C) off, that changes by `drift` (C) a second, at the frame before it.
+    """A signal (T, C), joined smoothly from a state `offset` (C) off it and drifting by `drift` (C) a second.
 
-    most: greatest acceleration and rate: greatest speed at which the offset is made up for.
+    The state is that of the frame before the signal. most, rate: greatest acceleration and speed of the correction.
     """
     size, speed = float(np.linalg.norm(offset)), float(np.linalg.norm(drift))
     seconds = max(math.sqrt(6.0 * size / most), 1.5 * size / rate, 4.0 * speed / most, 0.1)
@@ -71,5 +71,5 @@ def joined(values: np.ndarray, offset: np.ndarray, drift: np.ndarray, most: floa
 
 
 def bounds(options: PlanOptions) -> tuple[float, float]:
-    """Acceleration (m/s^2) and speed (m/s) at which a character makes up for being off its path."""
+    """Greatest acceleration (m/s^2) and speed (m/s) of a character that returns to its path."""
     return 2.0 * options.acceleration_m_s2, 0.8 * options.speed_m_s

@@ -1,4 +1,4 @@
-"""The curve over a window that brings it onto a goal and leaves its other goals where they are."""
+"""Correction curves over a window: each meets one goal and leaves the other goals unchanged."""
 
 from __future__ import annotations
 
@@ -6,15 +6,15 @@ from functools import lru_cache
 
 import numpy as np
 
-_CURVES_KEPT = 64  # of 13 kB for a window of 40 frames, and 0.1 ms to make
+_CURVES_KEPT = 64  # each is 13 kB for a window of 40 frames, and takes 0.1 ms to compute
 
 
 @lru_cache(maxsize=_CURVES_KEPT)
 def goal_curves(goals: tuple[int, ...], num_frames: int) -> np.ndarray:
-    """(T, T): column g is the correction over all frames for 1 at goal g and 0 at the others; other columns are 0.
+    """(T, T): column g is the correction over all frames that is 1 at goal g and 0 at the others; other columns are 0.
 
-    A cubic spline with two smooth derivatives through the goals; zero and flat at the frame before the first, flat at
-    the last goal, and after it as it is there.
+    A C2 cubic spline through the goals: zero and flat at the frame before the first, flat at the last goal, and
+    constant after it.
     """
     curves = np.zeros((num_frames, num_frames))
     if not goals:

@@ -1,8 +1,9 @@
-"""Joins: jumps of speed between the frames of one token and those of the next are taken out.
+"""Joins: removes jumps of speed between the frames of one token and those of the next.
 
-A decoder makes the frames of a token together, so motion is smoother inside a token than from one to the next. A jump
-is what a step between two frames has more than its two neighbours have on average; constant acceleration has none. It
-is shared out to the frames on both sides; at the start of a window, where the history cannot change, to those after.
+A decoder makes the frames of a token together, so motion is smoother within a token than from one to the next. The jump
+at a step between two frames is its excess over the mean of its two neighbouring steps; constant acceleration has none.
+It is distributed over the frames on both sides or, at the start of a window, whose history cannot change, over those
+after it.
 """
 
 from __future__ import annotations
@@ -18,17 +19,16 @@ from motiongen_ardy.model.sampling.options import JoinOptions
 from motiongen_ardy.model.sampling.spread import smooth_step, spread
 
 HISTORY_FRAMES = 2
-SHARES = (0.375, 0.125)  # of a jump, that the first and the second frame on either side move against it
-JUMP = (0.5, -1.5, 1.5, -0.5)  # of two frames before a join and two after it
-JUMP_FROM_ONE = (-1.0, 2.0, -1.0)  # where only one frame is known before it
+SHARES = (0.375, 0.125)  # of a jump, by which the first and second frame on either side are moved against it
+JUMP = (0.5, -1.5, 1.5, -0.5)  # weights of two frames before a join and two after it
+JUMP_FROM_ONE = (-1.0, 2.0, -1.0)  # the same if only one frame before it is known
 
 
 @lru_cache
 def join_operator(num_before: int, num_new: int, seam_frames: int, patch: int) -> Tensor:
-    """(num_new, num_before + num_new): what joined frames are of the frames they were.
+    """(num_new, num_before + num_new): the linear map from the original frames to the joined new ones.
 
-    num_before: frames of the history, 0 to 2, which do not change; the first new frame starts a token
-    of `patch` frames.
+    num_before: 0 to 2 frames of history, which do not change; the first new frame starts a token of `patch` frames.
     """
     total = num_before + num_new
     joined = torch.eye(total, dtype=torch.float64)
@@ -54,16 +54,16 @@ def join_operator(num_before: int, num_new: int, seam_frames: int, patch: int) -
 def _operator_on(
     num_before: int, num_new: int, seam_frames: int, patch: int, dtype: torch.dtype, device: torch.device
 ) -> Tensor:
-    """The operator on a device, copied there once, as `core.constants` has it."""
+    """The operator on a device, copied there once, as in `core.constants`."""
     with torch.inference_mode(False):
         return join_operator(num_before, num_new, seam_frames, patch).to(device, dtype)
 
 
 def join_roots(history: Tensor, new: Tensor, options: JoinOptions, held: Tensor, patch: int) -> Tensor:
-    """New frames' root positions (B, G, 3) metres, joined.
+    """The joined root positions (B, G, 3) of the new frames, in metres.
 
-    history: (B, H, 3), of which the last two frames count. held: (B, G) bool, frames at which the root is where it
-    shall be and stays there. patch: frames of a token.
+    history: (B, H, 3), of which only the last two frames are used. held: (B, G) bool, frames at which the root is on a
+    goal and stays there. patch: frames per token.
     """
     moved = _joined(history, new, options, patch)
     back = (new - moved)[:, :, None]
@@ -71,14 +71,14 @@ def join_roots(history: Tensor, new: Tensor, options: JoinOptions, held: Tensor,
 
 
 def join_rotations(history: Tensor, new: Tensor, options: JoinOptions, patch: int) -> Tensor:
-    """New frames' rotations (B, G, J, 3, 3), joined. history: (B, H, J, 3, 3) and patch as for `join_roots`."""
+    """The joined rotations (B, G, J, 3, 3) of the new frames. history: (B, H, J, 3, 3); patch as in `join_roots`."""
     before, after = (matrix_to_6d(rotations).flatten(-2) for rotations in (history, new))
     return matrix_from_6d(_joined(before, after, options, patch).unflatten(-1, (-1, 6)))
 
 
 def _joined(history: Tensor, new: Tensor, options: JoinOptions, patch: int) -> Tensor:
-    """New frames' numbers (B, G, k), joined."""
+    """The new frames' numbers (B, G, k), joined."""
     before = history[:, -HISTORY_FRAMES:]
     operator = _operator_on(before.shape[1], new.shape[1], options.seam_frames, patch, new.dtype, new.device)
-    # A product for each row: one of all rows adds in another order in another batch.
+    # One product per row: a single product of all rows would sum in an order that depends on the batch.
     return torch.bmm(operator.expand(len(new), -1, -1), torch.cat([before, new], dim=1))

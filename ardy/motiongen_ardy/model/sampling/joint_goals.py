@@ -1,4 +1,4 @@
-"""JointGoals: what is asked of joints at the frames of a window, in metres and rotations of the world."""
+"""JointGoals: the goals of joints at the frames of a window, as world positions in metres and global rotations."""
 
 from __future__ import annotations
 
@@ -16,10 +16,10 @@ MET_M = 2e-3
 
 @dataclass(frozen=True)
 class JointGoals:
-    """Goals of B rows at T frames, each with where it counts.
+    """Goals of B rows at T frames, each with a mask of where it applies.
 
-    has_ground: (B, T), where the root's place on the ground is asked for. height: (B, T) metres of the root;
-    positions: (B, T, J, 3) world; rotations: (B, T, J, 3, 3) global.
+    has_ground: (B, T), where the root's ground position is asked for. height: (B, T), of the root, metres; positions:
+    (B, T, J, 3), world; rotations: (B, T, J, 3, 3), global.
     """
 
     has_ground: Tensor
@@ -31,12 +31,12 @@ class JointGoals:
     has_rotation: Tensor
 
     def root_met(self, root: Tensor) -> Tensor:
-        """Whether (B, T) a root (B, T, 3) is exactly at a place that is asked for; planned places are only neared."""
+        """Whether (B, T) a root (B, T, 3) is exactly on a goal; planned positions are only approached."""
         distance = (root - self.positions[:, :, 0])[..., 0::2].norm(dim=-1)
         return self.has_ground & (distance < MET_M)
 
     def after_history(self, known: bool) -> JointGoals:
-        """The same after one frame more: a known one, which has no goals, or a copy of the first, which has its."""
+        """The same with a frame before it: the history's, without goals, if known; else a copy of the first."""
         parts = [getattr(self, one.name) for one in fields(self)]
         return JointGoals(
             *(torch.cat([_without_goals(part[:, :1]) if known else part[:, :1], part], dim=1) for part in parts)
@@ -48,14 +48,14 @@ class JointGoals:
 
 
 def _without_goals(part: Tensor) -> Tensor:
-    """The frame (B, 1, ...) as one where nothing counts; what it holds stays a rotation where it is one."""
+    """The frame (B, 1, ...) with all masks off; values stay as they are, so that rotations remain rotations."""
     return torch.zeros_like(part) if part.dtype == torch.bool else part
 
 
 def joint_goals(layout: Representation, observed: Tensor, mask: Tensor) -> JointGoals:
     """The goals in observed features (B, G, D), normalised, with their mask.
 
-    A joint's position is observed from the ground under the root, which is observed with it.
+    A joint's position is observed relative to the ground under the root, which is observed with it.
     """
     joints = layout.skeleton.num_joints
     natural, asked = layout.denormalize(observed), mask > 0

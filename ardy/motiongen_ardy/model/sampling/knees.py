@@ -1,8 +1,8 @@
-"""Knees: hinges that bend and do not turn, so that a shin is turned about itself as its thigh is.
+"""Knees: hinges that bend but do not twist, so that a shin is twisted only as its thigh is.
 
-Where a shin points is seen in the place of the foot; how it is turned about itself is in nothing but its own rotation,
-which a decoder may have learned badly: captured knees turn by less than 6 degrees in 98 frames of 100, decoded shins
-can spin, and what is smoothed or held after them then jerks the feet. Only the shins' own rotations change here.
+Where a shin points shows in the position of the foot, but its twist about its own axis is in nothing but its rotation,
+which a decoder may have learned badly: captured knees twist by less than 6 degrees in 98 frames of 100, decoded shins
+can spin, and smoothing or holding them afterwards jerks the feet. Only the shins' own rotations change here.
 """
 
 from __future__ import annotations
@@ -15,7 +15,7 @@ from motiongen_ardy.core.two_bone import swing, unit
 
 
 def hinge_knees(skeleton: Skeleton, rotations: Tensor) -> Tensor:
-    """Global rotations (B, T, J, 3, 3) with shins that are bent from their thighs on the shortest way.
+    """Global rotations (B, T, J, 3, 3) with every shin bent from its thigh by the smallest rotation.
 
     Skeletons whose legs are not thigh, shin and foot stay as they are.
     """
@@ -32,7 +32,7 @@ def hinge_knees(skeleton: Skeleton, rotations: Tensor) -> Tensor:
 
 
 def _shins(skeleton: Skeleton) -> tuple[tuple[int, ...], ...]:
-    """Thighs, shins and ankles of the legs that have one of each."""
+    """Thighs, shins and ankles of the legs that consist of one of each."""
     legs = []
     for chain in (skeleton.left_foot, skeleton.right_foot):
         shin = skeleton.parents[chain[0]]

@@ -1,4 +1,4 @@
-"""Limbs: the two-bone chains of a skeleton that can be bent to put a foot or a hand somewhere."""
+"""Limbs: the two-bone chains of a skeleton that can be bent to place a foot or a hand."""
 
 from __future__ import annotations
 
@@ -16,10 +16,10 @@ from motiongen_ardy.model.config import ConfigError
 
 @dataclass(frozen=True)
 class Limb:
-    """One leg or arm. upper, middle, end: hip, knee, ankle or shoulder, elbow, wrist; all below `end` moves with it.
+    """One leg or arm. upper, middle, end: hip, knee, ankle or shoulder, elbow, wrist; joints below `end` move with it.
 
-    upper_m, lower_m: bone lengths in metres. pole: where the middle joint bends to in the neutral pose, for a limb
-    that is straight; hinged: it bends to no other side.
+    tip: the next joint of the chain; beyond: all joints below `end`. upper_m, lower_m: bone lengths in metres. pole:
+    where the middle joint of a straight limb bends to, in the neutral pose; hinged: it bends to no other side.
     """
 
     upper: int
@@ -38,7 +38,7 @@ class Limb:
 
 
 def descendants(skeleton: Skeleton, joint: int) -> tuple[int, ...]:
-    """The joints below a joint, not itself."""
+    """All joints below a joint, without itself."""
     found = {joint}
     for child, parent in enumerate(skeleton.parents):
         if parent in found:
@@ -56,9 +56,9 @@ def _limb(skeleton: Skeleton, chain: tuple[int, ...], pole: tuple[float, float, 
 
 @lru_cache
 def legs(skeleton: Skeleton) -> tuple[Limb, Limb]:
-    """The left and the right leg. Raises ConfigError for a skeleton whose hips do not carry knee and ankle.
+    """The left and right leg. Raises ConfigError for a skeleton whose legs are not hip, knee and ankle.
 
-    A robot's leg has a chain of joints with an axis each, which a two-bone solution would turn about other axes.
+    A robot's leg is a chain of joints with one axis each, which a two-bone solution would turn about other axes.
     """
     found = tuple(
         _limb(skeleton, chain, (0.0, 0.0, 1.0), hinged=True) for chain in (skeleton.left_foot, skeleton.right_foot)
@@ -73,7 +73,7 @@ def legs(skeleton: Skeleton) -> tuple[Limb, Limb]:
 
 @lru_cache
 def arms(skeleton: Skeleton) -> tuple[Limb, Limb]:
-    """The left and the right arm, from shoulder to wrist. Raises ConfigError as `legs` does."""
+    """The left and right arm, from shoulder to wrist. Raises ConfigError as `legs` does."""
     legs(skeleton)
     chains = (skeleton.left_hand, skeleton.right_hand)
     left, right = (_limb(skeleton, chain, (0.0, 0.0, -1.0), hinged=False) for chain in chains)
@@ -81,13 +81,13 @@ def arms(skeleton: Skeleton) -> tuple[Limb, Limb]:
 
 
 def limb_joints(limbs: tuple[Limb, ...], device: torch.device) -> tuple[Tensor, Tensor, Tensor]:
-    """The numbers (n) of their upper, middle and end joints, to select with on a device."""
+    """Index tensors (n) of the limbs' upper, middle and end joints, on a device."""
     upper, middle, end = (tuple(getattr(limb, name) for limb in limbs) for name in ("upper", "middle", "end"))
     return index(upper, device), index(middle, device), index(end, device)
 
 
 def head_chain(skeleton: Skeleton) -> tuple[int, ...]:
-    """The joints from the one above the root up to the head; none for a skeleton without a joint called Head."""
+    """The joints from the one above the root up to the head; empty for a skeleton without a joint called Head."""
     if "Head" not in skeleton.joint_names:
         return ()
     chain = [skeleton.index("Head")]

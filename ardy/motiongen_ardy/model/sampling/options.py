@@ -1,7 +1,7 @@
-"""SamplingOptions: how a model wants to be sampled. They belong to its checkpoint, not to who runs it.
+"""SamplingOptions: how a model is to be sampled. They belong to its checkpoint, not to the program that runs it.
 
-Without `sampling.yaml` beside the weights a model is sampled as released models are: guidance of text and constraints
-apart, 2 and 2, and nothing planned or corrected.
+Without `sampling.yaml` beside the weights, a model is sampled as the released models are: separated guidance with both
+weights 2, and nothing planned or corrected.
 """
 
 from __future__ import annotations
@@ -16,15 +16,15 @@ PASS_MODES: tuple[PassMode, ...] = ("joint", "separated", "regular", "none")
 
 
 def option(default: float, least: float, most: float) -> Any:
-    """A field that holds a number from least to most, whole where its default is."""
+    """A field that holds a number from least to most; whole numbers only, if the default is one."""
     return field(default=default, metadata={"least": least, "most": most})
 
 
 class CheckedOptions:
-    """Base of a group of options: every number is checked against its field's range where the group is built."""
+    """Base of a group of options: on construction, every number is checked against its field's range."""
 
     def __post_init__(self) -> None:
-        """Raises ConfigError for a value of another kind or outside its range."""
+        """Raises ConfigError for a value of the wrong type or outside its range."""
         problems = []
         for one in fields(self):  # type: ignore[arg-type]
             value = getattr(self, one.name)
@@ -42,11 +42,11 @@ class CheckedOptions:
 
 @dataclass(frozen=True)
 class GuidanceOptions(CheckedOptions):
-    """Which passes a step makes, and the weights of a session that does not say.
+    """Which passes a step makes, and the default weights of a session.
 
-    mode: "joint": text and constraints told together, both + (text - 1)(text alone - neither) + (constraint - 1)
-    (constraints alone - neither), which is one pass at 1 and 1; "separated", "regular" and "none" as
-    `motiongen_ardy.model.denoiser.guidance` has them.
+    mode: "joint": text and constraints in one pass, both + (text - 1)(text alone - neither) + (constraint - 1)
+    (constraints alone - neither), a single pass if both weights are 1; "separated", "regular" and "none" as in
+    `motiongen_ardy.model.denoiser.guidance`.
     """
 
     mode: PassMode = "separated"
@@ -54,7 +54,7 @@ class GuidanceOptions(CheckedOptions):
     constraint: float = option(2.0, 0.0, 10.0)
 
     def __post_init__(self) -> None:
-        """Raises ConfigError for a mode that does not exist, or weights outside their range."""
+        """Raises ConfigError for an unknown mode, or weights outside their range."""
         if self.mode not in PASS_MODES:
             raise ConfigError(f"mode is {self.mode!r}; it must be one of {', '.join(PASS_MODES)}")
         super().__post_init__()
@@ -62,14 +62,15 @@ class GuidanceOptions(CheckedOptions):
 
 @dataclass(frozen=True)
 class ProjectionOptions(CheckedOptions):
-    """How the predicted root is brought onto its goals.
+    """How the predicted root is projected onto its goals.
 
-    last_steps: at how many of the last denoising steps; all, unless said. slack_m, slack_rad: how far the root may sway
-    about a path that was only planned under its goals; settle_frames: less within so many frames of a goal that was
-    asked for. acceleration_m_s2: the most that a correction adds where no path was planned. slowing_s: over so long a
-    root that nothing leads loses a speed that the network would have it lose at once; 0: it stops as it is told.
-    led_steps: a led root is predicted in so many of the first steps, and is kept in the others, where only the body is
-    predicted; led_frames: it is led where ground and heading are asked for at each of so many first frames.
+    last_steps: in how many of the last denoising steps; by default all.
+    slack_m, slack_rad: how far the root may sway about a path that was only planned.
+    settle_frames: within so many frames of a goal that was asked for, it may sway less.
+    acceleration_m_s2: the most that a correction adds if no path was planned.
+    slowing_s: how long a root without goals takes to lose a speed that the network would stop at once; 0: no time.
+    led_steps: a led root is predicted in so many of the first steps and kept in the others, which only predict bodies.
+    led_frames: a root is led if ground position and heading are asked for at each of so many first frames.
     """
 
     last_steps: int = option(1000, 1, 1000)
@@ -84,11 +85,12 @@ class ProjectionOptions(CheckedOptions):
 
 @dataclass(frozen=True)
 class PlanOptions(CheckedOptions):
-    """How a root path is laid under sparse root goals.
+    """How a root path is planned to sparse root goals.
 
-    stride_frames: one frame in so many is told to the model. speed_m_s: the fastest that a plan walks of its own
-    accord; acceleration_m_s2 and turn_rate_rad_s: the most that it speeds up and turns round. spot_turn_rad_s: how fast
-    it turns on the spot where there is time, on average.
+    stride_frames: every stride_frames-th frame of the path is given to the model.
+    speed_m_s: the fastest walk that a plan chooses of itself.
+    acceleration_m_s2, turn_rate_rad_s: limits of acceleration and turning.
+    spot_turn_rad_s: average speed of turns on the spot if there is time.
     """
 
     stride_frames: int = option(5, 1, 40)
@@ -102,11 +104,13 @@ class PlanOptions(CheckedOptions):
 class FeetOptions(CheckedOptions):
     """How feet in contact are held in place.
 
-    heel_m, toe_m: how high above the ground these joints are when they stand on it. slow_m_s, low_m: one that is below
-    both, in height above that, is in contact, slow_share: and one slower than this share of the root's pace; fast_m_s,
-    high_m: one above either is not. stride_m: a foot that would slip farther than this in one stance, or turn farther
-    than twist_rad, takes a step instead, in which it is lifted by lift_m at most. fade_frames: over so many frames a
-    correction goes where a foot is in the air. lower_m: how far the pelvis gives way to a leg that is too short.
+    A joint is in contact if it is less than low_m above its standing height and slower than slow_m_s, or slower than
+    slow_share of the root's pace; it is not if it is faster than fast_m_s or higher than high_m.
+    heel_m, toe_m: heights of these joints when they stand on the ground.
+    stride_m, twist_rad: a foot that would slip or turn farther than this in one stance takes a step instead.
+    lift_m: the most by which it is lifted in that step.
+    fade_frames: over how many frames a correction fades while a foot is in the air.
+    lower_m: the most by which the pelvis is lowered for a leg that is too short.
     """
 
     slow_m_s: float = option(0.15, 0.0, 2.0)
@@ -127,9 +131,10 @@ class FeetOptions(CheckedOptions):
 class JoinOptions(CheckedOptions):
     """How tokens and windows are joined.
 
-    seam_frames: over so many frames a jump at the start of a window fades. free_rad: a joint that turns farther than
-    this at the start of a window turns the rest over settle_frames, or up to twice as many where it is far; so does one
-    above the legs that sets off faster than the history by more than free_start_rad a frame.
+    seam_frames: over how many frames a jump at the start of a window fades.
+    free_rad: a joint that turns farther than this at the start of a window makes up the rest over settle_frames, or up
+    to twice as many if it is far.
+    free_start_rad: so does one above the legs that starts faster than in the history by more than this per frame.
     """
 
     seam_frames: int = option(8, 1, 100)
@@ -142,9 +147,9 @@ class JoinOptions(CheckedOptions):
 class ReachOptions(CheckedOptions):
     """How joints are brought onto their goals.
 
-    fade_frames: a correction comes and goes over so many frames on either side of its goal. acceleration_m_s2: where
-    there is less room, at the start of a window, it is made smaller until it accelerates no joint by more than this,
-    and the goal is missed by the rest.
+    fade_frames: over how many frames a correction grows before its goal and fades after it.
+    acceleration_m_s2: if there is less room, at the start of a window, the correction is reduced until no joint is
+    accelerated by more than this, and the goal is missed by the rest.
     """
 
     fade_frames: int = option(8, 1, 100)
@@ -153,10 +158,12 @@ class ReachOptions(CheckedOptions):
 
 @dataclass(frozen=True)
 class PaceOptions(CheckedOptions):
-    """When a planned root goes against a prompt, and a gait's is told instead.
+    """When a planned root contradicts its prompt, so that a gait's prompt is used instead.
 
-    It does where it goes faster than above_share of the fastest usual for the prompt and above_m_s more, or nowhere
-    as fast as below_share of the slowest. least_frames: a way that lasts no longer than this is gone under the prompt.
+    above_share, above_m_s: it does if it goes faster than above_share times the prompt's usual greatest speed, plus
+    above_m_s.
+    below_share: it also does if it is never as fast as this share of the prompt's usual least speed.
+    least_frames: shorter ways keep the prompt.
     """
 
     above_share: float = option(1.5, 1.0, 10.0)
@@ -167,17 +174,21 @@ class PaceOptions(CheckedOptions):
 
 @dataclass(frozen=True)
 class SamplingOptions(CheckedOptions):
-    """All of it; the released behaviour unless said otherwise.
+    """All sampling options; the defaults are those of the released models.
 
-    project_root: each step's root is brought onto its goals before the body follows it. plan_root: sparse root goals
-    get a path laid under them. clean_feet: feet in contact are held in place. reach_joints: joints are brought onto
-    their goals. join_tokens: jumps between one token's frames and the next's are smoothed. face_root: a body that parts
-    from its root's heading is turned to it. fit_prompts: a gait's prompt is told where the root is to go at a pace that
-    the prompt's motion does not have; which those are, the checkpoint says. approach_frames: where a goal follows on
-    a window within fewer frames than these, the window is kept only so far that the goal has as many of the next.
-    steered_share: of the denoising steps asked for, what a window of a session takes that a velocity leads under the
-    prompt of a gait and that follows on another within a few frames. longest_flight_s: seconds without a foot in
-    contact after which a character is lost, and starts anew; 0: it may fly for ever.
+    project_root: in each step, the root is projected onto its goals before the body follows it.
+    plan_root: a path is planned to sparse root goals.
+    clean_feet: feet in contact are held in place.
+    reach_joints: joints are brought onto their goals.
+    join_tokens: jumps between the frames of one token and the next are smoothed.
+    face_root: a body that departs from its root's heading is turned to it.
+    fit_prompts: where the root has to go at a pace that the prompt's motion does not have, a gait's prompt is used; the
+    checkpoint's paces say which.
+    approach_frames: if a goal lies fewer frames than this behind a window, the window is cut short so that the goal has
+    so many of the next.
+    steered_share: share of the requested denoising steps, for a window that a velocity leads under the prompt of a gait
+    and that follows another within a few frames.
+    longest_flight_s: seconds without foot contact after which a character is lost and starts anew; 0: no limit.
     """
 
     guidance: GuidanceOptions = GuidanceOptions()
@@ -205,5 +216,5 @@ class SamplingOptions(CheckedOptions):
 
 
 def released_options(mode: GuidanceMode) -> SamplingOptions:
-    """How a model without `sampling.yaml` is sampled. mode: what its `config.yaml` says of guidance."""
+    """How a model without `sampling.yaml` is sampled. mode: the guidance mode in its `config.yaml`."""
     return SamplingOptions(guidance=GuidanceOptions(mode=mode))

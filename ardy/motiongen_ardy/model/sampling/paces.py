@@ -1,7 +1,8 @@
-"""Paces: where a planned root goes as nobody does who does what the prompt says, the prompt of a gait is told instead.
+"""Paces: where a planned root moves at a speed that does not fit the prompt, a gait's prompt is used instead.
 
-A character told to stand and to be somewhere else in two seconds has to walk there. The network, told to stand, glides.
-How fast a prompt's motion goes is known from the captions it was trained on; the gaits are those of velocities.
+A character whose prompt is standing, but which is to be somewhere else in two seconds, has to walk there; with the
+prompt for standing, the network makes it glide. The usual speeds of a prompt are those of the captions that the model
+was trained on; the gaits are those of velocities.
 """
 
 from __future__ import annotations
@@ -18,17 +19,20 @@ from motiongen_ardy.core.constraint import Floats, Targets
 from motiongen_ardy.locomotion.gait import gait_at, quarter_of
 from motiongen_ardy.model.sampling.options import PaceOptions
 
-SPEED_FRAMES = 10  # that a speed is taken over: about a step
+SPEED_FRAMES = 10  # frames over which a speed is averaged: about a step
 
 
 @dataclass(frozen=True, eq=False)
 class PromptPaces:
-    """How fast captions go, and the gaits. All on the CPU.
+    """Usual speeds of captions, and the gaits. All on the CPU.
 
-    mean: (W), of captions as unit vectors; directions: (N, W), unit vectors from it to captions; speeds: (N, 2) metres
-    a second that hardly a frame of the caption's is below, and above. threshold: of one minus the cosine to the nearest
-    caption, above which nothing is known of a prompt. gaits: (K, W) texts; from_mps: (K) metres a second from which
-    each holds; quarters: (K) quarter turns to the left of where the body faces that it goes, 0 to 3.
+    mean: (W), of the captions' unit vectors.
+    directions: (N, W), unit vectors from it to the captions.
+    speeds: (N, 2), metres a second that hardly any frame of the caption is below, and above.
+    threshold: the greatest distance (one minus cosine) of a prompt to its nearest caption at which its speed is known.
+    gaits: (K, W), texts.
+    from_mps: (K), metres a second from which each is used.
+    quarters: (K), the direction of each in quarter turns to the left of the facing, 0 to 3.
     """
 
     mean: Tensor
@@ -40,7 +44,7 @@ class PromptPaces:
     quarters: Tensor
 
     def of(self, text: Tensor) -> tuple[float, float] | None:
-        """Least and greatest usual speed of a prompt (W), metres a second; None where it is like no caption."""
+        """Least and greatest usual speed of a prompt (W), metres a second; None if it is not similar to any caption."""
         offset = text / text.norm().clamp(min=1e-12) - self.mean
         cosines = self.directions @ (offset / offset.norm().clamp(min=1e-12))
         nearest = int(cosines.argmax())
@@ -50,7 +54,7 @@ class PromptPaces:
         return slow, fast
 
     def gait(self, speed: float, angle: float) -> Tensor | None:
-        """The gait's text (W) for a speed, in a direction in radians to the left of where the body faces."""
+        """The text (W) of the gait for a speed and a direction, in radians to the left of the facing."""
         rows = zip(self.from_mps.tolist(), self.quarters.int().tolist(), self.gaits, strict=True)
         known = [_GaitText(from_mps, quarter, text) for from_mps, quarter, text in rows]
         gait = gait_at(known, speed, quarter_of(angle))
@@ -58,7 +62,7 @@ class PromptPaces:
 
 
 class _GaitText(NamedTuple):
-    """A gait with its text (W). quarter: of a turn to the left of where the body faces that it goes, 0 to 3."""
+    """A gait with its text (W). quarter: its direction in quarter turns to the left of the facing, 0 to 3."""
 
     from_mps: float
     quarter: int
@@ -66,8 +70,8 @@ class _GaitText(NamedTuple):
 
 
 class Told(NamedTuple):
-    """What a window is told. text: (n, W); led_to: the frame from which the prompt itself holds again, and at which
-    the window is to end; None where the window is told one thing throughout.
+    """The text that a window is given. text: (n, W); led_to: the frame from which the prompt itself applies again, and
+    at which the window is to end; None if the same text applies throughout.
     """
 
     text: Tensor
@@ -84,8 +88,8 @@ def told_text(
     fps: int,
     options: PaceOptions,
 ) -> Told:
-    """The text (n, W) for a window of new frames, or that of a gait where its targets go at a pace that the text's
-    motion does not have.
+    """The text (n, W) for a window of new frames: `text`, or that of a gait if the targets go at a pace that the motion
+    of `text` does not have.
 
     targets: as planned for the window; position: x and z in metres of the root at the frame before it.
     """
@@ -116,7 +120,7 @@ def told_text(
 
 
 def _path(ground: Mapping[int, Floats], position: np.ndarray, first: int, end: int) -> np.ndarray:
-    """Ground positions (end - first + 1, 2) of the frames from first - 1 on, straight between those that are known."""
+    """Ground positions (end - first + 1, 2) of the frames from first - 1 on, linear between known ones."""
     frames = sorted(ground)
     known = np.array([position, *(ground[frame] for frame in frames)])
     at = np.arange(first - 1, end)
@@ -124,7 +128,7 @@ def _path(ground: Mapping[int, Floats], position: np.ndarray, first: int, end: i
 
 
 def _speeds(path: np.ndarray) -> np.ndarray:
-    """Metres a frame (T) of each frame of a path (T + 1, 2) but its first, over the frames about it."""
+    """Speeds (T), metres a frame, of a path (T + 1, 2) at all its frames but the first, averaged over SPEED_FRAMES."""
     count = len(path) - 1
     first = np.clip(np.arange(count) - SPEED_FRAMES // 2, 0, max(0, count - SPEED_FRAMES))
     last = np.minimum(first + SPEED_FRAMES, count)
@@ -133,8 +137,8 @@ def _speeds(path: np.ndarray) -> np.ndarray:
 
 
 def _aside(targets: Targets, path: np.ndarray, first: int) -> float:
-    """The angle in radians to the left of where a body faces at which it goes along a path (T + 1, 2); 0 where its
-    heading is free. The path's first point is of the frame before `first`.
+    """The direction, in radians to the left of the facing, in which a body moves along a path (T + 1, 2); 0 if its
+    heading is free. The path's first point is at the frame before `first`.
     """
     facing = np.zeros(2)
     for frame, heading in targets.heading.items():

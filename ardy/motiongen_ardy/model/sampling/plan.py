@@ -1,4 +1,4 @@
-"""Targets -> the targets that a window is given: root goals made such that a character can get to them from here."""
+"""Plans the targets of a window: turns root goals into ones that a character can reach from where it is."""
 
 from __future__ import annotations
 
@@ -14,13 +14,13 @@ from motiongen_ardy.model.sampling.paces import Told, told_text
 from motiongen_ardy.model.sampling.root_plan import PlanSpan, RootGoals, plan_root, without_steering
 from motiongen_ardy.model.sampling.steering import RootState
 
-# What the root does is read from so many frames: fewer show the sway of a step, more what has long passed.
+# Frames from which the root's velocity is measured: fewer show the sway of a step, more what has long passed.
 _STATE_FRAMES = 6
 _TOLD_BEYOND_FRAMES = 10
 
 
 class WindowPlan(NamedTuple):
-    """What a window is given, targets and words."""
+    """The targets and the text that a window is given."""
 
     targets: Targets | None
     told: Told
@@ -36,12 +36,12 @@ def plan_window(
     *,
     keep_text: bool = False,
 ) -> WindowPlan:
-    """What the window whose first new frame is first_frame is given for targets and for its prompt's text (n, W).
+    """The targets and the text (n, W) for the window whose first new frame is first_frame.
 
-    The targets that lead to what is asked for, or `targets` themselves where nothing is planned; the text, or a gait's
-    where these contradict it, unless it is to be kept. history: (H, 5 or more) normalised features of the frames before
-    the window, in the world's frame, the root first; None or H = 0 where there are none and the character stands at
-    `start`, x and z in metres, and heading in radians. Rows are planned one by one, and what was given is not changed.
+    The targets are those that lead to what is asked for, or `targets` itself if nothing is planned. The text is that
+    given, or a gait's where the targets contradict it, unless keep_text. history: (H, 5 or more), normalised features
+    of the frames before the window in the world frame, root first; if it is None or empty, the character stands at
+    `start` (x and z in metres, heading in radians). Rows are planned one by one; arguments are not changed.
     """
     sampling = model.sampling
     if targets is None or not (sampling.plan_root or sampling.fit_prompts):
@@ -58,7 +58,7 @@ def plan_window(
 
 
 def _planned(model: Model, targets: Targets, state: RootState, first_frame: int, num_history: int) -> Targets:
-    """Targets that lead from what the root does to what is asked for."""
+    """Targets that lead from the root's state to what is asked for."""
     end = first_frame - num_history + model.config.max_window_frames
     if not any(first_frame <= frame < end for frame in (*targets.ground, *targets.heading)):
         return targets
@@ -69,7 +69,7 @@ def _planned(model: Model, targets: Targets, state: RootState, first_frame: int,
 
 
 def root_goals(targets: Targets) -> RootGoals:
-    """The root goals of targets in double precision."""
+    """The root goals of targets, in double precision."""
     places = np.array(list(targets.ground.values()), np.float64)
     turns = np.array(list(targets.heading.values()), np.float64).reshape(-1, 2)
     return RootGoals(
@@ -81,7 +81,7 @@ def root_goals(targets: Targets) -> RootGoals:
 
 
 def with_root(targets: Targets, goals: RootGoals) -> Targets:
-    """A copy of targets with other root goals."""
+    """A copy of targets with their root goals replaced."""
     other = targets.copy()
     places = np.array(list(goals.ground.values()), np.float32)
     other.ground = dict(zip(goals.ground, places, strict=True))
@@ -91,10 +91,10 @@ def with_root(targets: Targets, goals: RootGoals) -> Targets:
 
 
 def root_state(layout: Representation, history: Tensor | None, start: tuple[float, float, float]) -> RootState:
-    """What the root does at the end of a history (H, 5 or more, normalised), on any device; at `start` it stands."""
+    """The root's state at the end of a history (H, 5 or more, normalised), on any device; else standing at `start`."""
     if history is None or not len(history):
         return RootState(np.array(start[:2], dtype=np.float64), np.zeros(2), float(start[2]))
-    recent = history[-_STATE_FRAMES:, :ROOT_WIDTH].cpu()  # a GPU would be waited for, row by row
+    recent = history[-_STATE_FRAMES:, :ROOT_WIDTH].cpu()  # copied at once: each row would synchronise with the GPU
     root = layout.root_stats.on_host.denormalize(recent).double().numpy()
     ground, last = root[:, [0, 2]], root[-1]
     velocity = (ground[-1] - ground[0]) * (layout.fps / max(1, len(ground) - 1))

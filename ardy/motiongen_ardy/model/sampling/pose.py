@@ -1,4 +1,4 @@
-"""Poses: a window's frames as global rotations and roots, while they are corrected, and back to features."""
+"""Poses: a window's frames as global rotations and roots, for corrections in place, and back to features."""
 
 from __future__ import annotations
 
@@ -16,9 +16,9 @@ from motiongen_ardy.model.sampling.limbs import Limb, limb_joints
 
 
 class Poses:
-    """Frames (B, T) that are changed in place.
+    """Frames (B, T), changed in place.
 
-    rotations: (B, T, J, 3, 3) global; root: (B, T, 3) metres; contacts: (B, T, 4), about 0 to 1, as the model says.
+    rotations: (B, T, J, 3, 3), global; root: (B, T, 3), metres; contacts: (B, T, 4), about 0 to 1, from the model.
     """
 
     def __init__(self, layout: Representation, rotations: Tensor, root: Tensor, contacts: Tensor) -> None:
@@ -29,25 +29,25 @@ class Poses:
 
     @classmethod
     def of(cls, layout: Representation, features: Tensor) -> Poses:
-        """Those of features (B, T, D) in natural units, which stay as they are."""
+        """Poses of features (B, T, D) in natural units, which are not changed."""
         root = features[..., layout.root_position_block].clone()
         return cls(layout, layout.global_rotations(features), root, features[..., layout.contact_block])
 
     def only(self, frame: int) -> Poses:
-        """One frame (B, 1) of them."""
+        """One frame of them, as (B, 1)."""
         return Poses(self.layout, *(part[:, frame:][:, :1] for part in (self.rotations, self.root, self.contacts)))
 
     def then(self, later: Poses) -> Poses:
-        """These and later ones after them."""
+        """These poses followed by later ones."""
         mine, others = ((one.rotations, one.root, one.contacts) for one in (self, later))
         return Poses(self.layout, *(torch.cat(parts, dim=1) for parts in zip(mine, others, strict=True)))
 
     def positions(self) -> Tensor:
-        """World positions (B, T, J, 3) of all joints by kinematics."""
+        """World positions (B, T, J, 3) of all joints, by forward kinematics."""
         return positions_from_global(self.layout.skeleton, self.rotations, self.root)
 
     def turn(self, joints: Sequence[int], delta: Tensor) -> None:
-        """Turn joints (n) by world rotations (B, T, n or 1, 3, 3); what hangs on them keeps its own rotation."""
+        """Turn joints (n) by world rotations (B, T, n or 1, 3, 3); their children keep their own global rotations."""
         if len(joints) == self.layout.skeleton.num_joints:
             self.rotations = delta @ self.rotations
         else:
@@ -61,8 +61,8 @@ class Poses:
     def bend_limbs(
         self, limbs: Sequence[Limb], positions: Tensor, targets: Tensor, where: Tensor | None = None
     ) -> None:
-        """Put the limbs' ends at targets (B, T, n, 3). positions: as `positions()`; where: (B, T, n or 1), the others
-        stay exactly as they are.
+        """Place the limbs' ends at targets (B, T, n, 3). positions: from `positions()`; where: (B, T, n or 1), all
+        others stay exactly as they are.
         """
         upper, middle, end = limb_joints(tuple(limbs), positions.device)
         rotations = (self.rotations[:, :, upper], self.rotations[:, :, middle])
@@ -79,8 +79,8 @@ class Poses:
         self.rotations[:, :, upper], self.rotations[:, :, middle] = first, second
 
     def features(self, heading: Tensor) -> Tensor:
-        """Features (B, T, D) in natural units that agree with each other: all but the root's place and its heading
-        (B, T, 2), cosine and sine, follows from the poses by kinematics.
+        """Consistent features (B, T, D) in natural units: everything but the root's position and its heading (B, T, 2),
+        cosine and sine, is computed from the poses by kinematics.
         """
         layout, positions = self.layout, self.positions()
         lengths = torch.full(heading.shape[:1], heading.shape[1], device=heading.device)
@@ -100,7 +100,7 @@ class Poses:
 
 
 def rotated_about_up(rotations: Tensor, angle: Tensor) -> Tensor:
-    """Rotations (B, T, J, 3, 3) turned by angles (B, T) in radians about +Y, as products with `rotation_y` would."""
+    """Rotations (B, T, J, 3, 3) turned by angles (B, T) in radians about +Y; equals products with `rotation_y`."""
     cosine, sine = torch.cos(angle)[..., None, None], torch.sin(angle)[..., None, None]
     x, y, z = rotations.unbind(-2)
     return torch.stack([cosine * x + sine * z, y, cosine * z - sine * x], dim=-2)

@@ -1,4 +1,4 @@
-"""Brings a predicted root onto its goals: what is missing at the goals is spread over the window as a smooth curve."""
+"""Projects a predicted root onto its goals: the error at the goals is spread over the window as a smooth curve."""
 
 from __future__ import annotations
 
@@ -18,18 +18,21 @@ from motiongen_ardy.model.sampling.slowing import slowed
 
 _NEVER_M = 1e9
 SWAY_RAD_S = 1.0
-"""How fast a root that may miss a heading comes to miss it by more, or by less."""
+"""How fast the deviation of a root from a heading that it may miss grows or shrinks at most."""
 
 
 @dataclass(frozen=True)
 class RootProjection:
     """The goals of B rows over the T frames of their horizons, which begin at frame `first` of the window.
 
-    ground, height, heading: (B, T, T), frame by goal: the curve that each goal's correction makes. asked: (B, T, 4), x
-    and z in metres in the window's frame, height, heading in radians without jumps between goals; where: (B, T, 3) 0 or
-    1 for ground, height, heading. slack: (B, T, 2) metres and radians that may be missing. most: (B, T) metres, the
-    greatest correction over the ground. before: (B, 4), the root's place and speed that a row goes on from, as
-    `slowing.motion_before`; a speed of zero for rows whose way is laid out. slowing_s: over which a speed fades.
+    ground, height, heading: (B, T, T), frame by goal: the curve of each goal's correction.
+    asked: (B, T, 4), x and z in metres in the window's frame, height, heading in radians without jumps between goals.
+    where: (B, T, 3), 0 or 1 for ground, height, heading.
+    slack: (B, T, 2), metres and radians by which a goal may be missed.
+    most: (B, T), metres, the greatest correction over the ground.
+    before: (B, 4), the root's position and velocity before the horizon, from `slowing.motion_before`; the velocity is
+    zero for rows with ground goals.
+    slowing_s: how long a velocity takes to fade.
     """
 
     first: int
@@ -44,39 +47,39 @@ class RootProjection:
     slowing_s: float
 
     def rows(self, index: Any) -> RootProjection:
-        """The rows that an index of the first dimension chooses."""
+        """The rows that an index into the first dimension selects."""
         return RootProjection(self.first, *(part[index] for part in self.tensors()), self.slowing_s)
 
     def tensors(self) -> list[Tensor]:
-        """Those of the rows, as `of_tensors` takes them."""
+        """All tensors, in the order that `of_tensors` takes."""
         return [getattr(self, one.name) for one in fields(self) if one.name not in ("first", "slowing_s")]
 
     @staticmethod
     def of_tensors(parts: Sequence[Tensor], slowing_s: float) -> RootProjection:
-        """From tensors of rows, as `tensors` gives them; `first` is of no more use."""
+        """From tensors as `tensors` returns them; `first` is then meaningless."""
         return RootProjection(0, *parts, slowing_s)
 
     @staticmethod
     def stacked(rows: list[RootProjection]) -> RootProjection:
-        """Single rows, whose tensors lack the first dimension, as one; `first` is of no more use."""
+        """Stack single rows, whose tensors lack the first dimension; `first` is then meaningless."""
         parts = zip(*(row.tensors() for row in rows), strict=True)
         return RootProjection.of_tensors([torch.stack(part) for part in parts], rows[0].slowing_s)
 
     def none(self) -> RootProjection:
-        """The same shape without goals."""
+        """A projection of the same shape without goals."""
         return RootProjection(self.first, *(torch.zeros_like(part) for part in self.tensors()), self.slowing_s)
 
     def leads(self, num_frames: int) -> Tensor:
-        """Which rows (B) are asked for ground and heading at each of so many first frames, or of all that there are.
+        """Which rows (B) have ground and heading goals at each of the first num_frames frames, or all if fewer.
 
-        Paths that were planned under way points leave the very first to the history, so theirs are not.
+        Planned paths to waypoints leave the very first frame to the history, so rows with those are not led.
         """
         asked = self.where[..., :num_frames, :] != 0
         led: Tensor = asked[..., 0].all(dim=-1) & asked[..., 2].all(dim=-1)
         return led
 
     def apply(self, layout: Representation, root: Tensor, active: Tensor | None = None) -> Tensor:
-        """A normalised root (B, T, 5) on its goals; rows without goals, or not active (B), stay bit for bit."""
+        """A normalised root (B, T, 5) projected onto its goals; rows without goals, or not active (B), stay as is."""
         scale = layout.root_stats.scale
         natural = layout.root_stats.denormalize(root)
         where = self.where if active is None else self.where * active[:, None, None]
@@ -98,16 +101,16 @@ class RootProjection:
         return root + moved / scale
 
     def _missing_heading(self, cosine_sine: Tensor, where: Tensor, fps: int) -> Tensor:
-        """The turn (B, T) in radians that is missing at the goals, less what may be missing.
+        """The turn (B, T) in radians that is missing at the goals, less the permitted slack.
 
-        That comes and goes slowly: a root that is predicted to look the other way lags by all that it may, and would
-        jump ahead by as much where it is predicted to turn round at once.
+        The slack changes slowly: a root that is predicted to look the other way lags by the whole slack, and would jump
+        ahead by as much when it is predicted to turn round at once.
         """
         angle = angle_of(cosine_sine[..., 1], cosine_sine[..., 0])
         steps = wrap(angle[:, 1:] - angle[:, :-1])
         angle = torch.cat([angle[:, :1], angle[:, :1] + steps.cumsum(dim=1)], dim=1)
         off = self.asked[..., 3] - angle
-        # From one goal to the next the way that is missing must not go once round: whole turns are those of the first.
+        # The missing angle must not wrap from one goal to the next: all goals use the whole turns of the first.
         first = off.gather(1, where.argmax(dim=1, keepdim=True))
         off = (off - (first - wrap(first))) * where
         missing = off.sign() * (off.abs() - self.slack[..., 1]).clamp(min=0)
@@ -116,14 +119,15 @@ class RootProjection:
 
 
 def _product(matrices: Tensor, vectors: Tensor) -> Tensor:
-    """(B, T, T) with (B, T) -> (B, T), a sum for each row: a matrix product adds otherwise where B is 1."""
+    """(B, T, T) times (B, T) -> (B, T), summed row by row: a matrix product sums in another order if B is 1."""
     return (matrices * vectors[:, None]).sum(dim=-1)
 
 
 def _unhurried(values: Tensor, known: Tensor, most: float) -> Tensor:
-    """Values (B, T) that change by no more than `most` from frame to frame, of those at known frames (B, T).
+    """Values (B, T) that agree with the given ones at known frames (B, T) but change by at most `most` a frame.
 
-    Values that do so already stay as they are. The mean of the highest such curve under them and the lowest above.
+    Values that already do so are unchanged. The result is the mean of the highest such curve below them and the lowest
+    above.
     """
     frames = torch.arange(values.shape[1], dtype=values.dtype, device=values.device)
     apart = most * (frames[:, None] - frames).abs()
@@ -148,10 +152,10 @@ def make_projection(
     options: SamplingOptions,
     before: Tensor,
 ) -> RootProjection | None:
-    """The projection of horizons that begin at frame `first` of windows; None where nothing would be projected.
+    """The projection of horizons that begin at frame `first` of windows; None if there is nothing to project.
 
-    observed, mask: (B, T, D) normalised, in the windows' own frames. planned: (B, T, 2) bool, whose ground and whose
-    heading may be missed by the slack; None for no such frames. before: (B, 4), as `slowing.motion_before`.
+    observed, mask: (B, T, D), normalised, in the windows' own frames. planned: (B, T, 2) bool, whose ground position,
+    or heading, may be missed by the slack; None: no frames. before: (B, 4), from `slowing.motion_before`.
     """
     horizon = slice(first, first + num_frames)
     held = mask[:, horizon, :ROOT_WIDTH] != 0
@@ -173,7 +177,7 @@ def make_projection(
         exact = where[..., [0, 2]] & ~planned[:, horizon]
         slack = _room(exact, options.projection.settle_frames).to(slack) * planned[:, horizon] * allowed
     most = torch.full_like(natural[..., 0], _NEVER_M)
-    if not options.plan_root:  # a goal that the root cannot get to in time is missed, not jumped to
+    if not options.plan_root:  # a goal that the root cannot reach in time is missed, not jumped to
         seconds = torch.arange(1, num_frames + 1, dtype=most.dtype, device=most.device) / layout.fps
         most = torch.minimum(options.projection.acceleration_m_s2 * seconds**2 / 6, seconds / 1.5).expand_as(most)
     asked = torch.stack(
@@ -193,11 +197,11 @@ def make_projection(
 
 
 def _room(exact: Tensor, settle_frames: int) -> Tensor:
-    """The share (B, T, 2) of its slack that each frame has: none at a goal (B, T, 2) that was asked for, all at
-    settle_frames from it. A root that used its slack up to the frame before would be jerked onto the goal.
+    """The share (B, T, 2) of its slack that each frame has: 0 at a goal (B, T, 2) that was asked for, rising to 1 at
+    settle_frames from it. A root that used its full slack until the frame before would be jerked onto the goal.
     """
     frames = torch.arange(exact.shape[1], device=exact.device)
-    away = (frames[:, None] - frames).abs().float()[None, :, :, None]  # from frame 1 to goal 2
+    away = (frames[:, None] - frames).abs().float()[None, :, :, None]  # from frame (dimension 1) to goal (dimension 2)
     nearest = torch.where(exact[:, None], away, float(settle_frames)).amin(dim=2)
     return (nearest / settle_frames).clamp(max=1)
 
@@ -205,10 +209,10 @@ def _room(exact: Tensor, settle_frames: int) -> Tensor:
 def free_projection(
     before: Tensor, first: int, num_frames: int, options: SamplingOptions, *, skips_still: bool = True
 ) -> RootProjection | None:
-    """The projection of rows without goals, which only slow down; None where nothing is projected.
+    """The projection of rows without goals, which only slows them down; None if nothing is projected.
 
-    before: (B, 4), as `slowing.motion_before`; rows that do not move stay as they are. skips_still: None where no row
-    moves, too, which waits for the device.
+    before: (B, 4), from `slowing.motion_before`; rows that do not move are unchanged. skips_still: return None also if
+    no row moves, which synchronises with the device.
     """
     if not options.project_root or not options.projection.slowing_s:
         return None

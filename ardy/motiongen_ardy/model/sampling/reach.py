@@ -1,8 +1,8 @@
-"""Joint goals: hands, feet, head, the root's height and whole poses are brought onto what is asked of them.
+"""Joint goals: brings hands, feet, head, the root's height and whole poses onto their goals.
 
-The correction that a goal needs at its frame comes and goes smoothly over the frames around it. Frame 0, the last of
-the history, does not change, and close behind it a goal is corrected only as far as a bounded acceleration allows.
-Where a motion begins nothing is before it: frame 0 is a copy of the first, and its goals are those of the first.
+The correction that a goal needs at its frame grows and fades smoothly over the frames around it. Frame 0, the last of
+the history, does not change, and soon after it a goal is corrected only as far as a bounded acceleration allows. At the
+beginning of a motion there is no history: frame 0 is then a copy of the first frame, with the same goals.
 """
 
 from __future__ import annotations
@@ -19,15 +19,15 @@ from motiongen_ardy.model.sampling.spread import PEAK_ACCELERATION, spread
 from motiongen_ardy.model.sampling.turns import middle_turns, pose_turns
 
 ROOT_SHARE = 0.25  # of the acceleration that a joint may get
-LEVER_M = 0.5  # how far from its axis a turned joint moves what hangs on it
+LEVER_M = 0.5  # assumed distance from its axis at which a turned joint moves its children
 
 
 def over_time(
     values: Tensor, known: Tensor, most_acceleration: float, fps: int, options: ReachOptions, goes_on: bool = True
 ) -> Tensor:
-    """Corrections (B, T, C, k), known at some frames (B, T, C), at all frames; smaller where they come too early.
+    """Corrections (B, T, C, k), known at some frames (B, T, C), extended to all frames; reduced if they come too early.
 
-    goes_on: frame 0 is of the history and gets no correction.
+    goes_on: frame 0 belongs to the history and gets no correction.
     """
     if not goes_on:
         return spread(torch.where(known[..., None], values, 0.0), known, options.fade_frames)
@@ -43,9 +43,9 @@ def over_time(
 
 
 def reach_joints(poses: Poses, goals: JointGoals, options: ReachOptions, goes_on: bool = True) -> Tensor:
-    """Bring poses (B, T) onto their goals. Returns where (B, T, 2) the left and the right foot had one.
+    """Bring poses (B, T) onto their goals. Returns where (B, T, 2) the left and right foot had one.
 
-    goes_on: frame 0 is of the history and does not change; else it is a copy of the first, goals and all.
+    goes_on: frame 0 belongs to the history and does not change; otherwise it is a copy of the first, with its goals.
     """
     layout, skeleton = poses.layout, poses.layout.skeleton
 
@@ -74,7 +74,7 @@ def reach_joints(poses: Poses, goals: JointGoals, options: ReachOptions, goes_on
 
 
 def _raise_root(poses: Poses, rise: Tensor) -> None:
-    """Raise the root by (B, T, 1) metres while the feet stay where they are."""
+    """Raise the root by (B, T, 1) metres while the feet stay in place."""
     positions = poses.positions()
     rise = rise * rise.new_tensor([0.0, 1.0, 0.0])
     poses.root += rise

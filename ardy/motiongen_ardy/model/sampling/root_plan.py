@@ -1,4 +1,4 @@
-"""Lays a root path under sparse root goals, and makes dense ones such that a person can follow them."""
+"""Plans a root path to sparse root goals, and adapts dense ones so that a person can follow them."""
 
 from __future__ import annotations
 
@@ -14,7 +14,7 @@ from motiongen_ardy.model.sampling.steering import RootState, brought_onto, stee
 
 # Goals no further apart than this lead the model by themselves.
 DENSE_FRAMES = 10
-# Slower than this nobody turns to where they go; further aside than this people walk backwards or sideways.
+# Below this speed nobody turns to face the way; at a larger angle to the facing, people walk backwards or sideways.
 _WALKS_M_S, _ASIDE_RAD = 0.3, 1.0
 _CHORD_FRAMES = 5
 _NEAR_M, _NEAR_M_S, _NEAR_RAD = 0.015, 0.35, 0.1
@@ -22,9 +22,9 @@ _NEAR_M, _NEAR_M_S, _NEAR_RAD = 0.015, 0.35, 0.1
 
 @dataclass
 class RootGoals:
-    """Root goals by absolute frame. ground: (2) metres; heading: radians.
+    """Root goals by absolute frame. ground: (2), metres; heading: radians.
 
-    planned, faced: frames whose ground, and whose heading, nobody asked for.
+    planned, faced: frames whose ground position, or heading, was not asked for itself.
     """
 
     ground: dict[int, np.ndarray] = field(default_factory=dict)
@@ -35,9 +35,9 @@ class RootGoals:
 
 @dataclass(frozen=True)
 class PlanSpan:
-    """The frames that are planned.
+    """The frames that are planned, from first_frame on.
 
-    first_frame: the first. The path is told up to told_frame; goals from end_frame on are not seen.
+    Path points from told_frame on are not given to the model; goals from end_frame on are ignored.
     """
 
     first_frame: int
@@ -47,7 +47,7 @@ class PlanSpan:
 
 
 def plan_root(asked: RootGoals, state: RootState, span: PlanSpan, options: PlanOptions) -> RootGoals:
-    """The goals to give to the model: those asked for, as near as a person can come to them, and a path between.
+    """The goals to give to the model: those asked for, as nearly as a person can reach them, and a path between them.
 
     state: the root at the frame before the span. Goals before the span stay as they are.
     """
@@ -62,7 +62,7 @@ def plan_root(asked: RootGoals, state: RootState, span: PlanSpan, options: PlanO
 
 
 def runs(frames: Sequence[int]) -> Iterator[list[int]]:
-    """Frames in order, taken together where three or more of them lie close enough to lead by themselves."""
+    """Frames in order; three or more that are close enough to lead by themselves form one run, others stand alone."""
     first = 0
     for index in range(1, len(frames) + 1):
         if index == len(frames) or frames[index] - frames[index - 1] > DENSE_FRAMES:
@@ -72,7 +72,7 @@ def runs(frames: Sequence[int]) -> Iterator[list[int]]:
 
 
 class _Plan:
-    """A plan while it is made: how far it has come, and what the root does there."""
+    """A plan under construction: how far it has come, and the root's state there."""
 
     def __init__(self, asked: RootGoals, state: RootState, span: PlanSpan, options: PlanOptions) -> None:
         self.goals = RootGoals(dict(asked.ground), dict(asked.heading), set(asked.planned), set(asked.faced))
@@ -81,7 +81,7 @@ class _Plan:
         self.turned: set[int] = set()
 
     def walk_to(self, goal_frame: int) -> None:
-        """Lay a path to a goal from where the root is."""
+        """Plan a path from where the root is to a goal."""
         count, fps = goal_frame - self.frame, self.span.fps
         goal, heading = self.asked.ground[goal_frame], self.asked.heading.get(goal_frame)
         path = steer(self.state, goal, heading, count, fps, self.options)
@@ -103,7 +103,7 @@ class _Plan:
         self.frame = goal_frame
 
     def follow(self, run: Sequence[int]) -> None:
-        """Follow goals that are dense: get onto them without a jolt, and round what bends too sharply."""
+        """Follow dense goals: join them without a jolt, and round bends that are too sharp."""
         frames, fps = np.array(run), self.span.fps
         ground = np.stack([self.asked.ground[frame] for frame in run])
         every = np.arange(frames[0], frames[-1] + 1)
@@ -116,7 +116,7 @@ class _Plan:
         drift = self.state.velocity - velocity
         near = np.hypot(*offset) < _NEAR_M and np.hypot(*drift) < _NEAR_M_S
         if not near and not self.asked.planned.issuperset(run):
-            # A path that was walked to has its first place behind it: the root is there, or as near as it could come.
+            # If the first position has been walked to (away is 0), the root is there, or as near as it could get.
             ahead = np.repeat(path[:1], away - 1, axis=0) if away else self.state.position[None]
             path = np.concatenate([ahead, path[0 if away else 1 :]])
             before = 0 if away else 1
@@ -130,9 +130,8 @@ class _Plan:
         self.frame = run[-1]
 
     def _face_along(self, first: int, path: np.ndarray) -> float:
-        """Face along a path (T, 2) from frame `first` on, or as far off it as who walks backwards does already.
-
-        Returns the heading at its end.
+        """Face along a path (T, 2) from frame `first` on, or at the present angle to it if the root is walking
+        backwards or sideways. Returns the heading at its end.
         """
         fps, state = self.span.fps, self.state
         off = 0.0
@@ -144,7 +143,7 @@ class _Plan:
         walks = np.hypot(*ahead.T) > _WALKS_M_S * 2 * _CHORD_FRAMES / fps
         along = np.arctan2(*ahead[walks].T) + off
         facings = np.unwrap(np.append(state.heading, along))
-        wanted = facings[np.cumsum(walks)]  # the last that is known: who stands faces where they walked
+        wanted = facings[np.cumsum(walks)]  # the last known direction: a character that stops keeps facing that way
         turn = np.array([state.heading - wanted[0]])
         rate = 0.8 * self.options.turn_rate_rad_s
         turned = joined(wanted[:, None], turn, np.zeros(1), 12.0, rate, fps)[:, 0]
@@ -155,7 +154,7 @@ class _Plan:
         return float(turned[-1])
 
     def turn(self) -> None:
-        """Make headings that no path has seen to such that a body can follow them."""
+        """Adapt headings that no path has dealt with, so that a body can follow them."""
         span = self.span
         left = [f for f in self.asked.heading if span.first_frame <= f < span.end_frame and f not in self.turned]
         for run in runs(sorted(left)):
@@ -191,9 +190,9 @@ class _Plan:
 
 
 def without_steering(asked: RootGoals, first_frame: int, needed: Container[int] = ()) -> RootGoals:
-    """Goals without what only leads on, where a client asks for a place: its places are walked to instead.
+    """Goals without those of a velocity, where a client asks for a position: the root walks there instead.
 
-    needed: frames at which something is asked of other joints. These are placed from the root, so they keep its place.
+    needed: frames with goals for other joints, which are relative to the root: these keep the root's position.
     """
     own: Mapping[int, np.ndarray] = {f: g for f, g in asked.ground.items() if f not in asked.planned}
     last = max((frame for frame in own if frame >= first_frame), default=None)

@@ -1,7 +1,7 @@
-"""Slowing: who walks comes to a stand over some steps of the root, and not from one frame to the next.
+"""Slowing: a walking character comes to a stand gradually, not from one frame to the next.
 
-Told to stand, the network may put the root to rest at once. Its speed then goes on from the history's and fades; the
-body stage sees the root that slows, and takes its last step on it.
+With a prompt to stand, the network may stop the root at once. The speed of the history is then continued and faded out;
+the body stage sees the slowing root and takes a last step.
 """
 
 from __future__ import annotations
@@ -12,14 +12,15 @@ from torch import Tensor
 from motiongen_ardy.core.representation import ROOT_WIDTH, Representation
 from motiongen_ardy.model.tokenizer.model import root_from_tokens
 
-_STATE_FRAMES = 6  # that the history's speed is taken over: fewer show the sway of a step
-_LOST_S = 0.2  # within which a speed is lost or kept
-FREE_M_S = 0.3  # that a step's sway may lose
+_STATE_FRAMES = 6  # frames over which the history's speed is measured: fewer show the sway of a step
+_LOST_S = 0.2  # time within which a loss of speed is measured
+FREE_M_S = 0.3  # a loss up to this is the sway of a step
 
 
 def motion_before(layout: Representation, history: Tensor, patch: int) -> Tensor:
-    """Where the root is at the end of history tokens (B, N, 5P + L), x and z in metres of their own frame, and how fast
-    it goes, metres a second: (B, 4); zeros without history, and for a speed that a step sways by.
+    """The root at the end of history tokens (B, N, 5P + L): (B, 4), x and z in metres in their own frame, and its
+    velocity in metres a second. All zero without history; the velocity is zero if it is no more than the sway of a
+    step.
     """
     num_tokens = -(-_STATE_FRAMES // patch)
     root = root_from_tokens(history[:, -num_tokens:], patch)[:, -_STATE_FRAMES:, :ROOT_WIDTH]
@@ -32,10 +33,10 @@ def motion_before(layout: Representation, history: Tensor, patch: int) -> Tensor
 
 
 def slowed(ground: Tensor, before: Tensor, seconds: float, fps: int) -> Tensor:
-    """What is to be added (B, T, 2) metres to a root's way (B, T, 2) so that it goes on from `before` (B, 4).
+    """The correction (B, T, 2), in metres, that makes a root's path (B, T, 2) continue from `before` (B, 4).
 
-    before: as `motion_before`; a speed of zero asks for nothing. What the way loses of that speed in its first frames,
-    beyond what a step sways by, is given back and fades over `seconds`.
+    before: from `motion_before`; with zero velocity there is no correction. The speed that the path loses in its first
+    frames, beyond the sway of a step, is restored and fades over `seconds`.
     """
     num_frames = ground.shape[1]
     place, velocity = before[:, None, :2], before[:, 2:]
@@ -45,5 +46,5 @@ def slowed(ground: Tensor, before: Tensor, seconds: float, fps: int) -> Tensor:
     made = ((ground[:, count - 1 : count] - place)[:, 0] * along).sum(dim=-1, keepdim=True) * (fps / count)
     lost = torch.minimum((speed - made - FREE_M_S).clamp(min=0), speed)
     share = torch.arange(1, num_frames + 1, device=ground.device, dtype=ground.dtype) / (seconds * fps)
-    way = seconds / 3 * (1 - (1 - share.clamp(max=1)) ** 3)  # of a speed that fades as the square of what is left
+    way = seconds / 3 * (1 - (1 - share.clamp(max=1)) ** 3)  # integral of a speed that fades as (1 - share)^2
     return (lost * along)[:, None] * way[:, None]

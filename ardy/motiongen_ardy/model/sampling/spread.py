@@ -1,25 +1,25 @@
-"""Corrections known at some frames become curves over all frames: smooth, and nothing far from where they are known."""
+"""Extends corrections known at some frames to smooth curves over all frames, zero far from the known ones."""
 
 from __future__ import annotations
 
 import torch
 from torch import Tensor
 
-# The steepest second derivative of `smooth_step` over one unit of time; a correction of d metres that fades over
-# T seconds accelerates by at most this many times d / T^2.
+# The greatest second derivative of `smooth_step` over one unit of time; a correction of d metres that fades over T
+# seconds accelerates by at most this many times d / T^2.
 PEAK_ACCELERATION = 5.7735
 
 
 def smooth_step(value: Tensor) -> Tensor:
-    """0 to 1 over 0..1 with speed and acceleration zero at both ends; constant outside."""
+    """From 0 to 1 over 0..1, with zero speed and acceleration at both ends; constant outside."""
     x = value.clamp(0, 1)
     return x * x * x * (x * (6 * x - 15) + 10)
 
 
 def gaps(known: Tensor) -> tuple[Tensor, Tensor]:
-    """For known (B, T, C) bool: the frames (B, T, C) of the nearest known ones before and after each, itself included.
+    """For known (B, T, C) bool: the nearest known frames (B, T, C) before and after each frame, itself included.
 
-    Frames without one get numbers far outside: -10 T and 11 T.
+    If there is none, the numbers are far outside: -10 T and 11 T.
     """
     num_frames = known.shape[1]
     frames = torch.arange(num_frames, device=known.device)[None, :, None]
@@ -29,10 +29,10 @@ def gaps(known: Tensor) -> tuple[Tensor, Tensor]:
 
 
 def spread(values: Tensor, known: Tensor, reach: int) -> Tensor:
-    """Values (B, T, C, k), which count where known (B, T, C), carried to all frames.
+    """Values (B, T, C, k), valid where known (B, T, C), extended to all frames.
 
-    Between two known frames at most `reach` apart they go over into each other; elsewhere they fade to zero over
-    `reach` frames. Values at known frames stay exactly as they are.
+    Between two known frames at most `reach` apart they are interpolated; elsewhere they fade to zero over `reach`
+    frames. Values at known frames stay exactly the same.
     """
     num_frames = known.shape[1]
     frames = torch.arange(num_frames, device=known.device)[None, :, None]
@@ -47,7 +47,7 @@ def spread(values: Tensor, known: Tensor, reach: int) -> Tensor:
 
 
 def held(values: Tensor, known: Tensor) -> Tensor:
-    """Values (B, T, C, k) of the nearest known frame before each; zero before the first."""
+    """Values (B, T, C, k) of the latest known frame up to each frame; zero before the first."""
     before, _ = gaps(known)
     index = before.clamp(min=0)[..., None].expand(*before.shape, values.shape[-1])
     return values.gather(1, index) * (before >= 0)[..., None]

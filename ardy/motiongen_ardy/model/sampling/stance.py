@@ -1,4 +1,4 @@
-"""Stance: when a foot stands, on heel, toe or both, and how far it slipped there."""
+"""Stance: when a foot stands on heel, toe or both, and how far it slips meanwhile."""
 
 from __future__ import annotations
 
@@ -16,7 +16,7 @@ PACE_FRAMES = 2
 
 
 def hysteresis(enter: Tensor, stay: Tensor) -> Tensor:
-    """State (B, T, C): on from a frame of `enter` for as long as `stay` holds."""
+    """State (B, T, C) that turns on at a frame of `enter` and stays on as long as `stay` holds."""
     entered, _ = gaps(enter & stay)
     left, _ = gaps(~stay)
     return (entered > left) & stay
@@ -25,9 +25,9 @@ def hysteresis(enter: Tensor, stay: Tensor) -> Tensor:
 def contact_states(contacts: Tensor, positions: Tensor, pace: Tensor, fps: int, options: FeetOptions) -> Tensor:
     """Whether (B, T, 4) heel and toe of each foot carry weight.
 
-    contacts: (B, T, 4), the model's word, about 0 to 1; positions: (B, T, 4, 3) metres; pace: (B, T) metres a second,
-    of the root. A joint that is low and slow, also beside the root, is in contact whatever the model says; one that is
-    fast or high is not. Lone frames between two of contact count.
+    contacts: (B, T, 4), from the model, about 0 to 1; positions: (B, T, 4, 3), metres; pace: (B, T), of the root,
+    metres a second. A joint that is low and slow (also relative to the root's pace) is in contact whatever the model
+    says; one that is fast or high is not. A single frame between two frames of contact counts as contact.
     """
     step = (positions[:, 1:] - positions[:, :-1]).norm(dim=-1) * fps
     speed = torch.minimum(torch.cat([step, step[:, -1:]], dim=1), torch.cat([step[:, :1], step], dim=1))
@@ -41,7 +41,7 @@ def contact_states(contacts: Tensor, positions: Tensor, pace: Tensor, fps: int, 
 
 
 def pace_of(root: Tensor, fps: int) -> Tensor:
-    """How fast (B, T) metres a second a root (B, T, 3) goes over the ground, over a quarter of a second or so."""
+    """Speed (B, T) over the ground, metres a second, of a root (B, T, 3), averaged over about a quarter of a second."""
     step = (root[:, 1:] - root[:, :-1])[..., 0::2].norm(dim=-1) * fps
     step = torch.cat([step[:, :1], step], dim=1)
     padded = functional.pad(step[:, None], (PACE_FRAMES, PACE_FRAMES), mode="replicate")
@@ -51,9 +51,9 @@ def pace_of(root: Tensor, fps: int) -> Tensor:
 def slip(states: Tensor, positions: Tensor) -> Tensor:
     """How far (B, T, 2, 3) in metres each foot has slipped since the first frame while it stood.
 
-    states: (B, T, 4) as `contact_states`; positions: (B, T, 4, 3). What counts is the joint in contact at both of two
-    neighbouring frames, the mean of heel and toe where both are; where weight passes from one to the other between
-    two frames, the slower.
+    states: (B, T, 4), from `contact_states`; positions: (B, T, 4, 3). Measured at the joint that is in contact at both
+    of two neighbouring frames, or as the mean if heel and toe both are; if weight passes from one to the other between
+    two frames, at the slower one.
     """
     states, positions = states.unflatten(2, (2, 2)), positions.unflatten(2, (2, 2))
     step = positions[:, 1:] - positions[:, :-1]  # (B, T - 1, 2, 2, 3)
@@ -67,12 +67,12 @@ def slip(states: Tensor, positions: Tensor) -> Tensor:
 
 
 def segments(states: Tensor) -> Tensor:
-    """For states (B, T, C): the number of the run (B, T, C) that each frame belongs to, rising with time from 0."""
+    """For states (B, T, C): the number (B, T, C) of the run that each frame belongs to, ascending from 0."""
     starts = torch.cat([torch.zeros_like(states[:, :1]), states[:, 1:] != states[:, :-1]], dim=1)
     return starts.cumsum(dim=1)
 
 
 def run_sums(values: Tensor, number: Tensor) -> Tensor:
-    """Values (B, T, C, k) summed over each run of `segments` (B, T, C), at each of its frames."""
+    """Values (B, T, C, k) summed over each run of `segments` (B, T, C), repeated at each of its frames."""
     index = number[..., None].expand(values.shape)
     return torch.zeros_like(values).scatter_add(1, index, values).gather(1, index)

@@ -1,4 +1,4 @@
-"""Where a person walks to be at a place in time: bounded speed, acceleration and turn, the body turned first."""
+"""How a person walks to a position in a given time: bounded speed, acceleration and turning, turning first."""
 
 from __future__ import annotations
 
@@ -9,19 +9,19 @@ import numpy as np
 
 from motiongen_ardy.model.sampling.options import PlanOptions
 
-# A goal nearer than this is stepped to as the body stands, sideways or backwards.
+# A goal nearer than this is reached by a step sideways or backwards, without turning.
 STEP_M = 0.5
-# Who has time to spare walks at this speed and waits, rather than creep.
+# With time to spare, a character walks at this speed and then waits, instead of creeping.
 STROLL_M_S = 0.6
 SHORTEST_TURN_S = 0.6
-# Nobody is asked to run who does not run already.
+# A character that is not running already is not asked to run.
 FASTEST_M_S = 4.0
 _SPEED_MARGIN = 1.15
 _BRAKING_M_S2 = 1.5
 
 
 class RootState(NamedTuple):
-    """What the root does at one frame: ground position (2) in metres, velocity (2) in m/s, heading in radians."""
+    """The root at one frame: ground position (2) in metres, velocity (2) in m/s, heading in radians."""
 
     position: np.ndarray
     velocity: np.ndarray
@@ -41,7 +41,7 @@ def wrapped(angle: float) -> float:
 
 
 def smoothstep(share: np.ndarray) -> np.ndarray:
-    """3 s^2 - 2 s^3 of shares, held at 0 and 1 outside: flat at both ends, greatest slope 1.5, bend 6."""
+    """3 s^2 - 2 s^3, constant outside 0..1: flat at both ends, greatest slope 1.5, greatest second derivative 6."""
     held = np.clip(share, 0.0, 1.0)
     smooth: np.ndarray = held * held * (3.0 - 2.0 * held)
     return smooth
@@ -50,10 +50,10 @@ def smoothstep(share: np.ndarray) -> np.ndarray:
 def steer(
     start: RootState, goal: np.ndarray, heading: float | None, num_frames: int, fps: int, options: PlanOptions
 ) -> Path:
-    """The frames after `start` up to the one at which a goal (2) is to be reached, num_frames of them.
+    """The num_frames frames after `start`, the last of which is to reach a goal (2).
 
-    Faces along the way, and at the end as `heading` says, if it says so. The last frame misses a goal that is out of
-    reach.
+    Faces along the way and, if a heading is given, turns to it at the end. If the goal is out of reach, the last frame
+    misses it.
     """
     x, z = (float(value) for value in start.position)
     speed_x, speed_z = (float(value) for value in start.velocity)
@@ -76,9 +76,9 @@ def steer(
             if left_s <= max(0.6, abs(off) / (0.6 * options.turn_rate_rad_s)) + 0.1:
                 wanted, share = facing + off, 1.0
         speed = distance / left_s
-        if speed < STROLL_M_S:  # there is time: stroll, and wait there
+        if speed < STROLL_M_S:  # there is time: stroll, and wait at the goal
             speed = min(STROLL_M_S, max(speed, math.sqrt(2.0 * _BRAKING_M_S2 * distance) - _BRAKING_M_S2 * dt))
-        else:  # what starting and turning cost is made up for
+        else:  # make up for the time lost in starting and turning
             speed *= 1.1 if left_s > 0.5 else 1.0
         speed = min(speed, fastest) * share
         scale = speed / max(distance, 1e-6)
@@ -99,7 +99,7 @@ def steer(
 
 
 def turned_on_the_spot(facing: float, heading: float, num_frames: int, fps: int, options: PlanOptions) -> np.ndarray:
-    """Headings (num_frames) from `facing` to `heading`, which the last is, in the time that steps take."""
+    """Headings (num_frames) from `facing` to `heading`, reached at the last one, as fast as steps allow."""
     off, seconds = wrapped(heading - facing), num_frames / fps
     takes = min(seconds, max(SHORTEST_TURN_S, abs(off) / options.spot_turn_rad_s))
     most = options.turn_rate_rad_s * seconds / 1.5
@@ -109,7 +109,7 @@ def turned_on_the_spot(facing: float, heading: float, num_frames: int, fps: int,
 
 
 def brought_onto(path: Path, goal: np.ndarray, heading: float | None, fps: int, options: PlanOptions) -> Path:
-    """A path whose end is moved onto a goal (2), and turned to a heading, as far as can be without a jolt."""
+    """A path whose end is moved onto a goal (2), and turned to a heading, as far as possible without a jolt."""
     count = len(path.ground)
     seconds = count / fps
     share = smoothstep(np.arange(1, count + 1) / count)

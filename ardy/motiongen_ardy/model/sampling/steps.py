@@ -1,4 +1,4 @@
-"""Where feet are to be held: the offset over the ground that keeps a standing foot in place, window by window."""
+"""Where feet are held: the offsets over the ground that keep a standing foot in place, per window."""
 
 from __future__ import annotations
 
@@ -11,20 +11,20 @@ from motiongen_ardy.model.sampling.options import FeetOptions
 from motiongen_ardy.model.sampling.spread import held, spread, within
 from motiongen_ardy.model.sampling.stance import run_sums, segments
 
-# On either side of the middle of a step that is put in: when its foot goes over the ground, and is off it.
+# Around the middle of an inserted step: frames in which its foot moves over the ground, and in which it is in the air.
 STEP_FRAMES, AIR_FRAMES = 2, 4
 TORN_FRAMES = 6
-TORN_M, TORN_RAD = 0.005, 0.03  # how far off a foot may be held from where it shall be
-SLOW_M = 0.01  # a frame; a stance is held rather where the foot slips less than this
+TORN_M, TORN_RAD = 0.005, 0.03  # how far from its goal a foot may be held
+SLOW_M = 0.01  # per frame; frames in which the foot slips less than this weigh more in the place of a stance
 ON_THE_SPOT_M_S = 0.3
-LEFT_RIGHT_PHASE = (0.25, 0.75)  # so that both feet of a body that glides do not step at once
+LEFT_RIGHT_PHASE = (0.25, 0.75)  # so that both feet of a gliding body do not step at once
 
 
 def breaks(standing: Tensor, slipped: Tensor, twisted: Tensor, pace: Tensor, options: FeetOptions) -> Tensor:
     """Frames (B, T, 2) at which a foot that slips or turns too far in one stance is to take a step.
 
-    standing: (B, T, 2) bool; slipped: (B, T, 2, 3) metres, as `stance.slip`; twisted: (B, T, 2), as `twist.twist`;
-    pace: (B, T) metres a second, of the root: who walks lifts the feet anyhow, and turns them then.
+    standing: (B, T, 2) bool; slipped: (B, T, 2, 3), metres, from `stance.slip`; twisted: (B, T, 2), from `twist.twist`;
+    pace: (B, T), of the root, metres a second: a walking character lifts its feet anyway, and turns them then.
     """
     number = segments(standing)
     first = torch.cat([torch.ones_like(standing[:, :1]), number[:, 1:] != number[:, :-1]], dim=1)
@@ -41,15 +41,15 @@ def breaks(standing: Tensor, slipped: Tensor, twisted: Tensor, pace: Tensor, opt
 def ground_offsets(
     standing: Tensor, slipped: Tensor, twisted: Tensor, pace: Tensor, pinned: Tensor, *, fps: int, options: FeetOptions
 ) -> tuple[Tensor, Tensor, Tensor, Tensor]:
-    """Offsets (B, T, 2, 3) of the feet over the ground, how far each turns and is lifted (B, T, 2), when they stand.
+    """Offsets (B, T, 2, 3) of the feet over the ground, each foot's turn and lift (B, T, 2), and when they stand.
 
-    A stance is held where it was on average, rather where it was slow; one that frame 0 belongs to where it was then,
-    one with a pinned frame (B, T, 2) where it was in that. Between two stances, and from frame 0 on, the offsets go
-    over into each other.
+    A stance is held at its mean position, weighted toward slow frames; the stance of frame 0 at the position of frame
+    0; a stance with pinned frames (B, T, 2) at the position of those. Between two stances, and after frame 0, the
+    offsets are interpolated.
     """
     broken = breaks(standing, slipped, twisted, pace, options) & ~within(pinned, TORN_FRAMES)
     standing = standing & ~within(broken, STEP_FRAMES)
-    # A foot that the history holds elsewhere than a pinned frame has to let go for it.
+    # A foot that the history holds elsewhere than a pinned frame must be released before it.
     elsewhere = (slipped.norm(dim=-1) > TORN_M) | (twisted.abs() > TORN_RAD)
     torn = pinned & standing & (segments(standing) == 0) & elsewhere
     standing = standing & ~within(torn, TORN_FRAMES)

@@ -1,4 +1,4 @@
-"""The rotations that bring a pose's joints onto their goals, frame by frame, before anything is spread over time."""
+"""The rotations that bring a pose's joints onto their goals, frame by frame, before they are spread over time."""
 
 from __future__ import annotations
 
@@ -19,7 +19,7 @@ HEAD_SHARES = (0.5, 0.25, 0.15, 0.08, 0.04)
 
 @lru_cache
 def _bones(skeleton: Skeleton) -> tuple[tuple[tuple[int, int], ...], tuple[tuple[int, int, int], ...]]:
-    """(joint, child) of every bone, and (joint, child, other child) where a joint carries several."""
+    """(joint, child) for every bone, and (joint, child, other child) for joints with several children."""
     children: dict[int, list[int]] = {}
     for child, parent in enumerate(skeleton.parents[1:], 1):
         children.setdefault(parent, []).append(child)
@@ -29,7 +29,7 @@ def _bones(skeleton: Skeleton) -> tuple[tuple[tuple[int, int], ...], tuple[tuple
 
 
 def _basis(along: Tensor, beside: Tensor) -> Tensor:
-    """Orthonormal (..., 3, 3) from two vectors (..., 3) that are not parallel."""
+    """An orthonormal basis (..., 3, 3) from two vectors (..., 3) that are not parallel."""
     first = unit(along)
     third = unit(torch.linalg.cross(first, beside))
     return torch.stack([first, torch.linalg.cross(third, first), third], dim=-1)
@@ -38,9 +38,9 @@ def _basis(along: Tensor, beside: Tensor) -> Tensor:
 def pose_turns(skeleton: Skeleton, goals: JointGoals, rotations: Tensor, positions: Tensor) -> tuple[Tensor, Tensor]:
     """World rotation vectors (B, T, J, 3) that turn the joints onto their goals, and which joints (B, T, J) have one.
 
-    rotations, positions: of the poses, (B, T, J, 3, 3) global and (B, T, J, 3). A joint turns as its goal says; else so
-    that the bones to its children point where both ends are asked to be; else with the joint it hangs on, save legs. A
-    head turns neck and trunk with it.
+    rotations, positions: of the poses, (B, T, J, 3, 3) global and (B, T, J, 3). A joint turns as its rotation goal
+    says; otherwise so that bones whose both ends have position goals point along these; otherwise with its parent,
+    except the hips. A head turns neck and trunk with it.
     """
     turns = torch.zeros_like(positions)
     known = torch.zeros_like(goals.has_position)
@@ -81,7 +81,7 @@ def pose_turns(skeleton: Skeleton, goals: JointGoals, rotations: Tensor, positio
 
 
 def _lean(skeleton: Skeleton, goals: JointGoals, positions: Tensor, turns: Tensor, known: Tensor) -> None:
-    """A goal for a joint of trunk or head alone: the trunk leans toward it, about the joint above the root."""
+    """A position goal of a trunk or head joint alone: the trunk leans toward it, about the joint above the root."""
     chain = head_chain(skeleton)
     for joint in chain[1:]:
         alone = goals.has_position[:, :, joint] & ~known[:, :, chain[0]]
@@ -94,7 +94,7 @@ def _lean(skeleton: Skeleton, goals: JointGoals, positions: Tensor, turns: Tenso
 
 
 def _share(skeleton: Skeleton, goals: JointGoals, turns: Tensor, known: Tensor) -> None:
-    """Neck and trunk take their share of a head's turn, where nothing else is asked of them."""
+    """Neck and trunk take their share of a head's turn, unless they have goals of their own."""
     chain = head_chain(skeleton)
     for joint, share in zip(reversed(chain[:-1]), HEAD_SHARES, strict=False):
         free = goals.has_rotation[:, :, chain[-1]] & ~known[:, :, joint] & ~goals.has_rotation[:, :, joint]

@@ -1,4 +1,4 @@
-"""Twist: a foot that stands keeps pointing where it points while the body turns over it, and its leg turns with it."""
+"""Twist: a standing foot keeps its direction while the body turns over it, and its leg twists to follow."""
 
 from __future__ import annotations
 
@@ -9,14 +9,14 @@ from motiongen_ardy.core.rotation import angle_of, axis_angle_to_matrix, rotatio
 from motiongen_ardy.model.sampling.limbs import Limb, limb_joints
 from motiongen_ardy.model.sampling.pose import Poses
 
-# Of a foot's twist, what the whole leg takes from the hip on; the ankle has the rest.
+# The share of a foot's twist that the whole leg takes, from the hip on; the ankle takes the rest.
 LEG_SHARE = 0.7
 
 
 def twist(standing: Tensor, sole: Tensor) -> Tensor:
-    """How far (B, T, 2) radians each foot has turned over the ground since the first frame while it stood.
+    """How far (B, T, 2), in radians, each foot has turned over the ground since the first frame while it stood.
 
-    standing: (B, T, 2) bool; sole: (B, T, 2, 3) metres, from heel to toe.
+    standing: (B, T, 2) bool; sole: (B, T, 2, 3), metres, from heel to toe.
     """
     step = wrapped_steps(angle_of(sole[..., 0], sole[..., 2]))
     turned = (step * (standing[:, 1:] & standing[:, :-1])).cumsum(dim=1)
@@ -24,7 +24,7 @@ def twist(standing: Tensor, sole: Tensor) -> Tensor:
 
 
 def wrapped_steps(angle: Tensor) -> Tensor:
-    """Changes (B, T - 1, ...) of angles (B, T, ...) from frame to frame, the short way round."""
+    """Changes (B, T - 1, ...) of angles (B, T, ...) from frame to frame, in -pi..pi."""
     step = angle[:, 1:] - angle[:, :-1]
     return angle_of(step.sin(), step.cos())
 
@@ -37,7 +37,7 @@ def turned_about_up(vectors: Tensor, angle: Tensor) -> Tensor:
 def turn_legs(poses: Poses, limbs: tuple[Limb, Limb], positions: Tensor, angle: Tensor) -> Tensor:
     """Turn both legs of poses (B, T) about the lines from ankle to hip by their share of angles (B, T, 2).
 
-    positions: (B, T, J, 3) as `Poses.positions`. Returns them with the knees where they are then.
+    positions: (B, T, J, 3), from `Poses.positions`. Returns them with the new positions of the knees.
     """
     upper, middle, end = limb_joints(limbs, positions.device)
     hips = positions[:, :, upper]

@@ -1,8 +1,8 @@
-"""Where a window ends: a goal close behind its end could not be prepared for, so it gets more of the next window.
+"""Where a window ends: it is cut short if a goal soon after its end would otherwise come as a surprise.
 
-What a goal takes to be met is spread over the frames before it. Frames of an earlier window do not change any more, and
-do not know the pose that the model would have at the goal; so a window is kept only up to a frame from which the next
-one has room for its goals.
+The correction that a goal needs is spread over the frames before it. Frames of an earlier window can no longer change,
+and were made without knowledge of the pose at the goal; so a window is kept only up to a frame from which the next
+one has enough room for its goals.
 """
 
 from __future__ import annotations
@@ -14,11 +14,11 @@ from motiongen_ardy.model.sampling.options import SamplingOptions
 
 
 def frames_to_keep(targets: Targets | None, first_frame: int, horizon: int, options: SamplingOptions) -> int:
-    """How many of a window's `horizon` frames from first_frame on count: all, or fewer where that gives goals room.
+    """How many of a window's `horizon` frames from first_frame on are kept: all, or fewer to give goals more room.
 
-    targets: as they were asked for, not what is planned to lead there. Of the ends in question, the one whose goals
-    behind it leave the most room counts: the tightest kind of goal first, then the next, then the later end. A
-    kind that has a goal at every frame is as tight at every end, and does not count.
+    targets: as asked for, without what is planned. Of the possible ends, the one that leaves the most room to the goals
+    behind it is chosen: compared by the tightest kind of goal first, then by the next, then in favour of the later end.
+    A kind with a goal at every frame is ignored, since it is equally tight at every end.
     """
     approach = min(options.approach_frames, horizon // 2)
     if targets is None or not approach or not (options.plan_root or options.reach_joints):
@@ -37,9 +37,9 @@ def frames_to_keep(targets: Targets | None, first_frame: int, horizon: int, opti
 
 
 def _asked_frames(targets: Targets, span: range) -> dict[Hashable, set[int]]:
-    """The frames of a span at which each kind of goal asks for something, by kind; nobody asked for planned ones.
+    """For each kind of goal, the frames of a span at which it was asked for (planned frames do not count).
 
-    Kinds that ask at every frame of it are left out: every end is as tight for them.
+    Kinds with a goal at every frame are left out: every end is equally tight for them.
     """
     kinds: dict[Hashable, set[int]] = {}
 

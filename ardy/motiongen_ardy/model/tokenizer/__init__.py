@@ -1,4 +1,4 @@
-"""The tokenizer: body features <-> latents, one latent for a patch of frames."""
+"""The tokenizer: body features <-> latents, one latent per patch of frames."""
 
 from motiongen_ardy.model.tokenizer.explicit import ExplicitBody
 from motiongen_ardy.model.tokenizer.model import Tokenizer, build_tokenizer

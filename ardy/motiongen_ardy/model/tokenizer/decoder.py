@@ -14,9 +14,9 @@ from motiongen_ardy.model.transformer import PositionTable, TransformerStack
 
 
 class Decoder(InWeightPrecision):
-    """Latents joined with the root condition -> transformer -> frames of body features.
+    """Latents and the root condition -> transformer -> frames of body features.
 
-    `target_cond_blocks` takes no part in decoding; it exists because released checkpoints carry its tensors.
+    `target_cond_blocks` is not used in decoding; it exists because released checkpoints contain its tensors.
     """
 
     def __init__(self, config: TokenizerConfig, body_dim: int) -> None:
@@ -36,8 +36,8 @@ class Decoder(InWeightPrecision):
     def forward(self, codes: Tensor, root: Tensor, valid_tokens: Tensor | None = None) -> tuple[Tensor, Tensor]:
         """Decode codes (B, N, L), not normalised, with the normalised root condition (B, PN, 4 or 5).
 
-        Returns the normalised body (B, PN, D-5) and the local root the decoder reconstructs (B, PN, 4), which only
-        training looks at.
+        Returns the normalised body (B, PN, D-5) and the local root that the decoder reconstructs (B, PN, 4), which only
+        training uses.
         """
         condition = root.unflatten(1, (-1, self.patch)).flatten(-2)
         tokens = torch.cat([self.input_proj(codes), condition], dim=-1)

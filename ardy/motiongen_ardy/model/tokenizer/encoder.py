@@ -1,4 +1,4 @@
-"""The encoder: normalised body features -> one vector of latent_dim numbers for each patch of frames."""
+"""The encoder: normalised body features -> one vector of latent_dim numbers per patch of frames."""
 
 from __future__ import annotations
 
@@ -13,7 +13,7 @@ MAX_TOKENS = 512
 
 
 def token_visibility(num_tokens: int, causal: bool, valid_tokens: Tensor | None, device: torch.device) -> Tensor | None:
-    """Bool mask (B or 1, 1, N, N): which keys each query sees; None when it sees everything."""
+    """Bool mask (B or 1, 1, N, N): which keys each query sees; None if it sees all."""
     visible = None
     if causal:
         visible = torch.ones(num_tokens, num_tokens, dtype=torch.bool, device=device).tril()[None, None]
@@ -24,7 +24,7 @@ def token_visibility(num_tokens: int, causal: bool, valid_tokens: Tensor | None,
 
 
 class Encoder(InWeightPrecision):
-    """Patches of frames -> transformer (causal by default) -> latents; a VAE's encoder gives mean and log variance."""
+    """Patches of frames -> transformer (causal by default) -> latents; for a VAE, mean and log variance."""
 
     def __init__(self, config: TokenizerConfig, body_dim: int) -> None:
         super().__init__()

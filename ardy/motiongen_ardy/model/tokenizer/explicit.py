@@ -1,4 +1,4 @@
-"""No tokenizer: a token's latent is the body of its frames as it is (the paper's explicit-representation ablation)."""
+"""No tokenizer: a token's latent is simply the body of its frames (the paper's explicit-representation ablation)."""
 
 from __future__ import annotations
 
@@ -10,10 +10,10 @@ from motiongen_ardy.model.tokenizer.model import by_token, root_from_tokens, val
 
 
 class ExplicitBody(nn.Module):
-    """Stands where a `Tokenizer` does; latents are normalised body features, P (D - 5) numbers of P frames."""
+    """Takes the place of a `Tokenizer`; latents are normalised body features, P (D - 5) numbers for P frames."""
 
     def __init__(self, representation: Representation, patch: int) -> None:
-        """patch: frames of a token."""
+        """patch: frames per token."""
         super().__init__()
         self.representation = representation
         self.patch = patch
@@ -23,7 +23,7 @@ class ExplicitBody(nn.Module):
         return self.patch * self.representation.body_dim
 
     def to_hybrid(self, features: Tensor, valid_frames: Tensor | None = None) -> Tensor:
-        """Normalised features (B, PN, D) -> tokens (B, N, P D): root first; the body of tokens not valid is zero."""
+        """Normalised features (B, PN, D) -> tokens (B, N, P D), root first; the body of invalid tokens is zero."""
         body = by_token(features[..., ROOT_WIDTH:], self.patch)
         keep = valid_tokens(valid_frames, self.patch)
         body = body if keep is None else body * keep[..., None]
@@ -36,7 +36,7 @@ class ExplicitBody(nn.Module):
         return torch.cat([root, self.decode(latents, root, lengths, valid_frames)], dim=-1)
 
     def decode(self, latents: Tensor, root: Tensor, lengths: Tensor, valid_frames: Tensor | None = None) -> Tensor:
-        """Normalised body (B, PN, D-5) of latents (B, N, P (D-5)); the root has no say in it."""
+        """Normalised body (B, PN, D-5) of latents (B, N, P (D-5)); independent of the root."""
         return latents.unflatten(-1, (self.patch, -1)).flatten(1, 2)
 
     def decode_codes(
@@ -46,9 +46,9 @@ class ExplicitBody(nn.Module):
         return self.decode(codes, root, lengths, valid_frames), self.representation.local_root(root, lengths)
 
     def denormalize_latents(self, latents: Tensor) -> Tensor:
-        """Unchanged: what the denoiser predicts is what is decoded."""
+        """Returns them unchanged: what the denoiser predicts is what is decoded."""
         return latents
 
     def requantize(self, latents: Tensor) -> Tensor:
-        """Unchanged: there is no grid."""
+        """Returns them unchanged: there is no quantisation grid."""
         return latents

@@ -1,4 +1,4 @@
-"""Tokenizer: explicit features <-> hybrid tokens (root of a few frames, then the body's latent)."""
+"""Tokenizer: explicit features <-> hybrid tokens (the root of P frames, then the body's latent)."""
 
 from __future__ import annotations
 
@@ -16,14 +16,14 @@ from motiongen_ardy.model.tokenizer.quantizer import Quantizer
 
 
 class Posterior(NamedTuple):
-    """What the encoder says of a VAE's latents: mean and log variance, each (B, N, L)."""
+    """The distribution that a VAE's encoder predicts for latents: mean and log variance, each (B, N, L)."""
 
     mean: Tensor
     log_variance: Tensor
 
 
 def valid_tokens(valid_frames: Tensor | None, patch: int) -> Tensor | None:
-    """(B, PN) bool -> (B, N) bool: a token is valid only when all its frames are."""
+    """(B, PN) bool -> (B, N) bool: a token is valid if all its frames are."""
     return None if valid_frames is None else valid_frames.unflatten(-1, (-1, patch)).all(-1)
 
 
@@ -38,10 +38,10 @@ def root_from_tokens(tokens: Tensor, patch: int) -> Tensor:
 
 
 class Tokenizer(nn.Module):
-    """Encoder, quantiser and decoder of the body, with the latents' statistics.
+    """Encoder, quantiser and decoder of the body, with the statistics of the latents.
 
-    post_stats: statistics of the quantised latents; pre_stats: of the encoder's raw output (used only by
-    configurations that do not quantise on encoding).
+    post_stats: of the quantised latents; pre_stats: of the encoder's raw output (used only by configurations that do
+    not quantise on encoding).
     """
 
     def __init__(
@@ -58,7 +58,7 @@ class Tokenizer(nn.Module):
 
     @property
     def patch(self) -> int:
-        """Frames of a token."""
+        """Frames per token."""
         return self.config.patch
 
     @property
@@ -67,7 +67,7 @@ class Tokenizer(nn.Module):
 
     @property
     def latent_stats(self) -> Stats:
-        """The statistics that latents in hybrid tokens are normalised with."""
+        """The statistics by which latents in hybrid tokens are normalised."""
         return self.post_stats if self.quantizes_on_encode else self.pre_stats
 
     def normalize_latents(self, latents: Tensor) -> Tensor:
@@ -82,16 +82,16 @@ class Tokenizer(nn.Module):
         return Posterior(mean, log_variance)
 
     def raw_latents(self, body: Tensor, valid_frames: Tensor | None = None) -> Tensor:
-        """What the encoder puts out (B, N, L) for a normalised body (B, PN, D-5); a VAE's mean."""
+        """The encoder's output (B, N, L) for a normalised body (B, PN, D-5); for a VAE, the mean."""
         if self.config.kind == "vae":
             return self.posterior(body, valid_frames).mean
         output: Tensor = self.encoder(body, valid_tokens(valid_frames, self.patch))
         return output
 
     def encode(self, features: Tensor, valid_frames: Tensor | None = None) -> Tensor:
-        """Normalised latents (B, N, L) of normalised features (B, PN, D); valid_frames: (B, PN) bool, all if absent.
+        """Normalised latents (B, N, L) of normalised features (B, PN, D); valid_frames: (B, PN) bool; None: all valid.
 
-        Tokens that are not valid come out as zero.
+        The latents of invalid tokens are zero.
         """
         latents = self.raw_latents(features[..., ROOT_WIDTH:], valid_frames)
         if self.quantizes_on_encode:
@@ -101,14 +101,14 @@ class Tokenizer(nn.Module):
         return latents if keep is None else latents * keep[..., None]
 
     def codes(self, latents: Tensor) -> Tensor:
-        """Normalised latents (B, N, L) -> what the decoder takes: on the grid for FSQ, as they are otherwise."""
+        """Normalised latents (B, N, L) -> the decoder's input: on the quantisation grid for FSQ, else unchanged."""
         values = self.denormalize_latents(latents)
         if self.config.kind != "fsq":
             return values
         return self.quantizer.round(values) if self.config.quantize_on_encode else self.quantizer.quantize(values)
 
     def requantize(self, latents: Tensor) -> Tensor:
-        """Snap normalised latents (B, N, L) to the grid; unchanged where encoding does not quantise."""
+        """Round normalised latents (B, N, L) to the quantisation grid; unchanged if encoding does not quantise."""
         if not self.quantizes_on_encode:
             return latents
         return self.normalize_latents(self.codes(latents))
@@ -142,7 +142,7 @@ class Tokenizer(nn.Module):
 
 
 def build_tokenizer(config: TokenizerConfig, representation: Representation) -> Tokenizer:
-    """A tokenizer with fresh weights and the identity as its latents' statistics."""
+    """A tokenizer with fresh weights, whose latents are not normalised (mean 0, std 1)."""
 
     def identity() -> Stats:
         return Stats(torch.zeros(config.latent_dim, device="cpu"), torch.ones(config.latent_dim, device="cpu"))

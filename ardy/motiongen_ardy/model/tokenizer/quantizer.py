@@ -12,7 +12,7 @@ SHRINK = 1.001  # keeps tanh's range slightly wider than the outermost levels, s
 
 
 class Quantizer(nn.Module):
-    """FSQ with a number of levels for each dimension; codes lie in [-1, 1] in steps of 1/(levels // 2)."""
+    """FSQ with a number of levels per dimension; codes lie in [-1, 1] in steps of 1/(levels // 2)."""
 
     half_range: Tensor
     offset: Tensor
@@ -21,7 +21,7 @@ class Quantizer(nn.Module):
 
     def __init__(self, levels: tuple[int, ...]) -> None:
         super().__init__()
-        count = torch.tensor(levels, dtype=torch.float64, device="cpu")  # no file has it: real even on "meta"
+        count = torch.tensor(levels, dtype=torch.float64, device="cpu")  # not loaded from a file: real even on "meta"
         half_range = (count - 1) * SHRINK / 2
         offset = torch.where(count % 2 == 0, 0.5, 0.0)
         self.register_buffer("half_range", half_range.float(), persistent=False)
@@ -30,7 +30,7 @@ class Quantizer(nn.Module):
         self.register_buffer("half_levels", torch.floor(count / 2).float(), persistent=False)
 
     def quantize(self, latents: Tensor) -> Tensor:
-        """(..., L) any numbers -> (..., L) codes. The gradient passes straight through the rounding."""
+        """(..., L), any numbers, -> (..., L) codes. The gradient passes straight through the rounding."""
         bounded = torch.tanh(latents + self.shift) * self.half_range - self.offset
         rounded = bounded + (torch.round(bounded) - bounded).detach()
         return rounded / self.half_levels

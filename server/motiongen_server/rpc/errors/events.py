@@ -22,11 +22,10 @@ def model_reloading(model_id: str) -> EventRefused:
     return EventRefused(Code.UNAVAILABLE, "MODEL_RELOADING", message, "open.model_id", allowed, retry_after_s=2.0)
 
 
-def model_failed(model_id: str) -> EventRefused:
-    allowed = "another model of the catalogue, or another server"
-    return EventRefused(
-        Code.UNAVAILABLE, "MODEL_FAILED", f"the engine of {model_id} has failed", "open.model_id", allowed
-    )
+def model_failed(model_id: str, why: str) -> EventRefused:
+    """why: in words that are fit for clients, so without paths."""
+    message, allowed = f"{model_id} is not served: {why}", "another model of the catalogue, or another server"
+    return EventRefused(Code.UNAVAILABLE, "MODEL_FAILED", message, "open.model_id", allowed)
 
 
 def too_many_sessions(held: int, limit: int) -> EventRefused:

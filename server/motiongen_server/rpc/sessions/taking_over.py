@@ -25,7 +25,7 @@ _log = SparingLog(logging.getLogger(__name__))  # any client can make tokens up
 
 
 class NoRoom(Exception):
-    """The engines of a session's model have no room for it. refusal: what its client is told."""
+    """A session's model has failed here, or its engines have no room for it. refusal: what its client is told."""
 
     def __init__(self, refusal: EventRefused, model: LoadedModel) -> None:
         super().__init__(str(refusal))
@@ -41,15 +41,16 @@ async def claimed(
 
     Raises EventRefused if there is no record, or it lacks events that the client knows to be answered (acknowledged
     events are never lost); if the model here cannot continue it, or its peer has no place or no steps for it; and if
-    the store does not answer. Raises NoRoom if the engines have no room for it. A resume that is refused, or that was
-    delayed until a newer attempt had been made, takes nothing away from the server that has the session.
+    the store does not answer. Raises NoRoom if the model has failed or its engines have no room. A resume that is
+    refused, or that was delayed until a newer attempt had been made, takes nothing away from the server that has the
+    session.
     """
     point = opening.resume_point
 
     def check(record: SessionRecord) -> None:
         if point.attempt <= record.attempt:
             raise resume_superseded(point.attempt, record.attempt)
-        model = models.find(record.snapshot.spec.model_id)
+        model = models.named(record.snapshot.spec.model_id)
         facts = model.catalog.facts
         if record.taken_seq < point.answered_seq:
             raise events_not_saved(record.taken_seq, point.answered_seq)
@@ -66,6 +67,8 @@ async def claimed(
 
 def _check_room(snapshot: SessionSnapshot, model: LoadedModel, peer: Peer) -> None:
     """Raises what `adopted` raises for lack of a place or of steps, and NoRoom."""
+    if model.refusal is not None:
+        raise NoRoom(model.refusal, model)
     spec = snapshot.spec
     place = peer.place(spec.priority, time.monotonic())
     try:

@@ -23,7 +23,7 @@ from motiongen_server.engine.types import (
     SnapshotTaken,
 )
 from motiongen_server.models.registry import LoadedModel
-from motiongen_server.replicas.hint import FOR_WANT_OF_ROOM, OtherServer, RefusedOpen
+from motiongen_server.replicas.hint import OF_THIS_SERVER, OtherServer, RefusedOpen
 from motiongen_server.rpc.budgets.loop_time import Work
 from motiongen_server.rpc.convert import asked_steps
 from motiongen_server.rpc.errors.events import resume_out_of_range
@@ -134,7 +134,10 @@ class StreamSessions(StreamOutput):
                 entry.is_resuming = False  # so that answers to what waits for the encoder are sent
                 refuse_waiting(entry)
                 self._end(entry)
-                self._say(replace(self._hinted(said, entry.model), session=SessionKey(self.number, entry.handle)), None)
+                self._say(
+                    replace(self._hinted(said, entry.model.model_id), session=SessionKey(self.number, entry.handle)),
+                    None,
+                )
             return
         if isinstance(noted, Opened):
             self._kept.add(entry)
@@ -145,7 +148,7 @@ class StreamSessions(StreamOutput):
                 self._stream_metrics.reject(noted.reason)
             refuse_waiting(entry)
             self._end(entry)
-            noted = self._hinted(noted, entry.model)
+            noted = self._hinted(noted, entry.model.model_id)
         self._put(noted, entry)
 
     def _turn_away(
@@ -162,14 +165,15 @@ class StreamSessions(StreamOutput):
             return None
         if refusal.code is Code.RESOURCE_EXHAUSTED:
             self._stream_metrics.reject(refusal.reason)
-        self._say(self._hinted(refusal.outcome(SessionKey(self.number, event.session), event.event_seq), model), None)
+        outcome = refusal.outcome(SessionKey(self.number, event.session), event.event_seq)
+        self._say(self._hinted(outcome, model.model_id), None)
         return refusal
 
-    def _hinted(self, refusal: Outcome, model: LoadedModel) -> Outcome:
-        """The refusal of an open; if it is for lack of room, with servers that have room."""
-        if refusal.reason not in FOR_WANT_OF_ROOM:
+    def _hinted(self, refusal: Outcome, model_id: str) -> Outcome:
+        """The refusal of an open; if it concerns this server only, with servers that have room for that model."""
+        if refusal.reason not in OF_THIS_SERVER:
             return refusal
-        return RefusedOpen.of(refusal, self.other_servers(model.model_id))
+        return RefusedOpen.of(refusal, self.other_servers(model_id))
 
     def _end(self, entry: SessionEntry) -> None:
         self._kept.forget(entry)

@@ -105,12 +105,12 @@ class Stream(StreamTakeOvers):
             entry = self._open(event, entry, now) if kind == "open" else self._next_of(event, entry)
         except EventRefused as refusal:
             # It never became an event of the session, so the session's entry must not count its number.
-            key = SessionKey(self.number, handle)
+            outcome = refusal.outcome(SessionKey(self.number, handle), event.event_seq)
             if kind == "open" and refusal.code is Code.RESOURCE_EXHAUSTED:
                 self._stream_metrics.reject(refusal.reason)
             self.budget.charge(REFUSAL_COST, now)
             self.work.num_refused += refusal.code not in FREE
-            self._say(refusal.outcome(key, event.event_seq), entry)
+            self._say(self._hinted(outcome, event.open.model_id or self._models.default.model_id), entry)
             return
         if entry is None or entry.is_leaving:  # its client sends the event again where the session continues
             return

@@ -149,7 +149,7 @@ class StreamTakeOvers(StreamSessions):
                 self.budget.give_back(REFUSAL_COST, time.monotonic())
                 self._room.set()
         except NoRoom as error:
-            self._refuse_take_over(error.refusal, self._hinted(error.refusal.outcome(key, 1), error.model))
+            self._refuse_take_over(error.refusal, self._hinted(error.refusal.outcome(key, 1), error.model.model_id))
         except EventRefused as refusal:
             self._refuse_take_over(refusal, refusal.outcome(key, 1))
         except Exception as error:

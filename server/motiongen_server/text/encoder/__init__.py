@@ -1,1 +1,1 @@
-"""The text encoder as a service of its own, and its client: many servers share one large encoder."""
+"""The text encoder as a service of its own, which many servers can share, and its client."""

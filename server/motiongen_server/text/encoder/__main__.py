@@ -1,4 +1,4 @@
-"""`python -m motiongen_server.text.encoder`: read the configuration, serve the encoder."""
+"""`python -m motiongen_server.text.encoder`: reads the configuration and serves the encoder."""
 
 from __future__ import annotations
 
@@ -8,17 +8,17 @@ import sys
 
 
 def end_at_once(_number: int, _frame: object) -> None:
-    """Nothing has begun yet, so nothing has to be ended."""
+    """End the process: nothing has been started yet that would have to be stopped."""
     os._exit(0)
 
 
 def main() -> int:
-    """0 after an orderly end, 2 for a wrong setting."""
-    # The first process of a container is ended by no signal that it does not handle.
+    """Returns 0 after an orderly end, 2 for an invalid setting."""
+    # The first process of a container is not ended by signals that it does not handle.
     for number in (signal.SIGTERM, signal.SIGINT):
         signal.signal(number, end_at_once)
-    # Read when grpc is imported. Else each header that gRPC cannot read, and each handshake that is none, is a line of
-    # the log.
+    # gRPC reads this when it is imported. Without it, every header that gRPC cannot read and every failed handshake is
+    # logged.
     os.environ.setdefault("GRPC_VERBOSITY", "NONE")
     import asyncio
 

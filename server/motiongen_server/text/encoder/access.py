@@ -1,4 +1,4 @@
-"""How the gateway proves itself to an encoder service, and the service itself to the gateway."""
+"""The gateway's connection to an encoder service: the service's certificate, and the gateway's token."""
 
 from __future__ import annotations
 
@@ -15,7 +15,7 @@ from motiongen_server.settings import SettingError
 
 
 def encoder_credentials(config: ServerConfig) -> grpc.ChannelCredentials:
-    """What an encoder service must prove itself by. Raises SettingError."""
+    """Credentials by which the encoder service's certificate is verified. Raises SettingError."""
     if not config.text_encoder_ca:
         return grpc.ssl_channel_credentials()
     try:
@@ -26,7 +26,7 @@ def encoder_credentials(config: ServerConfig) -> grpc.ChannelCredentials:
 
 
 def encoder_token(config: ServerConfig, address: str, by_tls: bool) -> Callable[[], str] | None:
-    """The token for an encoder service, read anew when its file changes; None for none. Raises SettingError."""
+    """Returns the current token of the file when called; None if no token is set. Raises SettingError."""
     path = config.text_encoder_token
     if not path:
         return None
@@ -45,7 +45,7 @@ def encoder_token(config: ServerConfig, address: str, by_tls: bool) -> Callable[
 
 
 def _read_token(path: Path) -> str:
-    """Raises ValueError for what no call can carry, as of a file that is just being written, and OSError."""
+    """Raises ValueError if no call can carry the token, as when the file is just being written, and OSError."""
     token = path.read_text(encoding="utf-8").strip()
     if not token or not token.isascii() or not token.isprintable() or " " in token:
         raise ValueError("it must be one word of ASCII characters")

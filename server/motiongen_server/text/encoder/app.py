@@ -34,7 +34,7 @@ _log = logging.getLogger("motiongen_server.text.encoder")
 
 MOST_REQUEST_BYTES = 64 << 20
 CALLS_OF_A_PEER = 1024
-"""Open at once: many servers may have one address."""
+"""Calls open at once; many servers may share one address."""
 ENCODING_BUCKETS = (0.001, 0.005, 0.02, 0.05, 0.1, 0.2, 0.5, 1.0, 2.0, 5.0, 10.0, 30.0)
 
 
@@ -48,7 +48,7 @@ class EncoderApplication:
         self._is_ready = False
 
     async def start(self) -> None:
-        """Load the encoder, then listen. Raises SettingError for settings that cannot be served."""
+        """Load the encoder, then listen. Raises SettingError if the settings cannot be served."""
         config = self._config
         tls, self._callers = make_tls(config), make_callers(config)
         warn_of_exposure(config)
@@ -89,12 +89,12 @@ class EncoderApplication:
     def _make_prompts(self, encoder: TextEncoder) -> PromptEncoder:
         config, registry = self._config, self._registry
         seconds = Histogram(
-            "motiongen_encoder_seconds", "Encoding a text that was not known.", buckets=ENCODING_BUCKETS,
+            "motiongen_encoder_seconds", "Time to encode a new text, waiting included.", buckets=ENCODING_BUCKETS,
             registry=registry,
         )  # fmt: skip
         texts = Counter(
             "motiongen_encoder_texts",
-            "Texts that were not in memory: from the store, from the encoder, or why they did not come.",
+            "Texts that were not in memory: from the store, from the encoder, or why they were refused.",
             ["source"],
             registry=registry,
         )
@@ -127,7 +127,7 @@ class EncoderApplication:
             self._health.set(name, status)
 
     async def drain(self) -> None:
-        """Not ready, let running requests finish, stop."""
+        """Report not ready, let running requests finish, and stop."""
         self._is_ready = False
         self._set_health(health_pb2.HealthCheckResponse.NOT_SERVING)
         await self._server.stop(self._config.drain_grace_s)
@@ -154,7 +154,7 @@ def load(config: EncoderConfig) -> TextEncoder:
 
 
 def most_bytes(config: EncoderConfig) -> int:
-    """Of a request: all the texts that it may have, of characters of four bytes."""
+    """Size of the largest request: as many texts as it may have, with four bytes for each character."""
     return min(config.max_texts * (4 * config.max_characters + 8) + 4096, MOST_REQUEST_BYTES)
 
 
@@ -170,7 +170,7 @@ async def run(config: EncoderConfig) -> int:
     await asyncio.wait({starting, stopping}, return_when=asyncio.FIRST_COMPLETED)
     if not starting.done():
         _log.info("stopped before it was ready")
-        os._exit(0)  # what loads is on a thread that cannot be broken off, and holds nothing that must be put away
+        os._exit(0)  # the loading thread cannot be interrupted, and holds nothing that needs cleaning up
     try:
         starting.result()
     except SettingError as error:

@@ -1,4 +1,4 @@
-"""Client of the encoder service: a text encoder whose work is done elsewhere."""
+"""Client of the encoder service: a text encoder that runs elsewhere."""
 
 from __future__ import annotations
 
@@ -26,7 +26,7 @@ NO_ANSWER = "the text encoder does not answer"
 
 
 class RemoteEncoder(NamedTextEncoder):
-    """The encoder at an address. It is asked for one identity, the one it had at the start, and refused with another.
+    """The encoder at an address. Its identity at the start must not change: answers with another one are errors.
 
     May be used from several threads.
     """
@@ -39,16 +39,16 @@ class RemoteEncoder(NamedTextEncoder):
         credentials: grpc.ChannelCredentials | None = None,
         token: Callable[[], str] | None = None,
     ) -> None:
-        """address: host:port. timeout_s: of a call; at the start so long is waited for the service to come up.
+        """address: host:port. timeout_s: of a call; at the start, how long to wait for the service to come up.
 
-        known: identity and width that it is to have, where it is not to be asked at the start. credentials: of TLS;
-        None: plain text. token: the one that says who calls, asked for before every call. Raises UnknownTextEncoder for
-        what cannot be an address, or answers without saying what it is; TextEncoderUnavailable when nobody answers
-        there, or it lets nobody in.
+        known: identity and width to assume instead of asking the service at the start. credentials: for TLS; None:
+        plain text. token: returns the caller's token, called before every call. Raises UnknownTextEncoder for an
+        invalid address, or a service that does not say what it is; TextEncoderUnavailable if it does not answer or
+        refuses the call.
         """
         port = address.rpartition(":")[2]
         if not host_of(address) or not port.isdecimal() or len(port) > 5 or not 0 < int(port) <= 65535:
-            raise UnknownTextEncoder(f"{address!r} is no address of an encoder service; such as localhost:50052")
+            raise UnknownTextEncoder(f"{address!r} is not the address of an encoder service, such as localhost:50052")
         self._timeout_s = timeout_s
         self._token = token
         options = (*OPTIONS, *proxy_options(address))
@@ -78,7 +78,7 @@ class RemoteEncoder(NamedTextEncoder):
             raise TextEncoderUnavailable(f"{NO_ANSWER} ({_reason(error)})") from error
         if not found.text_encoder or not found.width:
             self._channel.close()
-            raise UnknownTextEncoder(f"what answers at {address} does not say which text encoder it is, and how wide")
+            raise UnknownTextEncoder(f"the service at {address} does not tell its text encoder's identity and width")
         super().__init__(str(found.text_encoder), int(found.width))
         self._max_texts = max(1, int(found.max_texts))
 
@@ -104,7 +104,7 @@ class RemoteEncoder(NamedTextEncoder):
                     f"{error.details()}; this server began with {self._identity!r} and must be restarted to change"
                 ) from error
             if error.code() is grpc.StatusCode.INVALID_ARGUMENT:
-                raise TextRefused(f"the text encoder does not take it: {error.details()!s:.200}") from error
+                raise TextRefused(f"the text encoder refuses it: {error.details()!s:.200}") from error
             raise TextEncoderUnavailable(f"{NO_ANSWER} ({_reason(error)})") from error
         except ValueError as error:  # the channel has been closed
             raise TextEncoderUnavailable(f"{NO_ANSWER}: the server is shutting down") from error
@@ -120,12 +120,12 @@ class RemoteEncoder(NamedTextEncoder):
         return checked_vector(np.array(embedding.values, np.float32), self._width)
 
     def close(self) -> None:
-        """Break off calls under way."""
+        """Cancel calls in progress."""
         self._channel.close()
 
 
 def _reason(error: grpc.RpcError) -> str:
-    """Why a call failed, without the address, which gRPC's own words have."""
+    """Why a call failed, without the address that gRPC's own message contains."""
     code: grpc.StatusCode = error.code()
     if code is grpc.StatusCode.DEADLINE_EXCEEDED:
         return "it takes too long"

@@ -1,4 +1,4 @@
-"""The servicer: checks what is asked, and asks the encoder for what is not remembered."""
+"""The encoder service's servicer: checks and charges requests, and has new texts encoded."""
 
 from __future__ import annotations
 
@@ -33,9 +33,9 @@ MOST_CALLS = 4096
 
 
 class TextEncoderService:
-    """Answers with vectors of one encoder. Lives on one event loop.
+    """Answers with vectors of one encoder. Runs on one event loop.
 
-    Every call is charged to its tenant, or its address, before it is looked at; texts that are not known take turns.
+    Every call is charged to its tenant or address before its request is parsed; new texts take turns at the encoder.
     """
 
     def __init__(
@@ -48,7 +48,7 @@ class TextEncoderService:
         limits: PeerLimits | None = None,
     ) -> None:
         """width: numbers in a vector. max_texts, max_characters: of one request, of one text. callers: who may call;
-        everybody where it is left out. limits: of one address, and of a tenant whose quota says nothing else.
+        None: everybody. limits: of one address, and of a tenant as far as its quota does not set others.
         """
         self._admission = CallAdmission(callers or Callers(), Peers(limits), MOST_CALLS, Role.TEXT)
         self._prompts = prompts
@@ -57,7 +57,7 @@ class TextEncoderService:
         self._max_characters = max_characters
 
     async def GetTextEncoder(self, call: CallContext) -> encoder_pb2.GetTextEncoderResponse:
-        """Which encoder it is. Raises StreamRefused."""
+        """The encoder's identity and limits. Raises StreamRefused."""
         _, data = await self._admission.request(call)
         parsed_as(encoder_pb2.GetTextEncoderRequest, data)
         return encoder_pb2.GetTextEncoderResponse(
@@ -68,7 +68,7 @@ class TextEncoderService:
         )
 
     async def EncodeTexts(self, call: CallContext) -> encoder_pb2.EncodeTextsResponse:
-        """Vectors of the texts. What is known is not encoded again, and those who ask for the same text share it.
+        """Vectors of the texts. Cached texts are not encoded again; calls with the same new text share its result.
 
         Raises StreamRefused.
         """
@@ -94,7 +94,7 @@ class TextEncoderService:
         return motion_pb2.TextEmbedding(text_encoder=self._prompts.identity, values=vector.tolist())
 
     def _charge_unknown(self, request: encoder_pb2.EncodeTextsRequest, peer: Peer) -> None:
-        """Charge the texts that are not known. Raises EventRefused while such are owed for: nothing waits for that."""
+        """Charge the texts that are not cached. Raises EventRefused while the peer is in debt: calls do not wait."""
         num_unknown = sum(self._prompts.cached(text) is None for text in request.texts)
         if num_unknown:
             now = time.monotonic()
@@ -128,7 +128,7 @@ class TextEncoderService:
 
 
 def add_text_encoder(service: TextEncoderService, server: grpc.aio.Server, requests: Requests | None = None) -> None:
-    """Serve it. requests: of all calls of that server."""
+    """Register the service with a server. requests: those of all calls of that server."""
     requests = requests or Requests()
     handlers = {
         "GetTextEncoder": unary_method(service.GetTextEncoder, requests),

@@ -5,6 +5,7 @@ from __future__ import annotations
 import pytest
 
 from motiongen_server.replicas.hint import OtherServer
+from motiongen_server.rpc.errors.events import model_failed
 from motiongen_server.rpc.limits import PeerLimits
 from motiongen_server.rpc.sessions.durability import Durability, lease_of
 from motiongen_server.rpc.sessions.kept_sessions import KeptSessions
@@ -37,3 +38,17 @@ async def test_where_there_is_no_room_for_it_it_stays_with_who_has_it(
     assert named == (["fake.example"] if reason == "OVERLOADED" else []), "no other server is a way around a quota"
     assert store.renew([lease_of(TOKEN)]) == [Renewal.KEPT]
     assert (line.engine.events, stream.peer.num_sessions) == ([], 0)
+
+
+async def test_where_its_model_has_failed_it_stays_with_who_has_it_and_others_are_named(
+    store: SqliteStore, durability: Durability
+) -> None:
+    line = Line(catalog=of_model("fake").default.catalog, kept=KeptSessions(30.0, durability=durability))
+    line.stream.peer.tenant = RECORD.tenant
+    line.stream.other_servers = lambda model_id: (OtherServer(f"{model_id}.example", ""),)
+    line.models.default.refusal = model_failed("fake", "its weights have changed")
+    line.send(1, open=resuming(9))
+    await until_true(lambda: bool(line.refusals()))
+    assert line.refusals() == [(1, "MODEL_FAILED")]
+    assert [each.address for each in line.updates()[0].outcome.other_servers] == ["fake.example"]
+    assert store.renew([lease_of(TOKEN)]) == [Renewal.KEPT]

@@ -10,6 +10,8 @@ import pytest
 
 from motiongen.v1 import session_pb2
 from motiongen_server.engine.types import Close, Closed, CloseReason, Code, Open, Opened, Outcome, SessionKey
+from motiongen_server.replicas.hint import OtherServer
+from motiongen_server.rpc.errors.events import model_failed
 from motiongen_server.rpc.sessions.durability import Durability
 from motiongen_server.rpc.sessions.kept_sessions import KeptSessions
 from tests.server.rpc.sessions.test_taking_over import SlowStore, resuming
@@ -106,3 +108,18 @@ async def test_what_came_behind_an_open_that_an_engine_refuses_as_it_is_lost_is_
     line.send(2, set_play_state=PAUSE)
     line.stream.take(Outcome(key, 1, Code.UNAVAILABLE, reason="ENGINE_RESTARTING"))
     assert line.refusals() == [(2, "ENGINE_RESTARTING"), (1, "ENGINE_RESTARTING")]
+
+
+@pytest.mark.parametrize("model_id", ["", "fake"])
+async def test_where_a_model_has_failed_servers_that_have_it_are_named(model_id: str) -> None:
+    line = Line()
+    served = line.models.default
+    served.refusal = model_failed(served.model_id, "its weights have changed")
+    line.stream.other_servers = lambda model_id: (OtherServer(f"{model_id}.example", ""),)
+    ask(line, 1, session_pb2.OpenSession(model_id=model_id and served.model_id))
+    (told,) = [update.outcome for update in line.updates()]
+    assert told.reason == "MODEL_FAILED"
+    assert [each.address for each in told.other_servers] == [f"{served.model_id}.example"]
+    ask(line, 2, session_pb2.OpenSession(model_id="another"))
+    assert line.updates()[-1].outcome.reason == "UNKNOWN_MODEL"
+    assert not line.updates()[-1].outcome.other_servers

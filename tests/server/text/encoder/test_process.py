@@ -131,7 +131,7 @@ def test_where_nobody_answers_the_client_gives_up(hashed: EncoderProcess) -> Non
     ],
 )
 def test_what_is_no_address_is_refused(address: str) -> None:
-    with pytest.raises(UnknownTextEncoder, match="no address"):
+    with pytest.raises(UnknownTextEncoder, match="not the address"):
         RemoteEncoder(address)
 
 

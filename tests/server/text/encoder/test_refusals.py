@@ -78,7 +78,7 @@ def test_a_service_that_takes_fewer_texts_than_at_the_start_is_asked_for_each() 
 
 def test_what_has_no_name_or_no_width_is_no_encoder() -> None:
     for name, width in (("", 4), ("ones", 0)):
-        with service(name, width) as address, pytest.raises(UnknownTextEncoder, match="does not say which"):
+        with service(name, width) as address, pytest.raises(UnknownTextEncoder, match="does not tell"):
             RemoteEncoder(address, LIMIT_S)
 
 

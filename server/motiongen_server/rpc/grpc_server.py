@@ -3,6 +3,9 @@
 gRPC reads the name of a method that was not registered in the loop that begins all calls. A name that is no UTF-8,
 which anybody can send before he has said who he is, ends that loop, and with it the server and all its streams. So
 methods are registered, which are found by the bytes of their names, and of all other calls nobody reads the name.
+
+Nor are the headers of those read, and of others as `calls.headers` allows: gRPC reads them all before any method is
+reached, on the event loop, so a call is refused before gRPC has it served.
 """
 
 from __future__ import annotations
@@ -10,56 +13,75 @@ from __future__ import annotations
 import asyncio
 import contextlib
 import logging
-from collections.abc import Coroutine, Iterator, Mapping, Sequence
+from collections import defaultdict
+from collections.abc import Callable, Coroutine, Iterator, Mapping, Sequence
+from functools import partial
 from typing import Any, NoReturn
 
 import grpc
 import grpc.aio
 from grpc._cython import cygrpc  # type: ignore[attr-defined]  # which has no stubs
 
-from motiongen_server.rpc.calls.context import SEEN_GONE_S
-from motiongen_server.rpc.calls.headers import HeaderTime, bounded
+from motiongen_server.errors import StreamRefused
+from motiongen_server.rpc.calls.context import end_with, refuse
+from motiongen_server.rpc.calls.headers import HeaderTime
 
 _NO_NAME = "not read"
 """In the place of a name."""
 
 
-class _NamesUnread(cygrpc.AioServer):  # type: ignore[misc]
-    """Refuses calls of methods that are not registered, with UNIMPLEMENTED as gRPC does."""
+class _WaryServer(cygrpc.AioServer):  # type: ignore[misc]
+    """Refuses calls of methods that are not registered, with UNIMPLEMENTED as gRPC does, and of too many headers.
+
+    What it refuses is not among the calls that there may be at once: it is told so, and over, within milliseconds.
+    """
+
+    def __init__(self, *given: Any) -> None:
+        super().__init__(*given)
+        self._header_times: defaultdict[bytes, HeaderTime] = defaultdict(HeaderTime)  # by service
+        self._refusals: set[asyncio.Task[None]] = set()  # the loop holds none
 
     def _make_request_call_future(self, method: bytes | None) -> asyncio.Future[Any]:
         """The next call of a method. None: of one that is not registered, of which gRPC hears no more."""
-        if method is None:
-            return asyncio.get_running_loop().create_task(self._refuse_others())
-        future: asyncio.Future[Any] = super()._make_request_call_future(method)
-        return future
+        return asyncio.get_running_loop().create_task(self._refuse_others() if method is None else self._next(method))
+
+    async def _next(self, method: bytes) -> Any:
+        """Raises what gRPC raises at the server's end."""
+        header_time = self._header_times[method.rpartition(b"/")[0]]
+        while True:
+            call = await self._request_registered_call(method)
+            try:
+                header_time.check(_context_of(call))
+            except StreamRefused as refusal:
+                self._end(call, partial(refuse, refusal=refusal.with_traceback(None)))
+            else:
+                return call
+            del call  # else it would be held, its headers too, until the next comes
 
     async def _refuse_others(self) -> NoReturn:
         """Raises what gRPC raises at the server's end."""
-        loop, methods = asyncio.get_running_loop(), cygrpc._MethodResolver([], {})
-        refusals: set[asyncio.Task[None]] = set()  # the loop holds none
+        refusing = partial(end_with, code=grpc.StatusCode.UNIMPLEMENTED, details="Method not found!")
         while True:
-            call = await self._request_call()
-            refusing = _once_seen(cygrpc._handle_rpc(_NO_NAME, methods, (), call, loop, False))
-            ending = cygrpc._schedule_rpc_coro(refusing, call, loop, _NO_NAME)
-            refusals.add(task := loop.create_task(ending))
-            task.add_done_callback(refusals.discard)
+            self._end(await self._request_call(), refusing)
+
+    def _end(self, call: Any, refusing: Callable[[Any], Coroutine[Any, Any, NoReturn]]) -> None:
+        """Have a call refused, unless its client is seen to have gone; see `calls.context.end_with`."""
+        loop = asyncio.get_running_loop()
+        ending = cygrpc._schedule_rpc_coro(refusing(_context_of(call)), call, loop, _NO_NAME)
+        self._refusals.add(task := loop.create_task(ending))
+        task.add_done_callback(self._refusals.discard)
 
 
-async def _once_seen(refusing: Coroutine[Any, Any, None]) -> None:
-    """Refuse a call once gRPC has had time to see whether its client has gone; see `calls.context.end_with`."""
-    try:
-        await asyncio.sleep(SEEN_GONE_S)
-        await refusing
-    finally:
-        refusing.close()
+def _context_of(call: Any) -> Any:
+    """What the method of a call is given."""
+    return cygrpc._ServicerContext(call, None, None, asyncio.get_running_loop())
 
 
 def make_server(options: Sequence[tuple[str, int]] = (), most_calls: int | None = None) -> grpc.aio.Server:
     """A server without methods and ports. most_calls: at once; None: without a limit."""
     # A logger takes a filter once, however often it is given.
     logging.getLogger(cygrpc.__name__).addFilter(_is_not_of_a_client)
-    with _names_unread():
+    with _wary():
         return grpc.aio.server(options=list(options), maximum_concurrent_rpcs=most_calls)
 
 
@@ -70,17 +92,14 @@ def serve_methods(
 
     Calls of them have so many headers at most (`calls.headers`).
     """
-    header_time = HeaderTime()
-    server.add_registered_method_handlers(
-        service, {name: bounded(handler, header_time) for name, handler in handlers.items()}
-    )
+    server.add_registered_method_handlers(service, dict(handlers))
 
 
 @contextlib.contextmanager
-def _names_unread() -> Iterator[None]:
+def _wary() -> Iterator[None]:
     """Servers that gRPC makes within are of that kind: there is no other way to give it one."""
     usual = cygrpc.AioServer
-    cygrpc.AioServer = _NamesUnread
+    cygrpc.AioServer = _WaryServer
     try:
         yield
     finally:
@@ -88,8 +107,5 @@ def _names_unread() -> Iterator[None]:
 
 
 def _is_not_of_a_client(record: logging.LogRecord) -> bool:
-    """gRPC logs as errors, as often as clients like: metadata that is no UTF-8, and whole, tokens too; and a call of a
-    method that nobody serves, whose client has gone while it was refused.
-    """
-    said = str(record.msg)
-    return not said.startswith("Invalid encoding") and not said.endswith(f"[{_NO_NAME}]")
+    """gRPC logs metadata that is no UTF-8 as an error, as often as clients like, and whole, tokens too."""
+    return not str(record.msg).startswith("Invalid encoding")

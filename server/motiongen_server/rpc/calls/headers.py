@@ -1,23 +1,19 @@
-"""Headers: how many a call may have, looked at before anything else of it.
+"""Headers: how many a call may have, looked at before anything else of it, and before gRPC looks at it itself.
 
 What gRPC's servers let through of a call's headers is what they told the client, once that has said that it knows: a
 client that never says so may send 16 MiB, of a hundred thousand headers, which take the event loop half a second to
 read and hundreds of megabytes as long as the call lives. So a call with more than any client that has said so can send
-is ended, and what it took to read them is paid by its address before headers of that are read again.
+is ended, and what it took to read them is paid by its address before headers of that are read again, by anybody:
+`grpc_server` asks before gRPC has a call served, which begins with reading them all.
 """
 
 from __future__ import annotations
 
 from typing import Any
 
-import grpc
-import grpc.aio
-
-from motiongen_server.errors import StreamRefused
 from motiongen_server.rpc.budgets.loop_time import CLOCKS, Clocks
 from motiongen_server.rpc.budgets.peers import address_of
 from motiongen_server.rpc.budgets.token_bucket import Share, TokenBucket
-from motiongen_server.rpc.calls.context import refuse
 from motiongen_server.rpc.errors.calls import headers_too_long
 from motiongen_server.rpc.errors.too_many_calls import too_many_long_headers
 
@@ -65,24 +61,3 @@ class HeaderTime:
         self._addresses = {name: share for name, share in self._addresses.items() if share.owed_s(now) > 0}
         share = self._addresses.setdefault(address, Share(self._bucket, lambda: len(self._addresses), now))
         share.charge(now - began_s, now)
-
-
-def bounded(
-    handler: grpc.RpcMethodHandler[Any, Any], header_time: HeaderTime | None = None
-) -> grpc.RpcMethodHandler[Any, Any]:
-    """A method whose calls have so many headers at most. handler: of streams both ways, as all of ours are."""
-    header_time = header_time or HeaderTime()
-    serve: Any = handler.stream_stream  # of which the stubs say that it gives an iterator
-    if serve is None:
-        raise TypeError("a method of streams both ways is needed; serve requests as streams (calls.context)")
-
-    async def serve_bounded(messages: Any, context: Any) -> None:
-        try:
-            header_time.check(context)
-        except StreamRefused as refusal:
-            await refuse(context, refusal.with_traceback(None))
-        await serve(messages, context)
-
-    return grpc.stream_stream_rpc_method_handler(
-        serve_bounded, handler.request_deserializer, handler.response_serializer
-    )

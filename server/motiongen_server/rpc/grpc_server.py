@@ -23,8 +23,10 @@ import grpc.aio
 from grpc._cython import cygrpc  # type: ignore[attr-defined]  # which has no stubs
 
 from motiongen_server.errors import StreamRefused
+from motiongen_server.rpc.calls.call_pace import CallPace
 from motiongen_server.rpc.calls.context import end_with, refuse
 from motiongen_server.rpc.calls.headers import HeaderTime
+from motiongen_server.rpc.errors.streams import failed_inside
 
 _NO_NAME = "not read"
 """In the place of a name."""
@@ -33,12 +35,14 @@ _NO_NAME = "not read"
 class _WaryServer(cygrpc.AioServer):  # type: ignore[misc]
     """Refuses calls of methods that are not registered, with UNIMPLEMENTED as gRPC does, and of too many headers.
 
-    What it refuses is not among the calls that there may be at once: it is told so, and over, within milliseconds.
+    What it refuses is not among the calls that there may be at once: it is told so, and over, within milliseconds. Of
+    calls that come faster than one address may begin them (`CallPace`) nobody is told anything: gRPC ends them.
     """
 
     def __init__(self, *given: Any) -> None:
         super().__init__(*given)
-        self._header_times: defaultdict[bytes, HeaderTime] = defaultdict(HeaderTime)  # by service
+        self._header_times: defaultdict[bytes, HeaderTime] = defaultdict(HeaderTime)  # by service, as these
+        self._paces: defaultdict[bytes, CallPace] = defaultdict(CallPace)
         self._refusals: set[asyncio.Task[None]] = set()  # the loop holds none
 
     def _make_request_call_future(self, method: bytes | None) -> asyncio.Future[Any]:
@@ -47,22 +51,39 @@ class _WaryServer(cygrpc.AioServer):  # type: ignore[misc]
 
     async def _next(self, method: bytes) -> Any:
         """Raises what gRPC raises at the server's end."""
-        header_time = self._header_times[method.rpartition(b"/")[0]]
+        service = method.rpartition(b"/")[0]
+        pace, check_headers = self._paces[service], self._header_times[service].check
         while True:
             call = await self._request_registered_call(method)
-            try:
-                header_time.check(_context_of(call))
-            except StreamRefused as refusal:
-                self._end(call, partial(refuse, refusal=refusal.with_traceback(None)))
-            else:
+            if self._may_begin(call, pace, check_headers):
                 return call
-            del call  # else it would be held, its headers too, until the next comes
+            del call  # so gRPC ends what is not to be begun, and holds no headers until the next comes
 
     async def _refuse_others(self) -> NoReturn:
         """Raises what gRPC raises at the server's end."""
+        pace = self._paces[b""]
         refusing = partial(end_with, code=grpc.StatusCode.UNIMPLEMENTED, details="Method not found!")
         while True:
-            self._end(await self._request_call(), refusing)
+            call = await self._request_call()
+            if self._may_begin(call, pace):
+                self._end(call, refusing)
+            del call
+
+    def _may_begin(self, call: Any, pace: CallPace, check: Callable[[Any], None] = lambda _: None) -> bool:
+        """Whether a call is to be served, or told anything. check: raises StreamRefused, which it is told of here."""
+        try:
+            context = _context_of(call)
+            if not pace.allows(context.peer()):
+                return False
+            check(context)
+        except StreamRefused as error:
+            refusal = error
+        except Exception as error:  # which would end the server from here
+            refusal = failed_inside("a call was not begun", "the call failed inside the server", error)
+        else:
+            return True
+        self._end(call, partial(refuse, refusal=refusal.with_traceback(None)))
+        return False
 
     def _end(self, call: Any, refusing: Callable[[Any], Coroutine[Any, Any, NoReturn]]) -> None:
         """Have a call refused, unless its client is seen to have gone; see `calls.context.end_with`."""

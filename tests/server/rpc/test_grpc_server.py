@@ -12,10 +12,11 @@ import grpc.aio
 import pytest
 from grpc._cython import cygrpc  # type: ignore[attr-defined]  # which has no stubs
 
+from motiongen_server.rpc.calls.headers import HeaderTime
 from tests.raw_calls import Header, answer_to, beginning, call_of, frame, status_in
 from tests.server.rpc.one_method import SERVED, serving
 
-OK, INVALID, UNIMPLEMENTED = 0, 3, 12
+OK, INVALID, UNIMPLEMENTED, INTERNAL = 0, 3, 12, 13
 RST_STREAM, CANCEL = 3, b"\0\0\0\x08"
 
 
@@ -90,3 +91,17 @@ async def test_grpc_reads_no_headers_of_calls_that_are_refused(
         answer = await asyncio.to_thread(answer_to, port, path, *[(b"k", b"v")] * num_headers)
         assert status_in(answer) == status
     assert served_by_grpc == [SERVED.decode()] * is_read
+
+
+async def test_a_fault_before_a_call_is_begun_ends_no_server(
+    monkeypatch: pytest.MonkeyPatch, caplog: pytest.LogCaptureFixture
+) -> None:
+    def fail(_self: HeaderTime, _context: Any) -> None:
+        raise RuntimeError("a fault")
+
+    monkeypatch.setattr(HeaderTime, "check", fail)
+    async with served() as port:
+        assert status_in(await asyncio.to_thread(answer_to, port, SERVED)) == INTERNAL
+        assert status_in(await asyncio.to_thread(answer_to, port, b"/nobody.Serves/This")) == UNIMPLEMENTED
+    (record,) = caplog.records
+    assert record.exc_info is not None

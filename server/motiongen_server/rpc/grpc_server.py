@@ -69,13 +69,16 @@ class _WaryServer(cygrpc.AioServer):  # type: ignore[misc]
                 self._end(call, refusing)
             del call
 
-    def _may_begin(self, call: Any, pace: CallPace, check: Callable[[Any], None] = lambda _: None) -> bool:
-        """Whether a call is to be served, or told anything. check: raises StreamRefused, which it is told of here."""
+    def _may_begin(self, call: Any, pace: CallPace, check: Callable[[Any], int] = lambda _: 0) -> bool:
+        """Whether a call is to be served, or told anything. check: gives the number of its headers, or raises
+        StreamRefused, which it is told of here.
+        """
         try:
             context = _context_of(call)
-            if not pace.allows(context.peer()):
+            peer = context.peer()
+            if not pace.allows(peer):
                 return False
-            check(context)
+            pace.charge(peer, check(context))
         except StreamRefused as error:
             refusal = error
         except Exception as error:  # which would end the server from here

@@ -16,6 +16,8 @@ from motiongen_server.rpc.budgets.token_bucket import TokenBucket
 
 CALLS_A_SECOND = 2_000
 """Of an address, however many tenants call from there. Of all a gateway begins some 5,000."""
+HEADERS_A_CALL = 64
+"""That count as one call more. Every one is read several times; callers have twenty, and may have five hundred."""
 MOST_IDLE = 1024
 """Addresses that are remembered though none of their last second's calls counts any more."""
 LOOK_EVERY_S = 1.0  # at all of them, as `Peers`
@@ -44,3 +46,8 @@ class CallPace:
                 self._addresses = {name: each for name, each in self._addresses.items() if not each.is_full(now)}
             calls = self._addresses[address] = TokenBucket(CALLS_A_SECOND, now)
         return calls.take(now)
+
+    def charge(self, peer: str, num_headers: int) -> None:
+        """A call that was begun turns out to have so many headers."""
+        if more := num_headers // HEADERS_A_CALL:
+            self._addresses[address_of(peer)].charge(more, self._clock())

@@ -41,8 +41,8 @@ class HeaderTime:
         """That owe, or have lately."""
         return len(self._addresses)
 
-    def check(self, context: Any) -> None:
-        """Raise StreamRefused where a call has too many headers, or comes from an address that owes for such."""
+    def check(self, context: Any) -> int:
+        """How many headers a call has. Raises StreamRefused where those are too many, or its address owes for such."""
         began_s = self._clocks.elapsed_s()
         address = address_of(context.peer())
         share = self._addresses.get(address)
@@ -51,7 +51,7 @@ class HeaderTime:
         headers = context.invocation_metadata() or ()
         num_bytes = sum(BYTES_A_HEADER + len(name) + len(value) for name, value in headers)
         if num_bytes <= MOST_BYTES:
-            return
+            return len(headers)
         del headers  # which takes as long again
         self._charge(address, began_s)
         raise headers_too_long(num_bytes, MOST_BYTES)

@@ -10,7 +10,7 @@ import pytest
 
 from motiongen_server.rpc import grpc_server
 from motiongen_server.rpc.calls import call_pace
-from motiongen_server.rpc.calls.call_pace import CALLS_A_SECOND, MOST_IDLE, CallPace
+from motiongen_server.rpc.calls.call_pace import CALLS_A_SECOND, HEADERS_A_CALL, MOST_IDLE, CallPace
 from tests.raw_calls import answer_to, status_in
 from tests.server.rpc.one_method import SERVED, serving
 
@@ -34,6 +34,21 @@ def test_an_address_begins_so_many_a_second_over_however_many_connections(pace: 
     assert pace.allows(f"{ELSEWHERE}:55000")
     clock[0] += 0.25
     assert sum(pace.allows(f"{HERE}:55000") for _ in range(CALLS_A_SECOND)) == CALLS_A_SECOND // 4
+
+
+def test_headers_beyond_those_of_a_caller_count_as_calls(pace: CallPace, clock: list[float]) -> None:
+    def begin(num_headers: int) -> int:
+        """How many of them are begun at once."""
+        clock[0] += 1e6
+        num_begun = 0
+        while pace.allows(f"{HERE}:1"):
+            pace.charge(f"{HERE}:1", num_headers)
+            num_begun += 1
+        return num_begun
+
+    assert begin(HEADERS_A_CALL - 1) == CALLS_A_SECOND
+    assert begin(HEADERS_A_CALL) == CALLS_A_SECOND // 2
+    assert begin(7 * HEADERS_A_CALL) == CALLS_A_SECOND // 8
 
 
 def test_who_has_not_called_of_late_is_forgotten_once_there_are_many(pace: CallPace, clock: list[float]) -> None:
@@ -63,4 +78,8 @@ async def test_what_is_more_is_ended_and_reaches_no_method_and_other_services_ar
         assert len(reached) == 3
         said = [status_in(await asyncio.to_thread(answer_to, port, b"/nobody.Serves/This")) for _ in range(6)]
         assert said == [UNIMPLEMENTED] * 3 + [CANCELLED] * 3
+    async with serving(say) as port:
+        many = [(b"k", b"v")] * (3 * HEADERS_A_CALL)
+        said = [status_in(await asyncio.to_thread(answer_to, port, SERVED, *many)) for _ in range(2)]
+        assert said == [OK, CANCELLED]
     assert not caplog.records

@@ -32,14 +32,14 @@ def answer_to(port: int, path: bytes, *more: Header) -> bytes:
 
 def beginning() -> bytes:
     """What a client says first on a connection."""
-    return PREFACE + _frame(SETTINGS, 0, 0, b"")
+    return PREFACE + frame(SETTINGS, 0, 0, b"")
 
 
 def call_of(stream: int, path: bytes, *more: Header) -> bytes:
     """A call without a request. stream: its number on the connection, odd and rising; path, more: as of `answer_to`."""
     usual = ((b":method", b"POST"), (b":scheme", b"http"), (b":path", path), (b":authority", b"localhost"))
     headers = (*usual, (b"te", b"trailers"), (b"content-type", b"application/grpc"), *more)
-    return _frame(HEADERS, END_OF_STREAM | END_OF_HEADERS, stream, b"".join(_literal(*header) for header in headers))
+    return frame(HEADERS, END_OF_STREAM | END_OF_HEADERS, stream, b"".join(_literal(*header) for header in headers))
 
 
 def status_in(answer: bytes) -> int | None:
@@ -53,5 +53,6 @@ def _literal(name: bytes, value: bytes) -> bytes:
     return b"\x00" + bytes([len(name)]) + name + bytes([len(value)]) + value
 
 
-def _frame(kind: int, flags: int, stream: int, content: bytes) -> bytes:
+def frame(kind: int, flags: int, stream: int, content: bytes) -> bytes:
+    """One of HTTP/2 (RFC 9113, 4.1)."""
     return struct.pack(">I", len(content))[1:] + bytes([kind, flags]) + struct.pack(">I", stream) + content

@@ -70,6 +70,16 @@ ATTACKS = (
     Attack("4,250 calls without their request", "half_open_calls", 1),
     Attack("4,250 calls and streams whose answers are not let through", "unread_calls", 1),
     Attack("calls of methods whose names are no text, with tokens that are none", "unreadable_names", 1),
+    Attack(
+        "calls of 90,000 headers of a byte each, 67 a second, by clients that do not heed the settings",
+        "tiny_headers",
+        1,
+        edit_ms=500.0,  # a second where gRPC read them all the same; 0.1 to 0.2 at a load of six, on two cores
+        grown_mib=4_000.0,  # gRPC's own, for seconds: not promised
+    ),
+    Attack("10,000 calls a second that are reset as soon as they are begun", "resets", 1),
+    Attack("frames that HTTP/2 forbids, each on a connection of its own", "forbidden_frames", 1),
+    Attack("20,000 frames a second that mean nothing", "needless_frames", 1),
     Attack("24 calls for the longest clips, nothing read", "unread_clips", 1),
     Attack("refused events on 40 streams, nothing read", "unread_streams", 1),
     Attack("catalogues", "catalogs", 2),

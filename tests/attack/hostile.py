@@ -16,6 +16,7 @@ from motiongen.v1 import motion_pb2, service_pb2, service_pb2_grpc, session_pb2
 from tests.attack.calls import HELLO, STREAMS, Event, Request, bare_stream, channel_to, drain, flood, for_ever, many
 from tests.attack.heavy_edits import long_paths, many_rotations, refused_rotations
 from tests.attack.hostile_calls import half_open_calls, unread_calls, unreadable_names
+from tests.attack.hostile_frames import forbidden_frames, needless_frames, resets, tiny_headers
 from tests.attack.hostile_load import (
     Kind,
     burst_streams,
@@ -228,12 +229,12 @@ KINDS: dict[str, Kind] = {
         long_names, idle_connections, unread_metrics, mutations, byte_a_second, burst_streams, crowds, watches,
         edits_behind_prompts, health_checks, long_paths, reflections, welcome_crowds, many_rotations, refused_rotations,
         unconfirmed_edits, first_messages, half_open_calls, unread_calls, fast_players, teleporters, expired_tokens,
-        prompts_over_streams, unreadable_names,
+        prompts_over_streams, unreadable_names, tiny_headers, resets, forbidden_frames, needless_frames,
     )
 }  # fmt: skip
-ELSEWHERE = {connections, idle_connections, unread_metrics, welcome_crowds, expired_tokens}
-"""They hold all connections that there may be, are for the port of operations, or for a server that asks for tokens, or
-are not hostile."""
+ELSEWHERE = {connections, idle_connections, unread_metrics, welcome_crowds, expired_tokens, tiny_headers}
+"""They hold all connections that there may be, are for the port of operations, or for a server that asks for tokens,
+take memory that nobody can bound, or are not hostile."""
 
 
 async def main(name: str, address: str, seed: int) -> None:

@@ -26,6 +26,8 @@ ORDINARY = (
 )  # fmt: skip
 EVERY_CORE = ("--devices", f"cpu:{min(usable_cores(), MOST_BY_DEFAULT)}")
 """As a server has it by default, in place of the one engine that is ordinary here."""
+QUIET = {"GRPC_VERBOSITY": "NONE"}
+"""As the server has it: gRPC reads it when it is imported, which servers of tests do before they could set it."""
 MIB = 1 << 20
 
 
@@ -77,7 +79,7 @@ def attacked(
         process = subprocess.Popen(
             [*limited, sys.executable, "-m", *module, *over(ORDINARY, settings)],
             cwd=ROOT, stdout=subprocess.PIPE, stderr=errors, text=True,
-            env={**os.environ, "PYTHONPATH": python_path, **(environment or {})},
+            env={**os.environ, **QUIET, "PYTHONPATH": python_path, **(environment or {})},
         )  # fmt: skip
     with ready(process, log) as told:
         server = Attacked(psutil.Process(process.pid), f"127.0.0.1:{told['grpc_port']}", told["ops_port"], log)

@@ -32,6 +32,8 @@ MORE_BEHIND = 0.6
         "silent_streams",
         "half_open_calls",
         "unreadable_names",
+        "resets",
+        "forbidden_frames",
         "expired_tokens",
     ],
 )

@@ -11,8 +11,8 @@ from collections.abc import Sequence
 
 from motiongen_server.engine.spread import spread_delay_s
 from motiongen_server.engine.types import Event, EventRefused, ModelFacts, Open, Outcome, Owner, Priority
-from motiongen_server.engine.types.refusals import draining, session_limit
-from motiongen_server.engine_process.ledger import RETRY_AFTER_S, engine_restarting, no_room
+from motiongen_server.engine.types.refusals import draining, engine_restarting, session_limit
+from motiongen_server.engine_process.ledger import RETRY_AFTER_S, no_room
 from motiongen_server.engine_process.messages import OwnerChanged
 from motiongen_server.engine_process.model_link import ModelLink, refused_without_engine
 from motiongen_server.engine_process.process import EngineProcess
@@ -133,7 +133,7 @@ class EngineGroup:
         if self._is_draining:
             return draining()
         if not links:
-            return engine_restarting()
+            return engine_restarting(RETRY_AFTER_S)
         if is_clip:
             return None
         if self._num_played >= self._max_sessions:

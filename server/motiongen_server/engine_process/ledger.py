@@ -22,7 +22,7 @@ from motiongen_server.engine.types import (
     Priority,
     SessionKey,
 )
-from motiongen_server.engine.types.refusals import session_closed
+from motiongen_server.engine.types.refusals import engine_restarting, session_closed
 
 RETRY_AFTER_S = 2.0
 
@@ -238,7 +238,7 @@ class Ledger:
                 outputs += self._cancelled(key, entry.unanswered)
                 outputs.append(Closed(key, reason, Code.UNAVAILABLE, message, entry.num_frames, 0))
             else:
-                outputs.append(engine_restarting().outcome(key, entry.open_seq))
+                outputs.append(engine_restarting(RETRY_AFTER_S).outcome(key, entry.open_seq))
                 closes = () if entry.close is None else (entry.close.event_seq,)
                 outputs += self._cancelled(key, [*entry.unanswered, *closes])
         self._entries.clear()
@@ -248,12 +248,6 @@ class Ledger:
         self._new.clear()
         self._number = self.num_clips = 0
         return outputs
-
-
-def engine_restarting() -> EventRefused:
-    """The answer to an event while there is no engine process."""
-    given = "the server's engine is being started anew; open a session again in a moment"
-    return EventRefused(Code.UNAVAILABLE, "ENGINE_RESTARTING", given, retry_after_s=RETRY_AFTER_S)
 
 
 def no_room(priority: Priority, steps: int, retry_after_s: float) -> EventRefused:

@@ -26,8 +26,9 @@ from motiongen_server.engine.types import (
     SessionKey,
     StepsOf,
 )
+from motiongen_server.engine.types.refusals import engine_restarting
 from motiongen_server.engine.types.report import StepReport
-from motiongen_server.engine_process.ledger import Ledger, engine_restarting
+from motiongen_server.engine_process.ledger import RETRY_AFTER_S, Ledger
 from motiongen_server.engine_process.messages import TO_GATEWAY, CloseAhead, Events, Pulse, Ready
 
 MAX_PENDING = EngineConfig().max_pending_events
@@ -221,4 +222,6 @@ class ModelLink:
 
 def refused_without_engine(event: Event) -> Outcome | None:
     """The answer to an event while its engine process is being started; None for events that get no answer."""
-    return None if isinstance(event, UNTOLD) else engine_restarting().outcome(event.session, event.event_seq)
+    if isinstance(event, UNTOLD):
+        return None
+    return engine_restarting(RETRY_AFTER_S).outcome(event.session, event.event_seq)

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import asyncio
-import socket
 from functools import partial
 
 import httpx
@@ -13,7 +12,8 @@ from prometheus_client.metrics_core import Metric
 
 from motiongen_server.ops import http
 from motiongen_server.ops.http import ops_app
-from tests.waiting import LIMIT_S, until_true
+from tests.server.ops.serving import serving
+from tests.waiting import until_true
 
 
 @pytest.mark.parametrize(("path", "alive", "ready"), [("/livez", 1, 0), ("/healthz", 1, 0), ("/readyz", 0, 1)])
@@ -52,22 +52,14 @@ async def test_a_connection_lives_for_a_while_and_the_oldest_goes_where_there_ar
     monkeypatch: pytest.MonkeyPatch,
 ) -> None:
     monkeypatch.setattr(http, "MOST_CONNECTIONS", 2)
-    server = http.OpsServer(http.ops_app(CollectorRegistry(), lambda: True, lambda: True), "127.0.0.1", 0)
-    with socket.create_server(("127.0.0.1", 0)) as listener:
-        serving = asyncio.create_task(server.serve([listener]))
-        try:
-            async with asyncio.timeout(LIMIT_S):
-                port = listener.getsockname()[1]
-                first, *others = [await asyncio.open_connection("127.0.0.1", port) for _ in range(3)]
-                assert await end_of(first[0]), "the oldest"
-                monkeypatch.setattr(http, "LIFE_S", 0.05)
-                late = await asyncio.open_connection("127.0.0.1", port)
-                assert await end_of(late[0])
-                for _, writer in (first, *others, late):
-                    writer.transport.abort()
-        finally:
-            server.should_exit = True
-            await serving
+    async with serving() as port:
+        first, *others = [await asyncio.open_connection("127.0.0.1", port) for _ in range(3)]
+        assert await end_of(first[0]), "the oldest"
+        monkeypatch.setattr(http, "LIFE_S", 0.05)
+        late = await asyncio.open_connection("127.0.0.1", port)
+        assert await end_of(late[0])
+        for _, writer in (first, *others, late):
+            writer.transport.abort()
 
 
 async def test_clients_mistakes_are_not_logged_and_faults_are(caplog: pytest.LogCaptureFixture) -> None:
@@ -76,37 +68,29 @@ async def test_clients_mistakes_are_not_logged_and_faults_are(caplog: pytest.Log
     def fault() -> bool:
         raise RuntimeError("a fault")
 
-    server = http.OpsServer(http.ops_app(CollectorRegistry(), fault, lambda: True), "127.0.0.1", 0)
     upgrade = b"GET /readyz HTTP/1.1\r\nHost: ops\r\nConnection: upgrade\r\nUpgrade: websocket\r\n\r\n"
 
-    async def answer(request: bytes) -> bytes:
-        reader, writer = await asyncio.open_connection("127.0.0.1", server.port)
+    async def answer(port: int, request: bytes) -> bytes:
+        reader, writer = await asyncio.open_connection("127.0.0.1", port)
         writer.write(request)
         try:
             return await reader.readline()
         finally:
             writer.transport.abort()
 
-    with socket.create_server(("127.0.0.1", 0)) as listener:
-        serving = asyncio.create_task(server.serve([listener]))
-        try:
-            async with asyncio.timeout(LIMIT_S):
-                await until_true(lambda: server.started)
-                assert b"400" in await answer(b"garbage\r\n\r\n")
-                assert b"200" in await answer(upgrade)
-                for method in (b"GET", b"HEAD"):  # whose body turns out to be none
-                    chunked = b" /readyz HTTP/1.1\r\nHost: ops\r\nTransfer-Encoding: chunked\r\n\r\nno length\r\n"
-                    await answer(method + chunked)
-                await until_true(lambda: not http.BoundedConnection.open_ones)
-                assert not [record for record in caplog.records if record.levelname != "INFO"]
-                assert b"500" in await answer(b"GET /livez HTTP/1.1\r\nHost: ops\r\n\r\n")
-                (logged,) = [record for record in caplog.records if record.name.startswith("uvicorn")]
-                assert logged.levelname == "ERROR"
-                await until_true(lambda: not http.BoundedConnection.open_ones)
-                assert not [record for record in caplog.records if record.name == "asyncio"], "nor their ends"
-        finally:
-            server.should_exit = True
-            await serving
+    async with serving(is_alive=fault) as port:
+        assert b"400" in await answer(port, b"garbage\r\n\r\n")
+        assert b"200" in await answer(port, upgrade)
+        for method in (b"GET", b"HEAD"):  # whose body turns out to be none
+            chunked = b" /readyz HTTP/1.1\r\nHost: ops\r\nTransfer-Encoding: chunked\r\n\r\nno length\r\n"
+            await answer(port, method + chunked)
+        await until_true(lambda: not http.BoundedConnection.open_ones)
+        assert not [record for record in caplog.records if record.levelname != "INFO"]
+        assert b"500" in await answer(port, b"GET /livez HTTP/1.1\r\nHost: ops\r\n\r\n")
+        (logged,) = [record for record in caplog.records if record.name.startswith("uvicorn")]
+        assert logged.levelname == "ERROR"
+        await until_true(lambda: not http.BoundedConnection.open_ones)
+        assert not [record for record in caplog.records if record.name == "asyncio"], "nor their ends"
 
 
 async def test_metrics_are_made_a_few_times_a_second_however_often_they_are_asked_for(
@@ -134,18 +118,11 @@ async def test_metrics_are_made_a_few_times_a_second_however_often_they_are_aske
 
 
 async def test_a_connection_is_answered_once() -> None:
-    server = http.OpsServer(http.ops_app(CollectorRegistry(), lambda: True, lambda: True), "127.0.0.1", 0)
-    with socket.create_server(("127.0.0.1", 0)) as listener:
-        serving = asyncio.create_task(server.serve([listener]))
-        try:
-            async with asyncio.timeout(LIMIT_S):
-                reader, writer = await asyncio.open_connection("127.0.0.1", listener.getsockname()[1])
-                writer.write(b"GET /livez HTTP/1.1\r\nHost: x\r\n\r\n" * 10)
-                assert (await reader.read()).count(b"HTTP/1.1 200") == 1
-                writer.transport.abort()
-        finally:
-            server.should_exit = True
-            await serving
+    async with serving() as port:
+        reader, writer = await asyncio.open_connection("127.0.0.1", port)
+        writer.write(b"GET /livez HTTP/1.1\r\nHost: x\r\n\r\n" * 10)
+        assert (await reader.read()).count(b"HTTP/1.1 200") == 1
+        writer.transport.abort()
 
 
 async def end_of(reader: asyncio.StreamReader) -> bool:

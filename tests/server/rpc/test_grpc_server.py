@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import asyncio
-import logging
 from collections.abc import AsyncIterator
 from contextlib import asynccontextmanager
 from typing import Any
@@ -11,13 +10,14 @@ from typing import Any
 import grpc
 import grpc.aio
 import pytest
+from grpc._cython import cygrpc  # type: ignore[attr-defined]  # which has no stubs
 
-from motiongen_server.rpc import grpc_server
-from tests.raw_calls import Header, answer_to, status_in
+from motiongen_server.rpc.calls.headers import HeaderTime
+from tests.raw_calls import Header, answer_to, beginning, call_of, frame, status_in
 from tests.server.rpc.one_method import SERVED, serving
-from tests.waiting import LIMIT_S
 
-OK, UNIMPLEMENTED = 0, 12
+OK, INVALID, UNIMPLEMENTED, INTERNAL = 0, 3, 12, 13
+RST_STREAM, CANCEL = 3, b"\0\0\0\x08"
 
 
 @asynccontextmanager
@@ -60,31 +60,48 @@ async def test_metadata_that_is_no_text_is_not_logged(header: Header, caplog: py
     assert not caplog.records
 
 
-async def test_clients_that_have_gone_while_they_are_refused_are_not_logged_and_faults_are(
-    caplog: pytest.LogCaptureFixture,
+@pytest.mark.parametrize("path", [SERVED, b"/nobody.Serves/This"])
+async def test_who_resets_a_call_at_once_is_not_logged(path: bytes, caplog: pytest.LogCaptureFixture) -> None:
+    async with served() as port:
+        begun_and_reset = (call_of(stream, path) + frame(RST_STREAM, 0, stream, CANCEL) for stream in range(1, 41, 2))
+        _, writer = await asyncio.open_connection("127.0.0.1", port)
+        writer.write(beginning() + b"".join(begun_and_reset))
+        assert status_in(await asyncio.to_thread(answer_to, port, path)) == (OK if path == SERVED else UNIMPLEMENTED)
+        writer.transport.abort()
+    assert not caplog.records
+
+
+@pytest.mark.parametrize(
+    ("path", "num_headers", "status", "is_read"),
+    [(SERVED, 1, OK, True), (SERVED, 1000, INVALID, False), (b"/nobody.Serves/This", 1000, UNIMPLEMENTED, False)],
+)
+async def test_grpc_reads_no_headers_of_calls_that_are_refused(
+    path: bytes, num_headers: int, status: int, is_read: bool, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    """gRPC's own words for what comes of a status that nobody takes."""
-    log, said = logging.getLogger("grpc._cython.cygrpc"), "ExecuteBatchError raised in core by servicer method [%s]"
-    async with served():
-        for name in (grpc_server._NO_NAME, "/motiongen.test.Echo/Say"):
-            log.error(said % name)
-    assert [record.message for record in caplog.records] == [said % "/motiongen.test.Echo/Say"]
+    """What serves its calls begins with reading them all: a hundred thousand take the event loop 50 ms."""
+    served_by_grpc: list[str] = []
+    serve = cygrpc._handle_rpc
+
+    def note(name: str, *more: Any) -> Any:
+        served_by_grpc.append(name)
+        return serve(name, *more)
+
+    monkeypatch.setattr(cygrpc, "_handle_rpc", note)
+    async with served() as port:
+        answer = await asyncio.to_thread(answer_to, port, path, *[(b"k", b"v")] * num_headers)
+        assert status_in(answer) == status
+    assert served_by_grpc == [SERVED.decode()] * is_read
 
 
-async def test_who_has_gone_is_not_refused(monkeypatch: pytest.MonkeyPatch) -> None:
-    """gRPC never gives back the memory of a status that nobody takes."""
-    refused: list[str] = []
+async def test_a_fault_before_a_call_is_begun_ends_no_server(
+    monkeypatch: pytest.MonkeyPatch, caplog: pytest.LogCaptureFixture
+) -> None:
+    def fail(_self: HeaderTime, _context: Any) -> None:
+        raise RuntimeError("a fault")
 
-    async def refuse() -> None:
-        refused.append("told")
-
-    monkeypatch.setattr(grpc_server, "SEEN_GONE_S", LIMIT_S)
-    refusing = asyncio.create_task(grpc_server._once_seen(refuse()))
-    await asyncio.sleep(0)
-    refusing.cancel()  # as gRPC does then
-    with pytest.raises(asyncio.CancelledError):
-        await refusing
-    assert not refused
-    monkeypatch.setattr(grpc_server, "SEEN_GONE_S", 0.0)
-    await grpc_server._once_seen(refuse())
-    assert refused == ["told"]
+    monkeypatch.setattr(HeaderTime, "check", fail)
+    async with served() as port:
+        assert status_in(await asyncio.to_thread(answer_to, port, SERVED)) == INTERNAL
+        assert status_in(await asyncio.to_thread(answer_to, port, b"/nobody.Serves/This")) == UNIMPLEMENTED
+    (record,) = caplog.records
+    assert record.exc_info is not None

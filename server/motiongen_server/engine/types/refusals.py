@@ -68,6 +68,12 @@ def draining() -> EventRefused:
     return EventRefused(Code.UNAVAILABLE, "DRAINING", given, "open", allowed)
 
 
+def engine_restarting(retry_after_s: float) -> EventRefused:
+    """An event came while there is no engine process."""
+    given = "the server's engine is being started anew; open a session again in a moment"
+    return EventRefused(Code.UNAVAILABLE, "ENGINE_RESTARTING", given, retry_after_s=retry_after_s)
+
+
 def session_limit(most: int, retry_after_s: float) -> EventRefused:
     """As many sessions are open as allowed."""
     allowed = f"at most {most} sessions at once"

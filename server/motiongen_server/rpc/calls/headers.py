@@ -1,23 +1,19 @@
-"""Headers: limits a call's headers, which are checked before anything else of the call.
+"""Headers: limits a call's headers, which are checked before anything else of the call, and before gRPC reads them.
 
 gRPC enforces the limit in the server's HTTP/2 settings only once the client has acknowledged them. A client that never
 does may send 16 MiB, or a hundred thousand headers, which take the event loop half a second to read, and hundreds of
 megabytes while the call lives. So a call with more headers than an acknowledging client could send is ended, and its
-address must pay for the time that reading them took before the server reads headers of that address again.
+address must pay for the time that reading them took before the headers of its calls are read again. `grpc_server` asks
+before it hands a call to gRPC, which would begin by reading all headers.
 """
 
 from __future__ import annotations
 
 from typing import Any
 
-import grpc
-import grpc.aio
-
-from motiongen_server.errors import StreamRefused
 from motiongen_server.rpc.budgets.loop_time import CLOCKS, Clocks
 from motiongen_server.rpc.budgets.peers import address_of
 from motiongen_server.rpc.budgets.token_bucket import Share, TokenBucket
-from motiongen_server.rpc.calls.context import refuse
 from motiongen_server.rpc.errors.calls import headers_too_long
 from motiongen_server.rpc.errors.too_many_calls import too_many_long_headers
 
@@ -32,7 +28,7 @@ LOOP_SHARE = 0.02
 class HeaderTime:
     """Charges addresses for the time that reading too many headers takes. They have equal shares of LOOP_SHARE.
 
-    Lives on one event loop.
+    One for each service. Lives on one event loop.
     """
 
     def __init__(self, clocks: Clocks = CLOCKS) -> None:
@@ -45,8 +41,8 @@ class HeaderTime:
         """Addresses that owe, or did lately."""
         return len(self._addresses)
 
-    def check(self, context: Any) -> None:
-        """Raise StreamRefused if a call has too many headers, or its address owes for earlier ones."""
+    def check(self, context: Any) -> int:
+        """The number of a call's headers. Raises StreamRefused if they are too many, or its address owes for others."""
         began_s = self._clocks.elapsed_s()
         address = address_of(context.peer())
         share = self._addresses.get(address)
@@ -55,7 +51,7 @@ class HeaderTime:
         headers = context.invocation_metadata() or ()
         num_bytes = sum(BYTES_A_HEADER + len(name) + len(value) for name, value in headers)
         if num_bytes <= MOST_BYTES:
-            return
+            return len(headers)
         del headers  # freeing them takes as long as reading, and must be charged too
         self._charge(address, began_s)
         raise headers_too_long(num_bytes, MOST_BYTES)
@@ -65,24 +61,3 @@ class HeaderTime:
         self._addresses = {name: share for name, share in self._addresses.items() if share.owed_s(now) > 0}
         share = self._addresses.setdefault(address, Share(self._bucket, lambda: len(self._addresses), now))
         share.charge(now - began_s, now)
-
-
-def bounded(
-    handler: grpc.RpcMethodHandler[Any, Any], header_time: HeaderTime | None = None
-) -> grpc.RpcMethodHandler[Any, Any]:
-    """Wrap a method so that calls with too many headers are refused. handler: bidirectional, as all of ours are."""
-    header_time = header_time or HeaderTime()
-    serve: Any = handler.stream_stream  # typed wrongly in the stubs, as returning an iterator
-    if serve is None:
-        raise TypeError("a bidirectional method is needed; serve requests as streams (calls.context)")
-
-    async def serve_bounded(messages: Any, context: Any) -> None:
-        try:
-            header_time.check(context)
-        except StreamRefused as refusal:
-            await refuse(context, refusal.with_traceback(None))
-        await serve(messages, context)
-
-    return grpc.stream_stream_rpc_method_handler(
-        serve_bounded, handler.request_deserializer, handler.response_serializer
-    )

@@ -23,7 +23,7 @@ from motiongen_server.engine.types import (
     SessionKey,
     SetOptions,
 )
-from motiongen_server.engine.types.refusals import session_closed, session_not_open, too_many_pending
+from motiongen_server.engine.types.refusals import engine_restarting, session_closed, session_not_open, too_many_pending
 from motiongen_server.errors import EventRefused
 from motiongen_server.models.registry import LoadedModel
 from motiongen_server.rpc.convert import UNENCODED, coding_of, engine_event, prompt_texts, warnings_of
@@ -38,7 +38,7 @@ Embeddings = dict[str, NDArray[np.float32]]
 
 SESSION_CLOSED = session_closed().reason
 SESSION_NOT_OPEN = session_not_open(0).reason
-_NO_SESSION = (SESSION_NOT_OPEN, "ENGINE_RESTARTING")
+_NO_SESSION = (SESSION_NOT_OPEN, engine_restarting(0.0).reason)
 """Reasons of refusals for events whose session no engine has."""
 MAX_WAITING_EVENTS = 64
 """Events of one session that may wait for a prompt to be encoded."""

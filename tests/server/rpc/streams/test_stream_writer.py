@@ -43,15 +43,23 @@ class Context:
         return self.messages.empty()
 
 
-@asynccontextmanager
-async def written() -> AsyncIterator[tuple[Line, SessionKey, Context]]:
-    """A line to a client that was told something just now, and has an endless flush interval."""
-    line, context = Line(), Context()
-    line.stream.flush_s = ENDLESS_S
+def line_to(context: Context) -> tuple[Line, asyncio.Task[None]]:
+    """A line to that client, and what writes to it until it is cut."""
+    line = Line()
     writer = asyncio.create_task(stream_writer.write(line.stream, context))  # type: ignore[arg-type]
+    line.stream.cut = lambda: stream_writer.cut(line.stream, writer)
+    return line, writer
+
+
+@asynccontextmanager
+async def written() -> AsyncIterator[tuple[Line, SessionKey, Context, asyncio.Task[None]]]:
+    """A line to a client that was told something just now, and has an endless flush interval."""
+    context = Context()
+    line, writer = line_to(context)
+    line.stream.flush_s = ENDLESS_S
     line.open()
     assert await context.next_updates()
-    yield line, line.engine.events[0].session, context
+    yield line, line.engine.events[0].session, context, writer
     writer.cancel()
     with contextlib.suppress(asyncio.CancelledError):
         await writer
@@ -62,13 +70,13 @@ def chunk(key: SessionKey, plan: int) -> Chunk:
 
 
 async def test_frames_wait_for_the_flush_interval() -> None:
-    async with written() as (line, key, context):
+    async with written() as (line, key, context, _):
         line.stream.take(PlanNotice(key, 2, 0, PlanCause.CONTINUE, ()), chunk(key, 2))
         assert await context.is_silent()
 
 
 async def test_a_plan_that_answers_an_edit_goes_at_once_with_its_frames_and_what_waits() -> None:
-    async with written() as (line, key, context):
+    async with written() as (line, key, context, _):
         line.stream.take(chunk(key, 1))
         assert await context.is_silent()
         line.stream.take(PlanNotice(key, 2, 8, PlanCause.EDIT, (2,)), chunk(key, 2))
@@ -113,9 +121,8 @@ class SlowContext(Context):
 
 async def test_what_is_being_written_is_finished_before_a_refused_stream_is_told_so() -> None:
     """gRPC takes no status beside the first response of a call: the client heard none."""
-    line, context = Line(), SlowContext()
-    writer = asyncio.create_task(stream_writer.write(line.stream, context))  # type: ignore[arg-type]
-    line.stream.cut = lambda: stream_writer.cut(line.stream, writer)
+    context = SlowContext()
+    line, writer = line_to(context)
     line.open()
     assert await context.is_silent()
     line.stream.take(chunk(line.engine.events[0].session, 1))
@@ -129,9 +136,8 @@ async def test_what_is_being_written_is_finished_before_a_refused_stream_is_told
 
 async def test_who_takes_nothing_more_does_not_hold_up_the_end(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(stream_writer, "LAST_WRITE_S", 0.01)
-    line, context = Line(), SlowContext()
-    writer = asyncio.create_task(stream_writer.write(line.stream, context))  # type: ignore[arg-type]
-    line.stream.cut = lambda: stream_writer.cut(line.stream, writer)
+    context = SlowContext()
+    line, writer = line_to(context)
     context.reads.set()
     line.open()
     assert await context.next_updates()
@@ -146,9 +152,8 @@ async def test_who_takes_nothing_more_does_not_hold_up_the_end(monkeypatch: pyte
 async def test_a_first_message_that_is_not_taken_is_never_given_up(monkeypatch: pytest.MonkeyPatch) -> None:
     """gRPC would hold the call, without anybody who counts it."""
     monkeypatch.setattr(stream_writer, "LAST_WRITE_S", 0.0)
-    line, context = Line(), SlowContext()
-    writer = asyncio.create_task(stream_writer.write(line.stream, context))  # type: ignore[arg-type]
-    line.stream.cut = lambda: stream_writer.cut(line.stream, writer)
+    context = SlowContext()
+    line, writer = line_to(context)
     line.open()
     assert await context.is_silent()
     line.stream.refuse(stream_empty(300.0))
@@ -159,9 +164,7 @@ async def test_a_first_message_that_is_not_taken_is_never_given_up(monkeypatch: 
 
 
 async def test_a_stream_that_writes_nothing_ends_at_once() -> None:
-    async with written() as (line, _, context):
-        writer = next(task for task in asyncio.all_tasks() if task.get_coro().__name__ == "write")
-        line.stream.cut = lambda: stream_writer.cut(line.stream, writer)
+    async with written() as (line, _, context, writer):
         line.stream.refuse(stream_empty(300.0))
         await asyncio.wait({writer}, timeout=SOON_S)
         assert writer.cancelled()
@@ -169,9 +172,8 @@ async def test_a_stream_that_writes_nothing_ends_at_once() -> None:
 
 
 async def test_a_stream_that_fails_ends_with_what_is_being_written_though_it_has_sessions() -> None:
-    line, context = Line(), SlowContext()
-    writer = asyncio.create_task(stream_writer.write(line.stream, context))  # type: ignore[arg-type]
-    line.stream.cut = lambda: stream_writer.cut(line.stream, writer)
+    context = SlowContext()
+    line, writer = line_to(context)
     line.open()
     assert await context.is_silent()
     line.stream.fail(RuntimeError("a bug"))
@@ -181,8 +183,7 @@ async def test_a_stream_that_fails_ends_with_what_is_being_written_though_it_has
 
 
 async def test_a_stream_that_ends_tells_of_the_ends_of_its_sessions_before() -> None:
-    async with written() as (line, key, context):
-        writer = next(task for task in asyncio.all_tasks() if task.get_coro().__name__ == "write")
+    async with written() as (line, key, context, writer):
         line.stream.close_all(CloseReason.DRAINED)
         line.stream.end()
         assert await context.is_silent()

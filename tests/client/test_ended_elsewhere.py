@@ -10,6 +10,7 @@ import pytest
 
 from motiongen.v1 import session_pb2
 from motiongen_client import convert
+from motiongen_client.backlog import Backlog
 from motiongen_client.errors import EventRefused
 from motiongen_client.session import Session
 from motiongen_client.types import SessionOptions
@@ -28,6 +29,7 @@ class Line:
 
     def __init__(self) -> None:
         self.said: list[session_pb2.SessionEvent] = []
+        self.backlog = Backlog()
 
     def check(self, event: session_pb2.SessionEvent) -> None:
         """All fit."""

@@ -18,6 +18,7 @@ import grpc.aio
 
 from motiongen.v1 import service_pb2, session_pb2
 from motiongen.v1.service_pb2_grpc import MotionServiceStub
+from motiongen_client.backlog import SendQueue
 from motiongen_client.errors import MotiongenError, ProtocolViolation, ServerUnavailable, StreamLost
 from motiongen_client.status import reason_of
 
@@ -33,7 +34,7 @@ Take: TypeAlias = Callable[[service_pb2.StreamMotionResponse], None]
 class Call:
     """One StreamMotion call. `greet` it, then `send`; `on_end` is called once, when it is over for whatever reason.
 
-    take: called with every response; may raise ProtocolViolation, which ends the call.
+    take: called with every response; may raise ProtocolViolation, which ends the call. queue: its own.
     """
 
     def __init__(
@@ -41,14 +42,12 @@ class Call:
         channel: grpc.aio.Channel,
         take: Take,
         on_end: Callable[[Call, MotiongenError], None],
-        max_request_bytes: int,
+        queue: SendQueue,
     ) -> None:
         self._channel = channel
         self._take = take
         self._on_end = on_end
-        self._max_batch_bytes = max_request_bytes * 9 // 10  # the rest is for the message around the events
-        self._events: list[session_pb2.SessionEvent] = []
-        self._ping: service_pb2.Ping | None = None
+        self._queue = queue
         self._something_to_send = asyncio.Event()
         self._hello = asyncio.Event()
         self._is_closing = False
@@ -84,12 +83,12 @@ class Call:
 
     def send(self, event: session_pb2.SessionEvent) -> None:
         """Queue an event; it goes out with the next message."""
-        self._events.append(event)
+        self._queue.put(event)
         self._something_to_send.set()
 
     def ping(self, ping: service_pb2.Ping) -> None:
         """Send a ping with the next message."""
-        self._ping = ping
+        self._queue.put_ping(ping)
         self._something_to_send.set()
 
     def give_up(self, failure: MotiongenError) -> None:
@@ -112,6 +111,7 @@ class Call:
         if self._failure is not None:
             return
         self._failure = failure
+        self._queue.clear()
         self._something_to_send.set()  # lets the write loop see that it is over
         if self._call is not None:
             self._call.cancel()
@@ -156,8 +156,8 @@ class Call:
             while self._failure is None:
                 await self._something_to_send.wait()
                 self._something_to_send.clear()
-                while self._failure is None and (self._events or self._ping is not None):
-                    await call.write(self._next_request())
+                while self._failure is None and self._queue:
+                    await call.write(self._queue.take())
                 if self._is_closing:
                     await call.done_writing()
                     return
@@ -166,16 +166,3 @@ class Call:
         except asyncio.CancelledError:
             if self._failure is None and not self._is_closing:
                 raise
-
-    def _next_request(self) -> service_pb2.StreamMotionRequest:
-        """As many queued events as one message may carry."""
-        num_bytes, num_events = 0, 0
-        for event in self._events:
-            num_bytes += event.ByteSize() + 8
-            if num_events and num_bytes > self._max_batch_bytes:
-                break
-            num_events += 1
-        request = service_pb2.StreamMotionRequest(events=self._events[:num_events], ping=self._ping)
-        del self._events[:num_events]
-        self._ping = None
-        return request

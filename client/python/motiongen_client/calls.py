@@ -12,6 +12,7 @@ import grpc.aio
 
 from motiongen.v1 import service_pb2, session_pb2
 from motiongen_client import convert
+from motiongen_client.backlog import SendQueue
 from motiongen_client.backoff import FINAL_CODES, Backoff
 from motiongen_client.call import Call
 from motiongen_client.channel import Route
@@ -60,17 +61,17 @@ class Calls:
         agent: str,
         policy: LinePolicy,
         *,
-        max_request_bytes: int,
+        make_queue: Callable[[], SendQueue],
         events: CallEvents,
         route: Route | None = None,
     ) -> None:
-        """route: of the channels that `connect` makes; None: they all lead to one server."""
+        """make_queue: for each call. route: of the channels that `connect` makes; None: they all lead to one server."""
         self._route = route
         self._connect = connect
         self._address = address
         self._agent = agent
         self._policy = policy
-        self._max_request_bytes = max_request_bytes
+        self._make_queue = make_queue
         self._events = events
         self._channel: grpc.aio.Channel | None = None
         self._call: Call | None = None
@@ -161,7 +162,7 @@ class Calls:
         await self._drop_channel()
         self._check_open()
         channel = self._channel = self._connect()
-        call = Call(channel, self._take, self._lose, self._max_request_bytes)
+        call = Call(channel, self._take, self._lose, self._make_queue())
         try:
             await call.greet(self._agent, self._address, self._policy.hello_timeout_s, listen_s=listen_s)
             await self._events.greeted(channel)

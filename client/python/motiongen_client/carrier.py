@@ -5,11 +5,15 @@ from __future__ import annotations
 from typing import Protocol
 
 from motiongen.v1 import session_pb2
+from motiongen_client.backlog import Backlog
 from motiongen_client.errors import EventRefused
 
 
 class Carrier(Protocol):
-    """What a session needs of the stream that carries it."""
+    """What a session needs of the stream that carries it. backlog: of what waits there."""
+
+    @property
+    def backlog(self) -> Backlog: ...
 
     @property
     def call_number(self) -> int:

@@ -15,7 +15,8 @@ from motiongen_client.direction import PRESENT_PROMPT_ID
 from motiongen_client.errors import EventRefused, MotiongenError, ProtocolViolation, SessionEnded, UnknownName
 from motiongen_client.playback import Playback
 from motiongen_client.prompts import Prompt
-from motiongen_client.recovery import Line, Recovery
+from motiongen_client.recovery import Recovery
+from motiongen_client.reopening import Line
 from motiongen_client.types import (
     Catalog,
     Constraint,
@@ -73,6 +74,8 @@ class Conversation(Recovery):
         ids = self._take_constraint_ids(len(constraints))
         targets = [convert.constraint(key, target) for key, target in zip(ids, constraints, strict=True)]
         opening = convert.open_session(options, prompts, targets)
+        if (refusal := self._refusal("opening a session")) is not None:
+            raise refusal
         self._wishes.take_opening(opening)
         self._send(session_pb2.SessionEvent(open=opening))
         await asyncio.shield(self._opening)
@@ -130,7 +133,7 @@ class Conversation(Recovery):
 
     def interrupt(self) -> None:
         """The line is lost. One that was closing is over."""
-        if any(event.HasField("close") for event in self._unanswered.values()):
+        if any(event.HasField("close") for event in self._unanswered):
             self._finish(SessionEnd("client", "the line was lost while it was closed", self._num_frames, 0))
             return
         super().interrupt()
@@ -189,7 +192,7 @@ class Conversation(Recovery):
             self._set_level(ServiceLevel("full", opened.denoise_steps))  # another follows where that is not so
             return
         self._line, self.opened, self._token = Line.OPEN, opened, token
-        del self._unanswered[1]
+        self._unanswered.pop(1)
         self._log_warnings(opened.warnings)
         self._wishes.place(opened.placements)
         self.service_level = ServiceLevel("full", opened.denoise_steps)
@@ -223,7 +226,7 @@ class Conversation(Recovery):
             return
         if self.is_away:
             return  # it crossed the session's end: what has no answer by then is said again where it goes on
-        event = self._unanswered.pop(message.event_seq, None)
+        event = self._unanswered.pop(message.event_seq)
         edit = self._edits.find(message.event_seq)
         answer = convert.outcome(message, edit.what if edit is not None else "an event", self._offset)
         if isinstance(answer, EventRefused):

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from abc import abstractmethod
 from collections.abc import Callable, Iterable
 
 from numpy.typing import ArrayLike
@@ -11,14 +10,13 @@ from motiongen.v1 import session_pb2
 from motiongen_client import convert
 from motiongen_client.carrier import Carrier
 from motiongen_client.changes import Changes
-from motiongen_client.cuts import Cuts
-from motiongen_client.edit import Edit, EditBook
-from motiongen_client.errors import EventRefused, InvalidInput, MotiongenError
-from motiongen_client.frame_shift import shifted
+from motiongen_client.edit import Edit
+from motiongen_client.errors import EventRefused, InvalidInput
 from motiongen_client.motion import Rig
 from motiongen_client.playback import Playback
 from motiongen_client.prompts import Prompt, prompt_name
 from motiongen_client.reached import ReachedBook
+from motiongen_client.sending import Sending
 from motiongen_client.types import (
     Constraint,
     Flexible,
@@ -34,25 +32,18 @@ from motiongen_client.types import (
 PRESENT_PROMPT_ID = 1  # the prompt set without a frame; scheduled prompts take the ids above it
 
 
-class Direction(Cuts):
+class Direction(Sending):
     """The half of a `Session` that speaks to the server. Every change returns an `Edit`."""
 
     rig: Rig
     playback: Playback
 
     def __init__(self, handle: int, carrier: Carrier, clock: Callable[[], float]) -> None:
-        self.handle = handle
-        self._carrier = carrier
-        self._clock = clock
-        self._failure: MotiongenError | None = None
-        self._next_seq = 1
+        super().__init__(handle, carrier, clock)
         self._next_constraint_id = 1
         self._next_prompt_id = PRESENT_PROMPT_ID + 1
         self._scheduled_prompts: dict[int, int] = {}  # prompt id -> start frame, those the server has accepted
-        self._edits = EditBook()
         self._reached = ReachedBook()
-        self._unanswered: dict[int, session_pb2.SessionEvent] = {}  # by number, all but playheads
-        self._offset = 0  # which of our frames is the server's frame 0
         self._changed = Changes()  # something came, or is due now
 
     def set_prompt(
@@ -219,14 +210,16 @@ class Direction(Cuts):
     def pause(self) -> Edit:
         """Stop the playhead: the last frame stays, and the server computes no more than the look-ahead."""
         sent = self._send_play_state("the pause", session_pb2.PLAY_STATE_PAUSED)
-        self.playback.pause()  # not before: one that is over plays what is left
+        if not sent.done():  # and not before: one that is over plays what is left
+            self.playback.pause()
         return sent
 
     def resume(self) -> Edit:
         """Let the playhead go on after `pause`."""
         sent = self._send_play_state("the end of the pause", session_pb2.PLAY_STATE_PLAYING)
-        self.playback.resume()
-        self._changed.set()
+        if not sent.done():
+            self.playback.resume()
+            self._changed.set()
         return sent
 
     def _edit_constraints(
@@ -248,49 +241,3 @@ class Direction(Cuts):
     def _send_play_state(self, what: str, state: session_pb2.PlayState) -> Edit:
         event = session_pb2.SessionEvent(set_play_state=session_pb2.SetPlayState(state=state))
         return self._send_edit(what, event)
-
-    def _send_edit(
-        self,
-        what: str,
-        event: session_pb2.SessionEvent,
-        constraint_ids: tuple[int, ...] = (),
-        prompt_id: int | None = None,
-    ) -> Edit:
-        edit = Edit(what, self._next_seq, self._clock(), constraint_ids, prompt_id)
-        self._send(event)
-        self._edits.add(edit)
-        return edit
-
-    @property
-    @abstractmethod
-    def _is_attached(self) -> bool:
-        """Whether the server hears what is sent; else it waits among the unanswered."""
-
-    @property
-    def last_seq(self) -> int:
-        """The number of the newest event: all of them outlive the server once `durable_seq` has come to it."""
-        return self._next_seq - 1
-
-    @property
-    def _answered_seq(self) -> int:
-        """Every event up to this number has been answered."""
-        return min(self._unanswered, default=self._next_seq) - 1
-
-    def _send(self, event: session_pb2.SessionEvent) -> None:
-        """Give an event its number, and send it as soon as the server hears it. Raises why it never will."""
-        if self._failure is not None:
-            raise self._failure
-        event.session = self.handle
-        event.event_seq = self._next_seq
-        self._carrier.check(event)
-        if shifted(event, self._offset) is None:
-            raise InvalidInput(event.WhichOneof("event") or "event", "frames that are past", "frames still to come")
-        self._unanswered[self._next_seq] = event
-        self._next_seq += 1
-        if self._is_attached:
-            self._transmit(event)
-
-    def _transmit(self, event: session_pb2.SessionEvent) -> None:
-        moved = shifted(event, self._offset)
-        if moved is not None:
-            self._carrier.send(moved)

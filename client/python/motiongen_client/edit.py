@@ -19,8 +19,9 @@ class Edit:
     longer be answered. A refusal that nobody awaits is logged as a warning. The server answers when the plan that
     holds the change is made; for a prompt scheduled far ahead that is only when its frames are generated.
 
-    event_seq: its number in the session; another one where the session had to be opened anew. constraint_ids: ids given
-    to the constraints it adds; prompt_id: the id of the prompt it sets.
+    event_seq: its number in the session; another one where the session had to be opened anew, and 0 where it was never
+    taken on (OUTBOX_FULL). constraint_ids: ids given to the constraints it adds; prompt_id: the id of the prompt it
+    sets.
     """
 
     def __init__(

@@ -105,9 +105,10 @@ class EventRefused(MotiongenError):
     """The server refused an event; it changed nothing and the session goes on.
 
     event: what was tried; code: name of the google.rpc code; reason: stable name of the mistake, as docs/protocol.md
-    lists them; field: path of the field at fault; allowed: what would have been accepted there; retry_after_s: how long
-    to wait before trying the same again, None where waiting is not known to help; other_servers: those that have room
-    for a session that this one has none for, the best first. `MotionClient.open` has asked them where it may.
+    lists them, or OUTBOX_FULL where the client took it on no more, since too much waits here until a server hears it;
+    field: path of the field at fault; allowed: what would have been accepted there; retry_after_s: how long to wait
+    before trying the same again, None where waiting is not known to help; other_servers: those that have room for a
+    session that this one has none for, the best first. `MotionClient.open` has asked them where it may.
     """
 
     def __init__(

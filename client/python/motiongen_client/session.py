@@ -12,7 +12,7 @@ from motiongen_client.carrier import Carrier
 from motiongen_client.conversation import Conversation
 from motiongen_client.motion import Frame, Motion, Rig
 from motiongen_client.posing import Poser
-from motiongen_client.recovery import Line
+from motiongen_client.reopening import Line
 from motiongen_client.sampling import Sampler
 from motiongen_client.types import Catalog, SessionEnd
 

@@ -11,16 +11,16 @@ import grpc.aio
 from motiongen.v1 import service_pb2, session_pb2
 from motiongen.v1.service_pb2_grpc import MotionServiceStub
 from motiongen_client import convert
+from motiongen_client.backlog import Backlog, SendQueue
 from motiongen_client.calls import CallEvents, Calls
 from motiongen_client.catalogs import has_model, newest_catalog
 from motiongen_client.channel import Route
 from motiongen_client.errors import EventRefused, InvalidInput, MotiongenError, ServerUnavailable
 from motiongen_client.line_policy import LinePolicy
 from motiongen_client.prompts import Prompt
+from motiongen_client.reports import Reports
 from motiongen_client.session import Session
 from motiongen_client.types import NO_PROMPTS, Catalog, Constraint, SessionOptions
-
-_MIN_REPORT_GAP_S = 0.025  # 40 a second; servers allow 50 events of a session
 
 
 class Stream:
@@ -53,16 +53,23 @@ class Stream:
             raise InvalidInput("report_hz", report_hz, "a number from 1 to 5")
         self._address = address
         self._catalog = catalog
-        self._report_period_s = 1 / report_hz
+        self._reports = Reports(1 / report_hz, self._report_playheads)
         self._policy = policy or LinePolicy()
         events = CallEvents(self._take, self._hear_hello, self._begin, self._interrupt, self._fail)
-        most = catalog.limits.max_request_bytes
-        self._calls = Calls(connect, address, agent, self._policy, max_request_bytes=most, events=events, route=route)
+        self.backlog = Backlog()
+        most = self._most_event_bytes()
+        self._calls = Calls(
+            connect,
+            address,
+            agent,
+            self._policy,
+            make_queue=lambda: SendQueue(self.backlog, lambda: most),
+            events=events,
+            route=route,
+        )
         self._move, self._route, self._on_catalog = move, route, on_catalog
         self._sessions: dict[int, Session] = {}
         self._next_handle = 1
-        self._report_wanted = asyncio.Event()
-        self._reporting: asyncio.Task[None] | None = None
         self.replica_id = ""
         self.draining = False
 
@@ -159,14 +166,12 @@ class Stream:
         except BaseException:
             await self.close()
             raise
-        self._reporting = asyncio.create_task(self._report_playheads(), name="motiongen-report")
+        self._reports.begin()
         return self
 
     async def close(self) -> None:
         """End all sessions and the call. May be called again."""
-        if self._reporting is not None:
-            self._reporting.cancel()
-            await asyncio.gather(self._reporting, return_exceptions=True)
+        await self._reports.close()
         await self._calls.close()
 
     async def ready(self) -> None:
@@ -201,10 +206,13 @@ class Stream:
 
     def check(self, event: session_pb2.SessionEvent) -> None:
         """Raise InvalidInput when an event is too big for a message."""
-        most = self._catalog.limits.max_request_bytes * 9 // 10
+        most = self._most_event_bytes()
         if event.ByteSize() > most:
             allowed = f"at most {most} bytes in one event; split it"
             raise InvalidInput(event.WhichOneof("event") or "event", f"{event.ByteSize()} bytes", allowed)
+
+    def _most_event_bytes(self) -> int:
+        return self._catalog.limits.max_request_bytes * 9 // 10  # the rest is for the message around the events
 
     def send(self, event: session_pb2.SessionEvent) -> None:
         """Queue an event; it goes out with the next message. While the line is lost it goes nowhere."""
@@ -212,7 +220,7 @@ class Stream:
 
     def report_soon(self) -> None:
         """Report playheads without waiting for the next regular report."""
-        self._report_wanted.set()
+        self._reports.soon()
 
     def move_elsewhere(self, handle: int, refusal: EventRefused) -> bool:
         """As in Carrier."""
@@ -264,8 +272,7 @@ class Stream:
         for session in self.sessions:
             session.fail(failure)
         self._sessions.clear()
-        if self._reporting is not None:
-            self._reporting.cancel()
+        self._reports.cancel()
 
     def _take(self, response: service_pb2.StreamMotionResponse) -> None:
         match response.WhichOneof("stream_event"):
@@ -283,15 +290,7 @@ class Stream:
             if session.is_over:
                 del self._sessions[update.session]
 
-    async def _report_playheads(self) -> None:
-        while True:
-            try:
-                async with asyncio.timeout(self._report_period_s):
-                    await self._report_wanted.wait()
-            except TimeoutError:
-                pass  # the regular report
-            self._report_wanted.clear()
-            for session in self.sessions:
-                if session.is_reporting:
-                    self.send(session.report())
-            await asyncio.sleep(_MIN_REPORT_GAP_S)
+    def _report_playheads(self) -> None:
+        for session in self.sessions:
+            if session.is_reporting and not self.backlog.is_queue_full:  # the next says it all
+                self.send(session.report())

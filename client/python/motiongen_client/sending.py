@@ -1,0 +1,99 @@
+"""How a session is told something: each event has a number, and is kept until the server has answered it."""
+
+from __future__ import annotations
+
+import logging
+from abc import abstractmethod
+from collections.abc import Callable
+
+from motiongen.v1 import session_pb2
+from motiongen_client.backlog import Unanswered
+from motiongen_client.carrier import Carrier
+from motiongen_client.cuts import Cuts
+from motiongen_client.edit import Edit, EditBook
+from motiongen_client.errors import EventRefused, InvalidInput, MotiongenError
+from motiongen_client.frame_shift import shifted
+
+_log = logging.getLogger(__name__)
+
+
+class Sending(Cuts):
+    """The part of a `Session` that gives events their numbers, and says them to a server that hears it."""
+
+    def __init__(self, handle: int, carrier: Carrier, clock: Callable[[], float]) -> None:
+        self.handle = handle
+        self._carrier = carrier
+        self._clock = clock
+        self._failure: MotiongenError | None = None
+        self._next_seq = 1
+        self._edits = EditBook()
+        self._unanswered = Unanswered(carrier.backlog)
+        self._offset = 0  # which of our frames is the server's frame 0
+        self._is_refusing = False  # since there is no room
+
+    @property
+    def last_seq(self) -> int:
+        """The number of the newest event: all of them outlive the server once `durable_seq` has come to it."""
+        return self._next_seq - 1
+
+    @property
+    @abstractmethod
+    def _is_attached(self) -> bool:
+        """Whether the server hears what is sent; else it waits among the unanswered."""
+
+    @property
+    def _answered_seq(self) -> int:
+        """Every event up to this number has been answered."""
+        return self._unanswered.first(self._next_seq) - 1
+
+    def _send_edit(
+        self,
+        what: str,
+        event: session_pb2.SessionEvent,
+        constraint_ids: tuple[int, ...] = (),
+        prompt_id: int | None = None,
+    ) -> Edit:
+        """Where there is no room for it, the edit is refused by the time this returns."""
+        self._check(event)
+        refusal = self._refusal(what)
+        edit = Edit(what, self._next_seq if refusal is None else 0, self._clock(), constraint_ids, prompt_id)
+        if refusal is None:
+            self._say(event)
+            self._edits.add(edit)
+        else:
+            edit.settle(refusal)
+        return edit
+
+    def _refusal(self, what: str) -> EventRefused | None:
+        """Why nothing more is taken on at present; the first of several is logged."""
+        refusal = self._carrier.backlog.refusal(what, is_heard=self._is_attached)
+        if refusal is not None and not self._is_refusing:
+            _log.warning("session %d: %s; others are refused without a word", self.handle, refusal)
+        self._is_refusing = refusal is not None
+        return refusal
+
+    def _check(self, event: session_pb2.SessionEvent) -> None:
+        """Raise why an event can never be sent."""
+        if self._failure is not None:
+            raise self._failure
+        event.session = self.handle
+        event.event_seq = self._next_seq
+        self._carrier.check(event)
+        if shifted(event, self._offset) is None:
+            raise InvalidInput(event.WhichOneof("event") or "event", "frames that are past", "frames still to come")
+
+    def _send(self, event: session_pb2.SessionEvent) -> None:
+        """Give an event its number, and send it as soon as the server hears it. Raises why it never will."""
+        self._check(event)
+        self._say(event)
+
+    def _say(self, event: session_pb2.SessionEvent) -> None:
+        self._unanswered.add(event, is_kept=not self._is_attached)
+        self._next_seq += 1
+        if self._is_attached:
+            self._transmit(event)
+
+    def _transmit(self, event: session_pb2.SessionEvent) -> None:
+        moved = shifted(event, self._offset)
+        if moved is not None:
+            self._carrier.send(moved)

@@ -57,13 +57,12 @@ class Stream:
         self._policy = policy or LinePolicy()
         events = CallEvents(self._take, self._hear_hello, self._begin, self._interrupt, self._fail)
         self.backlog = Backlog()
-        most = self._most_event_bytes()
         self._calls = Calls(
             connect,
             address,
             agent,
             self._policy,
-            make_queue=lambda: SendQueue(self.backlog, lambda: most),
+            make_queue=lambda: SendQueue(self.backlog, self._most_event_bytes),
             events=events,
             route=route,
         )

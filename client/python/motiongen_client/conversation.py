@@ -239,8 +239,8 @@ class Conversation(Recovery):
                 self._wishes.take(event, effective, playhead, answer.placements)
                 if event.HasField("seek") and answer.effective_frame is not None:
                     self.playback.note_cut(answer.effective_frame)
-                for target in event.edit_constraints.upsert:
-                    self._reached.replaced(target.constraint_id, is_accepted=True)
+            if edit is not None and edit.is_replacement:
+                self._reached.replaced(edit.constraint_ids[0], is_accepted=True)
         if edit is not None:
             self._edits.answer(edit, answer)
 

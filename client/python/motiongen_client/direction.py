@@ -150,6 +150,7 @@ class Direction(Sending):
             raise InvalidInput("constraint_id", constraint_id, "one of the constraint_ids of an earlier Edit")
         edit = session_pb2.EditConstraints(upsert=[convert.constraint(constraint_id, constraint)])
         sent = self._send_edit("a constraint", session_pb2.SessionEvent(edit_constraints=edit), (constraint_id,))
+        sent.is_replacement = True
         self._reached.replace(constraint_id)
         sent.when_refused(lambda _: self._reached.replaced(constraint_id, is_accepted=False))
         return sent

@@ -20,8 +20,8 @@ class Edit:
     holds the change is made; for a prompt scheduled far ahead that is only when its frames are generated.
 
     event_seq: its number in the session; another one where the session had to be opened anew, and 0 where it was never
-    taken on (OUTBOX_FULL). constraint_ids: ids given to the constraints it adds; prompt_id: the id of the prompt it
-    sets.
+    taken on (OUTBOX_FULL). constraint_ids: ids given to the constraints it adds, or the id of the one that it puts in
+    the place of another (is_replacement); prompt_id: the id of the prompt it sets.
     """
 
     def __init__(
@@ -36,6 +36,7 @@ class Edit:
         self.event_seq = event_seq
         self.constraint_ids = constraint_ids
         self.prompt_id = prompt_id
+        self.is_replacement = False
         self._sent_at_s = sent_at_s
         self._first_frame_at_s: float | None = None
         self._answer: asyncio.Future[Outcome] = asyncio.get_running_loop().create_future()

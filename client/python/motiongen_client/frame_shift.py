@@ -42,6 +42,11 @@ def shifted(event: session_pb2.SessionEvent, offset: int) -> session_pb2.Session
     return moved
 
 
+def passed_targets(event: session_pb2.SessionEvent, offset: int) -> list[int]:
+    """The ids of the constraints that `shifted` leaves out of an event."""
+    return [each.constraint_id for each in event.edit_constraints.upsert if shifted_constraint(each, offset) is None]
+
+
 def shifted_span(span: motion_pb2.PromptSpan, offset: int) -> motion_pb2.PromptSpan | None:
     """None where it has ended before."""
     if span.end_frame and span.end_frame <= offset:

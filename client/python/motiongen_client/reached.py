@@ -20,7 +20,7 @@ class ReachedBook:
         self._told: dict[int, ConstraintReached] = {}
         self._heard: dict[tuple[int, int], None] = {}  # id and frame of all that was told of late
         self._replacing: Counter[int] = Counter()  # ids that another constraint is to take, not answered yet
-        self._before: dict[int, ConstraintReached] = {}  # what became of those that have these ids until then
+        self._before: dict[int, ConstraintReached | EventRefused] = {}  # of those that have these ids until then
         self._awaited: dict[int, asyncio.Future[ConstraintReached]] = {}
         self._refused: dict[int, EventRefused] = {}
         self._failure: MotiongenError | None = None
@@ -51,14 +51,14 @@ class ReachedBook:
 
     def replace(self, constraint_id: int) -> None:
         """Another constraint is to take the id: what became of the one before is not told for it."""
-        self._refused.pop(constraint_id, None)
         self._replacing[constraint_id] += 1
-        before = self._told.pop(constraint_id, None)
+        refused, told = self._refused.pop(constraint_id, None), self._told.pop(constraint_id, None)
+        before = told or refused
         if before is not None:
             self._before[constraint_id] = before
 
     def replaced(self, constraint_id: int, *, is_accepted: bool) -> None:
-        """It has the id from now on; or was refused, and what became of the one before holds. Others are ignored."""
+        """It has the id from now on; or was refused, and what became of the one before holds."""
         if constraint_id not in self._replacing:
             return
         self._replacing[constraint_id] -= 1
@@ -66,13 +66,23 @@ class ReachedBook:
         if is_last:
             del self._replacing[constraint_id]
         before = self._before.pop(constraint_id, None) if is_last or is_accepted else None
-        if before is not None and not is_accepted:
+        if before is None or is_accepted:
+            return
+        if isinstance(before, EventRefused):
+            self.refuse([constraint_id], before)
+        else:
             self._tell(before)
 
     def refuse(self, constraint_ids: Iterable[int], refusal: EventRefused) -> None:
-        """No server has these, and none will tell of them: who waits for one, now or later, is told why."""
+        """No server has these, and none will tell of them: who waits for one, now or later, is told why.
+
+        Who waits for one whose id another is to take hears of that one, or this once that is refused too.
+        """
         for key in constraint_ids:
             if key in self._told:
+                continue
+            if key in self._replacing:
+                self._before.setdefault(key, refusal)
                 continue
             self._refused[key] = refusal
             if len(self._refused) > MOST_KEPT:

@@ -21,7 +21,7 @@ from motiongen_client.carrier import Carrier
 from motiongen_client.direction import PRESENT_PROMPT_ID, Direction
 from motiongen_client.edit import LOST_MEANWHILE, Edit
 from motiongen_client.errors import EventRefused, MotiongenError, SessionEnded, UnknownName
-from motiongen_client.frame_shift import shifted
+from motiongen_client.frame_shift import passed_targets, shifted
 from motiongen_client.motion import Motion
 from motiongen_client.types import Catalog, Opened, Priority, Reopened, SessionOptions, StartPose
 from motiongen_client.wishes import Wishes
@@ -165,16 +165,17 @@ class Reopening(Direction):
         wished = [(event, False) for event in self._wishes.events_from(self._offset)]
         self._next_seq = 2
         numbers = {}
+        passed = EventRefused("a constraint", "FAILED_PRECONDITION", "FRAME_COMMITTED", LOST_MEANWHILE)
         for event, is_kept in (*wished, *self._unanswered.take_all()):
             self._say_as_frames(event)
             if shifted(event, self._offset) is None:
                 continue
+            self._reached.refuse(passed_targets(event, self._offset), passed)
             numbers[event.event_seq] = self._next_seq
             event.session, event.event_seq = self.handle, self._next_seq
             self._unanswered.add(event, is_kept=is_kept)
             self._next_seq += 1
         self._edits.renumber(numbers)
-        passed = EventRefused("a constraint", "FAILED_PRECONDITION", "FRAME_COMMITTED", LOST_MEANWHILE)
         self._reached.refuse(self._wishes.passed_at(self._offset), passed)
         self._send_unanswered()
         told = Reopened(self._offset, self._reason)

@@ -12,7 +12,7 @@ from motiongen_client.carrier import Carrier
 from motiongen_client.cuts import Cuts
 from motiongen_client.edit import Edit, EditBook
 from motiongen_client.errors import EventRefused, InvalidInput, MotiongenError
-from motiongen_client.frame_shift import shifted
+from motiongen_client.frame_shift import passed_targets, shifted
 
 _log = logging.getLogger(__name__)
 
@@ -79,7 +79,7 @@ class Sending(Cuts):
         event.session = self.handle
         event.event_seq = self._next_seq
         self._carrier.check(event)
-        if shifted(event, self._offset) is None:
+        if self._offset and (shifted(event, self._offset) is None or passed_targets(event, self._offset)):
             raise InvalidInput(event.WhichOneof("event") or "event", "frames that are past", "frames still to come")
 
     def _send(self, event: session_pb2.SessionEvent) -> None:

@@ -163,10 +163,11 @@ class Reopening(Direction):
             return
         self._line, self.opened = Line.OPEN, opened
         wished = [(event, False) for event in self._wishes.events_from(self._offset)]
+        held = [(event, is_kept) for event, is_kept in self._unanswered.take_all() if self._is_asked(event)]
         self._next_seq = 2
         numbers = {}
         passed = EventRefused("a constraint", "FAILED_PRECONDITION", "FRAME_COMMITTED", LOST_MEANWHILE)
-        for event, is_kept in (*wished, *self._unanswered.take_all()):
+        for event, is_kept in (*wished, *held):
             self._say_as_frames(event)
             if shifted(event, self._offset) is None:
                 continue
@@ -182,3 +183,7 @@ class Reopening(Direction):
         self.reopenings = (*self.reopenings, told)
         _log.warning("session %d was opened anew at frame %d: %s", self.handle, told.frame, told.reason)
         call_back(self.on_reopened, told)
+
+    def _is_asked(self, event: session_pb2.SessionEvent) -> bool:
+        """Whether the application asked for it: what was said of its wishes when it was last opened anew was not."""
+        return event.HasField("close") or self._edits.find(event.event_seq) is not None

@@ -90,10 +90,12 @@ async def open_session(line: Line, token: str = TOKEN) -> Session:
     return session
 
 
-def open_anew(session: Session, line: Line) -> None:
+def open_anew(session: Session, line: Line, *placements: motion_pb2.ConstraintPlacement) -> None:
     """The line is lost, and the next server has not kept the session, which goes on behind the frames that it holds."""
     session.interrupt()
     session.reattach(convert.catalog(catalog(100)))
     if line.said[-1].open.resume_token:
         session.hear(answer(1, code=5, reason="SESSION_NOT_KEPT"))
-    session.hear(opened())
+    anew = opened()
+    anew.opened.placements.extend(placements)
+    session.hear(anew)

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import pytest
 
-from motiongen.v1 import session_pb2
+from motiongen.v1 import motion_pb2, session_pb2
 from motiongen_client import Session
 from tests.client.line import Line, answer, frames, open_anew, open_session
 from tests.client.synthetic import HORIZON
@@ -42,5 +42,42 @@ async def test_what_holds_is_said_once_where_the_line_is_lost_again_before_an_an
         assert velocity.set_velocity.hold_frames == 210 - number * HORIZON
         assert cut.seek.HasField("start_pose")
         assert [velocity.event_seq, cut.event_seq, waiting.event_seq] == [2, 3, 3]
+        for update in frames(1):
+            session.hear(update)
+
+
+async def test_a_place_that_is_put_later_by_each_new_session_is_asked_for_until_it_is_reached(
+    session: Session, line: Line
+) -> None:
+    edit = session.go_to(1.0, 2.0)
+    (key,) = edit.constraint_ids
+
+    def put(first_frame: int) -> motion_pb2.ConstraintPlacement:
+        frames = {"first_frame": first_frame, "last_frame": first_frame + 50, "arrival_frame": first_frame + 45}
+        return motion_pb2.ConstraintPlacement(constraint_id=key, anchor_frame=first_frame, **frames)
+
+    session.hear(answer(2, effective_frame=10, placements=[put(10)]))
+    for _ in range(3):
+        open_anew(session, line, put(5))
+        (asked,) = next(event for event in reversed(line.said) if event.HasField("open")).open.constraints
+        assert asked.at_any_frame
+        for update in frames(1):
+            session.hear(update)
+
+
+async def test_of_a_path_each_new_session_is_told_what_the_one_before_has_left(session: Session, line: Line) -> None:
+    """Each walks 40 frames of what it was told, in which it comes to as many corners as it was put to."""
+    edit = session.follow_path([[1.0, 0.0], [2.0, 0.0], [3.0, 0.0], [4.0, 0.0]])
+
+    def put(anchor_x_m: float, last_frame: int) -> motion_pb2.ConstraintPlacement:
+        return motion_pb2.ConstraintPlacement(
+            constraint_id=edit.constraint_ids[0], last_frame=last_frame, anchor_x=anchor_x_m
+        )
+
+    session.hear(answer(2, effective_frame=0, placements=[put(0.0, 115)]))
+    for left in ([2.0, 0.0, 3.0, 0.0, 4.0, 0.0], [3.0, 0.0, 4.0, 0.0], [4.0, 0.0]):
+        open_anew(session, line, put(left[0] - 0.75, 20 * len(left)))
+        (asked,) = next(event for event in reversed(line.said) if event.HasField("open")).open.constraints
+        assert list(asked.root_path.positions) == left
         for update in frames(1):
             session.hear(update)

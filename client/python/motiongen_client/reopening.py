@@ -178,6 +178,7 @@ class Reopening(Direction):
             self._next_seq += 1
         self._edits.renumber(numbers)
         self._reached.refuse(self._wishes.passed_at(self._offset), passed)
+        self._wishes.take_reopening(self._offset, opened.placements)
         self._send_unanswered()
         told = Reopened(self._offset, self._reason)
         self.reopenings = (*self.reopenings, told)

@@ -36,6 +36,14 @@ class Wishes:
                 self._constraints[key] = placed(self._constraints[key], placement)
                 self._placements[key] = placement
 
+    def take_reopening(self, frame: int, placements: Iterable[Placement]) -> None:
+        """The session was opened anew at a frame, with what was left then, which it has put elsewhere."""
+        for key, target in self._constraints.items():
+            left = self._left(key, frame) if target.HasField("root_path") else None
+            if left is not None:  # of a path that was walked in part the new session has the rest
+                self._constraints[key] = left
+        self.place(placements)
+
     def end(self, constraint_id: int) -> None:
         """The server has told what became of a constraint: nothing is asked of it any more, met early or not."""
         self._constraints.pop(constraint_id, None)

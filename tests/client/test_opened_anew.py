@@ -5,9 +5,9 @@ from __future__ import annotations
 import pytest
 
 from motiongen.v1 import motion_pb2, session_pb2
-from motiongen_client import Session
-from tests.client.line import Line, answer, frames, open_anew, open_session
-from tests.client.synthetic import HORIZON
+from motiongen_client import Session, SessionEnded, convert
+from tests.client.line import Line, answer, frames, open_anew, open_session, opened
+from tests.client.synthetic import HORIZON, catalog
 
 
 @pytest.fixture
@@ -81,3 +81,16 @@ async def test_of_a_path_each_new_session_is_told_what_the_one_before_has_left(s
         assert list(asked.root_path.positions) == left
         for update in frames(1):
             session.hear(update)
+
+
+async def test_one_that_comes_back_with_another_rig_is_ended_at_the_server_too(session: Session, line: Line) -> None:
+    session.set_prompt("a person runs")
+    session.interrupt()
+    session.reattach(convert.catalog(catalog(100)))
+    anew = opened()
+    anew.opened.rig_id = "stick10"
+    session.hear(anew)
+    with pytest.raises(SessionEnded, match="its rig, stick9, is not served any more"):
+        session.set_prompt("a person waves")
+    (closing,) = said_since_opened(line)
+    assert closing == session_pb2.SessionEvent(session=1, event_seq=2, close=session_pb2.CloseSession())

@@ -8,7 +8,7 @@ from __future__ import annotations
 
 import enum
 import logging
-from collections.abc import Callable
+from collections.abc import Callable, Iterable
 from dataclasses import replace
 from typing import Any
 
@@ -20,7 +20,7 @@ from motiongen_client.callbacks import call_back
 from motiongen_client.carrier import Carrier
 from motiongen_client.direction import PRESENT_PROMPT_ID, Direction
 from motiongen_client.edit import LOST_MEANWHILE, Edit
-from motiongen_client.errors import EventRefused, MotiongenError, SessionEnded, UnknownName
+from motiongen_client.errors import EventRefused, InvalidInput, MotiongenError, SessionEnded, UnknownName
 from motiongen_client.frame_shift import passed_targets, shifted
 from motiongen_client.motion import Motion
 from motiongen_client.types import Catalog, Opened, Priority, Reopened, SessionOptions, StartPose
@@ -114,18 +114,23 @@ class Reopening(Direction):
         self._set_durable(False)
         frame = self.playback.buffered_to
         options = replace(self._options, seed=self.opened.seed, model_id=self.opened.model_id)
-        if frame > self.playback.first_kept:
-            options = replace(options, prior=self._prior(frame), start=StartPose())
-        self.playback.restart(frame)
-        self._offset = frame
         prompts = self._wishes.prompts_from(frame, self._catalog.limits.max_prompts)
         constraints = self._wishes.constraints_from(frame)
+        if frame > self.playback.first_kept:
+            options = replace(options, prior=None, start=StartPose())
+            rest_bytes = convert.open_session(options, prompts, constraints).ByteSize()
+            options = replace(options, prior=self._prior(frame, rest_bytes))
+        self.playback.restart(frame)
+        self._offset = frame
         lasting = [span for span in prompts if span.prompt_id != PRESENT_PROMPT_ID and not span.end_frame]
         self._scheduled_prompts = {span.prompt_id: span.start_frame + frame for span in lasting}
         self._send_opening(convert.open_session(options, prompts, constraints))
 
-    def _prior(self, end_frame: int) -> Motion:
-        """The last frames held, as many as a window sees; where there are fewer, the first is repeated before them."""
+    def _prior(self, end_frame: int, rest_bytes: int = 0) -> Motion:
+        """The last frames held, as many as a window sees; where there are fewer, the first is repeated before them.
+
+        rest_bytes: what their message has besides.
+        """
         try:
             model = self._catalog.model(self.opened.model_id)
         except UnknownName:
@@ -133,7 +138,8 @@ class Reopening(Direction):
         else:
             patch = max(model.patch_frames, 1)
             asked = self._options.history_frames or model.default_history_frames
-            most = max(self._catalog.limits.max_request_bytes * 9 // 10 // (4 * self.rig.own_width), 1)
+            most_bytes = self._catalog.limits.max_request_bytes * 9 // 10 - rest_bytes
+            most = max(most_bytes // (4 * self.rig.own_width), 1)
             wanted = min(max(min(asked, most) // patch, 1) * patch, most)  # in a message that the server takes
         first = max(end_frame - wanted, self.playback.first_kept, self.playback.cut_before(end_frame) or 0)
         rows = self.playback.rows(first, end_frame)
@@ -143,12 +149,33 @@ class Reopening(Direction):
         return Motion(self.rig, end_frame - wanted, rows)
 
     def _send_opening(self, opening: session_pb2.OpenSession) -> None:
-        self._carrier.send(session_pb2.SessionEvent(session=self.handle, event_seq=1, open=opening))
+        event = session_pb2.SessionEvent(session=self.handle, event_seq=1, open=opening)
+        if self._fits([event]):
+            self._carrier.send(event)
 
     def _send_unanswered(self) -> None:
         """Say again what was not answered, with the numbers it has; the server drops what it has taken already."""
-        for event in self._unanswered:
-            self._transmit(event)
+        if self._fits(self._unanswered):
+            for event in self._unanswered:
+                self._transmit(event)
+
+    def _fits(self, events: Iterable[session_pb2.SessionEvent]) -> bool:
+        """Whether the server takes messages of this size; else the session ends: the stream would, with all others."""
+        try:
+            for event in events:
+                self._carrier.check(event)
+        except InvalidInput as too_big:
+            self._break_off(too_big)
+            return False
+        return True
+
+    def _break_off(self, failure: MotiongenError) -> None:
+        """End it here, and at the server where that has it."""
+        if self._line is Line.OPEN:
+            number = self._unanswered.first(self._next_seq)
+            close = session_pb2.CloseSession()
+            self._carrier.send(session_pb2.SessionEvent(session=self.handle, event_seq=number, close=close))
+        self.fail(failure)
 
     def _set_durable(self, is_durable: bool) -> None:
         if is_durable != self.is_durable:
@@ -156,15 +183,16 @@ class Reopening(Direction):
             call_back(self.on_durability, is_durable)
 
     def _go_on_anew(self, opened: Opened) -> None:
+        self._line, self._next_seq = Line.OPEN, 2
         known = {rig.rig_id: rig.own_width for rig in self._catalog.rigs}
         is_same = opened.rig_id == self.opened.rig_id and opened.outputs == self.opened.outputs
         if not is_same or known.get(opened.rig_id) != self.rig.own_width:
-            self.fail(SessionEnded("model_unloaded", f"its rig, {self.opened.rig_id}, is not served any more"))
+            self._unanswered.clear()
+            self._break_off(SessionEnded("model_unloaded", f"its rig, {self.opened.rig_id}, is not served any more"))
             return
-        self._line, self.opened = Line.OPEN, opened
+        self.opened = opened
         wished = [(event, False) for event in self._wishes.events_from(self._offset)]
         held = [(event, is_kept) for event, is_kept in self._unanswered.take_all() if self._is_asked(event)]
-        self._next_seq = 2
         numbers = {}
         passed = EventRefused("a constraint", "FAILED_PRECONDITION", "FRAME_COMMITTED", LOST_MEANWHILE)
         for event, is_kept in (*wished, *held):
@@ -180,6 +208,8 @@ class Reopening(Direction):
         self._reached.refuse(self._wishes.passed_at(self._offset), passed)
         self._wishes.take_reopening(self._offset, opened.placements)
         self._send_unanswered()
+        if self._failure is not None:
+            return
         told = Reopened(self._offset, self._reason)
         self.reopenings = (*self.reopenings, told)
         _log.warning("session %d was opened anew at frame %d: %s", self.handle, told.frame, told.reason)

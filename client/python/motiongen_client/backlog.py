@@ -104,6 +104,10 @@ class Unanswered:
     def __iter__(self) -> Iterator[session_pb2.SessionEvent]:
         return iter(self._events.values())
 
+    def get(self, event_seq: int) -> session_pb2.SessionEvent | None:
+        """The event of a number; None for one that is not among them."""
+        return self._events.get(event_seq)
+
     def first(self, default: int) -> int:
         """The lowest number; default where there is none."""
         return min(self._events, default=default)

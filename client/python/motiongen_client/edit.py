@@ -5,6 +5,7 @@ from __future__ import annotations
 import asyncio
 from collections.abc import Callable, Generator, Iterable, Mapping
 from typing import Any
+from weakref import WeakSet
 
 from motiongen_client.errors import EventRefused, MotiongenError
 from motiongen_client.types import Outcome
@@ -40,6 +41,7 @@ class Edit:
         self._sent_at_s = sent_at_s
         self._first_frame_at_s: float | None = None
         self._answer: asyncio.Future[Outcome] = asyncio.get_running_loop().create_future()
+        self._alike: WeakSet[asyncio.Future[Outcome]] = WeakSet()  # of edits in whose place it is said
 
     def __await__(self) -> Generator[Any, None, Outcome]:
         return asyncio.shield(self._answer).__await__()  # one awaiter that gives up must not cancel it for the others
@@ -82,15 +84,21 @@ class Edit:
         if self._first_frame_at_s is None:
             self._first_frame_at_s = now_s
 
+    def take_the_place_of(self, earlier: Edit) -> None:
+        """For the session: it is said instead of an earlier edit, which is answered as this one is."""
+        self._alike = earlier._alike
+        self._alike.add(earlier._answer)
+
     def settle(self, answer: Outcome | MotiongenError) -> None:
         """For the session: the answer, or why there will be none. Only the first call counts."""
-        if self._answer.done():
-            return
-        if isinstance(answer, Outcome):
-            self._answer.set_result(answer)
-            return
-        self._answer.set_exception(answer)
-        self._answer.exception()  # marks it as seen: asyncio would otherwise report an edit nobody awaits as a bug
+        for future in (self._answer, *self._alike):
+            if future.done():
+                continue
+            if isinstance(answer, Outcome):
+                future.set_result(answer)
+            else:
+                future.set_exception(answer)
+                future.exception()  # marks it as seen: asyncio would otherwise report an edit nobody awaits as a bug
 
 
 class EditBook:
@@ -107,6 +115,11 @@ class EditBook:
 
     def add(self, edit: Edit) -> None:
         """Take an edit that was sent."""
+        self._unanswered[edit.event_seq] = edit
+
+    def put_in_place(self, edit: Edit) -> None:
+        """Take an edit that is said instead of the one that has its number."""
+        edit.take_the_place_of(self._unanswered[edit.event_seq])
         self._unanswered[edit.event_seq] = edit
 
     def find(self, event_seq: int) -> Edit | None:

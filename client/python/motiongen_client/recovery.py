@@ -32,6 +32,7 @@ class Recovery(Reopening):
 
     def interrupt(self) -> None:
         """The line is lost; `reattach` follows, or `fail`."""
+        self._repeating.stop()
         if self._line is not Line.OPENING:
             self._line = Line.LOST
             self._changed.set()  # who waits for an answer hears that none comes
@@ -74,7 +75,7 @@ class Recovery(Reopening):
 
     @property
     def _is_attached(self) -> bool:
-        return self._line in (Line.OPENING, Line.OPEN)
+        return self._line in (Line.OPENING, Line.OPEN) and not self._repeating.is_under_way
 
     def _resume(self) -> None:
         self._line = Line.RESUMING
@@ -119,6 +120,7 @@ class Recovery(Reopening):
 
     def _lose(self, reason: str) -> None:
         """The server has ended the session as it goes away, or has lost it: go on elsewhere, or open it anew."""
+        self._repeating.stop()
         self._line, self._reason = Line.LOST, reason
         self._changed.set()
         if not self.is_durable:

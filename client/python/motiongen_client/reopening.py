@@ -69,6 +69,7 @@ class Reopening(Direction):
         """The session is over: nothing more will be answered."""
         if self._failure is None:
             self._failure = failure
+        self._repeating.stop()
         self._unanswered.clear()
         self._edits.fail(failure)
         self._changed.set()
@@ -156,8 +157,7 @@ class Reopening(Direction):
     def _send_unanswered(self) -> None:
         """Say again what was not answered, with the numbers it has; the server drops what it has taken already."""
         if self._fits(self._unanswered):
-            for event in self._unanswered:
-                self._transmit(event)
+            self._repeating.begin(self._catalog.limits.max_events_per_second)
 
     def _fits(self, events: Iterable[session_pb2.SessionEvent]) -> bool:
         """Whether the server takes messages of this size; else the session ends: the stream would, with all others."""
@@ -183,7 +183,7 @@ class Reopening(Direction):
             call_back(self.on_durability, is_durable)
 
     def _go_on_anew(self, opened: Opened) -> None:
-        self._line, self._next_seq = Line.OPEN, 2
+        self._line, self._next_seq, self._said_to = Line.OPEN, 2, 1
         known = {rig.rig_id: rig.own_width for rig in self._catalog.rigs}
         is_same = opened.rig_id == self.opened.rig_id and opened.outputs == self.opened.outputs
         if not is_same or known.get(opened.rig_id) != self.rig.own_width:

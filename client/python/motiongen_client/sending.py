@@ -13,6 +13,7 @@ from motiongen_client.cuts import Cuts
 from motiongen_client.edit import Edit, EditBook
 from motiongen_client.errors import EventRefused, InvalidInput, MotiongenError
 from motiongen_client.frame_shift import passed_targets, shifted
+from motiongen_client.repeating import Repeating
 
 _log = logging.getLogger(__name__)
 
@@ -29,6 +30,8 @@ class Sending(Cuts):
         self._edits = EditBook()
         self._unanswered = Unanswered(carrier.backlog)
         self._offset = 0  # which of our frames is the server's frame 0
+        self._said_to = 0  # the highest number that the present session at the server may have heard
+        self._repeating = Repeating(lambda: self._unanswered, self._transmit)
         self._is_refusing = False  # since there is no room
 
     @property
@@ -55,6 +58,10 @@ class Sending(Cuts):
     ) -> Edit:
         """Where there is no room for it, the edit is refused by the time this returns."""
         self._check(event)
+        if self._is_overtaking(event):
+            edit = Edit(what, self.last_seq, self._clock())
+            self._edits.put_in_place(edit)
+            return edit
         refusal = self._refusal(what)
         edit = Edit(what, self._next_seq if refusal is None else 0, self._clock(), constraint_ids, prompt_id)
         if refusal is None:
@@ -63,6 +70,16 @@ class Sending(Cuts):
         else:
             edit.settle(refusal)
         return edit
+
+    def _is_overtaking(self, event: session_pb2.SessionEvent) -> bool:
+        """Put a velocity in the place of the one before it where no server has heard that; whether it was."""
+        newest = self._unanswered.get(self.last_seq)
+        if newest is None or not (newest.HasField("set_velocity") and event.HasField("set_velocity")):
+            return False
+        if self.last_seq <= self._said_to or self._edits.find(self.last_seq) is None:
+            return False
+        newest.set_velocity.CopyFrom(event.set_velocity)
+        return True
 
     def _refusal(self, what: str) -> EventRefused | None:
         """Why nothing more is taken on at present; the first of several is logged."""
@@ -88,12 +105,15 @@ class Sending(Cuts):
         self._say(event)
 
     def _say(self, event: session_pb2.SessionEvent) -> None:
+        if event.HasField("close"):
+            self._repeating.finish()
         self._unanswered.add(event, is_kept=not self._is_attached)
         self._next_seq += 1
         if self._is_attached:
             self._transmit(event)
 
     def _transmit(self, event: session_pb2.SessionEvent) -> None:
+        self._said_to = max(self._said_to, event.event_seq)
         moved = shifted(event, self._offset)
         if moved is not None:
             self._carrier.send(moved)

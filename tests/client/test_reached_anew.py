@@ -112,9 +112,9 @@ async def test_what_is_heard_before_a_replacement_is_answered_is_of_the_one_befo
         session.hear(told(1, 30))
     else:
         session.hear(answer(2, code=9, reason="FRAME_COMMITTED"))
-    await asyncio.sleep(0)
-    session.hear(answer(3, effective_frame=20))
+    session.hear(answer(3, effective_frame=20))  # in one message with the answer before
     await replacing
+    await asyncio.sleep(0)
     assert not waiting.done()
     session.hear(told(1, 900))
     assert (await waiting).frame == 900

@@ -41,6 +41,8 @@ class Edit:
         self._sent_at_s = sent_at_s
         self._first_frame_at_s: float | None = None
         self._answer: asyncio.Future[Outcome] = asyncio.get_running_loop().create_future()
+        self._settled: Outcome | MotiongenError | None = None
+        self._acts: list[Callable[[Outcome | MotiongenError], None]] = []  # of the session, once there is an answer
         self._alike: WeakSet[asyncio.Future[Outcome]] = WeakSet()  # of edits in whose place it is said
 
     def __await__(self) -> Generator[Any, None, Outcome]:
@@ -61,23 +63,19 @@ class Edit:
         return None if self._first_frame_at_s is None else self._first_frame_at_s - self._sent_at_s
 
     def when_accepted(self, act: Callable[[], None]) -> None:
-        """For the session: call `act` once the server has accepted the change, and never if it does not."""
-
-        def look(answer: asyncio.Future[Outcome]) -> None:
-            if not answer.cancelled() and answer.exception() is None:
-                act()
-
-        self._answer.add_done_callback(look)
+        """For the session: call `act` as soon as the server has accepted the change, and never if it does not."""
+        self._when_answered(lambda answer: act() if isinstance(answer, Outcome) else None)
 
     def when_refused(self, act: Callable[[EventRefused], None]) -> None:
-        """For the session: call `act` where the change is refused, and never if it is not."""
+        """For the session: call `act` as soon as the change is refused, and never if it is not."""
+        self._when_answered(lambda answer: act(answer) if isinstance(answer, EventRefused) else None)
 
-        def look(answer: asyncio.Future[Outcome]) -> None:
-            failure = None if answer.cancelled() else answer.exception()
-            if isinstance(failure, EventRefused):
-                act(failure)
-
-        self._answer.add_done_callback(look)
+    def _when_answered(self, act: Callable[[Outcome | MotiongenError], None]) -> None:
+        """At once, not when the event loop goes round: what the server says next may be of what follows from it."""
+        if self._settled is None:
+            self._acts.append(act)
+        else:
+            act(self._settled)
 
     def note_first_frame(self, now_s: float) -> None:
         """For the session: its first frame has come. Only the first call counts."""
@@ -91,6 +89,9 @@ class Edit:
 
     def settle(self, answer: Outcome | MotiongenError) -> None:
         """For the session: the answer, or why there will be none. Only the first call counts."""
+        if self._settled is not None:
+            return
+        self._settled = answer
         for future in (self._answer, *self._alike):
             if future.done():
                 continue
@@ -99,6 +100,9 @@ class Edit:
             else:
                 future.set_exception(answer)
                 future.exception()  # marks it as seen: asyncio would otherwise report an edit nobody awaits as a bug
+        acts, self._acts = self._acts, []
+        for act in acts:
+            act(answer)
 
 
 class EditBook:

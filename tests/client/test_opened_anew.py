@@ -94,3 +94,24 @@ async def test_one_that_comes_back_with_another_rig_is_ended_at_the_server_too(s
         session.set_prompt("a person waves")
     (closing,) = said_since_opened(line)
     assert closing == session_pb2.SessionEvent(session=1, event_seq=2, close=session_pb2.CloseSession())
+
+
+@pytest.mark.parametrize("is_taken", [True, False])
+async def test_a_prompt_that_was_dropped_while_the_line_was_lost_is_dropped_once(
+    session: Session, line: Line, is_taken: bool
+) -> None:
+    """A server refuses an edit that drops what it does not have, and with it the prompt that was set."""
+    scheduled = session.set_prompt("a person waves", frame=10)
+    session.hear(answer(2, effective_frame=10))
+    session.playback.advance_to(20)
+    setting = session.set_prompt("a person walks")
+    open_anew(session, line)
+    (said,) = said_since_opened(line)
+    assert list(said.edit_prompts.remove) == [scheduled.prompt_id]
+    session.hear(answer(2, effective_frame=0) if is_taken else answer(2, code=3, reason="NO_WAY"))
+    assert setting.done()
+    for update in frames(1):
+        session.hear(update)
+    session.playback.advance_to(HORIZON + 5)
+    session.set_prompt("a person runs")
+    assert list(line.said[-1].edit_prompts.remove) == ([] if is_taken else [scheduled.prompt_id])

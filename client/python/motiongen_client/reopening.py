@@ -124,8 +124,16 @@ class Reopening(Direction):
         self.playback.restart(frame)
         self._offset = frame
         lasting = [span for span in prompts if span.prompt_id != PRESENT_PROMPT_ID and not span.end_frame]
-        self._scheduled_prompts = {span.prompt_id: span.start_frame + frame for span in lasting}
+        changing = self._prompts_without_answer()  # gone already for what is asked now, which is said behind it
+        self._scheduled_prompts = {
+            span.prompt_id: span.start_frame + frame for span in lasting if span.prompt_id not in changing
+        }
         self._send_opening(convert.open_session(options, prompts, constraints))
+
+    def _prompts_without_answer(self) -> set[int]:
+        """The ids of prompts that edits without an answer drop or set anew."""
+        edits = [event.edit_prompts for event in self._unanswered]
+        return {key for edit in edits for key in (*edit.remove, *(span.prompt_id for span in edit.upsert))}
 
     def _prior(self, end_frame: int, rest_bytes: int = 0) -> Motion:
         """The last frames held, as many as a window sees; where there are fewer, the first is repeated before them.

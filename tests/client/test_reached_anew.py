@@ -118,3 +118,16 @@ async def test_what_is_heard_before_a_replacement_is_answered_is_of_the_one_befo
     assert not waiting.done()
     session.hear(told(1, 900))
     assert (await waiting).frame == 900
+
+
+async def test_one_that_has_passed_and_was_not_told_of_is_not_forgotten(session: Session, line: Line) -> None:
+    """The line may be lost between an answer and the news of a target that the character has come to meanwhile."""
+    passed = session.add_waypoint(1.0, 2.0, frame=20)
+    session.hear(answer(2, effective_frame=10))
+    session.playback.advance_to(30)
+    session.add_waypoint(3.0, 4.0, frame=900)
+    session.hear(answer(3, effective_frame=35))
+    open_anew(session, line)
+    with pytest.raises(EventRefused, match="its frames have passed"):
+        async with asyncio.timeout(5):
+            await session.constraint_reached(*passed.constraint_ids)

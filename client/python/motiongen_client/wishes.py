@@ -10,6 +10,8 @@ from motiongen_client.placing import path_left, placed
 from motiongen_client.types import Placement
 
 PLAYING = session_pb2.PLAY_STATE_PLAYING
+MOST_UNTOLD = 256
+"""Constraints that are past, but of which the server has not told: it tells of each, unless the line is lost."""
 
 
 class Wishes:
@@ -75,9 +77,8 @@ class Wishes:
                     self._constraints.clear()
                 for constraint_id in event.edit_constraints.remove:
                     self._constraints.pop(constraint_id, None)
-                self._constraints = {
-                    key: target for key, target in self._constraints.items() if self._left(key, playhead) is not None
-                }
+                for constraint_id in self.passed_at(playhead)[:-MOST_UNTOLD]:
+                    del self._constraints[constraint_id]
                 for target in event.edit_constraints.upsert:
                     self._constraints.pop(target.constraint_id, None)
                     self._placements.pop(target.constraint_id, None)

@@ -2,8 +2,10 @@
 
 What grpc.aio asks for, kept here in one place: a read or write in flight is never cancelled or put under a timeout
 (its native batch would leak), so the two loops end because the call ends; a call is always cancelled at last (an
-abandoned one is never collected); and nothing is written before there is a connection, since who waits for one is not
-told that the call was cancelled, and waits for ever where a server takes connections and says nothing.
+abandoned one is never collected), and read to its end: where a write fails it passes for over, and can no longer be
+cancelled, while messages that came before wait to be read; and nothing is written before there is a connection, since
+who waits for one is not told that the call was cancelled, and waits for ever where a server takes connections and says
+nothing.
 """
 
 from __future__ import annotations
@@ -120,27 +122,34 @@ class Call:
     async def _read(self, call: _Call) -> None:
         failure: MotiongenError
         try:
-            while isinstance(response := await call.read(), service_pb2.StreamMotionResponse):  # else the end of it
-                if self._failure is not None:
-                    return  # given up: what comes now is of a call that has been replaced
-                if response.HasField("hello"):
-                    self._hello.set()
-                self._take(response)
+            async for response in call:  # to its end: of a call with messages that nobody reads, the connection is kept
+                if self._failure is None:  # else it was given up: what comes now is of a call that has been replaced
+                    self._hear(response)
             failure = StreamLost("OK", "the server ended the stream")
         except grpc.aio.AioRpcError as error:
             failure = StreamLost(error.code().name, error.details() or "", reason_of(error))
-        except ProtocolViolation as violation:
-            failure = violation
-            _log.error("%s; giving the stream up", violation)
-        except Exception as fault:  # of what nobody thought a server would say; silent, it would be taken for a loss
-            failure = ProtocolViolation(f"what the server said cannot be taken: {fault!r}")
-            _log.exception("%s; giving the stream up", failure)
         except asyncio.CancelledError:
             task = asyncio.current_task()
             if task is not None and task.cancelling() and not self._is_closing and self._failure is None:
                 raise
             failure = StreamLost("CANCELLED", "the stream was closed here")  # so grpc.aio tells it of a closed channel
         self._end(failure)
+
+    def _hear(self, response: service_pb2.StreamMotionResponse | None) -> None:
+        if response is None:  # what grpc.aio could not read
+            self._end(StreamLost("INTERNAL", "the server said what is no message"))
+            return
+        if response.HasField("hello"):
+            self._hello.set()
+        try:
+            self._take(response)
+        except ProtocolViolation as violation:
+            _log.error("%s; giving the stream up", violation)
+            self._end(violation)
+        except Exception as fault:  # of what nobody thought a server would say; silent, it would be taken for a loss
+            failure = ProtocolViolation(f"what the server said cannot be taken: {fault!r}")
+            _log.exception("%s; giving the stream up", failure)
+            self._end(failure)
 
     @staticmethod
     async def _connect(call: _Call, reading: asyncio.Task[None], listen_s: float) -> None:

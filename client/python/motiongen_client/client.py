@@ -142,6 +142,7 @@ class MotionClient:
             return self._own_stream
         if self._starting is None or self._starting.done():
             self._starting = asyncio.create_task(self._start_own(), name="motiongen-start")
+            self._starting.add_done_callback(_see)
         return await asyncio.shield(self._starting)  # one who gives up must not end it for the others
 
     async def _start_own(self) -> Stream:
@@ -229,6 +230,8 @@ class MotionClient:
         await self._elsewhere.close()
         for stream in self._streams:
             await stream.close()
+        if self._starting is not None:
+            await asyncio.gather(self._starting, return_exceptions=True)  # its stream is closed: it fails at once
         self._streams.clear()
         self._own_stream = None
         if channel is not None:
@@ -239,6 +242,12 @@ class MotionClient:
 
     async def __aexit__(self, *_: object) -> None:
         await self.close()
+
+
+def _see(starting: asyncio.Task[Stream]) -> None:
+    """Take note of a failure that nobody may wait for any more: asyncio would report it as a bug."""
+    if not starting.cancelled():
+        starting.exception()
 
 
 def agent_name() -> str:

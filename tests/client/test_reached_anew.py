@@ -6,9 +6,9 @@ import asyncio
 
 import pytest
 
-from motiongen_client import EventRefused, InvalidInput, Session, Waypoint
-from tests.client.line import Line, answer, frames, open_anew, open_session, told
-from tests.client.synthetic import HORIZON
+from motiongen_client import EventRefused, InvalidInput, Session, Waypoint, convert
+from tests.client.line import TOKEN, Line, answer, frames, open_anew, open_session, opened, told
+from tests.client.synthetic import HORIZON, catalog
 
 
 @pytest.fixture
@@ -131,3 +131,33 @@ async def test_one_that_has_passed_and_was_not_told_of_is_not_forgotten(session:
     with pytest.raises(EventRefused, match="its frames have passed"):
         async with asyncio.timeout(5):
             await session.constraint_reached(*passed.constraint_ids)
+
+
+async def test_what_is_told_again_behind_the_answer_of_a_replacement_is_of_the_one_before(
+    line: Line,
+) -> None:
+    session = await open_session(line, TOKEN)
+    for update in frames(1):
+        session.hear(update)
+    called: list[int] = []
+    session.on_constraint_reached = lambda reached: called.append(reached.frame)
+    adding = session.add_waypoint(1.0, 2.0, frame=30)
+    session.hear(answer(2, effective_frame=10))
+    (key,) = adding.constraint_ids
+    session.replace_constraint(key, Waypoint(900, 3.0, 4.0))
+    waiting = asyncio.ensure_future(session.constraint_reached(key))
+    await asyncio.sleep(0)
+    session.interrupt()  # with the news of the first, and the answer of the second, under way
+    session.reattach(convert.catalog(catalog(100)))
+    for update in (opened(), answer(3, effective_frame=40), told(key, 30)):
+        session.hear(update)
+    await asyncio.sleep(0)
+    assert not waiting.done()
+    session.interrupt()
+    session.reattach(convert.catalog(catalog(100)))
+    session.hear(answer(1, code=5, reason="SESSION_NOT_KEPT"))
+    assert [target.frame for target in line.said[-1].open.constraints] == [900 - HORIZON], "it is still asked for"
+    session.hear(opened())
+    session.hear(told(key, 900 - HORIZON))
+    assert (await waiting).frame == 900
+    assert called == [30, 900]

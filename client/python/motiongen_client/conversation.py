@@ -165,8 +165,12 @@ class Conversation(Recovery):
                 self._hear_outcome(update.outcome)
             case "constraint_reached":
                 reached = convert.constraint_reached(update.constraint_reached, self._offset)
-                if self._reached.note(reached):
-                    self._wishes.end(reached.constraint_id)
+                is_former = self._wishes.begins_after(
+                    reached.constraint_id, reached.frame
+                )  # told again, behind answers
+                if self._reached.note(reached, is_former=is_former):
+                    if not is_former:
+                        self._wishes.end(reached.constraint_id)
                     call_back(self.on_constraint_reached, reached)
             case "durability":
                 self.durable_seq = max(update.durable_seq, self.durable_seq)

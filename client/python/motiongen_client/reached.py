@@ -25,8 +25,11 @@ class ReachedBook:
         self._refused: dict[int, EventRefused] = {}
         self._failure: MotiongenError | None = None
 
-    def note(self, reached: ConstraintReached) -> bool:
-        """Take what was told. False where it is known already: a server repeats itself to a session that resumes."""
+    def note(self, reached: ConstraintReached, *, is_former: bool = False) -> bool:
+        """Take what was told. False where it is known already: a server repeats itself to a session that resumes.
+
+        is_former: it is of a constraint in whose place another has come since.
+        """
         key = reached.constraint_id
         if (key, reached.frame) in self._heard:
             return False
@@ -35,7 +38,7 @@ class ReachedBook:
             del self._heard[next(iter(self._heard))]
         if key in self._replacing:
             self._before[key] = reached  # of the new one a server tells after its answer
-        else:
+        elif not is_former:
             self._tell(reached)
         return True
 

@@ -46,6 +46,15 @@ class Wishes:
                 self._constraints[key] = left
         self.place(placements)
 
+    def begins_after(self, constraint_id: int, frame: int) -> bool:
+        """Whether the constraint that has this id asks for nothing at a frame, or before it."""
+        target, placement = self._constraints.get(constraint_id), self._placements.get(constraint_id)
+        if placement is not None:
+            return frame < placement.first_frame
+        if target is None or target.at_any_frame or target.frames_from_effect or target.HasField("root_path"):
+            return False
+        return frame < target.frame
+
     def end(self, constraint_id: int) -> None:
         """The server has told what became of a constraint: nothing is asked of it any more, met early or not."""
         self._constraints.pop(constraint_id, None)

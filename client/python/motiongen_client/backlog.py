@@ -1,4 +1,4 @@
-"""What waits here until a server takes or answers it: how much that may be, and where it is kept."""
+"""Events that wait for the server to read or answer them: the queues that hold them, and a limit on their size."""
 
 from __future__ import annotations
 
@@ -8,20 +8,20 @@ from motiongen.v1 import service_pb2, session_pb2
 from motiongen_client.errors import EventRefused
 
 MOST_WAITING_BYTES = 64 << 20
-"""Of more that waits nothing new is taken on."""
+"""While more than this waits, new events are refused."""
 EVENT_BYTES = 1 << 10
-"""What keeping an event takes besides its own bytes: of small ones, nearly all."""
+"""Memory for keeping an event, in addition to its own bytes; for small events, nearly all of it."""
 
 
 def size_of(event: session_pb2.SessionEvent) -> int:
-    """What keeping an event takes here, bytes."""
+    """Memory for keeping an event, in bytes."""
     return event.ByteSize() + EVENT_BYTES
 
 
 class Backlog:
-    """Of one stream. queued_bytes: of what its call has not written, since the server does not read.
+    """How much waits in one stream. queued_bytes: size of the events that its call has not written yet.
 
-    kept_bytes: of what its sessions were told while no server heard them, until it is answered.
+    kept_bytes: size of the events given to its sessions while no server had them, until they are answered.
     """
 
     def __init__(self) -> None:
@@ -30,11 +30,11 @@ class Backlog:
 
     @property
     def is_queue_full(self) -> bool:
-        """Whether so much is to be written that what can be left out is to be."""
+        """Whether so much waits to be written that dispensable events should be left out."""
         return self.queued_bytes > MOST_WAITING_BYTES
 
     def refusal(self, what: str, *, is_heard: bool) -> EventRefused | None:
-        """Why nothing more is taken on of a session that a server hears, or of one that none does; None: it is."""
+        """The refusal of an event if too much waits, else None. is_heard: whether a server has the session now."""
         waiting = self.queued_bytes if is_heard else self.kept_bytes
         if waiting <= MOST_WAITING_BYTES:
             return None
@@ -49,10 +49,10 @@ class Backlog:
 
 
 class SendQueue:
-    """The events that one call has not written, in order, and the ping that goes first."""
+    """The events that one call has not written yet, in order, and a ping, which goes with the next message."""
 
     def __init__(self, backlog: Backlog, max_batch_bytes: Callable[[], int]) -> None:
-        """max_batch_bytes: how many bytes of events a message may have at present."""
+        """max_batch_bytes: returns how many bytes of events a message may contain at present."""
         self._backlog = backlog
         self._max_batch_bytes = max_batch_bytes
         self._events: list[session_pb2.SessionEvent] = []
@@ -67,11 +67,11 @@ class SendQueue:
         self._backlog.queued_bytes += size_of(event)
 
     def put_ping(self, ping: service_pb2.Ping) -> None:
-        """Send a ping with the next message, in place of one that has not gone out."""
+        """Send a ping with the next message, instead of an earlier one that has not gone out."""
         self._ping = ping
 
     def take(self) -> service_pb2.StreamMotionRequest:
-        """As many events as one message may carry."""
+        """Remove and return the next message: as many events as it may contain, and the ping."""
         most, num_bytes, num_events = self._max_batch_bytes(), 0, 0
         for event in self._events:
             num_bytes += event.ByteSize() + 8
@@ -84,7 +84,7 @@ class SendQueue:
         return request
 
     def clear(self) -> None:
-        """The call is over: what has no answer is said again on the next."""
+        """The call is over. Unanswered events will be sent again on the next."""
         self._let_go(len(self._events))
         self._ping = None
 
@@ -94,40 +94,40 @@ class SendQueue:
 
 
 class Unanswered:
-    """The events of one session that the server has not answered, by number; playheads are never among them."""
+    """The unanswered events of one session, by number; playheads, which get no answer, are not among them."""
 
     def __init__(self, backlog: Backlog) -> None:
         self._backlog = backlog
         self._events: dict[int, session_pb2.SessionEvent] = {}
-        self._kept_bytes: dict[int, int] = {}  # of those that were given while no server heard the session
+        self._kept_bytes: dict[int, int] = {}  # of events given while no server had the session
 
     def __iter__(self) -> Iterator[session_pb2.SessionEvent]:
         return iter(self._events.values())
 
     def get(self, event_seq: int) -> session_pb2.SessionEvent | None:
-        """The event of a number; None for one that is not among them."""
+        """The event of that number; None if it is not among them."""
         return self._events.get(event_seq)
 
     def first(self, default: int) -> int:
-        """The lowest number; default where there is none."""
+        """The lowest event number; default if there is no event."""
         return min(self._events, default=default)
 
     def add(self, event: session_pb2.SessionEvent, *, is_kept: bool = False) -> None:
-        """is_kept: no server hears it yet."""
+        """Add an event. is_kept: no server has the session, so it counts towards kept_bytes."""
         self._events[event.event_seq] = event
         if is_kept:
             self._kept_bytes[event.event_seq] = size_of(event)
             self._backlog.kept_bytes += size_of(event)
 
     def pop(self, event_seq: int) -> session_pb2.SessionEvent | None:
-        """The event that has been answered; None for one that was not among them."""
+        """Remove and return an event that was answered; None if it was not among them."""
         self._backlog.kept_bytes -= self._kept_bytes.pop(event_seq, 0)
         return self._events.pop(event_seq, None)
 
     def take_all(self) -> list[tuple[session_pb2.SessionEvent, bool]]:
-        """All of them, to be said by other numbers, each with whether no server heard it when it was given.
+        """Remove all events and return copies to be sent under new numbers, each with its is_kept.
 
-        Copies: what is still to be written of them keeps the numbers that it has.
+        They are copies because events that still wait to be written must keep their numbers.
         """
         events = []
         for number, event in self._events.items():
@@ -138,7 +138,7 @@ class Unanswered:
         return events
 
     def clear(self) -> None:
-        """Nothing of them will be answered."""
+        """Remove all events: none will be answered."""
         self._backlog.kept_bytes -= sum(self._kept_bytes.values())
         self._events.clear()
         self._kept_bytes.clear()

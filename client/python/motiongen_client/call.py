@@ -1,11 +1,13 @@
-"""The transport: one call to the server. It writes what it is given, hands on what comes, and says when it is over.
+"""Call: one call to the server. It writes queued events, passes responses on, and reports its end.
 
-What grpc.aio asks for, kept here in one place: a read or write in flight is never cancelled or put under a timeout
-(its native batch would leak), so the two loops end because the call ends; a call is always cancelled at last (an
-abandoned one is never collected), and read to its end: where a write fails it passes for over, and can no longer be
-cancelled, while messages that came before wait to be read; and nothing is written before there is a connection, since
-who waits for one is not told that the call was cancelled, and waits for ever where a server takes connections and says
-nothing.
+This file keeps to the following rules of grpc.aio:
+
+- A read or write in flight is never cancelled or put under a timeout, since its native batch would leak. The read and
+  write loops end because the call ends.
+- Every call is cancelled at last, since an abandoned one is never collected, and is read to its end: after a failed
+  write it counts as over and can no longer be cancelled, while earlier messages still wait to be read.
+- Nothing is written before there is a connection. A write that waits for one is not told that the call was cancelled,
+  and waits for ever if a server accepts connections and says nothing.
 """
 
 from __future__ import annotations
@@ -34,7 +36,7 @@ Take: TypeAlias = Callable[[service_pb2.StreamMotionResponse], None]
 
 
 class Call:
-    """One StreamMotion call. `greet` it, then `send`; `on_end` is called once, when it is over for whatever reason.
+    """One StreamMotion call: first `greet`, then `send`. `on_end` is called once, when it is over for any reason.
 
     take: called with every response; may raise ProtocolViolation, which ends the call. queue: its own.
     """
@@ -61,7 +63,7 @@ class Call:
     async def greet(self, agent: str, address: str, timeout_s: float, *, listen_s: float = 0.0) -> None:
         """Make the call and exchange hellos. Raises ServerUnavailable or StreamLost; `close` it then.
 
-        listen_s: how long the server may refuse the call before it is told anything.
+        listen_s: how long to wait for a refusal before anything is written.
         """
         call: _Call = MotionServiceStub(self._channel).StreamMotion()
         self._call = call

@@ -1,7 +1,7 @@
-"""How a session goes on when the line to its server was lost.
+"""Recovery: how a session continues after the connection to its server was lost.
 
-The stream calls `interrupt`, and `reattach` once there is another call. The session then resumes where it is. Where the
-server cannot go on with it, it is opened anew (`reopening`).
+The stream calls `interrupt`, and `reattach` once there is another call. The session then resumes. If the server cannot
+resume it, it is opened anew (`reopening`).
 """
 
 from __future__ import annotations
@@ -21,7 +21,7 @@ _WORTH_WAITING = frozenset({"RESOURCE_EXHAUSTED", "UNAVAILABLE"})
 
 
 class Recovery(Reopening):
-    """The part of a `Session` that finds its way back to a server."""
+    """The part of a `Session` that returns to a server, or moves to another."""
 
     def __init__(self, handle: int, carrier: Carrier, catalog: Catalog, clock: Callable[[], float]) -> None:
         super().__init__(handle, carrier, catalog, clock)
@@ -31,14 +31,14 @@ class Recovery(Reopening):
     # ---- for the stream
 
     def interrupt(self) -> None:
-        """The line is lost; `reattach` follows, or `fail`."""
+        """The connection is lost; `reattach` or `fail` follows."""
         self._repeating.stop()
         if self._line is not Line.OPENING:
             self._line = Line.LOST
-            self._changed.set()  # who waits for an answer hears that none comes
+            self._changed.set()  # callers that wait for an answer learn that none will come
 
     def reattach(self, catalog: Catalog) -> None:
-        """There is another call to a server, which has this catalogue: go on there."""
+        """There is a new call, to a server with this catalogue: continue there."""
         self._catalog = catalog
         if self._line is Line.OPENING:
             self._send_unanswered()
@@ -49,20 +49,20 @@ class Recovery(Reopening):
 
     @property
     def is_away(self) -> bool:
-        """Whether its line was lost, and the session has not gone on yet."""
+        """Whether its connection was lost and the session has not continued yet."""
         return self._line in (Line.LOST, Line.RESUMING, Line.REOPENING)
 
     @property
     def is_waiting(self) -> bool:
-        """Whether it lives, and no server is asked to go on with it at present."""
+        """Whether it is open, but no server is being asked to continue it."""
         return self._line is Line.LOST and self._failure is None
 
     def wait_for_room(self, refusal: EventRefused) -> None:
-        """The server has no room for it at present, nor has another: ask again when it says so."""
+        """Neither the server nor another has free capacity: ask again after the time that the refusal states."""
         self._later(self._resume if self._token else self._reopen_again, refusal.retry_after_s or 0.0)
 
     def move(self, handle: int, carrier: Carrier, catalog: Catalog, *, now: bool) -> None:
-        """Another stream carries it from now on, by this handle. now: it has a call, so its server is asked at once."""
+        """Move to another stream, under this handle. now: that stream has a call, so ask its server at once."""
         self.handle, self._carrier = handle, carrier
         held, self._unanswered = self._unanswered.take_all(), Unanswered(carrier.backlog)
         for event, is_kept in held:
@@ -71,7 +71,7 @@ class Recovery(Reopening):
         if now:
             self.reattach(catalog)
 
-    # ---- what is said
+    # ---- sending
 
     @property
     def _is_attached(self) -> bool:
@@ -90,10 +90,10 @@ class Recovery(Reopening):
         )
         self._send_opening(session_pb2.OpenSession(resume_token=self._token, resume_point=point))
 
-    # ---- what is heard
+    # ---- updates
 
     def _hear_reopened(self, opened: Opened, token: str) -> None:
-        """The session goes on: as it was, or as a new one."""
+        """The session continues: resumed, or opened anew."""
         if self._line is Line.RESUMING:
             self._line = Line.OPEN
             self._num_resumes += 1
@@ -119,20 +119,20 @@ class Recovery(Reopening):
             self.fail(refusal)
 
     def _lose(self, reason: str) -> None:
-        """The server has ended the session as it goes away, or has lost it: go on elsewhere, or open it anew."""
+        """The server is leaving or has lost the session: resume it elsewhere, or open it anew."""
         self._repeating.stop()
         self._line, self._reason = Line.LOST, reason
         self._changed.set()
         if not self.is_durable:
             self._token = ""
-        if not self._carrier.draining:  # else the stream ends soon, and the next one reattaches
+        if not self._carrier.draining:  # otherwise this call ends soon, and the next reattaches
             self._later(self._resume if self._token else self._reopen_again, 0.0)
 
     def _reopen_again(self) -> None:
         self._reopen(self._reason)
 
     def _later(self, act: Callable[[], None], at_least_s: float) -> None:
-        """Act when it is worth another attempt, unless the line has been lost or mended meanwhile."""
+        """Make another attempt after a delay, unless the call or the session's state has changed by then."""
         call = self._carrier.call_number
 
         def due() -> None:

@@ -1,7 +1,7 @@
-"""How a session is opened anew where the server that had it cannot go on with it.
+"""Reopening: how a session is opened anew if no server can resume it.
 
-The last frames held are the new session's history, its frame 0 is the next of ours, and it is told all that the old one
-had been told.
+The last frames held become the new session's history, its frame 0 is the frame after them, and it is sent everything
+that the old session had been told and that still applies.
 """
 
 from __future__ import annotations
@@ -30,7 +30,7 @@ _log = logging.getLogger(__name__)
 
 
 class Line(enum.Enum):
-    """Whether a session and the server hear each other. OPENING, REOPENING and RESUMING wait for a SessionOpened."""
+    """The state of a session's connection. OPENING, REOPENING and RESUMING wait for a SessionOpened."""
 
     OPENING = enum.auto()
     OPEN = enum.auto()
@@ -42,9 +42,9 @@ class Line(enum.Enum):
 class Reopening(Direction):
     """The part of a `Session` that knows how it was opened, and opens it anew.
 
-    reopenings: each time that the session could not be resumed and was opened anew; `on_reopened` is called then.
-    is_durable: whether its server saves it, so that another can go on with it; `on_durability`, if set, is called when
-    that changes. durable_seq: the last of its events that outlives the server.
+    reopenings: one entry for each time that the session was opened anew; `on_reopened`, if set, is called with it.
+    is_durable: whether its server saves it, so that another can continue it; `on_durability`, if set, is called when
+    that changes. durable_seq: events up to this number survive the loss of the server.
     """
 
     opened: Opened
@@ -83,10 +83,11 @@ class Reopening(Direction):
         guidance: tuple[float | None, float | None] | None = None,
         history_frames: int | None = None,
     ) -> Edit:
-        """Change what the session was opened with, from the next window on; None leaves it.
+        """Change options of the session, from the next window on; None leaves one as it is.
 
-        guidance: of text and of constraints, both set anew, None within it for the model's own. The server may refuse
-        more than there is room for. A session that is opened anew after a loss has what was accepted last.
+        guidance: the weights of text and of constraints, set together; None within the pair means the model's own. The
+        server may refuse options that need more than its free capacity. A session that is opened anew has the options
+        accepted last.
         """
         counts = {
             "lookahead_frames": lookahead_frames,
@@ -98,17 +99,17 @@ class Reopening(Direction):
             given["priority"] = priority
         if guidance is not None:
             given["text_guidance"], given["constraint_guidance"] = guidance
-        replace(self._options, **given)  # raises InvalidInput where one has no meaning
+        replace(self._options, **given)  # raises InvalidInput if one is invalid
         message = convert.set_options(priority, lookahead_frames, denoise_steps, guidance, history_frames)
         sent = self._send_edit("the options", session_pb2.SessionEvent(set_options=message))
-        # Others may have been accepted by then: to those of that moment.
+        # Applied to the options of that moment, since others may have been accepted by then.
         sent.when_accepted(lambda: setattr(self, "_options", replace(self._options, **given)))
         return sent
 
-    # ---- for its recovery
+    # ---- for Recovery
 
     def _reopen(self, reason: str) -> None:
-        """Open a session that goes on from the last frame that is held."""
+        """Open a new session that continues from the last frame held."""
         self._line, self._token, self._attempt, self._reason = Line.REOPENING, "", 0, reason
         self.durable_seq = 0
         self._has_reported = False
@@ -124,32 +125,32 @@ class Reopening(Direction):
         self.playback.restart(frame)
         self._offset = frame
         lasting = [span for span in prompts if span.prompt_id != PRESENT_PROMPT_ID and not span.end_frame]
-        changing = self._prompts_without_answer()  # gone already for what is asked now, which is said behind it
+        changing = self._prompts_without_answer()  # already dropped for the unanswered edits, which are sent after this
         self._scheduled_prompts = {
             span.prompt_id: span.start_frame + frame for span in lasting if span.prompt_id not in changing
         }
         self._send_opening(convert.open_session(options, prompts, constraints))
 
     def _prompts_without_answer(self) -> set[int]:
-        """The ids of prompts that edits without an answer drop or set anew."""
+        """The ids of prompts that unanswered edits remove or set."""
         edits = [event.edit_prompts for event in self._unanswered]
         return {key for edit in edits for key in (*edit.remove, *(span.prompt_id for span in edit.upsert))}
 
     def _prior(self, end_frame: int, rest_bytes: int = 0) -> Motion:
-        """The last frames held, as many as a window sees; where there are fewer, the first is repeated before them.
+        """The last frames before end_frame, as many as a window sees. If fewer are held, the first is repeated.
 
-        rest_bytes: what their message has besides.
+        rest_bytes: the size of the rest of the message.
         """
         try:
             model = self._catalog.model(self.opened.model_id)
         except UnknownName:
-            wanted = 1  # the server will say so
+            wanted = 1  # the server will refuse it
         else:
             patch = max(model.patch_frames, 1)
             asked = self._options.history_frames or model.default_history_frames
             most_bytes = self._catalog.limits.max_request_bytes * 9 // 10 - rest_bytes
             most = max(most_bytes // (4 * self.rig.own_width), 1)
-            wanted = min(max(min(asked, most) // patch, 1) * patch, most)  # in a message that the server takes
+            wanted = min(max(min(asked, most) // patch, 1) * patch, most)  # limited by what fits in a message
         first = max(end_frame - wanted, self.playback.first_kept, self.playback.cut_before(end_frame) or 0)
         rows = self.playback.rows(first, end_frame)
         missing = wanted - len(rows)
@@ -163,12 +164,12 @@ class Reopening(Direction):
             self._carrier.send(event)
 
     def _send_unanswered(self) -> None:
-        """Say again what was not answered, with the numbers it has; the server drops what it has taken already."""
+        """Send unanswered events again, under the same numbers; the server ignores those it has already accepted."""
         if self._fits(self._unanswered):
             self._repeating.begin(self._catalog.limits.max_events_per_second)
 
     def _fits(self, events: Iterable[session_pb2.SessionEvent]) -> bool:
-        """Whether the server takes messages of this size; else the session ends: the stream would, with all others."""
+        """Whether events fit in a message. If not, the session ends here, or the server would end the whole stream."""
         try:
             for event in events:
                 self._carrier.check(event)
@@ -178,7 +179,7 @@ class Reopening(Direction):
         return True
 
     def _break_off(self, failure: MotiongenError) -> None:
-        """End it here, and at the server where that has it."""
+        """End the session here, and on the server if that has it."""
         if self._line is Line.OPEN:
             number = self._unanswered.first(self._next_seq)
             close = session_pb2.CloseSession()
@@ -224,5 +225,5 @@ class Reopening(Direction):
         call_back(self.on_reopened, told)
 
     def _is_asked(self, event: session_pb2.SessionEvent) -> bool:
-        """Whether the application asked for it: what was said of its wishes when it was last opened anew was not."""
+        """Whether an application asked for the event, as opposed to wishes sent again at the last reopening."""
         return event.HasField("close") or self._edits.find(event.event_seq) is not None

@@ -1,4 +1,4 @@
-"""What has no answer is said again no faster than a server lets a session speak: it refuses what is more."""
+"""Repeating: sends unanswered events again, no faster than the rate limit of a session, beyond which servers refuse."""
 
 from __future__ import annotations
 
@@ -8,11 +8,11 @@ from collections.abc import Callable, Iterable
 from motiongen.v1 import session_pb2
 
 PERIOD_S = 0.25
-"""Between one part of what is said again and the next; longer where a server lets a session say next to nothing."""
+"""Time between batches; longer if the server's rate limit is very low."""
 
 
 class Repeating:
-    """What one session has still to say again. events: all that has no answer, in order. say: tells the server one."""
+    """The repetition of one session's events. events: returns the unanswered ones, in order. say: sends one."""
 
     def __init__(
         self,
@@ -27,13 +27,13 @@ class Repeating:
 
     @property
     def is_under_way(self) -> bool:
-        """Whether something is still to be said: what is said now has to wait behind it."""
+        """Whether events remain to be sent again; new events must wait behind them."""
         return self._next_seq is not None
 
     def begin(self, per_second: float) -> None:
-        """Say the first of them now. per_second: how many events a session may have in a second; 0: any number.
+        """Send the first batch now. per_second: the rate limit, events per second of a session; 0: no limit.
 
-        Half as many are said at once, a third as many a second from then on: reports of the playhead count, too.
+        Half a second's worth is sent at once, then a third of the rate: reports of the playhead count too.
         """
         self._period_s = max(PERIOD_S, 3 / per_second) if per_second > 0 else PERIOD_S
         self._part = max(int(per_second / 3 * self._period_s), 1)
@@ -41,12 +41,12 @@ class Repeating:
         self._go_on(max(int(per_second / 2), 1) if per_second > 0 else None)
 
     def finish(self) -> None:
-        """Say what is left at once, whatever becomes of it."""
+        """Send the rest at once, even if the server refuses some of it."""
         if self._next_seq is not None:
             self._go_on(None)
 
     def stop(self) -> None:
-        """Say no more: the line is lost, or the session has ended."""
+        """Stop sending: the connection is lost, or the session has ended."""
         self._next_seq = None
         if self._timer is not None:
             self._timer.cancel()

@@ -1,15 +1,15 @@
-"""When the server hears the playheads of a stream: regularly, and at once where somebody waits for frames."""
+"""Reports: when the playheads of a stream are reported: regularly, and at once if a caller waits for frames."""
 
 from __future__ import annotations
 
 import asyncio
 from collections.abc import Callable
 
-_MIN_GAP_S = 0.025  # 40 a second; servers allow 50 events of a session
+_MIN_GAP_S = 0.025  # 40 per second; servers allow a session 50 events per second
 
 
 class Reports:
-    """report: tells the playheads, every period_s seconds and soon after each call of `soon`, while it is begun."""
+    """Calls report every period_s seconds and soon after each call of `soon`, from `begin` to `close`."""
 
     def __init__(self, period_s: float, report: Callable[[], None]) -> None:
         self._period_s = period_s
@@ -25,12 +25,12 @@ class Reports:
         self._wanted.set()
 
     def cancel(self) -> None:
-        """Report no more. Does not wait for it."""
+        """Stop reporting, without waiting for the task to end."""
         if self._reporting is not None:
             self._reporting.cancel()
 
     async def close(self) -> None:
-        """Report no more. May be called again."""
+        """Stop reporting. May be called again."""
         if self._reporting is not None:
             self._reporting.cancel()
             await asyncio.gather(self._reporting, return_exceptions=True)

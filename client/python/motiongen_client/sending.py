@@ -1,4 +1,4 @@
-"""How a session is told something: each event has a number, and is kept until the server has answered it."""
+"""Sending: gives each event of a session its number, and keeps it until the server has answered it."""
 
 from __future__ import annotations
 
@@ -19,7 +19,7 @@ _log = logging.getLogger(__name__)
 
 
 class Sending(Cuts):
-    """The part of a `Session` that gives events their numbers, and says them to a server that hears it."""
+    """The part of a `Session` that numbers events and sends them, if a server has the session at present."""
 
     def __init__(self, handle: int, carrier: Carrier, clock: Callable[[], float]) -> None:
         self.handle = handle
@@ -29,20 +29,20 @@ class Sending(Cuts):
         self._next_seq = 1
         self._edits = EditBook()
         self._unanswered = Unanswered(carrier.backlog)
-        self._offset = 0  # which of our frames is the server's frame 0
-        self._said_to = 0  # the highest number that the present session at the server may have heard
+        self._offset = 0  # the client's frame number of the server's frame 0
+        self._said_to = 0  # the highest event number that the server's present session may have received
         self._repeating = Repeating(lambda: self._unanswered, self._transmit)
-        self._is_refusing = False  # since there is no room
+        self._is_refusing = False  # because too much waits in the backlog
 
     @property
     def last_seq(self) -> int:
-        """The number of the newest event: all of them outlive the server once `durable_seq` has come to it."""
+        """The number of the newest event. Once `durable_seq` has reached it, all events survive the server's loss."""
         return self._next_seq - 1
 
     @property
     @abstractmethod
     def _is_attached(self) -> bool:
-        """Whether the server hears what is sent; else it waits among the unanswered."""
+        """Whether events can be sent to the server now; otherwise they wait in `_unanswered`."""
 
     @property
     def _answered_seq(self) -> int:
@@ -56,7 +56,7 @@ class Sending(Cuts):
         constraint_ids: tuple[int, ...] = (),
         prompt_id: int | None = None,
     ) -> Edit:
-        """Where there is no room for it, the edit is refused by the time this returns."""
+        """Send an edit. If the backlog is full, the returned edit is already refused (OUTBOX_FULL)."""
         self._check(event)
         if self._is_overtaking(event):
             edit = Edit(what, self.last_seq, self._clock())
@@ -72,7 +72,7 @@ class Sending(Cuts):
         return edit
 
     def _is_overtaking(self, event: session_pb2.SessionEvent) -> bool:
-        """Put a velocity in the place of the one before it where no server has heard that; whether it was."""
+        """If the newest event is a velocity that no server has received, replace it by this one. Whether it did."""
         newest = self._unanswered.get(self.last_seq)
         if newest is None or not (newest.HasField("set_velocity") and event.HasField("set_velocity")):
             return False
@@ -82,7 +82,7 @@ class Sending(Cuts):
         return True
 
     def _refusal(self, what: str) -> EventRefused | None:
-        """Why nothing more is taken on at present; the first of several is logged."""
+        """Why no event can be accepted at present, if so. Only the first of consecutive refusals is logged."""
         refusal = self._carrier.backlog.refusal(what, is_heard=self._is_attached)
         if refusal is not None and not self._is_refusing:
             _log.warning("session %d: %s; others are refused without a word", self.handle, refusal)
@@ -90,7 +90,7 @@ class Sending(Cuts):
         return refusal
 
     def _check(self, event: session_pb2.SessionEvent) -> None:
-        """Raise why an event can never be sent."""
+        """Raise an error if the event can never be sent."""
         if self._failure is not None:
             raise self._failure
         event.session = self.handle
@@ -100,7 +100,7 @@ class Sending(Cuts):
             raise InvalidInput(event.WhichOneof("event") or "event", "frames that are past", "frames still to come")
 
     def _send(self, event: session_pb2.SessionEvent) -> None:
-        """Give an event its number, and send it as soon as the server hears it. Raises why it never will."""
+        """Give an event its number and send it, now or once a server has the session. Raises if it never can be."""
         self._check(event)
         self._say(event)
 

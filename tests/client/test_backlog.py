@@ -37,7 +37,7 @@ async def lose_the_line(client: MotionClient, server: FakeServer) -> None:
 
 
 async def check_refused(edit: Edit) -> None:
-    with pytest.raises(EventRefused, match=r"OUTBOX_FULL: \d+ bytes wait .* allowed is .*; tell it less") as refused:
+    with pytest.raises(EventRefused, match=r"OUTBOX_FULL: \d+ bytes wait .* allowed is .*; send less") as refused:
         await edit
     assert refused.value.code == "RESOURCE_EXHAUSTED"
     assert edit.event_seq == 0

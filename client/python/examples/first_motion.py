@@ -1,4 +1,4 @@
-"""The least there is: one character, four seconds, a file. `python first_motion.py [host:port]`"""
+"""A minimal example: one character, four seconds, one file. `python first_motion.py [host:port]`"""
 
 import sys
 

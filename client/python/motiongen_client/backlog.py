@@ -38,13 +38,13 @@ class Backlog:
         waiting = self.queued_bytes if is_heard else self.kept_bytes
         if waiting <= MOST_WAITING_BYTES:
             return None
-        until = "the server reads them" if is_heard else "there is a line to the server again"
+        until = "the server reads them" if is_heard else "the connection to the server is back"
         return EventRefused(
             what,
             "RESOURCE_EXHAUSTED",
             "OUTBOX_FULL",
-            f"{waiting} bytes wait until {until}, each event with {EVENT_BYTES} beside its own",
-            allowed=f"more once they are at most {MOST_WAITING_BYTES}; tell it less, or again later",
+            f"{waiting} bytes wait until {until}, counting {EVENT_BYTES} per event in addition to its size",
+            allowed=f"more once at most {MOST_WAITING_BYTES} wait; send less, or try again later",
         )
 
 

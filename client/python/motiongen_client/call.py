@@ -124,8 +124,8 @@ class Call:
     async def _read(self, call: _Call) -> None:
         failure: MotiongenError
         try:
-            async for response in call:  # to its end: of a call with messages that nobody reads, the connection is kept
-                if self._failure is None:  # else it was given up: what comes now is of a call that has been replaced
+            async for response in call:  # read to the end: unread messages would keep the connection open
+                if self._failure is None:  # otherwise the call was given up, and another has replaced it
                     self._hear(response)
             failure = StreamLost("OK", "the server ended the stream")
         except grpc.aio.AioRpcError as error:
@@ -134,12 +134,12 @@ class Call:
             task = asyncio.current_task()
             if task is not None and task.cancelling() and not self._is_closing and self._failure is None:
                 raise
-            failure = StreamLost("CANCELLED", "the stream was closed here")  # so grpc.aio tells it of a closed channel
+            failure = StreamLost("CANCELLED", "the stream was closed here")  # grpc.aio reports a closed channel so
         self._end(failure)
 
     def _hear(self, response: service_pb2.StreamMotionResponse | None) -> None:
-        if response is None:  # what grpc.aio could not read
-            self._end(StreamLost("INTERNAL", "the server said what is no message"))
+        if response is None:  # grpc.aio could not parse it
+            self._end(StreamLost("INTERNAL", "the server sent something that is not a message"))
             return
         if response.HasField("hello"):
             self._hello.set()
@@ -148,8 +148,8 @@ class Call:
         except ProtocolViolation as violation:
             _log.error("%s; giving the stream up", violation)
             self._end(violation)
-        except Exception as fault:  # of what nobody thought a server would say; silent, it would be taken for a loss
-            failure = ProtocolViolation(f"what the server said cannot be taken: {fault!r}")
+        except Exception as fault:  # an unforeseen response; unlogged, it would pass for a lost connection
+            failure = ProtocolViolation(f"a response of the server cannot be processed: {fault!r}")
             _log.exception("%s; giving the stream up", failure)
             self._end(failure)
 

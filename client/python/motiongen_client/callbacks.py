@@ -21,4 +21,4 @@ def call_back(callback: Callable[[T], None] | None, told: T) -> None:
     try:
         callback(told)
     except Exception:
-        _log.exception("the application failed at what it was told: %s", told)
+        _log.exception("a callback of the application failed on: %s", told)

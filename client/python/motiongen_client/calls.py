@@ -200,7 +200,7 @@ class Calls:
         if is_final or not self.recovers:
             self._end(failure, call)
             return
-        _log.warning("the line to %s is lost (%s); trying for another", self._address, failure)
+        _log.warning("the connection to %s was lost (%s); reconnecting", self._address, failure)
         self._wanted.clear()
         if self._events.lost():
             self._wanted.set()

@@ -108,7 +108,7 @@ async def generate_clip(
     try:
         while isinstance(response := await answer_of(call.read()), service_pb2.GenerateClipResponse):
             if response.sample >= num_samples:
-                raise ProtocolViolation(f"sample {response.sample} came of {num_samples}")
+                raise ProtocolViolation(f"sample {response.sample} came; samples asked for: {num_samples}")
             samples[response.sample].take(response, reader, num_frames)
     except grpc.aio.AioRpcError as failure:
         if failure.code() is grpc.StatusCode.DEADLINE_EXCEEDED:

@@ -134,7 +134,7 @@ class Conversation(Recovery):
     def interrupt(self) -> None:
         """The connection is lost. A session that was being closed is over."""
         if any(event.HasField("close") for event in self._unanswered):
-            self._finish(SessionEnd("client", "the line was lost while it was closed", self._num_frames, 0))
+            self._finish(SessionEnd("client", "the connection was lost while it was being closed", self._num_frames, 0))
             return
         super().interrupt()
 
@@ -167,7 +167,7 @@ class Conversation(Recovery):
                 reached = convert.constraint_reached(update.constraint_reached, self._offset)
                 is_former = self._wishes.begins_after(
                     reached.constraint_id, reached.frame
-                )  # told again, behind answers
+                )  # a repeated report of a constraint replaced since
                 if self._reached.note(reached, is_former=is_former):
                     if not is_former:
                         self._wishes.end(reached.constraint_id)

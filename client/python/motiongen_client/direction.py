@@ -193,7 +193,7 @@ class Direction(Sending):
             check_finite("heading_rad", heading_rad)
         hold_frames = max(self.rig.frames_in(seconds), 0)
         if hold_frames >= 1 << 32:
-            raise InvalidInput("seconds", seconds, "those of Limits.max_hold_frames at most")
+            raise InvalidInput("seconds", seconds, "at most Limits.max_hold_frames frames")
         velocity = session_pb2.SetVelocity(
             x=x_mps,
             z=z_mps,

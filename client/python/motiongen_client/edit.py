@@ -10,7 +10,7 @@ from weakref import WeakSet
 from motiongen_client.errors import EventRefused, MotiongenError
 from motiongen_client.types import Outcome
 
-LOST_MEANWHILE = "the line was lost, and its frames have passed since"
+LOST_MEANWHILE = "its frames passed while the connection was lost"
 
 
 class Edit:

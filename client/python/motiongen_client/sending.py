@@ -85,7 +85,7 @@ class Sending(Cuts):
         """Why no event can be accepted at present, if so. Only the first of consecutive refusals is logged."""
         refusal = self._carrier.backlog.refusal(what, is_heard=self._is_attached)
         if refusal is not None and not self._is_refusing:
-            _log.warning("session %d: %s; others are refused without a word", self.handle, refusal)
+            _log.warning("session %d: %s; further refusals are not logged", self.handle, refusal)
         self._is_refusing = refusal is not None
         return refusal
 

@@ -84,7 +84,7 @@ class Session(Conversation):
             if self._failure is not None:
                 raise self._failure
             if self._line is Line.LOST:
-                end = SessionEnd("client", "it was closed while the line was lost", self._num_frames, 0)
+                end = SessionEnd("client", "it was closed while the connection was lost", self._num_frames, 0)
                 self._finish(end)
                 return end
             self._changed.clear()

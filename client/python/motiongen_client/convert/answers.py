@@ -31,7 +31,7 @@ def frame(number: int, offset: int = 0) -> int:
     Raises ProtocolViolation for a number beyond `MOST_FRAME`.
     """
     if number > MOST_FRAME:
-        raise ProtocolViolation(f"frame {number} was told of; frames are numbered up to {MOST_FRAME}")
+        raise ProtocolViolation(f"frame {number} is out of range; frames are numbered up to {MOST_FRAME}")
     return number + offset
 
 

@@ -118,7 +118,7 @@ def directions(words: Sequence[str]) -> Float64:
 
 def _section(place: str, given: Any) -> Mapping[str, Any]:
     if not isinstance(given, Mapping):
-        raise InvalidInput(place, given, "names, each with what is said of it")
+        raise InvalidInput(place, given, "a mapping whose keys are names")
     return given
 
 
@@ -130,7 +130,7 @@ def _check_keys(place: str, section: Any, known: Sequence[str], required: Sequen
             raise InvalidInput(f"{place}.{key}", section[key], f"the keys {', '.join(known)}")
     for key in required:
         if key not in section:
-            raise InvalidInput(place, list(section), f"the key {key} besides")
+            raise InvalidInput(place, list(section), f"the key {key} as well")
 
 
 def _number(place: str, value: Any) -> float:

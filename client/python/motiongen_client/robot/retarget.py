@@ -81,7 +81,7 @@ class G1Retargeter:
     def __init__(self, rig: Rig) -> None:
         absent = [name for name in _BODIES if name not in rig.joint_names]
         if absent:
-            raise InvalidInput("rig", rig.rig_id, f"one with the joints {', '.join(absent)} besides")
+            raise InvalidInput("rig", rig.rig_id, f"one that has the joints {', '.join(absent)} as well")
         self._rig = rig
         self._axes = {name: directions(words.split()) for name, words in _BODIES.items()}
         self._chains = [(moved, base, Chain(hinges.split())) for moved, base, hinges in _CHAINS]

@@ -68,7 +68,7 @@ class SafeHold:
         if qpos.shape != (QPOS_WIDTH,) or not np.isfinite(qpos).all():
             raise InvalidInput("qpos", f"an array of shape {qpos.shape}", f"{QPOS_WIDTH} finite numbers")
         if abs(float(np.linalg.norm(qpos[3:7])) - 1) > _UNIT_TOLERANCE:
-            raise InvalidInput("qpos", qpos[3:7].tolist(), "a unit quaternion w, x, y, z behind the root's place")
+            raise InvalidInput("qpos", qpos[3:7].tolist(), "a unit quaternion w, x, y, z after the root's position")
         if self._command is not None and qpos[3:7] @ self._command[3:7] < 0:
             qpos[3:7] *= -1  # the same rotation; returning to frames interpolates the numbers, which must be close
         if self._command is None:

@@ -53,7 +53,7 @@ class SessionOptions:
     the playhead the server may send. denoise_steps: fewer are faster, more give finer motion. text_guidance and
     constraint_guidance: how strongly prompt and constraints are followed; 0: not at all. history_frames: how many
     frames before it each window sees. prior: the frames just before frame 0, instead of `start`. keep_prompts: prompts
-    hold even if constraints ask for a pace that contradicts them; otherwise the model lets a standing character walk.
+    hold even if constraints ask for another pace; otherwise the one of `Model.locomotion_presets` for that pace does.
     outputs: names from `Model.outputs`, which each frame then has too: `frame.output(name)`.
     """
 

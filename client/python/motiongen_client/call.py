@@ -61,7 +61,7 @@ class Call:
         self._connecting: asyncio.Task[None] | None = None
 
     async def greet(self, agent: str, address: str, timeout_s: float, *, listen_s: float = 0.0) -> None:
-        """Make the call and exchange hellos. Raises ServerUnavailable or StreamLost; `close` it then.
+        """Make the call and exchange hellos. Raises ServerUnavailable or StreamLost; call `close` then.
 
         listen_s: how long to wait for a refusal before anything is written.
         """

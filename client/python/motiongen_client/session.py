@@ -39,7 +39,7 @@ class SessionStats:
 
 @dataclass(frozen=True)
 class Glance:
-    """The frame to show, and for how long: until until_s on the session's clock, unless something arrives before that.
+    """The frame to show, and for how long: up to until_s on the session's clock, unless something arrives first.
 
     count: `Changes.count` when it was taken. until_s: None if the next call may find another frame.
     """

@@ -1,4 +1,4 @@
-"""Chain: several of the robot's hinges in a row that together stand for one joint of a person, within their ranges."""
+"""Chain: several of the robot's hinges in a row that act as one joint of a person, with angles within range."""
 
 from __future__ import annotations
 

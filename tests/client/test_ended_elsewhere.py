@@ -2,56 +2,15 @@
 
 from __future__ import annotations
 
-import asyncio
-import time
-
 import grpc
 import pytest
 
 from motiongen.v1 import session_pb2
 from motiongen_client import convert
-from motiongen_client.errors import EventRefused
 from motiongen_client.session import Session
-from motiongen_client.types import SessionOptions
+from tests.client.line import TOKEN, Line, open_session, opened
 from tests.client.synthetic import catalog
 from tests.client.waiting import until
-
-TOKEN = "a-token.1"
-
-
-class Line:
-    """What a session says, in place of a stream."""
-
-    call_number = 1
-    draining = False
-    recovers = True
-
-    def __init__(self) -> None:
-        self.said: list[session_pb2.SessionEvent] = []
-
-    def check(self, event: session_pb2.SessionEvent) -> None:
-        """All fit."""
-
-    def send(self, event: session_pb2.SessionEvent) -> None:
-        copied = session_pb2.SessionEvent()
-        copied.CopyFrom(event)
-        self.said.append(copied)
-
-    def report_soon(self) -> None:
-        """Playheads are of no use here."""
-
-    def move_elsewhere(self, handle: int, refusal: EventRefused) -> bool:
-        return False
-
-
-def opened() -> session_pb2.SessionUpdate:
-    return session_pb2.SessionUpdate(
-        session=1,
-        opened=session_pb2.SessionOpened(
-            session_id="s1", seed=7, rig_id="stick9", model_id="synthetic", lookahead_frames=40, denoise_steps=4,
-            session_token=TOKEN,
-        ),
-    )  # fmt: skip
 
 
 @pytest.fixture
@@ -62,11 +21,7 @@ async def line() -> Line:
 @pytest.fixture
 async def session(line: Line) -> Session:
     """Open, and saved by its server."""
-    session = Session(1, line, convert.catalog(catalog(100)), time.monotonic)
-    opening = asyncio.create_task(session.begin(SessionOptions(), None, {}, [], None))
-    await until(lambda: line.said)
-    session.hear(opened())
-    await opening
+    session = await open_session(line)
     saved = session_pb2.SessionDurability(is_kept=True)
     session.hear(session_pb2.SessionUpdate(session=1, durability=saved, durable_seq=1))
     return session

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import asyncio
+import gc
 import logging
 import threading
 from collections.abc import Iterator
@@ -14,6 +15,7 @@ import pytest
 
 from motiongen.v1 import service_pb2, session_pb2
 from motiongen_client import LinePolicy, MotionClient, StreamLost
+from motiongen_client.backlog import Backlog, SendQueue
 from motiongen_client.call import Call
 from tests.client.fake_server import FakeServer
 from tests.client.synthetic import HORIZON, catalog
@@ -113,9 +115,25 @@ async def test_a_client_that_is_closed_says_so_to_who_opens(server: FakeServer) 
     assert len(server.streams) == before
 
 
+async def test_a_stream_that_nobody_waits_for_any_more_fails_without_a_word(server: FakeServer) -> None:
+    said: list[dict[str, Any]] = []
+    asyncio.get_running_loop().set_exception_handler(lambda loop, context: said.append(context))
+    client = await MotionClient(server.address).connect()
+    opening = asyncio.create_task(client.open("walk"))
+    await until(lambda: server.streams)
+    opening.cancel()
+    await client.close()
+    with pytest.raises(asyncio.CancelledError):
+        await opening
+    assert not [task for task in asyncio.all_tasks() if task.get_name().startswith("motiongen-")]
+    del client, opening
+    gc.collect()
+    assert said == []
+
+
 async def test_who_gives_up_while_hellos_are_exchanged_leaves_no_task(server: FakeServer) -> None:
     channel = grpc.aio.insecure_channel(server.address)
-    call = Call(channel, lambda response: None, lambda call, failure: None, 1 << 20)
+    call = Call(channel, lambda response: None, lambda call, failure: None, SendQueue(Backlog(), lambda: 1 << 20))
     greeting = asyncio.create_task(call.greet("", server.address, LIMIT_S))
     await until(lambda: [task for task in asyncio.all_tasks() if task.get_name() == "motiongen-hello"])
     greeting.cancel()

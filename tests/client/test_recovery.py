@@ -126,7 +126,7 @@ async def test_a_session_that_is_closed_ends_though_the_line_is_lost_before_the_
     await received(server, "close")
     server.stream.end()
     end = await closing
-    assert "the line was lost" in end.message
+    assert "the connection was lost" in end.message
     assert await session.close() == end
 
 

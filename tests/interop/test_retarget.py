@@ -200,7 +200,7 @@ def test_the_retargets_of_the_data_tools_are_read() -> None:
     ("change", "says"),
     [
         (lambda document: document.update(extra=1), "joint map.extra"),
-        (lambda document: document.pop("root"), "the key root besides"),
+        (lambda document: document.pop("root"), "the key root as well"),
         (lambda document: document["joints"]["Hips"].update(axes=["up", "left", "forward"]), "right-handed"),
         (lambda document: document["joints"]["Hips"].update(axes=["up", "north", "left"]), "joints.Hips.axes"),
         (lambda document: document["root"].update(scale=0), "above 0"),

@@ -17,7 +17,7 @@ async def main(address: str, num_characters: int) -> None:
             opening.append(stream.open(PROMPTS[number % len(PROMPTS)], options=options))
         crowd = await asyncio.gather(*opening)
         for _ in range(4 * 60):  # four seconds at sixty pictures a second
-            poses = [character.poll() for character in crowd]  # draw these; None until the first frame has come
+            poses = [character.poll() for character in crowd]  # draw these; None before the first frame
             await asyncio.sleep(1 / 60)
         shown = sum(pose is not None for pose in poses)
         underruns = sum(character.stats.underruns for character in crowd)

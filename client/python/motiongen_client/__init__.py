@@ -1,4 +1,4 @@
-"""Python client of motiongen: make characters, tell them what to do, and play the frames that come back.
+"""Python client of motiongen: create characters, direct them, and play the frames that come back.
 
     async with MotionClient("localhost:50051") as client:
         walker = await client.open(prompt="a person walks forward")

@@ -1,4 +1,4 @@
-"""Administration: which models a running server holds. Served to its own machine, where it is switched on."""
+"""AdminClient: lists, loads and unloads the models of a running server, through its optional admin service."""
 
 from __future__ import annotations
 
@@ -20,7 +20,7 @@ T = TypeVar("T")
 _STATE_PREFIX = "MODEL_STATE_"
 _LIST_TIMEOUT_S = 10.0
 _MOST_GRACE_S = 3600.0
-"""The most that a server takes."""
+"""The most that a server accepts."""
 
 
 @dataclass(frozen=True)
@@ -28,8 +28,8 @@ class ModelStatus:
     """One model as the server holds it.
 
     model_id: "" while it is loaded for the first time; source: what it was loaded from; state: loading, serving,
-    unloading or failed, unspecified where a newer server says another; sessions: those that are open; load: share of
-    the machine spoken for, 1 being all of it; message: why it failed.
+    unloading or failed, or unspecified for a state known only to newer servers; sessions: how many are open; load:
+    committed share of the machine, where 1 is all of it; message: why it failed.
     """
 
     model_id: str
@@ -43,10 +43,10 @@ class ModelStatus:
 class AdminClient:
     """A connection to a server's admin service. Use it as `async with AdminClient("localhost:50052") as admin`.
 
-    address: of the server's --admin-listen, host:port or unix:PATH. token: of a tenant with the role admin, where the
-    server asks who calls; a refusal raises NotAllowed. Every call raises EventRefused where the server cannot do
-    it, which leaves what it serves untouched, ServerUnavailable where none answers, and StreamLost where the client is
-    closed meanwhile.
+    address: that of the server's --admin-listen, host:port or unix:PATH. token: that of a tenant with the role admin,
+    if the server authenticates callers. Every call raises NotAllowed if the caller may not make it, EventRefused if the
+    server cannot do it (what it serves is then unchanged), ServerUnavailable if no server answers, and StreamLost if
+    the client is closed meanwhile.
     """
 
     def __init__(self, address: str, *, token: Token | None = None) -> None:
@@ -60,23 +60,23 @@ class AdminClient:
         return tuple(_status(model) for model in (await self._answer(call, "listing models")).models)
 
     async def load_model(self, source: str) -> ModelStatus:
-        """Load one more model, as the server's --model takes it; returns when sessions can be opened with it."""
+        """Load another model, named as for the server's --model. Returns when sessions can be opened with it."""
         call = self._stub.LoadModel(admin_pb2.LoadModelRequest(source=source))
         return _status((await self._answer(call, f"loading {source!r}")).model)
 
     async def unload_model(self, model_id: str, grace_s: float | None = None) -> int:
-        """Unload a model; returns how many sessions had to be closed.
+        """Unload a model. Returns how many sessions had to be closed.
 
-        grace_s: how long its sessions may go on. None: it is refused while any is open. Raises InvalidInput for one
-        that is no time.
+        grace_s: how long its sessions may continue. None: refused while any session is open. Raises InvalidInput if
+        grace_s is out of range.
         """
         request = admin_pb2.UnloadModelRequest(model_id=model_id, grace=_duration(grace_s))
         return (await self._answer(self._stub.UnloadModel(request), f"unloading {model_id!r}")).closed_sessions
 
     async def reload_model(self, model_id: str, grace_s: float | None = None) -> tuple[ModelStatus, int]:
-        """Load a model again and put it in the place of the old one; returns how many sessions had to be closed.
+        """Load a model again, in place of the old one. Returns its status and how many sessions had to be closed.
 
-        grace_s: as for `unload_model`, from when the new one is served.
+        grace_s: as for `unload_model`, counted from when the new model is served.
         """
         request = admin_pb2.ReloadModelRequest(model_id=model_id, grace=_duration(grace_s))
         answer = await self._answer(self._stub.ReloadModel(request), f"reloading {model_id!r}")
@@ -89,7 +89,7 @@ class AdminClient:
             raise error_of(failure, event, self.address) from None
 
     async def close(self) -> None:
-        """End the connection. What was asked for goes on."""
+        """End the connection. The server completes what was asked of it."""
         await self._channel.close(None)
 
     async def __aenter__(self) -> AdminClient:
@@ -101,7 +101,7 @@ class AdminClient:
 
 def _status(message: admin_pb2.ModelStatus) -> ModelStatus:
     known = message.state in admin_pb2.ModelState.values()
-    name = admin_pb2.ModelState.Name(message.state) if known else "UNSPECIFIED"  # of a newer server
+    name = admin_pb2.ModelState.Name(message.state) if known else "UNSPECIFIED"  # a newer server's state
     state = name.removeprefix(_STATE_PREFIX).lower()
     return ModelStatus(message.model_id, message.source, state, message.sessions, message.load, message.message)
 

@@ -1,4 +1,4 @@
-"""Poses in the axes of game engines and robots.
+"""Axes: poses in the axes of game engines and robots.
 
 Ours are right-handed, +Y up, +Z forward, +X to the character's left, metres. A change of axes maps every position p to
 scale * A p, and every rotation R, of the root and of any joint relative to its parent alike, to A R A^T. The axis of a
@@ -19,7 +19,7 @@ Array = NDArray[np.floating[Any]]
 
 @dataclass(frozen=True)
 class Axes:
-    """Where an engine has our axes. forward, up, left: its own directions (x, y, z); scale: its units in a metre."""
+    """An engine's axes. forward, up, left: directions (x, y, z) in its coordinates; scale: its units per metre."""
 
     name: str
     forward: tuple[int, int, int]
@@ -29,7 +29,7 @@ class Axes:
 
     @cached_property
     def matrix(self) -> Array:
-        """(3, 3), the columns being where our x (left), y (up) and z (forward) lie."""
+        """(3, 3); the columns are our x (left), y (up) and z (forward) in the engine's axes."""
         return np.array([self.left, self.up, self.forward], np.float64).T
 
     @cached_property
@@ -37,11 +37,11 @@ class Axes:
         return bool(np.linalg.det(self.matrix) < 0)
 
     def positions(self, positions_m: ArrayLike) -> Array:
-        """(..., 3) metres of ours -> (..., 3) in the engine's axes and units. Offsets of a rig go the same way."""
+        """(..., 3) ours, metres -> (..., 3) in the engine's axes and units. Works for a rig's offsets too."""
         return self.scale * (np.asarray(positions_m, np.float64) @ self.matrix.T)
 
     def quaternions_xyzw(self, quaternions_wxyz: ArrayLike) -> Array:
-        """(..., 4) w x y z of ours -> (..., 4) x y z w, the order of Unreal, Unity, Godot and ROS."""
+        """(..., 4) ours, w x y z -> (..., 4) the engine's, x y z w, the order of Unreal, Unity, Godot and ROS."""
         ours = np.asarray(quaternions_wxyz, np.float64)
         sign = -1.0 if self.is_left_handed else 1.0
         return np.concatenate((sign * (ours[..., 1:] @ self.matrix.T), ours[..., :1]), axis=-1)

@@ -1,4 +1,4 @@
-"""An event loop on a thread of its own, for callers without asyncio; its end is the end of all that it runs."""
+"""BackgroundLoop: an event loop on its own thread, for callers without asyncio; stopping it ends all that it runs."""
 
 from __future__ import annotations
 
@@ -16,25 +16,25 @@ _ON_ITS_THREAD = "this is the client's own thread, which cannot wait for itself:
 
 
 class BackgroundLoop:
-    """An event loop on a thread of its own. Everything may be used from any thread."""
+    """An event loop on its own thread. All methods may be called from any thread."""
 
     def __init__(self) -> None:
         self._loop = asyncio.new_event_loop()
         self._thread = threading.Thread(target=self._loop.run_forever, name="motiongen-client", daemon=True)
-        self._lock = threading.RLock()  # a generator may be collected, and so closed, while this thread holds it
+        self._lock = threading.RLock()  # reentrant: its holder may collect, and so close, a generator
         self._is_ending = False
         self._thread.start()
 
     @property
     def is_ending(self) -> bool:
-        """Whether nothing more is run on it."""
+        """Whether `stop` was called, so that nothing more is run."""
         return self._is_ending
 
     def run(self, work: Coroutine[Any, Any, T]) -> T:
         """Run a coroutine on the loop and wait for what it returns.
 
-        Raises SessionEnded once the client is closed, also in threads that wait here at that moment, and MotiongenError
-        on the loop's own thread, where functions of the application are called: it would wait for itself.
+        Raises SessionEnded once the client is closed, also in threads that are waiting here then. Raises MotiongenError
+        on the loop's own thread, where callbacks of the application run, since that would wait for itself.
         """
         if threading.current_thread() is self._thread:
             work.close()
@@ -59,20 +59,20 @@ class BackgroundLoop:
         return self.run(work())
 
     def finish(self, work: Coroutine[Any, Any, object]) -> None:
-        """Run a coroutine that ends something; where the client is closed, it has ended already."""
+        """Run a coroutine that closes something. If the client is closed, there is nothing left to close."""
         with suppress(SessionEnded):
             self.run(work)
 
     def leave(self, generator: AsyncGenerator[Any, None]) -> None:
-        """Close a generator before anything else that is asked of the loop from now on. Does not wait for it.
+        """Close a generator before anything that is run on the loop later. Does not wait for it.
 
-        Python may collect what was left early on any thread; the loop's own must not wait for itself.
+        Python may collect an abandoned generator on any thread, and the loop's own thread must not wait for itself.
         """
 
         async def work() -> None:
             await generator.aclose()
 
-        self._begin(work())  # after the end, which has closed it, there is nothing to do
+        self._begin(work())  # no effect after `stop`, which has closed it
 
     def stop(self) -> None:
         """End what still runs on the loop, and the thread. May be called again. Raises MotiongenError as `run` does."""
@@ -88,7 +88,7 @@ class BackgroundLoop:
         self._loop.close()
 
     def _begin(self, work: Coroutine[Any, Any, T]) -> Future[T] | None:
-        """None where the loop ends or has ended: what began after `_end_all` would never be done."""
+        """Start a coroutine; None once the loop is ending, since work begun after `_end_all` would never complete."""
         with self._lock:
             if not self._is_ending:
                 return asyncio.run_coroutine_threadsafe(work, self._loop)

@@ -1,4 +1,4 @@
-"""When to try again: delays that grow, with jitter, and which ends of a stream are worth it. Pure."""
+"""Backoff: growing delays with jitter between attempts, and which ends of a stream are final. Pure."""
 
 from __future__ import annotations
 
@@ -7,18 +7,18 @@ from collections.abc import Callable
 
 FIRST_DELAY_S, GROWTH, LONGEST_DELAY_S = 0.05, 1.6, 2.0
 LONGEST_ASKED_S = 3600.0
-"""The most that a server can be set to ask for: one that says a century shall not be lost for good."""
+"""Limit on the wait that a server may ask for, so that no bad value keeps a client away for good."""
 SOON_S, LONGEST_SOON_DELAY_S = 3.0, 0.25
-"""For as long as what a client holds may last, it is not another second that it loses to a server that is back."""
+"""Delays stay short for the time that a client's buffered frames may last, so that a quick return is not missed."""
 
 FINAL_CODES = frozenset({"INVALID_ARGUMENT", "UNAUTHENTICATED", "PERMISSION_DENIED", "UNIMPLEMENTED"})
-"""Ends of a stream that would be the same again; any other is the loss of the transport, whatever a proxy calls it."""
+"""Statuses that a new call would get again. Any other counts as a loss of the connection, whatever a proxy calls it."""
 
 
 class Backoff:
-    """The delays before one attempt and the next, each of them somewhere in the upper half of what it may be.
+    """The delays between attempts, each drawn at random from the upper half of its range.
 
-    random_share: a number from 0 to 1 at each call; so that those who lost the same server do not come back as one.
+    random_share: returns a number from 0 to 1; so clients that lost the same server do not all return at once.
     """
 
     def __init__(self, random_share: Callable[[], float] = random.random) -> None:
@@ -34,5 +34,5 @@ class Backoff:
         return delay_s
 
     def reset(self) -> None:
-        """An attempt has come to something: begin with short delays again."""
+        """An attempt succeeded: begin with short delays again."""
         self._delay_s, self._waited_s = FIRST_DELAY_S, 0.0

@@ -1,11 +1,11 @@
-"""The same client without asyncio: every call blocks until it is done.
+"""The client without asyncio: every call blocks until it is done.
 
     with MotionClient("localhost:50051") as client:
         walker = client.open(prompt="a person walks forward")
         for frame in walker.frames(seconds=4):
             print(frame.time_s, frame.joint_positions_m()[0])
 
-One background thread runs the event loop of one client; everything here hands work to it and waits.
+Each client has a background thread that runs its event loop; everything here hands work to that thread and waits.
 """
 
 from __future__ import annotations
@@ -42,7 +42,7 @@ class Stream:
         constraints: Sequence[Constraint] = (),
         keep_s: float | None = 60.0,
     ) -> Session:
-        """Make a character, directed by a prompt and constraints from its first frame on."""
+        """Create a character, directed by a prompt and constraints from its first frame on."""
         opening = self._inner.open(
             prompt, later_prompts=later_prompts, options=options, constraints=constraints, keep_s=keep_s
         )
@@ -75,7 +75,7 @@ class MotionClient:
         policy: LinePolicy | None = None,
         other_addresses: Collection[str] | Callable[[str], bool] = (),
     ) -> None:
-        """As the client with asyncio; a function that gives the token is called on the client's own thread."""
+        """As for the client with asyncio. A function for the token is called on the client's background thread."""
         self._inner = client.MotionClient(
             address,
             credentials=credentials,
@@ -94,7 +94,7 @@ class MotionClient:
         return self._inner.catalog
 
     def connect(self) -> MotionClient:
-        """Connect and fetch the catalogue. `with` does it, where it has not been done. Raises ServerUnavailable."""
+        """Connect and fetch the catalogue, unless that has been done. `with` calls it. Raises ServerUnavailable."""
         if self._loop is not None and not self._loop.is_ending:
             return self
         loop = self._loop = BackgroundLoop()
@@ -107,13 +107,13 @@ class MotionClient:
 
     @property
     def _own_loop(self) -> BackgroundLoop:
-        """Raises StreamLost where there is none yet."""
+        """Raises StreamLost if the client was never connected."""
         if self._loop is None:
             raise StreamLost("CANCELLED", "the client was never connected")
         return self._loop
 
     def stream(self, *, report_hz: float = 4.0) -> Stream:
-        """A new stream, to be entered with `with`."""
+        """A new stream; enter it with `with`."""
         loop = self._own_loop
         return Stream(loop, loop.call(lambda: self._inner.stream(report_hz=report_hz)))
 
@@ -126,7 +126,7 @@ class MotionClient:
         constraints: Sequence[Constraint] = (),
         keep_s: float | None = 60.0,
     ) -> Session:
-        """Make a character on a stream that the client keeps for this."""
+        """Create a character on a stream that the client keeps for this."""
         loop = self._own_loop
         opening = self._inner.open(
             prompt, later_prompts=later_prompts, options=options, constraints=constraints, keep_s=keep_s
@@ -144,7 +144,7 @@ class MotionClient:
         constraints: Sequence[Constraint] = (),
         timeout_s: float | None = None,
     ) -> list[Clip]:
-        """Bounded motion, several samples at once."""
+        """Generate clips: motion of a fixed length, several samples at once."""
         loop = self._own_loop
         work = self._inner.generate_clip(
             prompt,

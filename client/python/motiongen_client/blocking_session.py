@@ -1,4 +1,4 @@
-"""A session and its edits without asyncio: every call hands its work to the client's background thread and waits."""
+"""Session and Edit without asyncio: every call hands its work to the client's background thread and waits."""
 
 from __future__ import annotations
 
@@ -24,7 +24,7 @@ from motiongen_client.types import (
 
 
 class Edit:
-    """A change on its way to the server. `wait()` for its Outcome, or leave it and go on."""
+    """A change that was sent to the server. `wait()` for its Outcome, or ignore it."""
 
     def __init__(self, loop: BackgroundLoop, inner: edit.Edit) -> None:
         self._loop = loop
@@ -34,7 +34,7 @@ class Edit:
 
     @property
     def event_seq(self) -> int:
-        """Its number in the session; another one where the session had to be opened anew."""
+        """Its number in the session; it changes if the session has to be opened anew."""
         return self._inner.event_seq
 
     def wait(self) -> Outcome:
@@ -47,7 +47,7 @@ class Edit:
 
     @property
     def outcome(self) -> Outcome | None:
-        """The server's answer, if it has accepted the change already."""
+        """The server's answer, if it has accepted the change."""
         return self._inner.outcome
 
     @property
@@ -57,7 +57,7 @@ class Edit:
 
 
 class Session:
-    """One character; see `motiongen_client.Session`, whose methods these are."""
+    """One character. `motiongen_client.Session` has the same methods and describes them in full."""
 
     def __init__(self, loop: BackgroundLoop, inner: session.Session) -> None:
         self._loop = loop
@@ -80,22 +80,22 @@ class Session:
 
     @property
     def is_paused(self) -> bool:
-        """Whether `pause` was called last."""
+        """Whether the session is paused."""
         return self._inner.is_paused
 
     @property
     def is_away(self) -> bool:
-        """Whether its line was lost, and the session has not gone on yet."""
+        """Whether its connection was lost and the session has not continued yet."""
         return self._inner.is_away
 
     @property
     def is_durable(self) -> bool:
-        """Whether its server saves it, so that another can go on with it."""
+        """Whether its server saves it, so that another server can continue it."""
         return self._inner.is_durable
 
     @property
     def durable_seq(self) -> int:
-        """Every event up to this number outlives the server."""
+        """Every event up to this number survives the loss of the server."""
         return self._inner.durable_seq
 
     @property
@@ -105,7 +105,7 @@ class Session:
 
     @property
     def reopenings(self) -> tuple[Reopened, ...]:
-        """Each time that the session could not be resumed and was opened anew."""
+        """One entry for each time that the session could not be resumed and was opened anew."""
         return self._inner.reopenings
 
     @property
@@ -125,37 +125,37 @@ class Session:
         return self._edit(lambda: self._inner.set_prompt(prompt, frame=frame, end_frame=end_frame, prompt_id=prompt_id))
 
     def remove_prompts(self, prompt_ids: Iterable[int]) -> Edit:
-        """Drop prompts by the ids that `Edit.prompt_id` gave."""
+        """Remove prompts by their ids (`Edit.prompt_id`)."""
         return self._edit(lambda: self._inner.remove_prompts(prompt_ids))
 
     def add_waypoint(
         self, x_m: float, z_m: float, *, frame: int, last_frame: int | None = None, heading_rad: float | None = None
     ) -> Edit:
-        """Be at a ground position (world metres) at a frame, or at any from the one to the other."""
+        """Be at a ground position (world metres) at a frame, or at any frame from `frame` to last_frame."""
         return self._edit(
             lambda: self._inner.add_waypoint(x_m, z_m, frame=frame, last_frame=last_frame, heading_rad=heading_rad)
         )
 
     def go_to(self, x_m: float, z_m: float, *, heading_rad: float | None = None, is_relative: bool = False) -> Edit:
-        """Walk to a ground position and be there as soon as a person can."""
+        """Walk to a ground position, as soon as a person can be there."""
         return self._edit(lambda: self._inner.go_to(x_m, z_m, heading_rad=heading_rad, is_relative=is_relative))
 
     def follow_path(
         self, corners_m: ArrayLike, *, speed_mps: float | None = None, smoothing_m: float | None = None
     ) -> Edit:
-        """Walk from here along lines through corners_m (N, 2), world x, z in metres, and stand at the last."""
+        """Walk from here along straight lines through corners_m (N, 2), world x, z in metres; stand at the last."""
         return self._edit(lambda: self._inner.follow_path(corners_m, speed_mps=speed_mps, smoothing_m=smoothing_m))
 
     def teleport(self, x_m: float, z_m: float, *, heading_rad: float = 0.0) -> Edit:
-        """Stand at a ground position, facing somewhere, from the first frame that can still change."""
+        """Stand at a ground position with a heading, from the first frame that can still change."""
         return self._edit(lambda: self._inner.teleport(x_m, z_m, heading_rad=heading_rad))
 
     def cut_to(self, prior: Motion) -> Edit:
-        """Go on from other frames, as if they had come just before."""
+        """Continue from other frames, as if they had come just before."""
         return self._edit(lambda: self._inner.cut_to(prior))
 
     def seek(self, frame: int) -> Edit:
-        """Go on from a frame of its own, as if the frames before that one had just been."""
+        """Continue from one of the session's own frames, as if the frames before it had just been shown."""
         return self._edit(lambda: self._inner.seek(frame))
 
     def set_options(
@@ -167,7 +167,7 @@ class Session:
         guidance: tuple[float | None, float | None] | None = None,
         history_frames: int | None = None,
     ) -> Edit:
-        """Change what the session was opened with, from the next window on."""
+        """Change options of the session, from the next window on."""
         return self._edit(
             lambda: self._inner.set_options(
                 priority=priority,
@@ -181,33 +181,33 @@ class Session:
     def add_trajectory(
         self, positions_m: ArrayLike, *, first_frame: int, headings_rad: ArrayLike | None = None
     ) -> Edit:
-        """Follow a path: positions_m (N, 2) world x, z in metres, one a frame; headings_rad (N,)."""
+        """Be at positions_m (N, 2), world x, z in metres, one per frame; headings_rad (N,)."""
         return self._edit(
             lambda: self._inner.add_trajectory(positions_m, first_frame=first_frame, headings_rad=headings_rad)
         )
 
     def add_constraints(self, constraints: Iterable[Constraint]) -> Edit:
-        """Add constraints to those there are."""
+        """Add constraints to the present ones."""
         return self._edit(lambda: self._inner.add_constraints(constraints))
 
     def replace_constraint(self, constraint_id: int, constraint: Constraint) -> Edit:
-        """Put a constraint in the place of one."""
+        """Replace a constraint by its id."""
         return self._edit(lambda: self._inner.replace_constraint(constraint_id, constraint))
 
     def add_heading(self, heading_rad: float, *, frame: int) -> Edit:
-        """Face somewhere at a frame, wherever the character is; see `motiongen_client.Session`."""
+        """Face a direction (radians, 0 toward +Z) at a frame, wherever the character is."""
         return self._edit(lambda: self._inner.add_heading(heading_rad, frame=frame))
 
     def set_constraints(self, constraints: Iterable[Constraint]) -> Edit:
-        """Put these constraints in place of all there are."""
+        """Replace all constraints with these."""
         return self._edit(lambda: self._inner.set_constraints(constraints))
 
     def remove_constraints(self, constraint_ids: Iterable[int]) -> Edit:
-        """Drop constraints by the ids that `Edit.constraint_ids` gave."""
+        """Remove constraints by their ids (`Edit.constraint_ids`)."""
         return self._edit(lambda: self._inner.remove_constraints(constraint_ids))
 
     def clear_constraints(self) -> Edit:
-        """Drop all constraints."""
+        """Remove all constraints."""
         return self._edit(self._inner.clear_constraints)
 
     def set_velocity(
@@ -219,7 +219,7 @@ class Session:
         heading_rad: float | None = None,
         keep_prompt: bool = False,
     ) -> Edit:
-        """Move over the ground at a velocity, metres a second, for so many seconds or until the next call."""
+        """Move over the ground at a velocity in metres per second, for `seconds` or until the next call."""
         return self._edit(
             lambda: self._inner.set_velocity(
                 x_mps, z_mps, seconds=seconds, heading_rad=heading_rad, keep_prompt=keep_prompt
@@ -235,11 +235,11 @@ class Session:
         return self._edit(self._inner.resume)
 
     def constraint_reached(self, constraint_id: int) -> ConstraintReached:
-        """What became of a constraint, by an id of `Edit.constraint_ids`; waits until its last frame is decided."""
+        """What became of a constraint, by an id of `Edit.constraint_ids`; waits until its last frame cannot change."""
         return self._loop.run(self._inner.constraint_reached(constraint_id))
 
     def frame_in(self, seconds: float) -> int:
-        """The frame that is shown `seconds` from now."""
+        """The frame that will be shown `seconds` from now."""
         return self._loop.call(lambda: self._inner.frame_in(seconds))
 
     def frames(self, seconds: float | None = None, *, realtime: bool = True) -> Iterator[Frame]:
@@ -256,9 +256,9 @@ class Session:
             self._loop.leave(frames)
 
     def poll(self) -> Frame | None:
-        """Move the playhead to the present and return the frame to show now; None before the first one came.
+        """Move the playhead to the present and return the frame to show now; None before the first has arrived.
 
-        While the same frame is shown, and nothing has come, this neither waits for the client's thread nor locks.
+        While the same frame is due and nothing has arrived, this neither waits for the client's thread nor locks.
         """
         glance = self._glance
         if glance is None or not self._inner.is_same(glance):
@@ -266,7 +266,7 @@ class Session:
         return glance.frame
 
     def sample(self) -> Frame | None:
-        """As `poll`, but with the pose of this very moment, between two frames."""
+        """As `poll`, but with the pose interpolated between two frames for this moment."""
         return self._loop.call(self._inner.sample)
 
     def set_time_scale(self, scale: float) -> None:

@@ -1,9 +1,13 @@
-"""The transport: one call to the server. It writes what it is given, hands on what comes, and says when it is over.
+"""Call: one call to the server. It writes queued events, passes responses on, and reports its end.
 
-What grpc.aio asks for, kept here in one place: a read or write in flight is never cancelled or put under a timeout
-(its native batch would leak), so the two loops end because the call ends; a call is always cancelled at last (an
-abandoned one is never collected); and nothing is written before there is a connection, since who waits for one is not
-told that the call was cancelled, and waits for ever where a server takes connections and says nothing.
+This file keeps to the following rules of grpc.aio:
+
+- A read or write in flight is never cancelled or put under a timeout, since its native batch would leak. The read and
+  write loops end because the call ends.
+- Every call is cancelled at last, since an abandoned one is never collected, and is read to its end: after a failed
+  write it counts as over and can no longer be cancelled, while earlier messages still wait to be read.
+- Nothing is written before there is a connection. A write that waits for one is not told that the call was cancelled,
+  and waits for ever if a server accepts connections and says nothing.
 """
 
 from __future__ import annotations
@@ -18,6 +22,7 @@ import grpc.aio
 
 from motiongen.v1 import service_pb2, session_pb2
 from motiongen.v1.service_pb2_grpc import MotionServiceStub
+from motiongen_client.backlog import SendQueue
 from motiongen_client.errors import MotiongenError, ProtocolViolation, ServerUnavailable, StreamLost
 from motiongen_client.status import reason_of
 
@@ -31,9 +36,9 @@ Take: TypeAlias = Callable[[service_pb2.StreamMotionResponse], None]
 
 
 class Call:
-    """One StreamMotion call. `greet` it, then `send`; `on_end` is called once, when it is over for whatever reason.
+    """One StreamMotion call: first `greet`, then `send`. `on_end` is called once, when it is over for any reason.
 
-    take: called with every response; may raise ProtocolViolation, which ends the call.
+    take: called with every response; may raise ProtocolViolation, which ends the call. queue: its own.
     """
 
     def __init__(
@@ -41,14 +46,12 @@ class Call:
         channel: grpc.aio.Channel,
         take: Take,
         on_end: Callable[[Call, MotiongenError], None],
-        max_request_bytes: int,
+        queue: SendQueue,
     ) -> None:
         self._channel = channel
         self._take = take
         self._on_end = on_end
-        self._max_batch_bytes = max_request_bytes * 9 // 10  # the rest is for the message around the events
-        self._events: list[session_pb2.SessionEvent] = []
-        self._ping: service_pb2.Ping | None = None
+        self._queue = queue
         self._something_to_send = asyncio.Event()
         self._hello = asyncio.Event()
         self._is_closing = False
@@ -58,9 +61,9 @@ class Call:
         self._connecting: asyncio.Task[None] | None = None
 
     async def greet(self, agent: str, address: str, timeout_s: float, *, listen_s: float = 0.0) -> None:
-        """Make the call and exchange hellos. Raises ServerUnavailable or StreamLost; `close` it then.
+        """Make the call and exchange hellos. Raises ServerUnavailable or StreamLost; call `close` then.
 
-        listen_s: how long the server may refuse the call before it is told anything.
+        listen_s: how long to wait for a refusal before anything is written.
         """
         call: _Call = MotionServiceStub(self._channel).StreamMotion()
         self._call = call
@@ -84,12 +87,12 @@ class Call:
 
     def send(self, event: session_pb2.SessionEvent) -> None:
         """Queue an event; it goes out with the next message."""
-        self._events.append(event)
+        self._queue.put(event)
         self._something_to_send.set()
 
     def ping(self, ping: service_pb2.Ping) -> None:
         """Send a ping with the next message."""
-        self._ping = ping
+        self._queue.put_ping(ping)
         self._something_to_send.set()
 
     def give_up(self, failure: MotiongenError) -> None:
@@ -112,6 +115,7 @@ class Call:
         if self._failure is not None:
             return
         self._failure = failure
+        self._queue.clear()
         self._something_to_send.set()  # lets the write loop see that it is over
         if self._call is not None:
             self._call.cancel()
@@ -120,27 +124,34 @@ class Call:
     async def _read(self, call: _Call) -> None:
         failure: MotiongenError
         try:
-            while isinstance(response := await call.read(), service_pb2.StreamMotionResponse):  # else the end of it
-                if self._failure is not None:
-                    return  # given up: what comes now is of a call that has been replaced
-                if response.HasField("hello"):
-                    self._hello.set()
-                self._take(response)
+            async for response in call:  # read to the end: unread messages would keep the connection open
+                if self._failure is None:  # otherwise the call was given up, and another has replaced it
+                    self._hear(response)
             failure = StreamLost("OK", "the server ended the stream")
         except grpc.aio.AioRpcError as error:
             failure = StreamLost(error.code().name, error.details() or "", reason_of(error))
-        except ProtocolViolation as violation:
-            failure = violation
-            _log.error("%s; giving the stream up", violation)
-        except Exception as fault:  # of what nobody thought a server would say; silent, it would be taken for a loss
-            failure = ProtocolViolation(f"what the server said cannot be taken: {fault!r}")
-            _log.exception("%s; giving the stream up", failure)
         except asyncio.CancelledError:
             task = asyncio.current_task()
             if task is not None and task.cancelling() and not self._is_closing and self._failure is None:
                 raise
-            failure = StreamLost("CANCELLED", "the stream was closed here")  # so grpc.aio tells it of a closed channel
+            failure = StreamLost("CANCELLED", "the stream was closed here")  # grpc.aio reports a closed channel so
         self._end(failure)
+
+    def _hear(self, response: service_pb2.StreamMotionResponse | None) -> None:
+        if response is None:  # grpc.aio could not parse it
+            self._end(StreamLost("INTERNAL", "the server sent something that is not a message"))
+            return
+        if response.HasField("hello"):
+            self._hello.set()
+        try:
+            self._take(response)
+        except ProtocolViolation as violation:
+            _log.error("%s; giving the stream up", violation)
+            self._end(violation)
+        except Exception as fault:  # an unforeseen response; unlogged, it would pass for a lost connection
+            failure = ProtocolViolation(f"a response of the server cannot be processed: {fault!r}")
+            _log.exception("%s; giving the stream up", failure)
+            self._end(failure)
 
     @staticmethod
     async def _connect(call: _Call, reading: asyncio.Task[None], listen_s: float) -> None:
@@ -156,8 +167,8 @@ class Call:
             while self._failure is None:
                 await self._something_to_send.wait()
                 self._something_to_send.clear()
-                while self._failure is None and (self._events or self._ping is not None):
-                    await call.write(self._next_request())
+                while self._failure is None and self._queue:
+                    await call.write(self._queue.take())
                 if self._is_closing:
                     await call.done_writing()
                     return
@@ -166,16 +177,3 @@ class Call:
         except asyncio.CancelledError:
             if self._failure is None and not self._is_closing:
                 raise
-
-    def _next_request(self) -> service_pb2.StreamMotionRequest:
-        """As many queued events as one message may carry."""
-        num_bytes, num_events = 0, 0
-        for event in self._events:
-            num_bytes += event.ByteSize() + 8
-            if num_events and num_bytes > self._max_batch_bytes:
-                break
-            num_events += 1
-        request = service_pb2.StreamMotionRequest(events=self._events[:num_events], ping=self._ping)
-        del self._events[:num_events]
-        self._ping = None
-        return request

@@ -1,4 +1,4 @@
-"""The functions that an application has called when something becomes of a session."""
+"""Callbacks: calling the functions that an application sets for events of a session."""
 
 from __future__ import annotations
 
@@ -12,13 +12,13 @@ T = TypeVar("T")
 
 
 def call_back(callback: Callable[[T], None] | None, told: T) -> None:
-    """Tell the application, where it wants to know. What it raises is logged.
+    """Call the application's callback, if set. An exception in it is logged, not raised.
 
-    It is called where the stream is read: all of its sessions would hear nothing more for one that fails.
+    Callbacks run in the stream's read loop: an exception there would end it for all sessions of the stream.
     """
     if callback is None:
         return
     try:
         callback(told)
     except Exception:
-        _log.exception("the application failed at what it was told: %s", told)
+        _log.exception("a callback of the application failed on: %s", told)

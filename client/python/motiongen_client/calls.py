@@ -1,4 +1,4 @@
-"""The calls of one stream, one after another: each is watched, and when it is lost the next is made."""
+"""Calls: makes the calls of one stream, one at a time, watches each, and makes the next when one is lost."""
 
 from __future__ import annotations
 
@@ -12,6 +12,7 @@ import grpc.aio
 
 from motiongen.v1 import service_pb2, session_pb2
 from motiongen_client import convert
+from motiongen_client.backlog import SendQueue
 from motiongen_client.backoff import FINAL_CODES, Backoff
 from motiongen_client.call import Call
 from motiongen_client.channel import Route
@@ -23,20 +24,20 @@ _log = logging.getLogger(__name__)
 
 LAG_S = 1.0
 _MOST_PINGS = 64
-"""That are remembered until they are answered."""
+"""Limit on the unanswered pings that are remembered."""
 LISTEN_S = (0.0, 0.1, 0.5, 2.0)
-"""How long each of the calls in a row for one status listens before it says hello. A server that refuses a call does so
-while the hello is still being written, and then grpc.aio loses the status: of 2 to 36 in 100 such calls, as the machine
-has it. A call that says nothing meanwhile hears it for certain."""
+"""How long successive attempts at a call listen before they send the hello. A server may refuse a call while the hello
+is still being written; grpc.aio then loses the status, in 2 to 36 of 100 such calls, depending on the machine. A call
+that writes nothing until it has listened always receives it."""
 
 
 @dataclass(frozen=True)
 class CallEvents:
-    """What a stream does when something becomes of its calls.
+    """The stream's callbacks for events of its calls.
 
-    take: with each response. greeted: once hellos were exchanged on a new channel, before the call counts as there.
-    begun: a call is there. lost: it is gone; returns whether another is needed at once, else one is made when somebody
-    waits for it. over: there will be none.
+    take: called with each response. greeted: hellos were exchanged on a new channel; awaited before the call counts as
+    connected. begun: there is a call. lost: it is gone; returns whether another is needed at once, otherwise one is
+    made when something waits for it. over: there will be no more calls.
     """
 
     take: Callable[[service_pb2.StreamMotionResponse], None]
@@ -47,10 +48,10 @@ class CallEvents:
 
 
 class Calls:
-    """At most one call at a time, over a channel of its own, since what stopped one may be wrong with its connection.
+    """At most one call at a time, each over its own channel, since a bad connection may be what ended the last.
 
-    number: how many there were. reconnect_after_s: how long the server wants the next one to wait. other_servers: to
-    which it sends the next one, the best first.
+    number: how many calls there were. reconnect_after_s: how long the server asked the client to wait before the next.
+    other_servers: where the server sends the next call, best first.
     """
 
     def __init__(
@@ -60,22 +61,22 @@ class Calls:
         agent: str,
         policy: LinePolicy,
         *,
-        max_request_bytes: int,
+        make_queue: Callable[[], SendQueue],
         events: CallEvents,
         route: Route | None = None,
     ) -> None:
-        """route: of the channels that `connect` makes; None: they all lead to one server."""
+        """make_queue: makes a queue for each call. route: decides where `connect` leads; None: always to one server."""
         self._route = route
         self._connect = connect
         self._address = address
         self._agent = agent
         self._policy = policy
-        self._max_request_bytes = max_request_bytes
+        self._make_queue = make_queue
         self._events = events
         self._channel: grpc.aio.Channel | None = None
         self._call: Call | None = None
         self._closing = False
-        self._news = asyncio.Event()  # the call is there, or gone, or never will be again
+        self._news = asyncio.Event()  # set when a call begins, is lost, or there will be none
         self._ponged = asyncio.Event()
         self._wanted = asyncio.Event()
         self._watching: asyncio.Task[None] | None = None
@@ -87,7 +88,7 @@ class Calls:
         self.reconnect_after_s = 0.0
         self.other_servers: tuple[OtherServer, ...] = ()
         self.round_trip_s: float | None = None
-        self._pinged_ns: deque[int] = deque(maxlen=_MOST_PINGS)  # when, of those without an answer
+        self._pinged_ns: deque[int] = deque(maxlen=_MOST_PINGS)  # send times of unanswered pings
 
     @property
     def is_connected(self) -> bool:
@@ -95,7 +96,7 @@ class Calls:
 
     @property
     def channel(self) -> grpc.aio.Channel | None:
-        """That of the present call."""
+        """The channel of the present call."""
         return self._channel
 
     @property
@@ -104,7 +105,7 @@ class Calls:
         return self._policy.recover_s != 0 and not self._closing
 
     def send(self, event: session_pb2.SessionEvent) -> None:
-        """Queue an event. While there is no call it goes nowhere."""
+        """Queue an event. It is dropped while there is no call."""
         if self._call is not None:
             self._call.send(event)
 
@@ -114,7 +115,7 @@ class Calls:
         self._watching = asyncio.create_task(self._watch(), name="motiongen-ping")
 
     async def close(self) -> None:
-        """Finish the call, and make no other. May be called again."""
+        """Finish the call and make no other. May be called again."""
         self._closing = True
         tasks = [task for task in (self._watching, self._recovering) if task is not None]
         for task in tasks:
@@ -127,19 +128,19 @@ class Calls:
             await asyncio.shield(self._dropping)
 
     def ask(self) -> None:
-        """Have a call made where there is none. Does not wait for it."""
+        """Have a call made if there is none. Does not wait for it."""
         self._wanted.set()
 
     async def until_connected(self) -> None:
-        """Wait for a call. Raises why there will be none."""
+        """Wait for a call. Raises the failure if there will be none."""
         await self._until(lambda: self._call is not None and self.failure is None)
 
     async def until_after(self, number: int) -> None:
-        """Wait for a call after the one of that number. Raises why there will be none."""
+        """Wait for a call later than the one of that number. Raises the failure if there will be none."""
         await self._until(lambda: self.number > number)
 
     async def _until(self, holds: Callable[[], bool]) -> None:
-        """Ask for a call, and wait until something holds of it. Raises why it never will."""
+        """Ask for a call, and wait until a condition holds. Raises the failure if it never will."""
         while not holds():
             if self.failure is not None:
                 raise self.failure
@@ -149,7 +150,7 @@ class Calls:
     # ---- one call after another
 
     async def _make_call(self) -> None:
-        """Raises ServerUnavailable or StreamLost, with what the server says of it."""
+        """Make a call. Raises ServerUnavailable or StreamLost, with the status that the server gave if any."""
         for listen_s in LISTEN_S:
             try:
                 return await self._try_call(listen_s)
@@ -161,7 +162,7 @@ class Calls:
         await self._drop_channel()
         self._check_open()
         channel = self._channel = self._connect()
-        call = Call(channel, self._take, self._lose, self._max_request_bytes)
+        call = Call(channel, self._take, self._lose, self._make_queue())
         try:
             await call.greet(self._agent, self._address, self._policy.hello_timeout_s, listen_s=listen_s)
             await self._events.greeted(channel)
@@ -169,7 +170,7 @@ class Calls:
         except BaseException:
             await call.close()
             raise
-        if call.failure is not None:  # between the hello and now
+        if call.failure is not None:  # it was lost after the hello
             raise call.failure
         self._call = call
         self.number += 1
@@ -178,7 +179,7 @@ class Calls:
         self._tell()
 
     def _check_open(self) -> None:
-        """Raise StreamLost where the stream was closed while a call was made."""
+        """Raise StreamLost if the stream was closed while the call was being made."""
         if self._closing:
             raise StreamLost("CANCELLED", "the stream was closed here")
 
@@ -188,30 +189,30 @@ class Calls:
             await channel.close(None)
 
     def _lose(self, call: Call, failure: MotiongenError) -> None:
-        """A call is over."""
+        """Handle the end of a call: end the stream, or start to recover."""
         if call is not self._call:
-            return  # it never came to be: whoever tries it knows
+            return  # it was never established: `_try_call` raises its failure
         self._call = None
         self._tell()
         is_final = not isinstance(failure, StreamLost) or failure.code in FINAL_CODES
         if isinstance(failure, StreamLost) and failure.reason == CREDENTIALS_EXPIRED:
-            is_final = False  # where the next call has no better ones, it is refused for good
+            is_final = False  # the next call may carry renewed ones; if not, it is refused for good
         if is_final or not self.recovers:
             self._end(failure, call)
             return
-        _log.warning("the line to %s is lost (%s); trying for another", self._address, failure)
+        _log.warning("the connection to %s was lost (%s); reconnecting", self._address, failure)
         self._wanted.clear()
         if self._events.lost():
             self._wanted.set()
         self._recovering = asyncio.create_task(self._recover(failure), name="motiongen-recover")
 
     async def _recover(self, failure: MotiongenError) -> None:
-        """Try for another call until there is one, or the time for it is over; at its end too, whatever was asked."""
+        """Try to make a call until one is there or recover_s is over. The last try is then, whatever wait was asked."""
         time, most_s = asyncio.get_running_loop().time, self._policy.recover_s
-        await self._wanted.wait()  # a stream that carries nothing is ended by the server, for nothing
+        await self._wanted.wait()  # servers end calls without sessions, so none is made before it is needed
         began_s, asked_s = time(), self.reconnect_after_s
         if self._route is not None and self._route.follow(self.other_servers):
-            asked_s = 0.0  # that is when the server itself is back
+            asked_s = 0.0  # that wait is for the return of the lost server
         while most_s is None or time() - began_s < most_s:
             delay_s = self._backoff.next_s(asked_s)
             await asyncio.sleep(delay_s if most_s is None else min(delay_s, began_s + most_s - time()))
@@ -228,7 +229,7 @@ class Calls:
             except MotiongenError as violation:
                 failure = violation
                 break
-            except Exception as fault:  # of what gives the token: its own line may be as lost as this one
+            except Exception as fault:  # of the token function, whose own network may be down too
                 _log.warning("no call to %s can be made: %s", self._address, fault)
                 failure = StreamLost("UNAVAILABLE", f"no call could be made: {fault}")
             if self._route is not None:
@@ -236,12 +237,12 @@ class Calls:
         self._end(failure)
 
     def _end(self, failure: MotiongenError, call: Call | None = None) -> None:
-        """There will be no call any more, and nothing is left of the last one, whether `close` comes or not."""
+        """End for good, and release the last call and its channel, even if `close` is never called."""
         if self.failure is None:
             self.failure = failure
             self._events.over(failure)
             if self._watching is not None:
-                self._watching.cancel()  # also where it is the one that has found the last call silent
+                self._watching.cancel()  # even if it is the watcher itself that calls this
             self._dropping = asyncio.get_running_loop().create_task(self._let_go(call), name="motiongen-drop")
         self._tell()
 
@@ -254,22 +255,22 @@ class Calls:
         news, self._news = self._news, asyncio.Event()
         news.set()
 
-    # ---- signs of life
+    # ---- pings
 
     def _take(self, response: service_pb2.StreamMotionResponse) -> None:
         if (
             response.HasField("pong") and response.pong.client_time_ns in self._pinged_ns
-        ):  # else it answers none of ours
+        ):  # otherwise it answers none of ours
             self._pinged_ns.remove(response.pong.client_time_ns)
             is_first = self.round_trip_s is None
             self.round_trip_s = asyncio.get_running_loop().time() - response.pong.client_time_ns / 1e9
             self._ponged.set()
             if is_first:
-                self._send_ping()  # which tells it to the server
+                self._send_ping()  # which reports the round trip to the server
         self._events.take(response)
 
     async def _watch(self) -> None:
-        """Ask for a sign of life again and again; a server that gives none is as good as gone."""
+        """Ping the server regularly, and give up a call without a pong."""
         policy, proved = self._policy, None
         while True:
             call = self._call
@@ -280,9 +281,9 @@ class Calls:
             self._send_ping()
             await asyncio.sleep(policy.pong_timeout_s)
             if not self._ponged.is_set():
-                await asyncio.sleep(LAG_S)  # if it was we who stood still, what came meanwhile is read now
+                await asyncio.sleep(LAG_S)  # if this process was stalled, responses that arrived meanwhile are read now
             if self._ponged.is_set():
-                if call is proved:  # not by its first pong: something that we say may end every call at once
+                if call is proved:  # at the second pong: what this client sends may end each call early
                     self._backoff.reset()
                 proved = call
             elif call is self._call:

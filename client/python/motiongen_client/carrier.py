@@ -1,19 +1,23 @@
-"""Carrier: what a session needs of the stream that carries it."""
+"""Carrier: the interface of a stream towards its sessions."""
 
 from __future__ import annotations
 
 from typing import Protocol
 
 from motiongen.v1 import session_pb2
+from motiongen_client.backlog import Backlog
 from motiongen_client.errors import EventRefused
 
 
 class Carrier(Protocol):
-    """What a session needs of the stream that carries it."""
+    """What a session needs of the stream that carries it. backlog: accounts for what waits to be sent."""
+
+    @property
+    def backlog(self) -> Backlog: ...
 
     @property
     def call_number(self) -> int:
-        """Rises with each call that takes the place of a lost one."""
+        """The number of the present call; it rises with each reconnection."""
 
     @property
     def is_connected(self) -> bool:
@@ -21,7 +25,7 @@ class Carrier(Protocol):
 
     @property
     def draining(self) -> bool:
-        """Whether the server has said goodbye."""
+        """Whether the server has sent a Goodbye."""
 
     @property
     def recovers(self) -> bool:
@@ -31,13 +35,14 @@ class Carrier(Protocol):
         """Raise InvalidInput for an event that is too big to be sent."""
 
     def send(self, event: session_pb2.SessionEvent) -> None:
-        """Queue an event; it goes out with the next message."""
+        """Queue an event for the next message. It is dropped while the connection is lost."""
 
     def report_soon(self) -> None:
         """Report playheads without waiting for the next regular report."""
 
     def move_elsewhere(self, handle: int, refusal: EventRefused) -> bool:
-        """Try to have another server go on with a session that this one has no room for.
+        """Try to have another server continue a session for which this one has no free capacity.
 
-        The session waits meanwhile: it is moved to another stream, or told to `wait_for_room`. False: none is known.
+        Meanwhile the session waits: it is moved to another stream, or `wait_for_room` is called. Returns False if no
+        other server is known.
         """

@@ -1,4 +1,4 @@
-"""The catalogue of a server while models come and go there: asked for anew, and looked up in."""
+"""Fetching a server's catalogue again, since models are loaded and unloaded, and looking up models in it."""
 
 from __future__ import annotations
 
@@ -13,7 +13,7 @@ from motiongen_client.types import Catalog, Model, SessionOptions
 
 
 async def newest_catalog(stub: MotionServiceStub, held: Catalog, address: str, timeout_s: float) -> Catalog:
-    """The server's own catalogue: `held` itself where it is that. Raises ServerUnavailable or ProtocolViolation."""
+    """The server's current catalogue; `held` if unchanged. Raises ServerUnavailable or ProtocolViolation."""
     request = service_pb2.GetCatalogRequest(catalog_etag=held.etag)
     try:
         response = await answer_of(stub.GetCatalog(request, timeout=timeout_s))
@@ -24,12 +24,12 @@ async def newest_catalog(stub: MotionServiceStub, held: Catalog, address: str, t
 
 
 def has_model(catalog: Catalog, options: SessionOptions) -> bool:
-    """Whether a catalogue has the model of a session: the one it names, or any where it names none."""
+    """Whether a catalogue has the model of a session: the one it names, or any if it names none."""
     return bool(catalog.models) and options.model_id in ("", *(model.model_id for model in catalog.models))
 
 
 def model_of(catalog: Catalog, options: SessionOptions) -> Model:
-    """The model that a session names, or the default. Raises UnknownName, also where the server has no model."""
+    """The model that a session names, or the default. Raises UnknownName, also if the server has no model."""
     if catalog.models and not options.model_id:
         return catalog.models[0]
     return catalog.model(options.model_id)

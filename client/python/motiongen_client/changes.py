@@ -1,4 +1,4 @@
-"""Changes: an event that counts, so that another thread can see whether anything has happened without asking."""
+"""Changes: an event with a counter, by which another thread can tell, without a lock, whether anything happened."""
 
 from __future__ import annotations
 
@@ -6,7 +6,7 @@ import asyncio
 
 
 class Changes(asyncio.Event):
-    """Set when something came, or is due now. count: how often; reading it needs no lock."""
+    """Set when something has arrived or is due now. count: how often it was set; reading it needs no lock."""
 
     def __init__(self) -> None:
         super().__init__()

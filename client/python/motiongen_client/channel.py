@@ -1,4 +1,4 @@
-"""ChannelSettings: how a client reaches its server: address, TLS, token, metadata, and gRPC's own options."""
+"""How a client reaches its server: ChannelSettings (address, TLS, token, metadata, gRPC options) and Route."""
 
 from __future__ import annotations
 
@@ -22,24 +22,24 @@ OPTIONS: tuple[Option, ...] = (
     ("grpc.keepalive_time_ms", 30_000),
     ("grpc.keepalive_timeout_ms", 10_000),
     ("grpc.keepalive_permit_without_calls", 0),
-    # A window of fixed size: left to its own measure of the line, gRPC would take in minutes of motion unread.
+    # A window of fixed size: with gRPC's own bandwidth estimate, it would buffer minutes of unread motion.
     ("grpc.http2.bdp_probe", 0),
     ("grpc.http2.lookahead_bytes", 256 * 1024),
     ("grpc.max_receive_message_length", 8 * 1024 * 1024),
     ("grpc.max_send_message_length", 8 * 1024 * 1024),
-    # A stream carries state; a call repeated behind our back would carry none.
+    # A stream has state, which a call transparently retried by gRPC would lack.
     ("grpc.enable_retries", 0),
-    # Each call has a connection of its own: one that stopped would stop the next call too.
+    # Each call has a connection of its own; a shared one that hangs would hang the next call too.
     ("grpc.use_local_subchannel_pool", 1),
-    # A server that starts is seen soon; the default would wait up to two minutes.
+    # Notice a starting server soon; by default, gRPC waits up to two minutes.
     ("grpc.initial_reconnect_backoff_ms", 100),
     ("grpc.max_reconnect_backoff_ms", 2_000),
 )
 _NAMES_FOR_TLS = ("grpc.ssl_target_name_override", "grpc.default_authority")
 REPLICA_KEY = "x-motiongen-key"
-"""Metadata by which a proxy can bring all calls of one client to one server, which has its sessions."""
+"""Metadata key by which a proxy can route all calls of a client to the one server that has its sessions."""
 DRAWN_KEY = re.compile(r"[0-9a-f]{16}")
-"""Those that are drawn here: they name nobody, so servers may tell them to others."""
+"""Form of the keys drawn at random here. They identify nobody, so servers may tell them to other clients."""
 _UNIX = "unix:"
 _MOST_PORT_DIGITS = 5
 _PROXY = "grpc.enable_http_proxy"
@@ -49,9 +49,9 @@ _TOKEN = re.compile(r"[\x21-\x7e]+")
 
 
 def names_for_tls(address: str, chosen: Iterable[str]) -> list[Option]:
-    """Options by which a server's certificate is checked, but for those that are chosen.
+    """Options for checking a server's certificate. chosen: names of options that the application sets itself.
 
-    A socket of this machine is localhost to it: gRPC would look for its path among the names of the certificate.
+    For a Unix socket the certificate must be for localhost: gRPC would look for the socket's path in it.
     """
     is_ours = address.startswith(_UNIX) and not set(chosen).intersection(_NAMES_FOR_TLS)
     return [("grpc.default_authority", "localhost")] if is_ours else []
@@ -59,10 +59,10 @@ def names_for_tls(address: str, chosen: Iterable[str]) -> list[Option]:
 
 @dataclass(frozen=True)
 class ChannelSettings:
-    """address: host:port or unix:PATH. credentials: of `grpc.ssl_channel_credentials()`; None speaks plain text.
+    """address: host:port or unix:PATH. credentials: from `grpc.ssl_channel_credentials()`; None: plain text.
 
-    token: sent with every call, or what gives it, asked anew for every call, so that one that expires is followed by
-    the next. metadata: sent with every call too. options: for gRPC, before those set here. Raises InvalidInput.
+    token: sent with every call; or a function that returns it, called for every call, so that an expired token is
+    replaced. metadata: sent with every call too. options: gRPC options, which override `OPTIONS`. Raises InvalidInput.
     """
 
     address: str
@@ -91,7 +91,7 @@ class ChannelSettings:
         chosen = {name for name, _ in self.options}
         options = [*self.options, *(option for option in OPTIONS if option[0] not in chosen)]
         if self._is_bare and _PROXY not in chosen:
-            options.append((_PROXY, 0))  # gRPC would use one of the environment for this machine too
+            options.append((_PROXY, 0))  # gRPC would use a proxy from the environment even for this machine
         if self.credentials is None:
             channel = grpc.aio.insecure_channel(self.address, options=options)
         else:
@@ -103,11 +103,11 @@ class ChannelSettings:
 
     @property
     def routing_key(self) -> str:
-        """The key by which a proxy chooses a server, "" for none."""
+        """The key by which a proxy chooses a server; "" if there is none."""
         return next((text for name, text in self.metadata if name == REPLICA_KEY), "")
 
     def routed_by(self, key: str) -> ChannelSettings:
-        """The same, with another key."""
+        """The same settings with another routing key."""
         others = [pair for pair in self.metadata if pair[0] != REPLICA_KEY]
         return replace(self, metadata=(*others, (REPLICA_KEY, key)))
 
@@ -125,10 +125,10 @@ class ChannelSettings:
 
 
 class Route:
-    """The way of one stream to a server: the same address and key with every call, until another server is wanted."""
+    """Where the calls of one stream lead: the same address and routing key until another server is wanted."""
 
     def __init__(self, settings: ChannelSettings, is_allowed: Callable[[str], bool] = lambda _: False) -> None:
-        """is_allowed: whether a server may send this client, with its token, to an address."""
+        """is_allowed: whether servers may send this client, with its token, to an address."""
         self._settings = settings
         self._own_address = settings.address
         self._is_allowed = is_allowed
@@ -136,7 +136,7 @@ class Route:
 
     @property
     def is_at_home(self) -> bool:
-        """Whether it leads to the client's own address at present, and not to one that a server has named."""
+        """Whether it leads to the client's own address at present, rather than to one named by a server."""
         return self._settings.address == self._own_address
 
     def open(self) -> grpc.aio.Channel:
@@ -144,7 +144,7 @@ class Route:
         return self._settings.open()
 
     def follow(self, servers: Iterable[OtherServer]) -> bool:
-        """Have the next channel lead to the first of these that this client may go to. False: there is none."""
+        """Direct the next channel to the first of these servers that is allowed. Returns False if none is."""
         ways = [self._way(each) for each in servers]
         self._named = [way for way in ways if way is not None]
         if not self._named:
@@ -153,9 +153,9 @@ class Route:
         return True
 
     def pass_over(self, *, is_starting: bool) -> None:
-        """Have the next channel lead to the next server that was named, since this one serves nobody.
+        """Direct the next channel to the next server that was named, since the present one does not serve calls.
 
-        Where none is left, to the client's own address; by another key where the server there is only starting.
+        If none is left, it goes to the client's own address; with another key if the server there is only starting.
         """
         if self._named:
             self._settings = self._named.pop(0)
@@ -165,17 +165,17 @@ class Route:
             self.change()
 
     def change(self) -> None:
-        """Have the next channel lead elsewhere, where a proxy places calls by their key and it was drawn here."""
+        """Draw a new routing key, so that a proxy may choose another server. Keys of the application's are kept."""
         if has_drawn_key(self._settings):
             self._settings = self._settings.routed_by(drawn_key())
 
     def _way(self, server: OtherServer) -> ChannelSettings | None:
-        """By the server's own address where that is allowed, else by its key; None where neither leads there."""
+        """By the server's own address if that is allowed, else by its key; None if neither works."""
         if server.address and self._is_allowed(server.address):
-            with suppress(InvalidInput):  # it is none
+            with suppress(InvalidInput):  # not a valid address
                 return replace(self._settings, address=server.address)
         if server.routing_key and has_drawn_key(self._settings):
-            with suppress(InvalidInput):  # metadata cannot carry it
+            with suppress(InvalidInput):  # not valid as metadata
                 return replace(self._settings, address=self._own_address).routed_by(server.routing_key)
         return None
 
@@ -183,8 +183,8 @@ class Route:
 class _WithMetadata:
     """A channel whose calls all carry metadata.
 
-    Not by interceptors: grpc.aio puts tasks and queues of its own between a call and whom it belongs to where there are
-    any, and then a call that ends is told of late.
+    It does not use interceptors: with those, grpc.aio puts tasks and queues of its own between a call and its caller,
+    so that the end of a call is noticed late.
     """
 
     def __init__(self, channel: grpc.aio.Channel, metadata: Callable[[], tuple[tuple[str, str], ...]]) -> None:
@@ -204,18 +204,18 @@ class _WithMetadata:
 
 
 def drawn_key() -> str:
-    """A key for a client that has none."""
+    """A random routing key, for a client without one."""
     return secrets.token_hex(8)
 
 
 def has_drawn_key(settings: ChannelSettings) -> bool:
-    """Whether its key is none that an application has chosen."""
+    """Whether the routing key was drawn here, not chosen by an application."""
     return DRAWN_KEY.fullmatch(settings.routing_key) is not None
 
 
 def _host_of(address: str) -> str:
-    """Raises InvalidInput."""
-    is_text = address.isprintable()  # half a pair of UTF-16, as bytes that are no UTF-8 come, is not
+    """The host of an address, or the whole address if it is a Unix socket. Raises InvalidInput."""
+    is_text = address.isprintable()  # false for lone surrogates, which stand for bytes that are not UTF-8
     if is_text and address.startswith(_UNIX) and address != _UNIX:
         return address
     host, _, port = address.rpartition(":")
@@ -229,7 +229,7 @@ def _host_of(address: str) -> str:
 
 
 def _is_local(host: str) -> bool:
-    """Whether nothing that is sent there leaves this machine."""
+    """Whether a host is this machine."""
     if host == "localhost" or host.startswith(_UNIX):
         return True
     try:
@@ -240,4 +240,4 @@ def _is_local(host: str) -> bool:
 
 def _check_token(token: str) -> None:
     if not _TOKEN.fullmatch(token):
-        raise InvalidInput("token", f"{len(token)} characters", "printable ASCII without spaces")  # and stays secret
+        raise InvalidInput("token", f"{len(token)} characters", "printable ASCII without spaces")  # it stays secret

@@ -1,4 +1,4 @@
-"""The way in: a channel to one server, its catalogue, and streams of sessions."""
+"""MotionClient, the entry point: a connection to one server, its catalogue, and streams of sessions."""
 
 from __future__ import annotations
 
@@ -29,11 +29,11 @@ from motiongen_client.types import NO_PROMPTS, Catalog, Clip, Constraint, Sessio
 class MotionClient:
     """A connection to one motiongen server. Use it as `async with MotionClient("localhost:50051") as client`.
 
-    address, credentials, token, metadata, channel_options: as `ChannelSettings` has them; a token that expires is best
-    given as a function that returns the present one. connect_timeout_s: how long to wait for a server that is there and
-    ready. policy: what to do when the line to it is lost.
-    catalog: what the server offered when it was asked last: on connecting, with each new line to it, and where a model
-    is wanted that it did not have.
+    address, credentials, token, metadata, channel_options: see `ChannelSettings`. Give a token that expires as a
+    function that returns the current one. connect_timeout_s: how long to wait for a server that is ready. policy: what
+    to do when the connection is lost.
+    catalog: what the server offers, as of the last request: it is fetched on connecting, on each reconnection, and when
+    a model is wanted that the held catalogue lacks.
     """
 
     def __init__(
@@ -50,8 +50,8 @@ class MotionClient:
     ) -> None:
         """Raises InvalidInput.
 
-        other_addresses: where a server that has no room may send this client, with its token: addresses, or what says
-        whether one is allowed. Through a proxy none is needed: other servers are reached at the same address.
+        other_addresses: where a server without free capacity may send this client, with its token: addresses, or a
+        function that says whether one is allowed. Not needed through a proxy, where all servers have the same address.
         """
         if not any(name == REPLICA_KEY for name, _ in metadata):
             metadata = (*metadata, (REPLICA_KEY, drawn_key()))
@@ -71,7 +71,7 @@ class MotionClient:
     async def connect(self) -> MotionClient:
         """Wait for the server and fetch its catalogue. Raises ServerUnavailable or NotAllowed.
 
-        `async with` does it, where it has not been done.
+        `async with` calls it. Does nothing if the client is connected.
         """
         if self._channel is not None:
             return self
@@ -85,7 +85,7 @@ class MotionClient:
         return self
 
     async def _await_catalog(self) -> service_pb2.GetCatalogResponse:
-        """Ask until a server answers that is ready, or the time is over."""
+        """Ask until a server that is ready answers, or the time is up."""
         time, backoff = asyncio.get_running_loop().time, Backoff()
         ends_s = time() + self._connect_timeout_s
         while True:
@@ -106,18 +106,18 @@ class MotionClient:
             await asyncio.sleep(wait_s)
 
     async def _renew_catalog(self) -> None:
-        """Models may have been loaded and unloaded since. Raises ServerUnavailable."""
+        """Fetch the catalogue again, since models may have been loaded or unloaded. Raises ServerUnavailable."""
         self._take_catalog(await newest_catalog(self._stub, self.catalog, self.address, self._policy.hello_timeout_s))
 
     def _take_catalog(self, catalog: Catalog) -> None:
         self.catalog = catalog
 
     def stream(self, *, report_hz: float = 4.0) -> Stream:
-        """A new stream, to be entered with `async with`. One stream carries many sessions; one is enough for most."""
+        """A new stream; enter it with `async with`. It carries many sessions, so most applications need only one."""
         return self._stream("", "", report_hz, moves=False)
 
     def _stream(self, address: str, routing_key: str, report_hz: float = 4.0, *, moves: bool = True) -> Stream:
-        """One to another address, or by another key, where these are given. moves: sessions may leave it for others."""
+        """A stream, to another address or with another routing key if given. moves: its sessions may change streams."""
         self._check_connected()
         settings = replace(self._settings, address=address or self.address)
         route = Route(settings.routed_by(routing_key) if routing_key else settings, self._elsewhere.is_allowed)
@@ -137,12 +137,13 @@ class MotionClient:
         return stream
 
     async def _own(self) -> Stream:
-        """The stream that `open` uses; those who ask at once wait for the same one."""
+        """The stream that `open` uses; concurrent callers wait for the same one."""
         if self._own_stream is not None and not self._own_stream.is_over:
             return self._own_stream
         if self._starting is None or self._starting.done():
             self._starting = asyncio.create_task(self._start_own(), name="motiongen-start")
-        return await asyncio.shield(self._starting)  # one who gives up must not end it for the others
+            self._starting.add_done_callback(_see)
+        return await asyncio.shield(self._starting)  # a cancelled caller must not cancel it for the others
 
     async def _start_own(self) -> Stream:
         self._own_stream = await self._stream("", "").start()
@@ -150,7 +151,7 @@ class MotionClient:
 
     @property
     def is_connected(self) -> bool:
-        """Whether the stream that `open` uses has a line to the server at present."""
+        """Whether the stream that `open` uses is connected to the server at present."""
         return self._own_stream is not None and self._own_stream.is_connected
 
     async def open(
@@ -162,10 +163,10 @@ class MotionClient:
         constraints: Sequence[Constraint] = (),
         keep_s: float | None = 60.0,
     ) -> Session:
-        """Make a character on a stream that the client keeps for this; otherwise as `Stream.open`.
+        """Create a character on a stream that the client keeps for this; otherwise as `Stream.open`.
 
-        Where the server has no room, one that it names is asked, on a stream of its own; so it is when the session is
-        to go on after a loss.
+        If the server has no free capacity, the client asks a server that it names, on another stream. It does the same
+        when the session has to continue after a loss.
         """
         own = await self._own()
 
@@ -187,10 +188,11 @@ class MotionClient:
         constraints: Sequence[Constraint] = (),
         timeout_s: float | None = None,
     ) -> list[Clip]:
-        """Bounded motion: num_samples clips of num_frames frames, made as fast as the server has room for them.
+        """Generate num_samples clips of num_frames frames each, as fast as the server's free capacity allows.
 
-        later_prompts: by the frame they take over at. Sample n has the seed + n. timeout_s: after which the server
-        stops working on it. Raises InvalidInput, UnknownName, EventRefused, DeadlineExceeded or ServerUnavailable.
+        later_prompts: keyed by the frame at which each takes over. Sample n uses seed + n. timeout_s: the time after
+        which the server stops working on them. Raises InvalidInput, UnknownName, EventRefused, DeadlineExceeded or
+        ServerUnavailable.
         """
         self._check_connected()
         wanted = options or SessionOptions()
@@ -216,7 +218,7 @@ class MotionClient:
         except EventRefused as refusal:
             if wanted.model_id or refusal.reason != "UNKNOWN_MODEL":
                 raise
-        await self._renew_catalog()  # the default was unloaded since
+        await self._renew_catalog()  # the default model has been unloaded since
         return await made()
 
     def _check_connected(self) -> None:
@@ -225,10 +227,12 @@ class MotionClient:
 
     async def close(self) -> None:
         """End all streams and the connection. May be called again."""
-        channel, self._channel = self._channel, None  # from now on there are no new streams
+        channel, self._channel = self._channel, None  # from here on, no new stream can be made
         await self._elsewhere.close()
         for stream in self._streams:
             await stream.close()
+        if self._starting is not None:
+            await asyncio.gather(self._starting, return_exceptions=True)  # it fails at once, since its stream is closed
         self._streams.clear()
         self._own_stream = None
         if channel is not None:
@@ -241,9 +245,15 @@ class MotionClient:
         await self.close()
 
 
+def _see(starting: asyncio.Task[Stream]) -> None:
+    """Retrieve the failure of a start that nobody may await any more; otherwise asyncio would report it as a bug."""
+    if not starting.cancelled():
+        starting.exception()
+
+
 def agent_name() -> str:
     """Name and version of this library, for the server's logs."""
     try:
         return f"motiongen-python/{version('motiongen-client')}"
     except PackageNotFoundError:
-        return "motiongen-python/source"  # run from a checkout that was not installed
+        return "motiongen-python/source"  # run from a checkout, not installed

@@ -1,4 +1,4 @@
-"""Clips: bounded motion in one call, several samples at once, as fast as the server makes it."""
+"""Clips: motion of a fixed length in one call, several samples at once, as fast as the server generates it."""
 
 from __future__ import annotations
 
@@ -34,7 +34,7 @@ _log = logging.getLogger(__name__)
 
 @dataclass(eq=False)
 class _Sample:
-    """What has come of one sample."""
+    """What has arrived of one sample."""
 
     rows: list[Float32] = field(default_factory=list)
     num_frames: int = 0
@@ -42,7 +42,7 @@ class _Sample:
     residuals: tuple[Residual, ...] | None = None
 
     def take(self, response: service_pb2.GenerateClipResponse, reader: convert.FrameReader, num_frames: int) -> None:
-        """num_frames: that were asked for. Raises ProtocolViolation for a part out of order, and for more frames."""
+        """num_frames: as requested. Raises ProtocolViolation for a part out of order, and for excess frames."""
         if self.residuals is not None:
             raise ProtocolViolation("a part of a clip came after its summary")
         match response.WhichOneof("part"):
@@ -68,7 +68,7 @@ class _Sample:
                 self.residuals = tuple(convert.residual(one) for one in response.summary.residuals)
 
     def clip(self, rig: Rig, num_frames: int, num_constraints: int) -> Clip:
-        """The sample once the call has ended. Raises ProtocolViolation when a part is missing."""
+        """The complete sample, once the call has ended. Raises ProtocolViolation if a part is missing."""
         if self.opened is None or self.residuals is None or self.num_frames != num_frames:
             raise ProtocolViolation(f"a clip of {num_frames} frames ended after {self.num_frames}")
         if len(self.residuals) != num_constraints:
@@ -91,11 +91,11 @@ async def generate_clip(
     constraints: Sequence[Constraint],
     timeout_s: float | None,
 ) -> list[Clip]:
-    """See `MotionClient.generate_clip`. Raises UnknownName for a model that the catalogue has not."""
+    """See `MotionClient.generate_clip`. Raises UnknownName for a model that the catalogue lacks."""
     model = model_of(catalog, options)
-    options = replace(options, model_id=model.model_id)  # the default that its rig is looked up of, and no newer one
+    options = replace(options, model_id=model.model_id)  # name the default: the rig is looked up by it
     asked = {name: model.outputs[name] for name in options.outputs if name in model.outputs}
-    rig = catalog.rig(model.rig_id).with_outputs(asked)  # the server refuses those it has not
+    rig = catalog.rig(model.rig_id).with_outputs(asked)  # the server refuses unknown ones
     for frame in later_prompts:
         check_frame("later_prompts", frame)
     check_request(catalog, num_frames, num_samples, options)
@@ -108,22 +108,22 @@ async def generate_clip(
     try:
         while isinstance(response := await answer_of(call.read()), service_pb2.GenerateClipResponse):
             if response.sample >= num_samples:
-                raise ProtocolViolation(f"sample {response.sample} came of {num_samples}")
+                raise ProtocolViolation(f"sample {response.sample} came; samples asked for: {num_samples}")
             samples[response.sample].take(response, reader, num_frames)
     except grpc.aio.AioRpcError as failure:
         if failure.code() is grpc.StatusCode.DEADLINE_EXCEEDED:
             raise DeadlineExceeded("the clip", timeout_s) from None
         raise error_of(failure, "the clip", address) from None
     finally:
-        call.cancel()  # one that broke a rule sends on; where it has ended this does nothing
+        call.cancel()  # a server that broke a rule would go on sending; no effect if the call has ended
     clips = [sample.clip(rig, num_frames, len(constraints)) for sample in samples]
-    for warning in clips[0].warnings:  # the others have the same
+    for warning in clips[0].warnings:  # the other samples have the same
         _log.warning("%s", warning.message)
     return clips
 
 
 def check_request(catalog: Catalog, num_frames: int, num_samples: int, options: SessionOptions) -> None:
-    """Raise InvalidInput for what the server would refuse anyway."""
+    """Raise InvalidInput for a request that the server would refuse anyway."""
     limits = catalog.limits
     if not 1 <= num_frames <= limits.max_clip_frames:
         raise InvalidInput("frames", num_frames, f"1 to {limits.max_clip_frames} frames")

@@ -1,4 +1,4 @@
-"""What a session hears of the server: its opening, its frames, answers, and its end."""
+"""Conversation: what a session receives from the server: its opening, frames, answers, and its end."""
 
 from __future__ import annotations
 
@@ -15,7 +15,8 @@ from motiongen_client.direction import PRESENT_PROMPT_ID
 from motiongen_client.errors import EventRefused, MotiongenError, ProtocolViolation, SessionEnded, UnknownName
 from motiongen_client.playback import Playback
 from motiongen_client.prompts import Prompt
-from motiongen_client.recovery import Line, Recovery
+from motiongen_client.recovery import Recovery
+from motiongen_client.reopening import Line
 from motiongen_client.types import (
     Catalog,
     Constraint,
@@ -33,14 +34,14 @@ _WARNINGS_REMEMBERED = 16
 
 
 class Conversation(Recovery):
-    """The half of a `Session` that hears the server."""
+    """The part of a `Session` that takes the server's updates."""
 
     service_level: ServiceLevel
 
     def __init__(self, handle: int, carrier: Carrier, catalog: Catalog, clock: Callable[[], float]) -> None:
         super().__init__(handle, carrier, catalog, clock)
         self._opened_at_s = clock()
-        self._is_ahead = False  # since the last report frames were taken sooner than the server thinks
+        self._is_ahead = False  # frames consumed since the last report, ahead of the server's clock
         self._opening: asyncio.Future[Opened] = asyncio.get_running_loop().create_future()
         self._keep_s: float | None = None
         self._end: SessionEnd | None = None
@@ -62,7 +63,7 @@ class Conversation(Recovery):
         constraints: Sequence[Constraint],
         keep_s: float | None,
     ) -> None:
-        """Open the session and wait until it is. Raises what it was refused with, or why it will never be."""
+        """Open the session and wait for the answer. Raises the refusal, or why it can never be opened."""
         self._options, self._keep_s = options, keep_s
         prompts = [] if prompt is None else [convert.prompt_span(PRESENT_PROMPT_ID, prompt, None)]
         for frame, text in later_prompts.items():
@@ -73,12 +74,14 @@ class Conversation(Recovery):
         ids = self._take_constraint_ids(len(constraints))
         targets = [convert.constraint(key, target) for key, target in zip(ids, constraints, strict=True)]
         opening = convert.open_session(options, prompts, targets)
+        if (refusal := self._refusal("opening a session")) is not None:
+            raise refusal
         self._wishes.take_opening(opening)
         self._send(session_pb2.SessionEvent(open=opening))
         await asyncio.shield(self._opening)
 
     def abandon(self) -> None:
-        """Nobody waits for its opening any more: end it, on the server as soon as that hears of it."""
+        """End a session whose opening nobody awaits any more, here and on the server."""
         if self._failure is not None:
             return
         if self._carrier.is_connected:
@@ -87,24 +90,24 @@ class Conversation(Recovery):
             self._finish(SessionEnd("client", "it was given up before it was opened", self._num_frames, 0))
 
     async def constraint_reached(self, constraint_id: int) -> ConstraintReached:
-        """What became of a constraint, by an id of `Edit.constraint_ids`, once its last frame cannot change any more.
+        """What became of a constraint, by an id of `Edit.constraint_ids`, once its last frame can no longer change.
 
-        Raises EventRefused where it was refused, or its frames passed while the line was lost, and what ends the
-        session where that comes first; one that is removed is waited for until then.
+        Raises EventRefused if it was refused or its frames passed while the connection was lost. If the session ends
+        first, raises what ended it; for a constraint that was removed, it waits for that.
         """
         return await self._reached.of(constraint_id)
 
     @property
     def is_over(self) -> bool:
-        """Whether nothing more will be said or heard."""
+        """Whether nothing more will be sent or received."""
         return self._failure is not None
 
     @property
     def is_reporting(self) -> bool:
-        """Whether the server is to hear the playhead: not before it reaches what a new session made.
+        """Whether to report the playhead: after a reopening, not before it reaches the new session's first frame.
 
-        One that stands still is told nevertheless, or the session would be closed for its silence; and then the server
-        counts on from there, so it is told on.
+        A playhead that stands still is reported even then, or the server would close the session as idle. From then on
+        the server counts from there, so reports continue.
         """
         if self._line is not Line.OPEN or self._failure is not None:
             return False
@@ -124,19 +127,19 @@ class Conversation(Recovery):
         return session_pb2.SessionEvent(session=self.handle, playhead=report)
 
     def _transmit(self, event: session_pb2.SessionEvent) -> None:
-        if self._is_ahead and self.is_reporting:  # or what is asked would replace frames that were taken
+        if self._is_ahead and self.is_reporting:  # or the event would replace frames that were consumed
             self._carrier.send(self.report())
         super()._transmit(event)
 
     def interrupt(self) -> None:
-        """The line is lost. One that was closing is over."""
-        if any(event.HasField("close") for event in self._unanswered.values()):
-            self._finish(SessionEnd("client", "the line was lost while it was closed", self._num_frames, 0))
+        """The connection is lost. A session that was being closed is over."""
+        if any(event.HasField("close") for event in self._unanswered):
+            self._finish(SessionEnd("client", "the connection was lost while it was being closed", self._num_frames, 0))
             return
         super().interrupt()
 
     def hear(self, update: session_pb2.SessionUpdate) -> None:
-        """Take one update of the server. Raises ProtocolViolation when it breaks a rule."""
+        """Take one update from the server. Raises ProtocolViolation if it breaks a rule."""
         kind = update.WhichOneof("update")
         if kind in ("plan", "chunk") and self._line is not Line.OPEN:
             raise ProtocolViolation(f"a {kind} came before the session was opened")
@@ -162,8 +165,12 @@ class Conversation(Recovery):
                 self._hear_outcome(update.outcome)
             case "constraint_reached":
                 reached = convert.constraint_reached(update.constraint_reached, self._offset)
-                if self._reached.note(reached):
-                    self._wishes.end(reached.constraint_id)
+                is_former = self._wishes.begins_after(
+                    reached.constraint_id, reached.frame
+                )  # a repeated report of a constraint replaced since
+                if self._reached.note(reached, is_former=is_former):
+                    if not is_former:
+                        self._wishes.end(reached.constraint_id)
                     call_back(self.on_constraint_reached, reached)
             case "durability":
                 self.durable_seq = max(update.durable_seq, self.durable_seq)
@@ -181,15 +188,15 @@ class Conversation(Recovery):
             self._opening.set_exception(failure)
             self._opening.exception()
 
-    # ---- what is heard of an open session
+    # ---- updates of an open session
 
     def _hear_opened(self, opened: Opened, token: str) -> None:
         if self._line is not Line.OPENING:
             self._hear_reopened(opened, token)
-            self._set_level(ServiceLevel("full", opened.denoise_steps))  # another follows where that is not so
+            self._set_level(ServiceLevel("full", opened.denoise_steps))  # another follows if the level is lower
             return
         self._line, self.opened, self._token = Line.OPEN, opened, token
-        del self._unanswered[1]
+        self._unanswered.pop(1)
         self._log_warnings(opened.warnings)
         self._wishes.place(opened.placements)
         self.service_level = ServiceLevel("full", opened.denoise_steps)
@@ -222,8 +229,8 @@ class Conversation(Recovery):
                 self._hear_refused_opening(refusal)
             return
         if self.is_away:
-            return  # it crossed the session's end: what has no answer by then is said again where it goes on
-        event = self._unanswered.pop(message.event_seq, None)
+            return  # it crossed the session's end: what is unanswered by then is sent again when it continues
+        event = self._unanswered.pop(message.event_seq)
         edit = self._edits.find(message.event_seq)
         answer = convert.outcome(message, edit.what if edit is not None else "an event", self._offset)
         if isinstance(answer, EventRefused):
@@ -236,8 +243,8 @@ class Conversation(Recovery):
                 self._wishes.take(event, effective, playhead, answer.placements)
                 if event.HasField("seek") and answer.effective_frame is not None:
                     self.playback.note_cut(answer.effective_frame)
-                for target in event.edit_constraints.upsert:
-                    self._reached.replaced(target.constraint_id, is_accepted=True)
+            if edit is not None and edit.is_replacement:
+                self._reached.replaced(edit.constraint_ids[0], is_accepted=True)
         if edit is not None:
             self._edits.answer(edit, answer)
 
@@ -254,7 +261,7 @@ class Conversation(Recovery):
         self.fail(SessionEnded(end.reason, end.message))
 
     def _log_warnings(self, warnings: Iterable[ModelWarning]) -> None:
-        """Those that were not logged of late: what a stick is warned of comes ten times a second."""
+        """Log the warnings not logged recently: while a stick is held, the same one comes ten times a second."""
         for each in warnings:
             if each.message not in self._logged:
                 self._logged.append(each.message)

@@ -1,26 +1,28 @@
-"""Changes on their way to the server: what became of each, and when its first frame came."""
+"""Edit: a change sent to the server, its outcome, and when the first frame that shows it arrived."""
 
 from __future__ import annotations
 
 import asyncio
 from collections.abc import Callable, Generator, Iterable, Mapping
 from typing import Any
+from weakref import WeakSet
 
 from motiongen_client.errors import EventRefused, MotiongenError
 from motiongen_client.types import Outcome
 
-LOST_MEANWHILE = "the line was lost, and its frames have passed since"
+LOST_MEANWHILE = "its frames passed while the connection was lost"
 
 
 class Edit:
-    """A change on its way to the server: `await` it for its Outcome, or leave it and go on.
+    """A change that was sent to the server: `await` it for its Outcome, or ignore it.
 
-    Awaiting raises EventRefused when the server refused the change and SessionEnded or StreamLost when it can no
-    longer be answered. A refusal that nobody awaits is logged as a warning. The server answers when the plan that
-    holds the change is made; for a prompt scheduled far ahead that is only when its frames are generated.
+    Awaiting raises EventRefused if the server refused the change, and SessionEnded or StreamLost if it can no longer be
+    answered. Refusals are also logged as warnings. The server answers when it makes the plan that contains the change;
+    for a prompt scheduled far ahead that is only when its frames are generated.
 
-    event_seq: its number in the session; another one where the session had to be opened anew. constraint_ids: ids given
-    to the constraints it adds; prompt_id: the id of the prompt it sets.
+    event_seq: its number in the session; it changes if the session has to be opened anew, and is 0 if the client did
+    not accept the change (OUTBOX_FULL). constraint_ids: the ids of the constraints it adds, or the id of the one that
+    it replaces (is_replacement); prompt_id: the id of the prompt it sets.
     """
 
     def __init__(
@@ -35,20 +37,24 @@ class Edit:
         self.event_seq = event_seq
         self.constraint_ids = constraint_ids
         self.prompt_id = prompt_id
+        self.is_replacement = False
         self._sent_at_s = sent_at_s
         self._first_frame_at_s: float | None = None
         self._answer: asyncio.Future[Outcome] = asyncio.get_running_loop().create_future()
+        self._settled: Outcome | MotiongenError | None = None
+        self._acts: list[Callable[[Outcome | MotiongenError], None]] = []  # callbacks of the session
+        self._alike: WeakSet[asyncio.Future[Outcome]] = WeakSet()  # futures of the edits that it replaced
 
     def __await__(self) -> Generator[Any, None, Outcome]:
-        return asyncio.shield(self._answer).__await__()  # one awaiter that gives up must not cancel it for the others
+        return asyncio.shield(self._answer).__await__()  # a cancelled awaiter must not cancel it for the others
 
     def done(self) -> bool:
-        """Whether the server has answered, or never will: then awaiting returns or raises at once."""
+        """Whether the server has answered or never will, so that awaiting returns or raises at once."""
         return self._answer.done()
 
     @property
     def outcome(self) -> Outcome | None:
-        """The server's answer, if it has accepted the change already."""
+        """The server's answer, if it has accepted the change."""
         return self._answer.result() if self._answer.done() and self._answer.exception() is None else None
 
     @property
@@ -57,74 +63,87 @@ class Edit:
         return None if self._first_frame_at_s is None else self._first_frame_at_s - self._sent_at_s
 
     def when_accepted(self, act: Callable[[], None]) -> None:
-        """For the session: call `act` once the server has accepted the change, and never if it does not."""
-
-        def look(answer: asyncio.Future[Outcome]) -> None:
-            if not answer.cancelled() and answer.exception() is None:
-                act()
-
-        self._answer.add_done_callback(look)
+        """For the session: call `act` as soon as the server has accepted the change, and never if it does not."""
+        self._when_answered(lambda answer: act() if isinstance(answer, Outcome) else None)
 
     def when_refused(self, act: Callable[[EventRefused], None]) -> None:
-        """For the session: call `act` where the change is refused, and never if it is not."""
+        """For the session: call `act` as soon as the change is refused, and never if it is not."""
+        self._when_answered(lambda answer: act(answer) if isinstance(answer, EventRefused) else None)
 
-        def look(answer: asyncio.Future[Outcome]) -> None:
-            failure = None if answer.cancelled() else answer.exception()
-            if isinstance(failure, EventRefused):
-                act(failure)
-
-        self._answer.add_done_callback(look)
+    def _when_answered(self, act: Callable[[Outcome | MotiongenError], None]) -> None:
+        """Call it at once, not via the event loop: the server's next update may refer to its consequences."""
+        if self._settled is None:
+            self._acts.append(act)
+        else:
+            act(self._settled)
 
     def note_first_frame(self, now_s: float) -> None:
-        """For the session: its first frame has come. Only the first call counts."""
+        """For the session: the first frame that shows it has arrived. Only the first call counts."""
         if self._first_frame_at_s is None:
             self._first_frame_at_s = now_s
 
+    def take_the_place_of(self, earlier: Edit) -> None:
+        """For the session: it was sent instead of an earlier edit, which then gets the same answer."""
+        self._alike = earlier._alike
+        self._alike.add(earlier._answer)
+
     def settle(self, answer: Outcome | MotiongenError) -> None:
         """For the session: the answer, or why there will be none. Only the first call counts."""
-        if self._answer.done():
+        if self._settled is not None:
             return
-        if isinstance(answer, Outcome):
-            self._answer.set_result(answer)
-            return
-        self._answer.set_exception(answer)
-        self._answer.exception()  # marks it as seen: asyncio would otherwise report an edit nobody awaits as a bug
+        self._settled = answer
+        for future in (self._answer, *self._alike):
+            if future.done():
+                continue
+            if isinstance(answer, Outcome):
+                future.set_result(answer)
+            else:
+                future.set_exception(answer)
+                future.exception()  # marks it as seen; asyncio would otherwise report it as a bug if nobody awaits it
+        acts, self._acts = self._acts, []
+        for act in acts:
+            act(answer)
 
 
 class EditBook:
-    """The edits of a session that have not been answered, and those that have not been seen in a frame."""
+    """The edits of a session that are unanswered, and those that no received frame shows yet."""
 
     def __init__(self) -> None:
         self._unanswered: dict[int, Edit] = {}  # by event number
-        self._unseen: list[tuple[int, Edit]] = []  # with the first frame that shows it
+        self._unseen: list[tuple[int, Edit]] = []  # each with the first frame that shows it
 
     @property
     def is_waiting(self) -> bool:
-        """Whether any was not answered."""
+        """Whether any edit is unanswered."""
         return bool(self._unanswered)
 
     def add(self, edit: Edit) -> None:
-        """Take an edit that was sent."""
+        """Add an edit that was sent."""
+        self._unanswered[edit.event_seq] = edit
+
+    def put_in_place(self, edit: Edit) -> None:
+        """Add an edit that replaces the unanswered edit with the same number."""
+        edit.take_the_place_of(self._unanswered[edit.event_seq])
         self._unanswered[edit.event_seq] = edit
 
     def find(self, event_seq: int) -> Edit | None:
-        """The edit that waits for an answer under a number."""
+        """The unanswered edit with that number, if any."""
         return self._unanswered.get(event_seq)
 
     def plan(self, event_seqs: Iterable[int], valid_from: int) -> None:
-        """A plan was announced in which these events first take effect."""
+        """Note that a plan was announced in which these events first take effect."""
         self._unseen += [(valid_from, self._unanswered[seq]) for seq in event_seqs if seq in self._unanswered]
 
     def answer(self, edit: Edit, answer: Outcome | EventRefused) -> None:
-        """The server has answered."""
+        """Settle an edit with the server's answer."""
         del self._unanswered[edit.event_seq]
         edit.settle(answer)
         is_planned = edit.latency_s is not None or any(edit is unseen for _, unseen in self._unseen)
         if isinstance(answer, Outcome) and answer.effective_frame is not None and not is_planned:
-            self._unseen.append((answer.effective_frame, edit))  # it shows beyond everything planned so far
+            self._unseen.append((answer.effective_frame, edit))  # it takes effect beyond everything planned so far
 
     def receive(self, end_frame: int, now_s: float) -> None:
-        """Frames up to end_frame - 1 have come."""
+        """Note that frames up to end_frame - 1 have arrived."""
         if not self._unseen:
             return
         for frame, edit in self._unseen:
@@ -133,7 +152,7 @@ class EditBook:
         self._unseen = [(frame, edit) for frame, edit in self._unseen if frame >= end_frame]
 
     def renumber(self, numbers: Mapping[int, int]) -> None:
-        """The events have other numbers from now on; those that have none will not be sent again."""
+        """Give the events new numbers (old -> new). Events without one will not be sent again: they are refused."""
         unanswered, self._unanswered = self._unanswered, {}
         for number, edit in unanswered.items():
             if number in numbers:
@@ -143,7 +162,7 @@ class EditBook:
                 edit.settle(EventRefused(edit.what, "FAILED_PRECONDITION", "FRAME_COMMITTED", LOST_MEANWHILE))
 
     def fail(self, failure: MotiongenError) -> None:
-        """Nothing more will be answered."""
+        """Settle all edits with a failure: nothing more will be answered."""
         for edit in self._unanswered.values():
             edit.settle(failure)
         self._unanswered.clear()

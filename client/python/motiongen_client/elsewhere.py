@@ -1,4 +1,4 @@
-"""Elsewhere: the streams to servers that have room where the client's own has none."""
+"""Elsewhere: streams to other servers, for sessions for which the client's own has no free capacity."""
 
 from __future__ import annotations
 
@@ -13,13 +13,13 @@ from motiongen_client.stream import Stream
 _log = logging.getLogger(__name__)
 
 MOST_WAYS = 64
-"""That are kept in mind; keys change, and several lead to the same server."""
+"""Limit on the streams remembered by address or key; keys change, and several may lead to one server."""
 MOST_ASKED = 4
-"""Servers that are asked for one session, the first among them."""
+"""Limit on the servers asked for one session, including the first."""
 
 
 class Elsewhere:
-    """Made by `MotionClient`, whose stream is the first to be asked. is_allowed: whether an address may be gone to."""
+    """Made by `MotionClient`, whose own stream is asked first. is_allowed: whether the client may use an address."""
 
     def __init__(
         self,
@@ -28,9 +28,9 @@ class Elsewhere:
         *,
         takes_keys: bool = True,
     ) -> None:
-        """make_stream: to an address and by a routing key, each "" for the client's own.
+        """make_stream: makes a stream to an address and with a routing key, each "" for the client's own.
 
-        takes_keys: whether calls may carry another key than the client's: not where that is the application's.
+        takes_keys: whether calls may carry another key than the client's; not if the application chose that one.
         """
         self._make_stream = make_stream
         self._takes_keys = takes_keys
@@ -39,7 +39,7 @@ class Elsewhere:
         self._moving: set[asyncio.Task[None]] = set()
 
     async def open(self, stream: Stream, open_on: Callable[[Stream], Awaitable[Session]]) -> Session:
-        """Open a session on a stream, or where its server says that there is room. Raises the last refusal."""
+        """Open a session on a stream, or on a server that its refusal names. Raises the last refusal."""
         asked = {stream.replica_id}
         while True:
             try:
@@ -51,7 +51,7 @@ class Elsewhere:
                 stream = following
 
     def move(self, stream: Stream, session: Session, refusal: EventRefused) -> bool:
-        """Have another server go on with a session that waits. False: none is known that may be asked."""
+        """Have another server continue a session that waits. Returns False if none is known that may be asked."""
         if not any(self._way(each) for each in refusal.other_servers):
             return False
         task = asyncio.get_running_loop().create_task(self._move(stream, session, refusal), name="motiongen-move")
@@ -63,11 +63,11 @@ class Elsewhere:
         call = stream.call_number
         try:
             following = await self._next(refusal, {stream.replica_id})
-        except Exception as fault:  # of what gives the token: its own line may be as lost as this one
+        except Exception as fault:  # of the token function, whose own network may be down too
             _log.warning("session %d cannot go on at another server: %s", session.handle, fault)
             following = None
         if not session.is_waiting or stream.call_number != call:
-            return  # it has ended, or its own server has been asked anew
+            return  # it has ended, or its own server has been asked again
         if following is None or following.is_over:
             session.wait_for_room(refusal)
             return
@@ -76,10 +76,10 @@ class Elsewhere:
         following.adopt(session)
 
     async def _next(self, refusal: EventRefused, asked: set[str]) -> Stream | None:
-        """A stream to one of the servers that a refusal names, that has not been asked; None where there is none.
+        """A stream, with a call, to a server that a refusal names and that was not asked yet; None if there is none.
 
-        It has a call: one that was ended for it carried nothing, or that waits for a server that is gone, would have a
-        session wait for ever where another server, or its own, may take it.
+        The stream must have a call. If its call was ended because it carried no session, or its server is gone, a
+        session would wait there without end while another server, or its own, might accept it.
         """
         if len(asked) >= MOST_ASKED:
             return None
@@ -93,13 +93,13 @@ class Elsewhere:
             except MotiongenError as error:
                 _log.info("a server that was named cannot be reached: %s", error)
                 continue
-            if stream.replica_id not in asked:  # else the key leads nowhere else: there is no proxy
+            if stream.replica_id not in asked:  # if asked, no proxy routes by the key
                 asked.add(stream.replica_id)
                 return stream
         return None
 
     def _way(self, server: OtherServer) -> OtherServer | None:
-        """How a server may be reached: by its own address where that is allowed, else by its key."""
+        """How to reach a server: by its own address if that is allowed, else by its key; None if neither works."""
         if server.address and self.is_allowed(server.address):
             return OtherServer(address=server.address)
         return OtherServer(routing_key=server.routing_key) if server.routing_key and self._takes_keys else None
@@ -109,7 +109,7 @@ class Elsewhere:
         begun = self._streams.get(way)
         if begun is None or (begun.done() and (_failed(begun) or begun.result().is_over)):
             for old in list(self._streams)[: max(0, len(self._streams) + 1 - MOST_WAYS)]:
-                del self._streams[old]  # the stream goes on, for as long as it carries sessions
+                del self._streams[old]  # the stream itself continues while it carries sessions
             begun = asyncio.get_running_loop().create_task(self._begin(way), name="motiongen-elsewhere")
             self._streams[way] = begun
         return await asyncio.shield(begun)
@@ -118,7 +118,7 @@ class Elsewhere:
         stream = self._make_stream(way.address, way.routing_key)
         await stream.start()
         for other in [each.result() for each in self._streams.values() if each.done() and not _failed(each)]:
-            if other.replica_id == stream.replica_id and other.is_connected:  # another way to it
+            if other.replica_id == stream.replica_id and other.is_connected:  # the same server, reached in another way
                 await stream.close()
                 return other
         try:
@@ -129,7 +129,7 @@ class Elsewhere:
         return stream
 
     async def close(self) -> None:
-        """Move nothing any more; the streams are the client's to close."""
+        """Stop moving sessions. The client closes the streams."""
         tasks = [*self._moving, *self._streams.values()]
         for task in tasks:
             task.cancel()

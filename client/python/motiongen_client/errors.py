@@ -1,6 +1,6 @@
-"""What can go wrong, one class for each mistake a caller can act on.
+"""The errors of this package: one class for each that a caller can act on.
 
-Every message says what was given, what is allowed and what to do. `MotiongenError` catches them all.
+Every message says what was given, what is allowed and what to do. All derive from `MotiongenError`.
 """
 
 from __future__ import annotations
@@ -10,11 +10,11 @@ from dataclasses import dataclass
 
 
 class MotiongenError(Exception):
-    """Base of every error this package raises on purpose."""
+    """Base class of every error that this package raises on purpose."""
 
 
 class InvalidInput(MotiongenError, ValueError):
-    """An argument that cannot be sent: found before anything went to the server.
+    """An argument that cannot be sent. Raised before anything goes to the server.
 
     field: the argument; given: its value; allowed: what would have been accepted.
     """
@@ -27,7 +27,7 @@ class InvalidInput(MotiongenError, ValueError):
 
 
 class UnknownName(MotiongenError, LookupError):
-    """A joint, rig or model that is not there. `known` lists the names that would have worked."""
+    """A joint, rig or model that does not exist. `known` lists the names that would have worked."""
 
     def __init__(self, kind: str, given: str, known: Sequence[str]) -> None:
         super().__init__(f"no {kind} is called {given!r}; known are: {', '.join(known) or '(none)'}")
@@ -49,9 +49,9 @@ class ServerUnavailable(MotiongenError, ConnectionError):
 
 
 class NotAllowed(MotiongenError, PermissionError):
-    """The server at `address` does not let this caller in, or not do this. Give another token or certificate.
+    """The server at `address` does not admit this caller, or not to this call. Use another token or certificate.
 
-    reason: stable name of the mistake, as docs/protocol.md lists them, "" where the server gave none.
+    reason: stable name of the mistake, listed in docs/protocol.md; "" if the server gave none.
     """
 
     def __init__(self, address: str, event: str, reason: str, message: str) -> None:
@@ -61,13 +61,13 @@ class NotAllowed(MotiongenError, PermissionError):
 
 
 class StreamLost(MotiongenError, ConnectionError):
-    """The stream ended and will not be had again; its sessions are gone. Open a new stream and new sessions.
+    """The stream ended for good, and its sessions with it. Open a new stream and new sessions.
 
-    A stream recovers from losses by itself (`LinePolicy`): this is for those that would be the same again, or for which
-    the time to recover is over.
+    A stream recovers from losses by itself (`LinePolicy`). This is raised if a new call would end in the same way, or
+    if the time for recovery is over.
 
-    code: name of the gRPC status, for example "UNAVAILABLE"; detail: the status text; reason: stable name of the cause
-    where the server gave one.
+    code: name of the gRPC status, for example "UNAVAILABLE"; detail: the status text; reason: stable name of the cause,
+    if the server gave one.
     """
 
     def __init__(self, code: str, detail: str, reason: str = "") -> None:
@@ -78,9 +78,9 @@ class StreamLost(MotiongenError, ConnectionError):
 
 
 class SessionEnded(MotiongenError):
-    """The session is over; `reason` names why.
+    """The session is over.
 
-    It is client, idle, slow_reader, drained, engine_fault, overload or model_unloaded.
+    reason: client, idle, slow_reader, drained, engine_fault, overload or model_unloaded.
     """
 
     def __init__(self, reason: str, message: str) -> None:
@@ -91,10 +91,10 @@ class SessionEnded(MotiongenError):
 
 @dataclass(frozen=True)
 class OtherServer:
-    """A server that has room where another has none.
+    """A server with free capacity, named by one that has none.
 
-    address: host:port, "" where it is not told. routing_key: for the metadata x-motiongen-key of calls to the same
-    address, by which a proxy leads there; "" where none is known.
+    address: host:port, or "" if not stated. routing_key: value of the metadata x-motiongen-key with which a proxy at
+    the same address routes calls to that server; "" if none is known.
     """
 
     address: str = ""
@@ -102,12 +102,13 @@ class OtherServer:
 
 
 class EventRefused(MotiongenError):
-    """The server refused an event; it changed nothing and the session goes on.
+    """The server refused an event. The event changed nothing, and the session continues.
 
-    event: what was tried; code: name of the google.rpc code; reason: stable name of the mistake, as docs/protocol.md
-    lists them; field: path of the field at fault; allowed: what would have been accepted there; retry_after_s: how long
-    to wait before trying the same again, None where waiting is not known to help; other_servers: those that have room
-    for a session that this one has none for, the best first. `MotionClient.open` has asked them where it may.
+    event: what was tried; code: name of the google.rpc code; reason: stable name of the mistake, listed in
+    docs/protocol.md, or OUTBOX_FULL if this client refused the event because too many bytes wait to be sent; field:
+    path of the field at fault; allowed: what would have been accepted there; retry_after_s: how long to wait before
+    trying the same again, None if waiting is not known to help; other_servers: servers with free capacity for the
+    refused session, best first. `MotionClient.open` has already tried those that it may.
     """
 
     def __init__(
@@ -137,7 +138,7 @@ class EventRefused(MotiongenError):
 
 
 class DeadlineExceeded(MotiongenError, TimeoutError):
-    """A clip was not finished in time, and is made no further: ask for less, or give it longer."""
+    """A clip was not finished in time and is abandoned. Ask for less, or allow more time."""
 
     def __init__(self, what: str, timeout_s: float | None) -> None:
         within = f" within {timeout_s:g} s" if timeout_s is not None else " within the time the server allows"
@@ -146,13 +147,13 @@ class DeadlineExceeded(MotiongenError, TimeoutError):
 
 
 class ProtocolViolation(MotiongenError):
-    """The server broke a rule of the protocol. Not the caller's mistake: report it with the server's version."""
+    """The server broke a rule of the protocol. It is not the caller's mistake: report it with the server's version."""
 
 
 class MissingExtra(MotiongenError, ImportError):
     """A feature of the tools needs a package that is not installed.
 
-    extra: of motiongen-tools, which brings it; "" for a package that none brings.
+    extra: the extra of motiongen-tools that installs it; "" if none does.
     """
 
     def __init__(self, feature: str, package: str, extra: str) -> None:

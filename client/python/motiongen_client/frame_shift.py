@@ -1,4 +1,4 @@
-"""Events between the frames that the application counts and those of a session that was opened anew. Pure."""
+"""Shifts events from the application's frame numbers to those of a session that was opened anew. Pure."""
 
 from __future__ import annotations
 
@@ -6,9 +6,9 @@ from motiongen.v1 import motion_pb2, session_pb2
 
 
 def shifted(event: session_pb2.SessionEvent, offset: int) -> session_pb2.SessionEvent | None:
-    """The event for a session whose frame 0 is our frame `offset`. Prompts that have begun hold from its beginning.
+    """The event for a session whose frame 0 is the application's frame `offset`. Prompts that have begun start at 0.
 
-    Constraints at frames before that are left out; None where nothing is left of the event.
+    Constraints at earlier frames are left out. None if nothing is left of the event.
     """
     if not offset:
         return event
@@ -42,8 +42,13 @@ def shifted(event: session_pb2.SessionEvent, offset: int) -> session_pb2.Session
     return moved
 
 
+def passed_targets(event: session_pb2.SessionEvent, offset: int) -> list[int]:
+    """The ids of the constraints that `shifted` leaves out of an event."""
+    return [each.constraint_id for each in event.edit_constraints.upsert if shifted_constraint(each, offset) is None]
+
+
 def shifted_span(span: motion_pb2.PromptSpan, offset: int) -> motion_pb2.PromptSpan | None:
-    """None where it has ended before."""
+    """The span for such a session; None if it has ended before."""
     if span.end_frame and span.end_frame <= offset:
         return None
     moved = motion_pb2.PromptSpan()
@@ -55,7 +60,7 @@ def shifted_span(span: motion_pb2.PromptSpan, offset: int) -> motion_pb2.PromptS
 
 
 def shifted_constraint(target: motion_pb2.Constraint, offset: int) -> motion_pb2.Constraint | None:
-    """None where it has passed; of a trajectory that has begun, what is left. One without frames stays as it is."""
+    """The constraint for such a session: of a begun trajectory, the rest; without frames, unchanged; None if passed."""
     moved = motion_pb2.Constraint()
     moved.CopyFrom(target)
     kind = target.WhichOneof("target")

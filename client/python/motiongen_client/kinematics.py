@@ -1,4 +1,4 @@
-"""Rotations and forward kinematics with numpy, enough to turn frames into joint positions.
+"""Kinematics: rotations and forward kinematics with numpy, enough to turn frames into joint positions.
 
 Quaternions are unit, in the order w, x, y, z; matrices act on column vectors; right-handed, +Y up, +Z forward, metres.
 """
@@ -45,7 +45,7 @@ def forward_kinematics(
 
 
 def heading_rad(rotation: Array) -> Array:
-    """(..., 3, 3) -> (...) the facing about +Y in radians: 0 toward +Z, +pi/2 toward +X."""
+    """(..., 3, 3) -> (...) the heading about +Y in radians: 0 toward +Z, +pi/2 toward +X."""
     return np.arctan2(rotation[..., 0, 2], rotation[..., 2, 2])
 
 
@@ -54,7 +54,7 @@ def matrix_to_quaternion(rotation: Array) -> Array:
     matrix = np.asarray(rotation, np.float64)
     diagonal = np.diagonal(matrix, axis1=-2, axis2=-1)
     trace = diagonal.sum(axis=-1)
-    # Four times the product of each component with the others: the row of the greatest component is the most exact.
+    # Row i: 4 q_i q for each component i; the row of the greatest component is the most accurate.
     squares = np.concatenate([1 + trace[..., None], 1 - trace[..., None] + 2 * diagonal], axis=-1)
     products = np.zeros((*trace.shape, 4, 4))
     products[..., range(4), range(4)] = squares
@@ -74,11 +74,11 @@ def axis_angle_to_quaternion(rotation_vector: Array) -> Array:
     """(..., 3) axis times angle in radians -> (..., 4) unit quaternions w x y z."""
     vector = np.asarray(rotation_vector, np.float64)
     angle = np.linalg.norm(vector, axis=-1, keepdims=True)
-    # sin(a/2)/a by numpy's sinc, which knows its value at 0
+    # sin(a/2)/a by numpy's sinc, which is defined at 0
     return np.concatenate([np.cos(angle / 2), vector * np.sinc(angle / (2 * np.pi)) / 2], axis=-1)
 
 
 def facing_rad(positions_m: Array, hip_joints: tuple[int, int]) -> Array:
-    """(..., J, 3) joint positions -> (...) the facing about +Y: the line of the hips, turned by a quarter."""
+    """(..., J, 3) joint positions -> (...) the heading about +Y: perpendicular to the line of the hips."""
     across = positions_m[..., hip_joints[0], :] - positions_m[..., hip_joints[1], :]
     return np.arctan2(across[..., 2], -across[..., 0])

@@ -1,4 +1,4 @@
-"""LinePolicy: how patient a client is with the line to its server."""
+"""LinePolicy: how patient a client is with the connection to its server."""
 
 from __future__ import annotations
 
@@ -9,12 +9,12 @@ from motiongen_client.errors import InvalidInput
 
 @dataclass(frozen=True)
 class LinePolicy:
-    """What a stream does when the line to its server is lost, and when it takes it for lost.
+    """When a stream considers the connection to its server lost, and what it does then.
 
-    recover_s: for how long a new call is tried for after one was lost, also where the server wishes nobody back for
-    longer; None: for ever; 0: not at all, and the sessions fail with StreamLost. hello_timeout_s: how long a server may
-    take to say hello. ping_s: how often it is asked for a sign of life, which must come within pong_timeout_s: else the
-    call is given up as lost.
+    recover_s: for how long it tries to make a new call after one was lost, even if the server asked clients to stay
+    away for longer; None: without end; 0: not at all, so that its sessions fail with StreamLost. hello_timeout_s: how
+    long a server may take to say hello. ping_s: how often it is pinged; a call without a pong within pong_timeout_s is
+    given up as lost.
     """
 
     recover_s: float | None = None

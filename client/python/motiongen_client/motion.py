@@ -1,4 +1,4 @@
-"""Motion as plain arrays: the rig, one frame, a run of frames.
+"""Motion as plain arrays: the rig, one frame, consecutive frames.
 
 Right-handed, +Y up, +Z forward, metres, radians; a character that faces +Z has its left side toward +X.
 """
@@ -32,10 +32,10 @@ class Rig:
 
     joint_names, parents: J of each; joint 0 is the root with parent -1, and a parent precedes its children.
     offsets_m: (J, 3) float32, from the parent in the neutral pose, metres.
-    blocks: name -> width of each block of a frame row, in the order they lie in it; width counts float32 numbers.
-    hip_joints: the right and the left one, whose line a pose's heading is read from; None: its root's rotation tells.
-    limbs: the joints of each part of the body that motion tools name, the one whose rotation is the limb's first.
-    outputs: name -> width of what a session asked for besides (`SessionOptions.outputs`), behind the blocks.
+    blocks: name -> width of each block of a frame row, in order; a width counts float32 numbers.
+    hip_joints: right and left; the line through them gives a pose's heading. None: the root's rotation gives it.
+    limbs: name -> joints of each part of the body; the first is the joint whose rotation is the limb's.
+    outputs: name -> width of the additional outputs of a session (`SessionOptions.outputs`), after the blocks.
     """
 
     rig_id: str
@@ -67,7 +67,7 @@ class Rig:
 
     @cached_property
     def block_columns(self) -> Mapping[str, slice]:
-        """Where each block, and each output, lies in a frame row."""
+        """The columns of each block and each output in a frame row."""
         columns, start = {}, 0
         for name, width in (*self.blocks.items(), *self.outputs.items()):
             columns[name] = slice(start, start + width)
@@ -75,20 +75,20 @@ class Rig:
         return columns
 
     def index(self, joint_name: str) -> int:
-        """Index of a joint. Raises UnknownName, which lists the joints there are."""
+        """Index of a joint. Raises UnknownName, which lists the joints."""
         try:
             return self.joint_names.index(joint_name)
         except ValueError:
             raise UnknownName("joint", joint_name, self.joint_names) from None
 
     def columns(self, name: str) -> slice:
-        """Where a block or an output lies in a frame row. Raises UnknownName, which lists those there are."""
+        """The columns of a block or an output in a frame row. Raises UnknownName, which lists all of them."""
         if name not in self.block_columns:
             raise UnknownName("block", name, list(self.block_columns))
         return self.block_columns[name]
 
     def with_outputs(self, outputs: Mapping[str, int]) -> Rig:
-        """The same skeleton with these outputs, name -> width, in its rows."""
+        """The same rig with these outputs, name -> width, in its rows."""
         return replace(self, outputs=dict(outputs))
 
     def frames_in(self, seconds: float) -> int:
@@ -97,19 +97,19 @@ class Rig:
 
 
 class Poser(Protocol):
-    """Makes joint positions of frames."""
+    """Computes joint positions of frames."""
 
     def positions_m(self, index: int, row: Float32) -> Float32:
-        """(J, 3) world positions of all joints at a frame whose row this is."""
+        """(J, 3) world positions of all joints, given a frame's index and row."""
 
 
 @dataclass(frozen=True, eq=False, repr=False)
 class Frame:
     """One pose of one character.
 
-    index: absolute frame number since the session opened; row: (D,) float32 as `rig.blocks` lays it out.
-    poser: what makes its joint positions together with those of its neighbours; None: they are made alone.
-    share: how far it is on the way to the next frame, 0 to 1; 0 of what the server sent.
+    index: absolute frame number since the session opened; row: (D,) float32, laid out by `rig.blocks`.
+    poser: computes its joint positions together with those of its neighbours; None: they are computed alone.
+    share: how far it is on the way to the next frame, 0 to 1; 0 for frames as the server sent them.
     """
 
     rig: Rig
@@ -139,11 +139,11 @@ class Frame:
 
     @property
     def foot_contact(self) -> Float32:
-        """(4,) left heel, left toe, right heel, right toe: 1 on the ground, 0 not."""
+        """(4,) left heel, left toe, right heel, right toe: 1 if on the ground, else 0."""
         return self.row[self.rig.block_columns[CONTACT_BLOCK]]
 
     def output(self, name: str) -> Float32:
-        """(W) the numbers of a block or an output by its name. Raises UnknownName."""
+        """(W,) the numbers of a block or an output, by name. Raises UnknownName."""
         return self.row[self.rig.columns(name)]
 
     def joint_positions_m(self) -> Float32:
@@ -191,11 +191,11 @@ class Motion:
 
     @property
     def foot_contact(self) -> Float32:
-        """(T, 4) left heel, left toe, right heel, right toe: 1 on the ground, 0 not."""
+        """(T, 4) left heel, left toe, right heel, right toe: 1 if on the ground, else 0."""
         return self.rows[:, self.rig.block_columns[CONTACT_BLOCK]]
 
     def output(self, name: str) -> Float32:
-        """(T, W) the numbers of a block or an output by its name. Raises UnknownName."""
+        """(T, W) the numbers of a block or an output, by name. Raises UnknownName."""
         return self.rows[:, self.rig.columns(name)]
 
     def own(self) -> Motion:
@@ -214,7 +214,7 @@ class Motion:
         return positions.astype(np.float32, copy=False)
 
     def frame(self, index: int) -> Frame:
-        """The frame with an absolute index. Raises InvalidInput when the motion does not hold it."""
+        """The frame with an absolute index. Raises InvalidInput if the motion does not contain it."""
         row = index - self.first_frame
         if not 0 <= row < len(self.rows):
             allowed = f"an index from {self.first_frame} to {self.first_frame + len(self.rows) - 1}"

@@ -1,6 +1,6 @@
-"""Constraints as the server has placed them: in frames of the session and in the world. Pure.
+"""Constraints as the server has placed them: in frames of the session and in world coordinates. Pure.
 
-A session that has to be opened anew is told them so: what was asked "from here" must not be asked from elsewhere.
+A session opened anew is given these: a constraint asked for "from here" must not be repeated from another place.
 """
 
 from __future__ import annotations
@@ -17,7 +17,7 @@ Float64 = NDArray[np.float64]
 
 
 def placed(target: motion_pb2.Constraint, placement: Placement) -> motion_pb2.Constraint:
-    """The same constraint without anything that counts from where or when it took effect."""
+    """The same constraint with nothing relative to where or when it took effect."""
     moved = motion_pb2.Constraint()
     moved.CopyFrom(target)
     if target.relative_to_character:
@@ -32,7 +32,7 @@ def placed(target: motion_pb2.Constraint, placement: Placement) -> motion_pb2.Co
 
 
 def path_left(target: motion_pb2.Constraint, placement: Placement, frame: int) -> motion_pb2.Constraint:
-    """What is left of a placed path at a frame: the corners ahead, by the share of its frames that are over."""
+    """What is left of a placed path at a frame: the corners ahead, judged by the elapsed share of its frames."""
     corners = np.array(target.root_path.positions, np.float64).reshape(-1, 2)
     start = np.array([[placement.anchor_x_m, placement.anchor_z_m]])
     way_m = np.cumsum(np.hypot(*np.diff(np.concatenate([start, corners]), axis=0).T))
@@ -88,7 +88,7 @@ def _into_world(target: motion_pb2.Constraint, seen_from: Placement) -> None:
 
 
 def _turned(rotations: ArrayLike, heading: float) -> list[float]:
-    """Quaternions w x y z, one after another, turned about the up axis; one of zeros stays."""
+    """A flat list of quaternions w x y z, turned about the up axis by a heading; one of zeros stays zero."""
     w, x, y, z = np.reshape(np.asarray(rotations, np.float64), (-1, 4)).T
     cos, sin = math.cos(heading / 2), math.sin(heading / 2)
     turned = np.stack([cos * w - sin * y, cos * x + sin * z, cos * y + sin * w, cos * z - sin * x], axis=-1)

@@ -1,14 +1,14 @@
-"""Frames by index, the playhead that walks over them, and what a replan replaces. Pure: no network, no clock.
+"""Playback: received frames by index, the playhead, and what a replan replaces. Pure: no network, no clock.
 
-The rule of the protocol, as this file applies it:
+This file applies these rules of the protocol:
 
 - a plan notice drops every buffered frame from `valid_from` on; the plan's chunks supply them again, without a gap;
 - frames below `committed_to` never change, and `committed_to` never falls;
-- a frame that was shown stays as it was shown. Should a plan reach behind the playhead all the same, its frames up to
-  the playhead are left out and `late_plans` counts it;
-- when the next frame is not there yet, the last one is held, and `underruns` counts each frame time it is held for.
+- a frame that was shown stays as it was shown. If a plan nevertheless begins behind the playhead, its frames up to the
+  playhead are ignored, and `late_plans` counts it;
+- while the next frame is missing, the last one is held, and `underruns` counts each frame time for which it is held.
 
-Time comes in as `now_s`, seconds of any clock that never goes back.
+Callers pass the time as `now_s`, in seconds of any monotonic clock.
 """
 
 from __future__ import annotations
@@ -24,11 +24,11 @@ from motiongen_client.errors import InvalidInput, ProtocolViolation
 Rows = NDArray[np.float32]
 
 MOST_AHEAD_BYTES = 2**28
-"""Of frames ahead of the playhead, which no credit asks for."""
+"""Limit on frames ahead of the playhead, far above any credit."""
 MOST_CUTS_AHEAD = 64
-"""Whose frames are still to come."""
+"""Limit on announced cuts whose frames have not arrived."""
 
-# Playback works in multiples of a frame time that no binary fraction holds: a frame due at 0.15 s is due at 0.1499999.
+# Frame times are inexact in binary, so frames count as due slightly early: one for 0.15 s already at 0.1499999 s.
 _EARLY_FRAMES = 1e-6
 
 
@@ -60,7 +60,7 @@ class Playback:
         self._rows: list[Rows] = []
         self._first_kept = start_frame
         self._received_to = start_frame  # where the next chunk must begin; below buffered_to only after a late plan
-        self._cuts: list[int] = []  # rising
+        self._cuts: list[int] = []  # ascending
         self._started = False
         self._playing = True
         self._due_s: float | None = None  # when the frame after the playhead is due; None: the clock starts anew
@@ -69,17 +69,17 @@ class Playback:
 
     @property
     def started(self) -> bool:
-        """Whether a frame has been shown; until then the playhead stands before the first one."""
+        """Whether a frame has been shown; until then the playhead is the first frame to show."""
         return self._started
 
     @property
     def is_playing(self) -> bool:
-        """Whether the playhead goes on, or would if frames were there."""
+        """Whether the playhead advances, or would if frames were available."""
         return self._playing
 
     @property
     def buffered_to(self) -> int:
-        """The first frame that is not held."""
+        """The frame after the last one held."""
         return self._first_kept + len(self._rows)
 
     @property
@@ -88,11 +88,11 @@ class Playback:
         return self._first_kept
 
     def announce_plan(self, plan: int, valid_from: int, *, is_cut: bool = False) -> int:
-        """Take a plan notice: drop what it replaces. Returns how many frames were dropped.
+        """Take a plan notice: drop the frames it replaces. Returns how many were dropped.
 
         is_cut: its first frame does not continue the one before.
 
-        Raises ProtocolViolation when the plan would replace committed frames, leave a gap or is not a newer one.
+        Raises ProtocolViolation if the plan is not newer, would replace committed frames, or is one cut too many.
         """
         if plan <= self.plan:
             raise ProtocolViolation(f"plan {plan} was announced after plan {self.plan}; plans must rise")
@@ -119,36 +119,36 @@ class Playback:
         return dropped
 
     def note_cut(self, frame: int) -> None:
-        """A cut that was asked for is at a frame: no plan says so to a session that was away when it was made."""
+        """Record a requested cut at a frame: if the session was away when it was made, no plan notice tells of it."""
         place = bisect_left(self._cuts, frame)
         if not self.is_cut(frame):
             self._cuts.insert(place, frame)
 
     def is_cut(self, frame: int) -> bool:
-        """Whether a frame does not continue the one before it: nothing is to be blended there."""
+        """Whether a frame does not continue the one before it, so that nothing may be blended there."""
         place = bisect_left(self._cuts, frame)
         return place < len(self._cuts) and self._cuts[place] == frame
 
     def cut_before(self, frame: int) -> int | None:
-        """The newest such frame below one; None where there is none, or it is not kept."""
+        """The last cut before a frame; None if there is none, or it is no longer kept."""
         place = bisect_left(self._cuts, frame)
         return self._cuts[place - 1] if place else None
 
     @property
     def received_to(self) -> int:
-        """Where the next chunk must begin."""
+        """The frame at which the next chunk must begin."""
         return self._received_to
 
     def restart(self, frame: int) -> None:
-        """Another session goes on at `frame`, which is `buffered_to`: its plans are numbered anew."""
+        """Prepare for a session opened anew, which continues at `frame` (`buffered_to`) and numbers plans from 1."""
         self.plan = 0
         self.plan_from = self._received_to = self.committed_to = frame
 
     def add_chunk(self, plan: int, first_frame: int, rows: Rows, committed_to: int) -> None:
         """Take consecutive frames. rows: (T, D) float32, row 0 being frame `first_frame`.
 
-        Raises ProtocolViolation when they do not belong to the latest plan, do not follow on the frames received so
-        far, have another width, take a commitment back, or are more than are held ahead of the playhead.
+        Raises ProtocolViolation if they do not belong to the latest plan, do not continue the frames received so far,
+        have another width, lower committed_to, or are more than are held ahead of the playhead.
         """
         if plan != self.plan:
             raise ProtocolViolation(f"a chunk of plan {plan} arrived, but the latest plan is {self.plan}")
@@ -170,10 +170,10 @@ class Playback:
         self._received_to = first_frame + len(rows)
 
     def advance(self, now_s: float) -> range:
-        """Move the playhead to where real time says, as far as frames are there. Returns the frames newly reached.
+        """Move the playhead to the frame due now, as far as frames are available. Returns the frames newly reached.
 
-        The first call that finds a frame starts the clock and shows it. After a hold the next frame comes at once and
-        the ones after it in their time: nothing is skipped.
+        The first call that finds a frame shows it and starts the clock. After a hold, the next frame is shown at once
+        and later ones one frame time apart: nothing is skipped.
         """
         if not self._playing or (not self._started and not self._rows):
             return range(0)
@@ -181,7 +181,7 @@ class Playback:
             self._due_s = now_s + 1 / self._pace_hz
             return self._start(self.playhead)
         if self._due_s is None:
-            self._due_s = now_s + (1 - self._share) / self._pace_hz  # from the pose that is shown
+            self._due_s = now_s + (1 - self._share) / self._pace_hz  # continue from the pose being shown
         num_left = self.buffered_to - 1 - self.playhead
         if self._held_since_s is not None and num_left > 0:
             self._count_held(math.ceil((now_s - self._held_since_s) * self._pace_hz - _EARLY_FRAMES))
@@ -197,9 +197,9 @@ class Playback:
         return reached
 
     def advance_to(self, frame: int) -> range:
-        """Move the playhead to `frame` whatever the time: for those who consume faster or slower than real time.
+        """Move the playhead to `frame` whatever the time, for callers that consume faster or slower than real time.
 
-        Returns the frames newly reached. Raises InvalidInput when `frame` is behind the playhead or not there yet.
+        Returns the frames newly reached. Raises InvalidInput if `frame` is behind the playhead or not available yet.
         """
         if not self.playhead <= frame < self.buffered_to:
             raise InvalidInput("frame", frame, f"a frame from {self.playhead} to {self.buffered_to - 1}")
@@ -213,19 +213,19 @@ class Playback:
         self._playing = False
 
     def resume(self) -> None:
-        """Let the playhead go on: the clock starts anew with the next `advance`, from the pose that is shown."""
+        """Let the playhead continue: the clock restarts at the next `advance`, from the pose being shown."""
         self._playing = True
         self._due_s = self._held_since_s = None
 
     def set_time_scale(self, scale: float) -> None:
-        """Play at another pace from the next `advance` on: 0.5 is half as fast. Raises InvalidInput."""
+        """Play at another pace from the next `advance` on: 0.5 is half as fast. Raises InvalidInput if not positive."""
         if not 0 < scale < math.inf:
             raise InvalidInput("scale", scale, "a number above 0; pause to stand still")
         self._pace_hz = self.frame_rate_hz * scale
         self._due_s = self._held_since_s = None
 
     def share(self, now_s: float) -> float:
-        """How much of the way from the playhead to the next frame has passed, 0 to 1; while paused, as it was."""
+        """The elapsed share of the time from the playhead to the next frame, 0 to 1; constant while paused."""
         if self._playing:
             is_running = self._due_s is not None and self._held_since_s is None
             left = (self._due_s - now_s) * self._pace_hz if is_running and self._due_s is not None else 1.0
@@ -237,17 +237,17 @@ class Playback:
         return self._due_s if self._playing else None
 
     def row(self, frame: int) -> Rows:
-        """(D,) float32, one frame. Raises InvalidInput when it is not held."""
+        """(D,) float32, one frame. Raises InvalidInput if it is not held."""
         self._check_held(frame, frame + 1)
         return self._rows[frame - self._first_kept]
 
     def held_rows(self, first_frame: int, end_frame: int) -> list[Rows]:
-        """The rows of frames first_frame up to end_frame - 1, as many as are held from first_frame on."""
+        """The rows of frames first_frame to end_frame - 1, as far as held; none if first_frame is not."""
         begin = first_frame - self._first_kept
         return self._rows[begin : end_frame - self._first_kept] if begin >= 0 else []
 
     def rows(self, first_frame: int, end_frame: int) -> Rows:
-        """(T, D) float32, frames first_frame up to end_frame - 1. Raises InvalidInput when some are not held."""
+        """(T, D) float32, frames first_frame to end_frame - 1. Raises InvalidInput if any is not held."""
         self._check_held(first_frame, end_frame)
         return np.stack(self._rows[first_frame - self._first_kept : end_frame - self._first_kept])
 

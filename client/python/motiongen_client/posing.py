@@ -1,4 +1,4 @@
-"""Poser: joint positions of the frames that a session plays, made for a run of frames at once."""
+"""Poser: joint positions of the frames that a session plays, computed for several frames at once."""
 
 from __future__ import annotations
 
@@ -8,11 +8,11 @@ from motiongen_client.motion import Float32, Motion, Rig
 from motiongen_client.playback import Playback
 
 RUN_FRAMES = 16
-"""One frame alone costs as much as ten."""
+"""Frames computed at once: one alone costs as much as ten."""
 
 
 class Poser:
-    """Keeps the positions of the last run it made. A frame that a replan has replaced since is posed alone."""
+    """Keeps the positions of the last run. A frame that a replan has replaced since is computed alone."""
 
     def __init__(self, rig: Rig, playback: Playback) -> None:
         self._rig = rig
@@ -22,7 +22,7 @@ class Poser:
         self._positions: Float32 | None = None
 
     def positions_m(self, index: int, row: Float32) -> Float32:
-        """(J, 3) world positions of all joints at a frame whose row this is."""
+        """(J, 3) world positions of all joints, given a frame's index and row."""
         place = index - self._first
         if self._positions is None or not 0 <= place < len(self._rows) or self._rows[place] is not row:
             rows = self._playback.held_rows(index, index + RUN_FRAMES)

@@ -1,4 +1,4 @@
-"""What a prompt may be: a text, a preset of the server's, or the vector that a text encoder made of it."""
+"""Prompts: a text, one of the server's presets, or the vector that a text encoder made of a text."""
 
 from __future__ import annotations
 
@@ -24,7 +24,7 @@ class Preset:
 
 @dataclass(frozen=True, eq=False)
 class TextEmbedding:
-    """A prompt that was encoded already. values: (Model.text_width,), as `text_encoder` makes them of a text.
+    """A prompt that is already encoded. values: (Model.text_width,), the vector that `text_encoder` made of a text.
 
     text_encoder: its name, which must be Model.text_encoder. text: what it says, for people; may be empty.
     """
@@ -41,7 +41,7 @@ Prompt: TypeAlias = str | Preset | TextEmbedding
 
 
 def prompt_name(prompt: Prompt) -> str:
-    """What to call it in messages."""
+    """How messages refer to a prompt."""
     match prompt:
         case Preset():
             return f"the preset {prompt.preset_id!r}"

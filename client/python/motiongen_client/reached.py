@@ -1,4 +1,4 @@
-"""What became of a session's constraints: kept for a while, and waited for."""
+"""ReachedBook: what became of a session's constraints, kept for a while, and awaited."""
 
 from __future__ import annotations
 
@@ -10,23 +10,26 @@ from motiongen_client.errors import EventRefused, MotiongenError
 from motiongen_client.types import ConstraintReached
 
 MOST_KEPT = 256
-"""Constraints whose end is remembered; of a session that runs for hours there are many."""
+"""Limit on remembered constraints, of which long sessions have many."""
 
 
 class ReachedBook:
-    """The constraints of one session that have been answered, and those that somebody waits for."""
+    """The constraints of one session whose outcome is known, and those that callers wait for."""
 
     def __init__(self) -> None:
         self._told: dict[int, ConstraintReached] = {}
-        self._heard: dict[tuple[int, int], None] = {}  # id and frame of all that was told of late
-        self._replacing: Counter[int] = Counter()  # ids that another constraint is to take, not answered yet
-        self._before: dict[int, ConstraintReached] = {}  # what became of those that have these ids until then
+        self._heard: dict[tuple[int, int], None] = {}  # id and frame of the latest reports
+        self._replacing: Counter[int] = Counter()  # id -> number of unanswered replacements
+        self._before: dict[int, ConstraintReached | EventRefused] = {}  # what became of those being replaced
         self._awaited: dict[int, asyncio.Future[ConstraintReached]] = {}
         self._refused: dict[int, EventRefused] = {}
         self._failure: MotiongenError | None = None
 
-    def note(self, reached: ConstraintReached) -> bool:
-        """Take what was told. False where it is known already: a server repeats itself to a session that resumes."""
+    def note(self, reached: ConstraintReached, *, is_former: bool = False) -> bool:
+        """Take a report. Returns False if it is already known: a server repeats reports to a session that resumes.
+
+        is_former: it concerns a constraint that has since been replaced.
+        """
         key = reached.constraint_id
         if (key, reached.frame) in self._heard:
             return False
@@ -34,8 +37,8 @@ class ReachedBook:
         if len(self._heard) > MOST_KEPT:
             del self._heard[next(iter(self._heard))]
         if key in self._replacing:
-            self._before[key] = reached  # of the new one a server tells after its answer
-        else:
+            self._before[key] = reached  # a server reports on the new one only after accepting it
+        elif not is_former:
             self._tell(reached)
         return True
 
@@ -50,15 +53,15 @@ class ReachedBook:
             waiting.set_result(reached)
 
     def replace(self, constraint_id: int) -> None:
-        """Another constraint is to take the id: what became of the one before is not told for it."""
-        self._refused.pop(constraint_id, None)
+        """A replacement was sent for the constraint with this id: keep what became of the old one apart."""
         self._replacing[constraint_id] += 1
-        before = self._told.pop(constraint_id, None)
+        refused, told = self._refused.pop(constraint_id, None), self._told.pop(constraint_id, None)
+        before = told or refused
         if before is not None:
             self._before[constraint_id] = before
 
     def replaced(self, constraint_id: int, *, is_accepted: bool) -> None:
-        """It has the id from now on; or was refused, and what became of the one before holds. Others are ignored."""
+        """The replacement was accepted and has the id; or refused, so that what became of the old one counts again."""
         if constraint_id not in self._replacing:
             return
         self._replacing[constraint_id] -= 1
@@ -66,13 +69,23 @@ class ReachedBook:
         if is_last:
             del self._replacing[constraint_id]
         before = self._before.pop(constraint_id, None) if is_last or is_accepted else None
-        if before is not None and not is_accepted:
+        if before is None or is_accepted:
+            return
+        if isinstance(before, EventRefused):
+            self.refuse([constraint_id], before)
+        else:
             self._tell(before)
 
     def refuse(self, constraint_ids: Iterable[int], refusal: EventRefused) -> None:
-        """No server has these, and none will tell of them: who waits for one, now or later, is told why."""
+        """No server has these constraints, so none will report on them: callers that wait for one get the refusal.
+
+        For an id with an unanswered replacement, they get the replacement's outcome; or, if that is refused too, this.
+        """
         for key in constraint_ids:
             if key in self._told:
+                continue
+            if key in self._replacing:
+                self._before.setdefault(key, refusal)
                 continue
             self._refused[key] = refusal
             if len(self._refused) > MOST_KEPT:
@@ -80,7 +93,7 @@ class ReachedBook:
             self._give_up(self._awaited.pop(key, None), refusal)
 
     async def of(self, constraint_id: int) -> ConstraintReached:
-        """What became of a constraint, once it is told. Raises why it never will be: a refusal, the session's end."""
+        """Wait for what became of a constraint. Raises its refusal, or the end of the session."""
         if constraint_id in self._told:
             return self._told[constraint_id]
         if constraint_id in self._refused:
@@ -90,10 +103,10 @@ class ReachedBook:
         waiting = self._awaited.get(constraint_id)
         if waiting is None:
             waiting = self._awaited[constraint_id] = asyncio.get_running_loop().create_future()
-        return await asyncio.shield(waiting)  # one that gives up must not cancel it for the others
+        return await asyncio.shield(waiting)  # a cancelled caller must not cancel it for the others
 
     def fail(self, failure: MotiongenError) -> None:
-        """Nothing more will be told."""
+        """The session is over: no more reports will come."""
         self._failure = failure
         for waiting in self._awaited.values():
             self._give_up(waiting, failure)
@@ -103,4 +116,4 @@ class ReachedBook:
     def _give_up(waiting: asyncio.Future[ConstraintReached] | None, failure: MotiongenError) -> None:
         if waiting is not None:
             waiting.set_exception(failure)
-            waiting.exception()  # marks it as seen, where nobody waits any more
+            waiting.exception()  # marks it as seen, in case nobody waits any more

@@ -1,8 +1,8 @@
-"""Poses between frames, for a loop that draws faster than the frame rate; jumps of what is shown are faded out.
+"""Sampler: poses between frames, for a loop that draws faster than the frame rate, with jumps faded out.
 
-Between two frames the root moves in a line, joints turn by the shortest way at an even pace (Shoemake 1985, slerp), and
-contacts are those of the nearer frame. Where the frame that was being approached is replaced, or comes only after the
-last pose had to be held, the pose that was shown and the new one are apart: that gap is kept and fades.
+Between two frames the root moves in a straight line, joints turn the shorter way at a constant rate (Shoemake 1985,
+slerp), and contacts are those of the nearer frame. If the frame being approached is replaced, or arrives only after the
+last pose had to be held, the new pose differs from the one shown: that difference is added to what follows and fades.
 """
 
 from __future__ import annotations
@@ -12,14 +12,14 @@ import numpy as np
 from motiongen_client.motion import ROOT_BLOCK, ROTATION_BLOCK, Float32, Rig
 from motiongen_client.playback import Playback
 
-_NEARLY_ONE = 0.9995  # above it a line and the arc are the same within float32, and the arc's formula divides by zero
+_NEARLY_ONE = 0.9995  # above it, lerp equals slerp within float32, while slerp divides by nearly zero
 
 _NO_TURN = np.array([1, 0, 0, 0], np.float32)
 _CONJUGATE = np.array([1, -1, -1, -1], np.float32)
 
 
 def slerp(earlier: Float32, later: Float32, share: float) -> Float32:
-    """Rotations between (..., 4) unit quaternions, `share` of the way, 0 to 1, by the shorter of the two ways."""
+    """Rotations `share` of the way (0 to 1) between (..., 4) unit quaternions, the shorter way round."""
     dots = np.einsum("...i,...i->...", earlier, later)[..., None]
     later, dots = np.where(dots < 0, -later, later), np.abs(dots)
     angles = np.arccos(np.minimum(dots, _NEARLY_ONE))
@@ -32,7 +32,7 @@ def slerp(earlier: Float32, later: Float32, share: float) -> Float32:
 
 
 def between_rows(rig: Rig, earlier: Float32, later: Float32, share: float) -> Float32:
-    """(D,) the row `share` of the way between those of two frames, without outputs."""
+    """(D,) the row `share` of the way between the rows of two frames, without outputs."""
     row = (later if share > 0.5 else earlier)[: rig.own_width].copy()
     root, joints = rig.block_columns[ROOT_BLOCK], rig.block_columns[ROTATION_BLOCK]
     row[root] = (1 - share) * earlier[root] + share * later[root]
@@ -41,7 +41,7 @@ def between_rows(rig: Rig, earlier: Float32, later: Float32, share: float) -> Fl
 
 
 class Sampler:
-    """What is shown of one playback at any moment. blend_s: how long a jump takes to fade; 0: it is shown."""
+    """Samples one playback at any moment. blend_s: how long a jump takes to fade; 0: jumps are not faded."""
 
     def __init__(self, rig: Rig, playback: Playback, blend_s: float = 0.15) -> None:
         self.blend_s = blend_s
@@ -50,16 +50,16 @@ class Sampler:
         self._index = -1
         self._approached: Float32 | None = None
         self._shown: Float32 | None = None
-        self._apart: tuple[Float32, Float32] | None = None  # what was shown, seen from what was due: root, joints
+        self._apart: tuple[Float32, Float32] | None = None  # the pose shown relative to the one due: root, joints
         self._faded_at_s = 0.0
 
     @property
     def is_fading(self) -> bool:
-        """Whether a jump of what is shown is being faded out."""
+        """Whether a jump is being faded out."""
         return self._apart is not None
 
     def row(self, now_s: float) -> tuple[float, Float32]:
-        """How far the playhead is on its way to the next frame, 0 to 1, and the (D,) row to show."""
+        """The share of the way from the playhead to the next frame, 0 to 1, and the (D,) row to show."""
         playback, index = self._playback, self._playback.playhead
         here = playback.row(index)
         is_there = index + 1 < playback.buffered_to
@@ -76,7 +76,7 @@ class Sampler:
         if index == self._index:
             return ahead is not self._approached
         if self._playback.is_cut(index):
-            self._apart = None  # what was fading belongs to where the character was
+            self._apart = None  # the difference being faded belongs to the motion before the cut
             return False
         return index == self._index + 1 and here is not self._approached
 
@@ -89,7 +89,7 @@ class Sampler:
         if self._apart is None or left <= 0:
             self._apart = None
             return target
-        weight = left * left * (3 - 2 * left)  # begins and ends without a jolt
+        weight = left * left * (3 - 2 * left)  # begins and ends smoothly
         root, joints = self._rig.block_columns[ROOT_BLOCK], self._rig.block_columns[ROTATION_BLOCK]
         off_m, turned = self._apart
         row = target.copy()
@@ -100,7 +100,7 @@ class Sampler:
 
 
 def product(first: Float32, second: Float32) -> Float32:
-    """(..., 4) w x y z: the rotation `second` and after it `first`."""
+    """(..., 4) w x y z: the rotation `second` followed by `first`."""
     w, v = first[..., :1], first[..., 1:]
     u, x = second[..., :1], second[..., 1:]
     scalar = w * u - np.einsum("...i,...i->...", v, x)[..., None]
@@ -108,6 +108,6 @@ def product(first: Float32, second: Float32) -> Float32:
 
 
 def inverse(quaternion: Float32) -> Float32:
-    """(..., 4) of unit length: the rotation back."""
+    """(..., 4) unit quaternions -> those of the inverse rotations."""
     back: Float32 = quaternion * _CONJUGATE
     return back

@@ -1,4 +1,4 @@
-"""One character: its frames and its end. Lives on a `Stream`; all of it runs on one event loop."""
+"""Session: one character, its frames and its end. It belongs to a `Stream` and runs on one event loop."""
 
 from __future__ import annotations
 
@@ -12,7 +12,7 @@ from motiongen_client.carrier import Carrier
 from motiongen_client.conversation import Conversation
 from motiongen_client.motion import Frame, Motion, Rig
 from motiongen_client.posing import Poser
-from motiongen_client.recovery import Line
+from motiongen_client.reopening import Line
 from motiongen_client.sampling import Sampler
 from motiongen_client.types import Catalog, SessionEnd
 
@@ -21,10 +21,10 @@ from motiongen_client.types import Catalog, SessionEnd
 class SessionStats:
     """Counts and times of one session so far.
 
-    opened_s, first_frame_s: from the call of `open` to the server's answer and to the first frame, seconds.
-    plans: windows received, replans among them; frames: frames received, replaced ones too.
-    underruns: frame times for which the last pose had to be held; late_plans: plans that reached behind the playhead.
-    resumes, reopenings: how often the session went on after a loss, as it was and as a new one.
+    opened_s, first_frame_s: seconds from the call of `open` to the server's answer and to the first frame.
+    plans: plans received, including replans; frames: frames received, including those replaced later.
+    underruns: frame times for which the last pose had to be held; late_plans: plans that began behind the playhead.
+    resumes, reopenings: how often the session continued after a loss, by being resumed and by being opened anew.
     """
 
     opened_s: float
@@ -39,9 +39,9 @@ class SessionStats:
 
 @dataclass(frozen=True)
 class Glance:
-    """A frame that was shown, and until when it is: until_s of the session's clock, if nothing is heard before.
+    """The frame to show, and for how long: up to until_s on the session's clock, unless something arrives first.
 
-    count: of changes until then. until_s: None where the next look may find another frame.
+    count: `Changes.count` when it was taken. until_s: None if the next call may find another frame.
     """
 
     frame: Frame | None
@@ -50,17 +50,17 @@ class Glance:
 
 
 class Session(Conversation):
-    """One character. Made by `Stream.open`; not made by hand.
+    """One character. Made by `Stream.open`; do not construct it yourself.
 
-    Changes (`set_prompt`, `add_waypoint`, …) are sent at once, in order, and return an `Edit`. Frames come by
-    `frames()`, or by `poll()` for a loop that draws at its own pace; use one of the two.
+    Changes (`set_prompt`, `add_waypoint`, …) are sent at once, in order, and return an `Edit`. Frames come from
+    `frames()`, or from `poll()` for a loop that draws at its own pace; use only one of the two.
 
-    When the line to the server is lost, the session goes on as soon as there is another: nothing has to be done, and
-    while the frames that are held last nothing is seen of it. Where the server could not go on with it, `reopenings`
-    has one more and `on_reopened`, if set, is called.
+    When the connection to the server is lost, the session continues as soon as there is another. The application need
+    not do anything, and viewers see nothing of it while buffered frames last. If the server could not resume the
+    session, it is opened anew: `reopenings` gets an entry, and `on_reopened`, if set, is called.
 
-    service_level: how well the server serves it at present; `on_service_level`, if set, is called at each change.
-    `on_constraint_reached`, if set, is called for each constraint whose last frame cannot change any more.
+    service_level: how well the server serves it at present; `on_service_level`, if set, is called when it changes.
+    `on_constraint_reached`, if set, is called for each constraint once its last frame can no longer change.
     """
 
     def __init__(self, handle: int, carrier: Carrier, catalog: Catalog, clock: Callable[[], float]) -> None:
@@ -68,15 +68,15 @@ class Session(Conversation):
         self._poser: Poser | None = None
         self._sampler: Sampler | None = None
         self._sampled_rig: Rig
-        self._untold = range(0)  # frames that the playhead has reached, but `frames` has not given yet
+        self._untold = range(0)  # frames that the playhead has reached, but `frames` has not yielded yet
 
     # ---- the end
 
     async def close(self) -> SessionEnd:
         """End the session. Returns how it ended; calling it again returns the same.
 
-        While the line is lost it ends here at once, and on the server when its grace is over; so it does where the line
-        is lost before the server has answered.
+        If the connection is lost, or is lost before the server has answered, the session ends here at once, and on the
+        server when its grace period is over.
         """
         if self._end is None and self._failure is None and self._line is not Line.LOST:
             self._send(session_pb2.SessionEvent(close=session_pb2.CloseSession()))
@@ -84,7 +84,7 @@ class Session(Conversation):
             if self._failure is not None:
                 raise self._failure
             if self._line is Line.LOST:
-                end = SessionEnd("client", "it was closed while the line was lost", self._num_frames, 0)
+                end = SessionEnd("client", "it was closed while the connection was lost", self._num_frames, 0)
                 self._finish(end)
                 return end
             self._changed.clear()
@@ -120,18 +120,18 @@ class Session(Conversation):
         )
 
     def frame_in(self, seconds: float) -> int:
-        """The frame that is shown `seconds` from now."""
+        """The frame that will be shown `seconds` from now."""
         return self.playback.playhead + self.rig.frames_in(seconds)
 
     async def frames(self, seconds: float | None = None, *, realtime: bool = True) -> AsyncGenerator[Frame, None]:
-        """Each frame once, in order: the next `seconds` of motion, or without it until the session is closed.
+        """Yield each frame once, in order: the next `seconds` of motion, or all until the session is closed.
 
-        realtime: a frame comes when its time has come, and the last pose is held (nothing comes, `stats.underruns`
-        rises) while the server is late. Otherwise frames come as fast as they are generated and taken, and while an
-        edit waits for its answer only those that it can no longer change.
-        One that is left early, or has come to its end, is gone on from by the next, without a gap.
-        Raises SessionEnded when the server ends the session, StreamLost when the stream breaks: after the frames that
-        are held, or at once where the session is paused, and no time will come for those.
+        realtime: yield each frame when it is due; while the server is late, the last pose is held (nothing is yielded,
+        `stats.underruns` rises). Otherwise frames come as fast as they are generated and consumed; while an edit is
+        unanswered, only those that it can no longer change.
+        A later call of `frames` continues without a gap where an earlier one ended or was left.
+        Raises SessionEnded if the server ends the session and StreamLost if the stream breaks: after the buffered
+        frames, or at once if the session is paused, since those would never become due.
         """
         num_left = None if seconds is None else self.rig.frames_in(seconds)
         while num_left is None or num_left > 0:
@@ -152,10 +152,10 @@ class Session(Conversation):
                 await self._wait(realtime)
 
     def poll(self) -> Frame | None:
-        """Move the playhead to the present and return the frame to show now; None before the first one came.
+        """Move the playhead to the present and return the frame to show now; None before the first has arrived.
 
         For a loop that draws at its own pace. Raises SessionEnded or StreamLost once no frame is left to show, or at
-        once where the session is paused.
+        once if the session is paused.
         """
         if not self._is_over(True):
             self._advance()
@@ -165,23 +165,23 @@ class Session(Conversation):
         return self._frame(self.playback.playhead)
 
     def glance(self) -> Glance:
-        """As `poll`, with how long the same frame will be shown: for threads that do not want to ask each time."""
+        """As `poll`, with how long the frame will be shown, so that other threads need not ask each time."""
         count = self._changed.count
         frame = self.poll()
-        is_closed = self._end is not None and self._end.reason == "client"  # else what is left is shown, and it raises
+        is_closed = self._end is not None and self._end.reason == "client"  # else poll shows what is left, then raises
         is_moving = self.playback.is_playing and not is_closed
         until_s = self.playback.next_due_s() if is_moving else math.inf
         return Glance(frame, count, until_s if frame is not None else None)
 
     def is_same(self, glance: Glance) -> bool:
-        """Whether `poll` would give the frame of a glance. May be called from any thread."""
+        """Whether `poll` would return the glance's frame. May be called from any thread."""
         return glance.until_s is not None and self._changed.count == glance.count and self._clock() < glance.until_s
 
     def sample(self) -> Frame | None:
-        """As `poll`, but with the pose of this very moment, between two frames: for a loop at 60 or 144 Hz.
+        """As `poll`, but with the pose interpolated between two frames for this moment: for a loop at 60 or 144 Hz.
 
-        Where a replan or a wait makes what is shown jump, the jump is faded (`sampling`). Use this or `poll`. It has no
-        outputs: those are of the server's frames.
+        A jump caused by a replan or an underrun is faded out (`sampling`). Use either this or `poll`. The frame has no
+        outputs, since only the server's own frames have them.
         """
         if self.poll() is None:
             return None
@@ -191,7 +191,7 @@ class Session(Conversation):
         return Frame(self._sampled_rig, self.playback.playhead, row, share=share)
 
     def set_time_scale(self, scale: float) -> None:
-        """Play slower or faster than real time: 0.5 is half as fast. The server may not keep up with much above 1."""
+        """Play slower or faster than real time: 0.5 is half as fast. The server may not keep up far above 1."""
         self.playback.set_time_scale(scale)
         self._changed.set()
 
@@ -211,14 +211,14 @@ class Session(Conversation):
         was_started = self.playback.started
         reached = self.playback.advance(self._clock())
         if reached and not was_started:
-            self._carrier.report_soon()  # the server's idea of our clock begins here
+            self._carrier.report_soon()  # the server starts its copy of the playhead's clock with this report
         return reached
 
     def _step(self) -> range:
-        """Move the playhead by one frame, before its time.
+        """Move the playhead by one frame, before that frame is due.
 
-        An edit that waits for its answer is put where nobody can be who plays in real time; so no frame that it might
-        replace is taken meanwhile.
+        The server lets an edit take effect just beyond where a playhead in real time can be. So while an edit is
+        unanswered, no frame that it might replace may be consumed.
         """
         playback = self.playback
         target = playback.playhead + 1 if playback.started else playback.playhead
@@ -229,34 +229,34 @@ class Session(Conversation):
         reached = playback.advance_to(target)
         self._is_ahead = True
         if target + 1 == taken_to:
-            self._carrier.report_soon()  # nothing left to take: more credit at once
+            self._carrier.report_soon()  # nothing left to consume: ask for more at once
         return reached
 
     def _is_over(self, realtime: bool) -> bool:
-        """Whether the session was closed by its user. Raises when it is over otherwise and no frame is left to come."""
+        """Whether the application closed the session. Raises if it ended otherwise and no frame is left."""
         if self._end is not None and self._end.reason == "client":
             return True
         if self._failure is None:
             return False
         playback = self.playback
-        stands = realtime and not playback.is_playing  # for ever: nothing lets it go on
+        stands = realtime and not playback.is_playing  # for good: nothing can make it go on
         if not self._untold and (stands or playback.playhead >= playback.buffered_to - 1):
             raise self._failure
         return False
 
     async def _wait(self, realtime: bool) -> None:
-        """Until the next frame is due, or for something to arrive where it is overdue or no clock runs."""
+        """Wait until the next frame is due, or, if it is overdue or no clock runs, until something arrives."""
         due_s = self.playback.next_due_s() if realtime else None
         if due_s is None:
-            if self._failure is None:  # else nothing arrives any more
+            if self._failure is None:  # otherwise nothing will arrive
                 await self._changed.wait()
             return
         wait_s = due_s - self._clock()
         if wait_s > 0 or self.playback.buffered_to > self.playback.playhead + 1:
-            await asyncio.sleep(max(wait_s, 0.0))  # whoever takes frames late gets the next at once
+            await asyncio.sleep(max(wait_s, 0.0))  # a caller that is late gets the next frame at once
             return
         try:
             async with asyncio.timeout(1 / self.rig.frame_rate_hz):
                 await self._changed.wait()
         except TimeoutError:
-            pass  # one more frame time without a frame; `advance` counts it
+            pass  # one more frame time without a new frame; `advance` counts it

@@ -1,4 +1,4 @@
-"""The status of a call that failed -> the error that a caller can act on."""
+"""Turns the status of a failed call into an error that a caller can act on."""
 
 from __future__ import annotations
 
@@ -17,19 +17,19 @@ T = TypeVar("T")
 NOT_ALLOWED = (grpc.StatusCode.UNAUTHENTICATED, grpc.StatusCode.PERMISSION_DENIED)
 CREDENTIALS_EXPIRED = "CREDENTIALS_EXPIRED"
 STARTING = "STARTING"
-"""A server that is there but cannot serve yet: what sessions it had are gone from it."""
+"""The reason of a server that runs but cannot serve yet; it no longer has any earlier sessions."""
 STATUS_LOST = "Internal error from Core"
-"""Details that grpc.aio makes up for a call that ended while something was being written to it: what the server said of
-that end is nowhere to be had then."""
+"""Details that grpc.aio gives for a call that ended while something was being written to it. The status that the server
+sent cannot be obtained then."""
 MOST_TIMEOUT_S = 1e9
-"""Of a call: one with a much longer time is ended by gRPC at once, as if it were over."""
+"""Limit on the timeout of a call: gRPC ends calls with much longer ones at once, as if the time were over."""
 _DETAILS = "grpc-status-details-bin"
 
 
 async def answer_of(call: Awaitable[T]) -> T:
-    """What a call returns. Raises StreamLost where its channel is closed meanwhile.
+    """What a call returns. Raises StreamLost if its channel is closed meanwhile.
 
-    grpc.aio tells of that as if whoever waits had been cancelled, which would end him without a word.
+    grpc.aio reports that as a CancelledError, which would silently end the waiting task.
     """
     try:
         return await call
@@ -41,7 +41,7 @@ async def answer_of(call: Awaitable[T]) -> T:
 
 
 def error_of(failure: grpc.aio.AioRpcError, event: str, address: str) -> MotiongenError:
-    """EventRefused with what the server says of the mistake; NotAllowed; ServerUnavailable where no server does.
+    """EventRefused with the server's details, NotAllowed, or ServerUnavailable if no server answered.
 
     event: what was tried, in words.
     """
@@ -69,6 +69,6 @@ def error_of(failure: grpc.aio.AioRpcError, event: str, address: str) -> Motiong
 
 
 def reason_of(failure: grpc.aio.AioRpcError) -> str:
-    """The stable name that the server gives the cause; "" where it gives none."""
+    """The stable name that the server gave for the cause; "" if it gave none."""
     refusal = error_of(failure, "", "")
     return refusal.reason if isinstance(refusal, EventRefused | NotAllowed) else ""

@@ -1,4 +1,4 @@
-"""Steering: a stick or a drawn line, as a player gives them, in the world's axes. Pure.
+"""Steering: turns a player's stick or drawn line into velocities and corners in world axes. Pure.
 
 x_mps, z_mps = stick_velocity(right, forward, camera_heading_rad=camera)
 walker.set_velocity(x_mps, z_mps, seconds=0.5)           # ten times a second while the stick is held
@@ -17,7 +17,7 @@ from motiongen_client.motion import Float32
 from motiongen_client.types import as_array, check_finite
 
 MOST_CORNERS = 256
-"""Of one `RootPath`."""
+"""Limit on the corners of one `RootPath`."""
 
 
 def stick_velocity(
@@ -28,11 +28,11 @@ def stick_velocity(
     speed_mps: float = 3.0,
     dead_zone: float = 0.15,
 ) -> tuple[float, float]:
-    """World x and z in metres a second, for `Session.set_velocity`, of a stick as the player sees it.
+    """World x and z in metres per second, for `Session.set_velocity`, from a stick relative to the camera.
 
-    right, forward: -1 to 1; pushed into a corner it is no faster than along an axis. camera_heading_rad: where the
-    camera looks over the ground, 0 toward +Z. speed_mps: of a stick pushed all the way. dead_zone: what counts as let
-    go; beyond it speed begins at 0, so that nobody jumps into a walk. Raises InvalidInput.
+    right, forward: -1 to 1; a diagonal is no faster than an axis. camera_heading_rad: the direction in which the camera
+    looks over the ground, 0 toward +Z. speed_mps: that of a fully pushed stick. dead_zone: a stick pushed no further
+    counts as released; beyond it the speed rises from 0, so that the character eases into a walk. Raises InvalidInput.
     """
     for name, value in (("right", right), ("forward", forward), ("camera_heading_rad", camera_heading_rad)):
         check_finite(name, value)
@@ -44,21 +44,21 @@ def stick_velocity(
     speed = speed_mps * (min(push, 1.0) - dead_zone) / (1.0 - dead_zone)
     ahead, aside = speed * forward / push, speed * right / push
     sin, cos = math.sin(camera_heading_rad), math.cos(camera_heading_rad)
-    # +X is to the left of who looks along +Z.
+    # Looking along +Z, +X is to the left.
     return ahead * sin - aside * cos, ahead * cos + aside * sin
 
 
 def camera_relative(right_m: float, forward_m: float, camera_heading_rad: float) -> tuple[float, float]:
-    """World x and z of a distance as the player sees it: to the right of where the camera looks, and ahead."""
+    """World x and z of an offset relative to the camera: to its right, and ahead of it, both in metres."""
     sin, cos = math.sin(camera_heading_rad), math.cos(camera_heading_rad)
     return forward_m * sin - right_m * cos, forward_m * cos + right_m * sin
 
 
 def drawn_corners(points_m: ArrayLike, *, within_m: float = 0.1) -> Float32:
-    """Corners (K, 2), K at most 256, of a line that was drawn through points_m (N, 2), world x, z in metres.
+    """Corners (K, 2), K at most 256, that simplify a line drawn through points_m (N, 2), world x, z in metres.
 
-    No point is farther than within_m from the line through them (Ramer 1972, Douglas and Peucker 1973); where that
-    takes more corners than a path may have, it is twice as far, and so on.
+    No point is farther than within_m from the line through the corners (Ramer 1972, Douglas and Peucker 1973). If that
+    takes more corners than a path may have, within_m is doubled until it does not.
     """
     points = as_array("points_m", points_m, (None, 2))
     if len(points) == 0:
@@ -74,7 +74,7 @@ def drawn_corners(points_m: ArrayLike, *, within_m: float = 0.1) -> Float32:
 
 
 def _kept(points: Float32, within_m: float) -> np.ndarray:
-    """(N) bool: the ends, and of every span the point that is farthest from its line, if it is too far."""
+    """(N,) bool: the ends and, recursively, the point of each span farthest from its line, if that is too far."""
     kept = np.zeros(len(points), bool)
     kept[[0, -1]] = True
     spans = [(0, len(points) - 1)]

@@ -1,4 +1,4 @@
-"""A stream of sessions, over one call to the server after another: when one is lost, the next takes its place."""
+"""Stream: carries sessions over a call to the server, and makes another call when one is lost."""
 
 from __future__ import annotations
 
@@ -11,23 +11,23 @@ import grpc.aio
 from motiongen.v1 import service_pb2, session_pb2
 from motiongen.v1.service_pb2_grpc import MotionServiceStub
 from motiongen_client import convert
+from motiongen_client.backlog import Backlog, SendQueue
 from motiongen_client.calls import CallEvents, Calls
 from motiongen_client.catalogs import has_model, newest_catalog
 from motiongen_client.channel import Route
 from motiongen_client.errors import EventRefused, InvalidInput, MotiongenError, ServerUnavailable
 from motiongen_client.line_policy import LinePolicy
 from motiongen_client.prompts import Prompt
+from motiongen_client.reports import Reports
 from motiongen_client.session import Session
 from motiongen_client.types import NO_PROMPTS, Catalog, Constraint, SessionOptions
-
-_MIN_REPORT_GAP_S = 0.025  # 40 a second; servers allow 50 events of a session
 
 
 class Stream:
     """Sessions that share a call to the server. Made by `MotionClient.stream`; use it as `async with`.
 
-    report_hz: how often the server hears the playheads, which are its clock and its credit. draining: whether the
-    server has said goodbye. replica_id: its name.
+    report_hz: how often playheads are reported; the server paces sessions and grants credit by them. draining: whether
+    the server has sent a Goodbye. replica_id: the server's name.
     """
 
     def __init__(
@@ -45,30 +45,36 @@ class Stream:
     ) -> None:
         """connect: makes a channel to the server, for one call.
 
-        move: has another stream carry a session for which there is no room here; False where none is known. route: of
-        the channels that `connect` makes; None: they all lead to one server. on_catalog: is told of each catalogue that
-        is fetched from the route's own address.
+        move: moves a session for which there is no capacity here to another stream; returns False if none is known.
+        route: decides where the channels made by `connect` lead; None: always to the same server. on_catalog: called
+        with each catalogue fetched from the route's own address.
         """
         if not 1 <= report_hz <= 5:
             raise InvalidInput("report_hz", report_hz, "a number from 1 to 5")
         self._address = address
         self._catalog = catalog
-        self._report_period_s = 1 / report_hz
+        self._reports = Reports(1 / report_hz, self._report_playheads)
         self._policy = policy or LinePolicy()
         events = CallEvents(self._take, self._hear_hello, self._begin, self._interrupt, self._fail)
-        most = catalog.limits.max_request_bytes
-        self._calls = Calls(connect, address, agent, self._policy, max_request_bytes=most, events=events, route=route)
+        self.backlog = Backlog()
+        self._calls = Calls(
+            connect,
+            address,
+            agent,
+            self._policy,
+            make_queue=lambda: SendQueue(self.backlog, self._most_event_bytes),
+            events=events,
+            route=route,
+        )
         self._move, self._route, self._on_catalog = move, route, on_catalog
         self._sessions: dict[int, Session] = {}
         self._next_handle = 1
-        self._report_wanted = asyncio.Event()
-        self._reporting: asyncio.Task[None] | None = None
         self.replica_id = ""
         self.draining = False
 
     @property
     def sessions(self) -> tuple[Session, ...]:
-        """The sessions that live on this stream."""
+        """The sessions on this stream."""
         return tuple(self._sessions.values())
 
     @property
@@ -78,7 +84,7 @@ class Stream:
 
     @property
     def is_over(self) -> bool:
-        """Whether it was closed, or given up for good."""
+        """Whether it was closed or has failed for good."""
         return self._calls.failure is not None
 
     @property
@@ -95,12 +101,12 @@ class Stream:
         constraints: Sequence[Constraint] = (),
         keep_s: float | None = 60.0,
     ) -> Session:
-        """Make a character, directed by a prompt and constraints from its first frame on.
+        """Create a character, directed by a prompt and constraints from its first frame on.
 
-        later_prompts: prompts by the frame at which each takes over, as `set_prompt` with a frame schedules them.
+        later_prompts: keyed by the frame at which each takes over, as `set_prompt` with a frame schedules them.
         keep_s: how many seconds of motion behind the playhead stay readable; None keeps all.
-        While the line is lost it waits for another. Raises EventRefused when the server refuses it, StreamLost when the
-        stream is gone for good.
+        While the connection is lost, it waits for the next. Raises EventRefused if the server refuses the session, and
+        StreamLost if the stream is lost for good.
         """
         options = options or SessionOptions()
         while True:
@@ -111,12 +117,12 @@ class Stream:
             try:
                 return await self._open(options, prompt, later_prompts, constraints, keep_s)
             except EventRefused as refusal:
-                if refusal.reason == "DRAINING" and self.recovers:  # another server, or this one, is there soon
+                if refusal.reason == "DRAINING" and self.recovers:  # a server is available again soon
                     await self._calls.until_after(call)
                 elif options.model_id or refusal.reason != "UNKNOWN_MODEL":
                     raise
                 else:
-                    await self._fetch_catalog(self._calls.channel)  # the default was unloaded since
+                    await self._fetch_catalog(self._calls.channel)  # the default model has been unloaded since
                     return await self._open(options, prompt, later_prompts, constraints, keep_s)
 
     async def _open(
@@ -127,14 +133,14 @@ class Stream:
         constraints: Sequence[Constraint],
         keep_s: float | None,
     ) -> Session:
-        if not options.model_id and self._catalog.models:  # the default of the catalogue that its rig is looked up in
+        if not options.model_id and self._catalog.models:  # of the catalogue in which its rig is looked up
             options = replace(options, model_id=self._catalog.models[0].model_id)
         session = Session(self._next_handle, self, self._catalog, asyncio.get_running_loop().time)
         self._next_handle += 1
         self._sessions[session.handle] = session
         try:
             await session.begin(options, prompt, later_prompts, constraints, keep_s)
-        except asyncio.CancelledError:  # the server has been asked, and nobody is left who could end the session
+        except asyncio.CancelledError:  # the server has been asked; no caller is left to close the session
             session.abandon()
             self._sweep()
             raise
@@ -144,7 +150,7 @@ class Stream:
         return session
 
     async def _fetch_catalog(self, channel: grpc.aio.Channel | None) -> None:
-        """The server may have loaded and unloaded models since the client connected, or be another one."""
+        """Fetch the catalogue again: models may have been loaded or unloaded, or this is another server."""
         if channel is None:
             return
         stub, timeout_s = MotionServiceStub(channel), self._policy.hello_timeout_s
@@ -153,26 +159,25 @@ class Stream:
             self._on_catalog(self._catalog)
 
     async def start(self) -> Stream:
-        """Make the call and exchange hellos. `async with` does it. Raises ServerUnavailable or StreamLost."""
+        """Make the call and exchange hellos. `async with` calls it. Raises ServerUnavailable or StreamLost."""
         try:
             await self._calls.start()
         except BaseException:
             await self.close()
             raise
-        self._reporting = asyncio.create_task(self._report_playheads(), name="motiongen-report")
+        self._reports.begin()
         return self
 
     async def close(self) -> None:
         """End all sessions and the call. May be called again."""
-        if self._reporting is not None:
-            self._reporting.cancel()
-            await asyncio.gather(self._reporting, return_exceptions=True)
+        await self._reports.close()
         await self._calls.close()
 
     async def ready(self) -> None:
-        """Wait for a call, and ask for one where there is none: servers end streams that carry nothing.
+        """Wait until there is a call, making one if needed: servers end the calls of streams without sessions.
 
-        Raises ServerUnavailable where none comes within the policy's hello_timeout_s, StreamLost where none ever will.
+        Raises ServerUnavailable if there is none within the policy's hello_timeout_s, and StreamLost if the stream is
+        over.
         """
         within_s = self._policy.hello_timeout_s
         try:
@@ -196,37 +201,40 @@ class Stream:
 
     @property
     def call_number(self) -> int:
-        """Rises with each call that takes the place of a lost one."""
+        """The number of the present call; it rises with each reconnection."""
         return self._calls.number
 
     def check(self, event: session_pb2.SessionEvent) -> None:
-        """Raise InvalidInput when an event is too big for a message."""
-        most = self._catalog.limits.max_request_bytes * 9 // 10
+        """Raise InvalidInput if an event is too big for a message."""
+        most = self._most_event_bytes()
         if event.ByteSize() > most:
             allowed = f"at most {most} bytes in one event; split it"
             raise InvalidInput(event.WhichOneof("event") or "event", f"{event.ByteSize()} bytes", allowed)
 
+    def _most_event_bytes(self) -> int:
+        return self._catalog.limits.max_request_bytes * 9 // 10  # the rest is for the message around the events
+
     def send(self, event: session_pb2.SessionEvent) -> None:
-        """Queue an event; it goes out with the next message. While the line is lost it goes nowhere."""
+        """Queue an event for the next message. It is dropped while the connection is lost."""
         self._calls.send(event)
 
     def report_soon(self) -> None:
         """Report playheads without waiting for the next regular report."""
-        self._report_wanted.set()
+        self._reports.soon()
 
     def move_elsewhere(self, handle: int, refusal: EventRefused) -> bool:
-        """As in Carrier."""
+        """See `Carrier`."""
         session = self._sessions.get(handle)
         return self._move is not None and session is not None and self._move(self, session, refusal)
 
-    # ---- sessions that go from one stream to another
+    # ---- sessions that move between streams
 
     def release(self, session: Session) -> None:
-        """Carry a session no more."""
+        """Stop carrying a session."""
         self._sessions.pop(session.handle, None)
 
     def adopt(self, session: Session) -> None:
-        """Carry a session that waits for a server, which is asked as soon as there is a call."""
+        """Carry a session that waits for a server; this one is asked as soon as there is a call."""
         handle = self._next_handle
         self._next_handle += 1
         self._sessions[handle] = session
@@ -235,10 +243,10 @@ class Stream:
             self._calls.ask()
 
     async def ask_catalog(self) -> None:
-        """Take the server's own catalogue in place of the one that is held. Raises ServerUnavailable."""
+        """Replace the held catalogue with this server's own. Raises ServerUnavailable."""
         await self._fetch_catalog(self._calls.channel)
 
-    # ---- what becomes of the calls
+    # ---- events of the calls
 
     async def _hear_hello(self, channel: grpc.aio.Channel) -> None:
         if self._calls.number:
@@ -257,15 +265,14 @@ class Stream:
         return bool(self._sessions)
 
     def _sweep(self) -> None:
-        """Forget the sessions that were closed while the line was lost."""
+        """Remove the sessions that were closed while the connection was lost."""
         self._sessions = {handle: session for handle, session in self._sessions.items() if not session.is_over}
 
     def _fail(self, failure: MotiongenError) -> None:
         for session in self.sessions:
             session.fail(failure)
         self._sessions.clear()
-        if self._reporting is not None:
-            self._reporting.cancel()
+        self._reports.cancel()
 
     def _take(self, response: service_pb2.StreamMotionResponse) -> None:
         match response.WhichOneof("stream_event"):
@@ -278,20 +285,12 @@ class Stream:
         for update in response.updates:
             session = self._sessions.get(update.session)
             if session is None:
-                continue  # what was under way when the session ended here
+                continue  # it was in flight when the session ended here
             session.hear(update)
             if session.is_over:
                 del self._sessions[update.session]
 
-    async def _report_playheads(self) -> None:
-        while True:
-            try:
-                async with asyncio.timeout(self._report_period_s):
-                    await self._report_wanted.wait()
-            except TimeoutError:
-                pass  # the regular report
-            self._report_wanted.clear()
-            for session in self.sessions:
-                if session.is_reporting:
-                    self.send(session.report())
-            await asyncio.sleep(_MIN_REPORT_GAP_S)
+    def _report_playheads(self) -> None:
+        for session in self.sessions:
+            if session.is_reporting and not self.backlog.is_queue_full:  # the next report supersedes it
+                self.send(session.report())

@@ -1,4 +1,4 @@
-"""Wishes: what a session was told and the server has taken, so that another one can be told the same. Pure."""
+"""Wishes: what a session was told and the server accepted, so that a replacement can be told the same. Pure."""
 
 from __future__ import annotations
 
@@ -10,10 +10,12 @@ from motiongen_client.placing import path_left, placed
 from motiongen_client.types import Placement
 
 PLAYING = session_pb2.PLAY_STATE_PLAYING
+MOST_UNTOLD = 256
+"""Limit on past constraints whose outcome has not arrived. It arrives for each, unless the connection is lost."""
 
 
 class Wishes:
-    """Prompts, constraints, velocity, cut and play state that hold, by the frames that the application counts."""
+    """The prompts, constraints, velocity, cut and play state in force, in the application's frame numbers."""
 
     def __init__(self) -> None:
         self._prompts: list[motion_pb2.PromptSpan] = []  # in the order they were set
@@ -24,20 +26,37 @@ class Wishes:
         self._play_state: session_pb2.PlayState = PLAYING
 
     def take_opening(self, opening: session_pb2.OpenSession) -> None:
-        """The session was opened with these."""
+        """Take the prompts and constraints with which the session was opened."""
         self._prompts = list(opening.prompts)
         self._constraints = {target.constraint_id: target for target in opening.constraints}
 
     def place(self, placements: Iterable[Placement]) -> None:
-        """The server has said where constraints were put: from now on they mean those frames and places."""
+        """The server has placed constraints: from now on they stand for those frames and places."""
         for placement in placements:
             key = placement.constraint_id
             if key in self._constraints:
                 self._constraints[key] = placed(self._constraints[key], placement)
                 self._placements[key] = placement
 
+    def take_reopening(self, frame: int, placements: Iterable[Placement]) -> None:
+        """The session was opened anew at a frame with the constraints left then, and has placed them again."""
+        for key, target in self._constraints.items():
+            left = self._left(key, frame) if target.HasField("root_path") else None
+            if left is not None:  # the new session has only the rest of a partly walked path
+                self._constraints[key] = left
+        self.place(placements)
+
+    def begins_after(self, constraint_id: int, frame: int) -> bool:
+        """Whether the constraint that now has this id asks for nothing at or before a frame."""
+        target, placement = self._constraints.get(constraint_id), self._placements.get(constraint_id)
+        if placement is not None:
+            return frame < placement.first_frame
+        if target is None or target.at_any_frame or target.frames_from_effect or target.HasField("root_path"):
+            return False
+        return frame < target.frame
+
     def end(self, constraint_id: int) -> None:
-        """The server has told what became of a constraint: nothing is asked of it any more, met early or not."""
+        """The server has told what became of a constraint, which is thus over, even if it was met early."""
         self._constraints.pop(constraint_id, None)
         self._placements.pop(constraint_id, None)
 
@@ -48,9 +67,10 @@ class Wishes:
         playhead: int,
         placements: Iterable[Placement] = (),
     ) -> None:
-        """The server has taken an event. effective_frame: the first that shows it; what is past at playhead goes.
+        """The server has accepted an event. effective_frame: the first frame that shows it.
 
-        placements: where those of its constraints were put that left that to the server.
+        playhead: what is past at this frame may be dropped. placements: of those of its constraints that left frames or
+        places to the server.
         """
         match event.WhichOneof("event"):
             case "edit_prompts":
@@ -67,9 +87,8 @@ class Wishes:
                     self._constraints.clear()
                 for constraint_id in event.edit_constraints.remove:
                     self._constraints.pop(constraint_id, None)
-                self._constraints = {
-                    key: target for key, target in self._constraints.items() if self._left(key, playhead) is not None
-                }
+                for constraint_id in self.passed_at(playhead)[:-MOST_UNTOLD]:
+                    del self._constraints[constraint_id]
                 for target in event.edit_constraints.upsert:
                     self._constraints.pop(target.constraint_id, None)
                     self._placements.pop(target.constraint_id, None)
@@ -85,9 +104,9 @@ class Wishes:
                 self._play_state = event.set_play_state.state
 
     def prompts_from(self, frame: int, most: int) -> list[motion_pb2.PromptSpan]:
-        """The spans of a session that begins at a frame: of those that have begun, the one that holds comes last.
+        """The spans for a session that begins at a frame: begun ones, the one in force last of these, then later ones.
 
-        Where they are more than `most`, without those in whose place others come later.
+        If there are more than `most`, those that a later span with the same id replaces are left out.
         """
         begun = [span for span in self._prompts if span.start_frame <= frame]
         begun.sort(key=lambda span: span.start_frame)
@@ -96,7 +115,7 @@ class Wishes:
         return spans if len(spans) <= most else list({span.prompt_id: span for span in spans}.values())
 
     def _put_span(self, span: motion_pb2.PromptSpan, playhead: int) -> None:
-        """Set a span. One of its id that has begun goes on until then, as it does at the server."""
+        """Set a span. One with the same id that has begun holds until the new one starts, as on the server."""
         of_its_id = [each for each in self._prompts if each.prompt_id == span.prompt_id]
         never_begins = of_its_id[-1] if of_its_id and of_its_id[-1].start_frame > playhead else None
         left = {id(each): _until(span.start_frame, each, never_begins) for each in of_its_id}
@@ -104,16 +123,16 @@ class Wishes:
         self._prompts = [*(each for each in held if each is not None), span]
 
     def constraints_from(self, frame: int) -> list[motion_pb2.Constraint]:
-        """Those that a session which begins at a frame can still meet."""
+        """The constraints that a session beginning at a frame can still meet."""
         left = (self._left(key, frame) for key in self._constraints)
         return [target for target in left if target is not None]
 
     def passed_at(self, frame: int) -> list[int]:
-        """The ids of those that a session which begins at a frame is not told of."""
+        """The ids of the constraints that a session beginning at a frame cannot meet any more."""
         return [key for key in self._constraints if self._left(key, frame) is None]
 
     def _left(self, constraint_id: int, frame: int) -> motion_pb2.Constraint | None:
-        """What is left of a constraint for a session that begins at a frame; None where it has passed."""
+        """What is left of a constraint for a session beginning at a frame; None if it has passed."""
         target, placement = self._constraints[constraint_id], self._placements.get(constraint_id)
         if placement is not None and placement.last_frame < frame:
             return None
@@ -122,9 +141,9 @@ class Wishes:
         return shifted_constraint(target, frame)
 
     def events_from(self, frame: int) -> list[session_pb2.SessionEvent]:
-        """What a session that begins at a frame is to be told besides, without numbers."""
+        """The other events to send to a session that begins at a frame, without event numbers."""
         events = []
-        if self._cut is not None and self._cut[1] >= frame:  # it has not come yet
+        if self._cut is not None and self._cut[1] >= frame:  # the cut is still to come
             cut = session_pb2.SessionEvent()
             cut.seek.CopyFrom(self._cut[0])
             events.append(cut)
@@ -149,7 +168,7 @@ def _from(frame: int, span: motion_pb2.PromptSpan) -> motion_pb2.PromptSpan:
 def _until(
     frame: int, span: motion_pb2.PromptSpan, never_begins: motion_pb2.PromptSpan | None
 ) -> motion_pb2.PromptSpan | None:
-    """What is left of a span where another takes its place, and that of never_begins, at a frame; None: nothing."""
+    """What is left of a span if one with its id starts at a frame and replaces never_begins too; None: nothing."""
     was_cut_for_that = never_begins is not None and span.end_frame == never_begins.start_frame
     end = span.end_frame if span.end_frame and not was_cut_for_that else frame
     if span is never_begins or span.start_frame >= min(end, frame):

@@ -1,4 +1,4 @@
-"""Between the contract's messages and this package's types. Pure; the one room that knows both."""
+"""Converts between the contract's messages and this package's types. Pure."""
 
 from motiongen_client.convert.answers import (
     code_name,

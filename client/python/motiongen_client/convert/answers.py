@@ -1,4 +1,4 @@
-"""What a server says of a session, from the contract's messages."""
+"""Converts a server's answers about a session from messages."""
 
 from __future__ import annotations
 
@@ -22,21 +22,21 @@ from motiongen_client.types import (
 )
 from motiongen_client.types.checks import MOST_FRAME
 
-_MOST_OTHER_SERVERS = 3  # as the contract has it; each may be called in turn
+_MOST_OTHER_SERVERS = 3  # the contract's limit; each may be called in turn
 
 
 def frame(number: int, offset: int = 0) -> int:
-    """A frame of the server's as the client counts it. offset: of the client's frame numbers over the server's.
+    """A server's frame number as the client counts. offset: the client's frame numbers minus the server's.
 
-    Raises ProtocolViolation for a number that no frame has.
+    Raises ProtocolViolation for a number beyond `MOST_FRAME`.
     """
     if number > MOST_FRAME:
-        raise ProtocolViolation(f"frame {number} was told of; frames are numbered up to {MOST_FRAME}")
+        raise ProtocolViolation(f"frame {number} is out of range; frames are numbered up to {MOST_FRAME}")
     return number + offset
 
 
 def opened(message: session_pb2.SessionOpened, offset: int = 0) -> Opened:
-    """What the server chose. offset: of the client's frame numbers over the server's."""
+    """What the server chose. offset: as for `frame`."""
     return Opened(
         session_id=message.session_id,
         seed=message.seed,
@@ -54,7 +54,7 @@ def opened(message: session_pb2.SessionOpened, offset: int = 0) -> Opened:
 
 
 def placements(messages: Iterable[motion_pb2.ConstraintPlacement], offset: int = 0) -> tuple[Placement, ...]:
-    """Where constraints were put. offset: of the client's frame numbers over the server's."""
+    """Where constraints were placed. offset: as for `frame`."""
     return tuple(
         Placement(
             constraint_id=each.constraint_id,
@@ -79,7 +79,7 @@ def other_servers(messages: Iterable[session_pb2.OtherServer]) -> tuple[OtherSer
 
 
 def outcome(message: session_pb2.EditOutcome, event: str, offset: int = 0) -> Outcome | EventRefused:
-    """What became of an event; `event` says in words what it was, `offset` which of our frames is the server's 0."""
+    """What became of an event. event: what it was, in words; offset: as for `frame`."""
     if message.code == 0:
         effective_frame = frame(message.effective_frame, offset) if message.HasField("effective_frame") else None
         placed = placements(message.placements, offset)
@@ -104,7 +104,7 @@ def service_level(message: session_pb2.ServiceLevel) -> ServiceLevel:
 
 
 def constraint_reached(message: session_pb2.ConstraintReached, offset: int = 0) -> ConstraintReached:
-    """What became of a constraint. offset: of the client's frame numbers over the server's."""
+    """What became of a constraint. offset: as for `frame`."""
     return ConstraintReached(
         constraint_id=message.constraint_id,
         met=message.met,
@@ -131,7 +131,7 @@ _SERVICE_TIERS = frozenset(session_pb2.ServiceTier.values())
 
 
 def residual(message: service_pb2.ConstraintResidual) -> Residual:
-    """How near a clip came to a constraint."""
+    """By how much a clip misses a constraint."""
 
     def deviation(name: str) -> Deviation | None:
         value: service_pb2.Deviation = getattr(message, name)
@@ -150,7 +150,7 @@ def seconds(duration: Duration) -> float:
     return duration.seconds + duration.nanos / 1e9
 
 
-# google.rpc.Code, which EditOutcome.code and SessionClosed.code are numbers of
+# google.rpc.Code, whose numbers EditOutcome.code and SessionClosed.code use
 _CODE_NAMES = (
     "OK", "CANCELLED", "UNKNOWN", "INVALID_ARGUMENT", "DEADLINE_EXCEEDED", "NOT_FOUND", "ALREADY_EXISTS",
     "PERMISSION_DENIED", "RESOURCE_EXHAUSTED", "FAILED_PRECONDITION", "ABORTED", "OUT_OF_RANGE", "UNIMPLEMENTED",
@@ -159,5 +159,5 @@ _CODE_NAMES = (
 
 
 def code_name(code: int) -> str:
-    """Name of a google.rpc.Code number; the number itself when it is none."""
+    """The name of a google.rpc.Code; the number itself if it is unknown."""
     return _CODE_NAMES[code] if 0 <= code < len(_CODE_NAMES) else str(code)

@@ -1,4 +1,4 @@
-"""What a server offers, from the contract's messages. A catalogue that contradicts itself is not taken."""
+"""Converts catalogues from messages, and rejects those that contradict themselves."""
 
 from __future__ import annotations
 
@@ -16,11 +16,11 @@ from motiongen_client.types import (
 )
 
 _MOST_REQUEST_BYTES = 8 * 1024 * 1024
-"""Whatever a server says that it takes: what is said to it is put together here first."""
+"""Cap on a server's max_request_bytes, since the client must hold each message in memory."""
 
 
 def catalog(message: service_pb2.GetCatalogResponse) -> Catalog:
-    """The catalogue. Raises ProtocolViolation when a rig contradicts itself."""
+    """The catalogue. Raises ProtocolViolation if a rig contradicts itself."""
     limits = message.limits
     return Catalog(
         etag=message.catalog_etag,
@@ -81,9 +81,9 @@ def catalog(message: service_pb2.GetCatalogResponse) -> Catalog:
 
 
 def rig(message: motion_pb2.Rig) -> Rig:
-    """A rig. Raises ProtocolViolation when its counts do not fit together or a block this package reads is missing.
+    """A rig. Raises ProtocolViolation if its counts do not agree or a block that this package reads is missing.
 
-    So it does for a row that is wider than any of a skeleton, and for offsets that are not finite.
+    Also raises it for a row wider than `WIDEST_ROW`, joints that form no tree, and offsets that are not finite.
     """
     num_joints = len(message.joints)
     blocks = {block.name: block.width for block in message.blocks}
@@ -121,7 +121,7 @@ def rig(message: motion_pb2.Rig) -> Rig:
 
 
 def _weight(model: service_pb2.Model, condition: str) -> float:
-    """The default guidance by "text" or "constraint"; 1, what models are trained for, where the server says none."""
+    """The default guidance of "text" or "constraint"; 1, for which models are trained, if the server states none."""
     guidance = model.default_guidance
     return float(getattr(guidance, condition)) if guidance.HasField(condition) else 1.0
 

@@ -1,4 +1,4 @@
-"""Frames, from the bytes of a chunk, as they are stored in it."""
+"""FrameReader: reads frames from the bytes of a chunk."""
 
 from __future__ import annotations
 
@@ -20,21 +20,21 @@ SCALAR_TYPES = {
     FrameFormat.QUANTISED: motion_pb2.SCALAR_TYPE_QUANTISED,
 }
 MOST_CHUNK_BYTES = 2**28
-"""Of the rows of one chunk as float32: quantised ones may have blocks that take no bytes on the wire."""
+"""Limit on the rows of one chunk as float32; quantised ones may have blocks that take no bytes on the wire."""
 _PLACE_BYTES = 12
 
 
 @dataclass(frozen=True)
 class FrameReader:
-    """Reads the chunks of one session. frame_format: the one that was asked for."""
+    """Reads the chunks of one session. frame_format: as requested."""
 
     rig: Rig
     frame_format: FrameFormat = FrameFormat.F32
 
     def rows(self, message: motion_pb2.FrameChunk, before: Float32 | None = None) -> Float32:
-        """(T, row_width) float32. before: the row of the frame before, whose signs of q and -q the quaternions keep to.
+        """(T, row_width) float32. before: the row of the frame before; quantised quaternions continue its signs.
 
-        Raises ProtocolViolation when the bytes are not that many rows.
+        Raises ProtocolViolation if the chunk has another scalar type, or its bytes do not match its frame count.
         """
         if message.scalar_type != SCALAR_TYPES[self.frame_format]:
             given = f"a chunk has scalar type {message.scalar_type}"
@@ -56,14 +56,14 @@ class FrameReader:
 
     @property
     def row_bytes(self) -> int:
-        """Of one frame."""
+        """Bytes of one frame."""
         if self.frame_format is FrameFormat.QUANTISED:
             return self._own_bytes + sum(quantised_bytes(*output) for output in self.rig.outputs.items())
         return self.rig.row_width * (2 if self.frame_format is FrameFormat.F16 else 4)
 
     @property
     def _own_bytes(self) -> int:
-        """Of one quantised frame, before the outputs."""
+        """Bytes of one quantised frame before the outputs."""
         return _PLACE_BYTES + 4 * len(self.rig.joint_names) + 1
 
     def _halves(self, message: motion_pb2.FrameChunk) -> Float32:
@@ -90,7 +90,7 @@ class FrameReader:
         return rows
 
     def _continued(self, rows: Float32, before: Float32 | None) -> Float32:
-        """The same poses, each quaternion of the sign that is nearer to the one of the frame before."""
+        """The same poses, with the sign of each quaternion chosen nearest to that of the frame before."""
         for name in (ROTATION_BLOCK, GLOBAL_ROTATION_BLOCK):
             columns = self.rig.block_columns.get(name)
             if columns is None:

@@ -1,4 +1,4 @@
-"""What a session asked for besides, where its numbers are not float32."""
+"""The additional outputs of a session: checks them, and reads those that are not sent as float32."""
 
 from __future__ import annotations
 
@@ -21,13 +21,13 @@ from motiongen_client.motion import (
 _NUMBERS_OF_A_JOINT = {POSITIONS_BLOCK: 3, GLOBAL_ROTATION_BLOCK: 4, "joint_velocities_mps": 3}
 _NUMBERS_OF_A_ROBOT = {QPOS_BLOCK: 36, "g1_qvel": 35}
 WIDEST_ROW = 2**14
-"""Numbers in a frame row, with its outputs; one of 512 joints with every output there is has 7246."""
+"""Limit on the numbers in a frame row, with its outputs; a row of 512 joints with every output has 7246."""
 
 
 def check_outputs(given: Mapping[str, int], asked: Sequence[str], rig: Rig) -> None:
-    """Raise ProtocolViolation unless these are the outputs, name -> width, that were asked for, in their order.
+    """Raise ProtocolViolation unless the given outputs, name -> width, are those asked for, in the same order.
 
-    rig: whose joints they are of; those whose names are known have a width by it.
+    rig: its number of joints determines the widths of known outputs.
     """
     if list(given) != list(asked):
         raise ProtocolViolation(f"frames have the outputs {list(given)}; {list(asked)} were asked for")
@@ -40,22 +40,22 @@ def check_outputs(given: Mapping[str, int], asked: Sequence[str], rig: Rig) -> N
 
 
 def make_absolute(rows: Float32, rig: Rig, origin: Float32) -> None:
-    """Add an origin (3), world metres, to the places among the outputs in rows (T, row_width), in place."""
+    """Add an origin (3,), world metres, to the positions among the outputs of rows (T, row_width), in place."""
     if POSITIONS_BLOCK in rig.outputs:
         columns = rig.block_columns[POSITIONS_BLOCK]
         rows[:, columns] += np.tile(origin, rig.outputs[POSITIONS_BLOCK] // 3)
     if QPOS_BLOCK in rig.outputs:
         start = rig.block_columns[QPOS_BLOCK].start
-        rows[:, start : start + 3] += origin[[2, 0, 1]]  # forward, left, up of the robot are our z, x, y
+        rows[:, start : start + 3] += origin[[2, 0, 1]]  # the robot's forward, left, up are our z, x, y
 
 
 def quantised_bytes(name: str, width: int) -> int:
-    """Of an output of so many numbers in a quantised frame."""
-    return width if name == GLOBAL_ROTATION_BLOCK else 2 * width  # four numbers of a rotation are four bytes
+    """Bytes of an output of `width` numbers in a quantised frame."""
+    return width if name == GLOBAL_ROTATION_BLOCK else 2 * width  # the four numbers of a rotation take four bytes
 
 
 def read_quantised(data: NDArray[np.uint8], rig: Rig, rows: Float32) -> None:
-    """The outputs' bytes (T, N) into their columns of rows (T, row_width), whose roots are there already."""
+    """Read the outputs' bytes (T, N) into their columns of rows (T, row_width), which already contain the roots."""
     start, roots = 0, rows[:, rig.block_columns[ROOT_BLOCK]]
     for name, width in rig.outputs.items():
         end = start + quantised_bytes(name, width)

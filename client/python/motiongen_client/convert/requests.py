@@ -1,4 +1,4 @@
-"""What a client says, as the contract's messages."""
+"""Converts what a client sends to messages."""
 
 from __future__ import annotations
 
@@ -65,7 +65,7 @@ def open_session(
 
 
 def seek(start: StartPose | None, prior: Motion | None) -> session_pb2.Seek:
-    """The message that puts a character elsewhere: at a pose, or after other frames. One of its own has its number."""
+    """The message that cuts a character to a start pose, or to continue from other frames."""
     message = session_pb2.Seek()
     if prior is not None:
         message.prior_frames.CopyFrom(_prior_frames(prior))
@@ -90,7 +90,7 @@ def set_options(
     guidance: tuple[float | None, float | None] | None,
     history_frames: int | None,
 ) -> session_pb2.SetOptions:
-    """The message that changes options. guidance: of text and of constraints, None within it for the model's own."""
+    """The message that changes options. guidance: of text and of constraints; None within it: the model's own."""
     message = session_pb2.SetOptions(
         priority=None if priority is None else _PRIORITIES[priority],
         lookahead_frames=lookahead_frames,
@@ -113,9 +113,9 @@ def generate_clip(
 def prompt_span(
     prompt_id: int, prompt: Prompt, start_frame: int | None, end_frame: int | None = None
 ) -> motion_pb2.PromptSpan:
-    """A prompt that holds from a frame on, or as soon as possible, and up to another frame or to the end.
+    """A prompt in force from a frame on, or as soon as possible, up to another frame or to the end.
 
-    Raises InvalidInput for a text that UTF-8 cannot write.
+    Raises InvalidInput for a text that cannot be encoded as UTF-8.
     """
     span = motion_pb2.PromptSpan(prompt_id=prompt_id, start_frame=start_frame or 0, end_frame=end_frame or 0)
     match prompt:
@@ -131,14 +131,14 @@ def prompt_span(
 
 
 def _writable(text: str) -> str:
-    """A text as protobuf takes it. Bytes of a terminal that are no UTF-8 come as half a pair of UTF-16."""
+    """The text, if protobuf can encode it. Bytes from a terminal that are not UTF-8 become lone surrogates."""
     if any("\ud800" <= sign <= "\udfff" for sign in text):
         raise InvalidInput("text", text, "a text that UTF-8 can write")
     return text
 
 
 def constraint(constraint_id: int, asked: Constraint) -> motion_pb2.Constraint:
-    """A constraint with the id that replaces or removes it later."""
+    """A constraint with its id, by which it can be replaced or removed later."""
     target = asked.target if isinstance(asked, Flexible) else asked
     message = motion_pb2.Constraint(
         constraint_id=constraint_id, tolerance_m=target.tolerance_m, tolerance_rad=target.tolerance_rad
@@ -170,7 +170,7 @@ def constraint(constraint_id: int, asked: Constraint) -> motion_pb2.Constraint:
                 motion_pb2.FootContact(limb=target.limb, x=target.x_m, z=target.z_m, heading=target.heading_rad)
             )
         case HeadingTarget():
-            message.heading.CopyFrom(motion_pb2.HeadingTarget(heading=target.heading_rad))  # a heading of 0 too
+            message.heading.CopyFrom(motion_pb2.HeadingTarget(heading=target.heading_rad))  # also for a heading of 0
         case JointRotations():
             message.joint_rotations.joints.extend(target.joints)
             message.joint_rotations.rotations.extend(target.rotations_quat_wxyz.ravel().tolist())
@@ -183,7 +183,7 @@ def constraint(constraint_id: int, asked: Constraint) -> motion_pb2.Constraint:
 
 
 def ping(now_ns: int, round_trip_s: float | None) -> service_pb2.Ping:
-    """round_trip_s: of the last one, None before there was one."""
+    """A ping. round_trip_s: as measured by the last one; None before the first."""
     message = service_pb2.Ping(client_time_ns=now_ns)
     if round_trip_s is not None:
         message.round_trip.FromNanoseconds(round(1e9 * round_trip_s))

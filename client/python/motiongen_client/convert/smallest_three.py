@@ -1,4 +1,4 @@
-"""Rotations of 32 bits each."""
+"""Rotations packed into 32 bits each by the smallest-three method."""
 
 from __future__ import annotations
 
@@ -14,7 +14,7 @@ _OTHERS = np.array([[1, 2, 3], [0, 2, 3], [0, 1, 3], [0, 1, 2]])
 
 
 def unpacked_quaternions(packed: NDArray[np.uint32]) -> Float32:
-    """(..., 4) unit quaternions w x y z of numbers (...): which is the greatest, and ten bits of each of the others."""
+    """(...) packed -> (..., 4) unit quaternions w x y z: 2 bits index the greatest component, 10 encode each other."""
     greatest = (packed >> 30).astype(np.intp)
     steps = np.stack([packed >> 20 & 1023, packed >> 10 & 1023, packed & 1023], axis=-1)
     rest = (steps.astype(np.float64) - _HALF) / _SCALE

@@ -1,4 +1,4 @@
-"""Ground: motion made on a level floor, put on slopes and steps before it is shown. Pure numpy."""
+"""Ground: adapts motion made on a level floor to slopes and steps, on the client. Pure numpy."""
 
 from motiongen_client.ground.follower import GroundFollower
 from motiongen_client.ground.ground import Ground, Heights

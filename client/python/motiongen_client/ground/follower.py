@@ -1,4 +1,4 @@
-"""GroundFollower: the frames that a session plays, on the ground, each from what is held before and after it."""
+"""GroundFollower: puts the frames of a session on the ground, using the frames held before and after each."""
 
 from __future__ import annotations
 
@@ -12,32 +12,32 @@ from motiongen_client.playback import Playback
 from motiongen_client.sampling import inverse, product, slerp
 
 AROUND_FRAMES = 24
-"""Frames that are looked at before and after one: more than a step takes."""
+"""Frames considered before and after each: more than a step takes."""
 RUN_FRAMES = 8
 _FADE_FRAMES = 4
 
 
 class GroundFollower:
-    """Gives each frame of a session's playback on the ground, one after another, and moments between them.
+    """Puts consecutive frames of a session's playback on the ground, and poses between them.
 
-    A step is known by where it ends, as far as that is held. Where a replan moves that while the foot is in the air,
-    what is shown goes over to the new way within a fifth of a second.
+    A foot in the air moves towards where it will stand, as far as those frames are held. If a replan changes that place
+    in mid-step, the shown pose blends over to the new one within a fifth of a second.
     """
 
     def __init__(self, ground: Ground, playback: Playback) -> None:
         self._ground = ground
         self._playback = playback
         self._rig = ground.rig.with_outputs({})
-        self._rows: list[Float32] = []  # what the run was made of, from _first on; one more than is followed
+        self._rows: list[Float32] = []  # the level rows of the run, from _first on; one more than is used
         self._run: Float32 | None = None
         self._first = 0
         self._shown: tuple[int, Float32] | None = None
         self._gap: tuple[int, Float32, Float32] | None = (
-            None  # frame of the change, and what was shown less what is due
+            None  # frame of the change; the shown pose relative to the one due
         )
 
     def frame(self, frame: Frame) -> Frame:
-        """The frame on the ground, without outputs. frame: as `poll`, `frames` or `sample` of the session gave it."""
+        """The frame on the ground, without outputs. frame: from the session's `poll`, `frames` or `sample`."""
         index = frame.index
         held = self._playback.held_rows(index, index + 1)
         level = held[0] if held else frame.row
@@ -67,7 +67,7 @@ class GroundFollower:
         self._rows, self._run, self._first = rows[run], whole[run], index
 
     def _around(self, index: int) -> tuple[int, list[Float32]]:
-        """The frames that motion leads to and from at one, and the first of them: none on the other side of a cut."""
+        """The index of the first frame around one, and the rows from there on; none beyond a cut."""
         playback = self._playback
         first = index
         while first > max(index - AROUND_FRAMES, playback.first_kept) and not playback.is_cut(first):
@@ -78,7 +78,7 @@ class GroundFollower:
         return first, rows[: end - first]
 
     def _between(self, frame: Frame, level: Float32, shown: Float32) -> Float32:
-        """What the ground changes of a frame, and of the next, put on a row on the way from one to the other."""
+        """A row between two frames, with the ground's changes to both frames interpolated and applied to it."""
         joints = self._ground.leg_columns
         height = self._ground.rig.block_columns[ROOT_BLOCK].start + 1
         up, turns = shown[height] - level[height], self._turns(shown, level)

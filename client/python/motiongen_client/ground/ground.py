@@ -1,4 +1,4 @@
-"""Ground: motion of a level floor becomes motion of ground of any heights; hips and legs follow, all else stays."""
+"""Ground: adapts motion on a level floor to ground of any heights, by moving only the hips and legs."""
 
 from __future__ import annotations
 
@@ -18,19 +18,19 @@ from motiongen_client.motion import ROOT_BLOCK, ROTATION_BLOCK, Motion, Rig
 
 Float64 = NDArray[np.float64]
 Heights: TypeAlias = Callable[[Float64, Float64], NDArray[np.floating]]
-"""The ground's height (N) in metres at world x (N) and z (N)."""
+"""A function: world x (N,) and z (N,) -> the ground's heights (N,), metres."""
 
 SOLE_M = 0.0152
-"""From the lowest joint of a foot that stands to the floor."""
+"""Height of the lowest joint of a standing foot above the floor."""
 _FEET = (("LeftFoot", slice(0, 2)), ("RightFoot", slice(2, 4)))
-_HIP_FRAMES = 5  # to each side: what the hips' height is averaged over
+_HIP_FRAMES = 5  # to each side, over which the height of the hips is averaged
 _STRETCH = 0.995
 _ROUNDS = 3
 
 
 @dataclass(frozen=True)
 class _Leg:
-    """Joints from the hip to the toes, and which numbers of foot_contact are of this foot."""
+    """The joints from hip to toes, and this foot's numbers in foot_contact."""
 
     hip: int
     knee: int
@@ -40,7 +40,7 @@ class _Leg:
 
 
 class Ground:
-    """Puts motion of one rig on the ground. Raises InvalidInput for a rig without legs of two bones."""
+    """Puts motion of one rig on the ground. Raises InvalidInput if the rig's legs do not have two bones each."""
 
     def __init__(self, rig: Rig, heights: Heights) -> None:
         self.rig = rig
@@ -52,8 +52,9 @@ class Ground:
     def apply(self, motion: Motion) -> Motion:
         """The same motion, without outputs, on this ground.
 
-        A foot that stands is on the ground below ankle and toes; on the edge of a step it is level, on the upper side.
-        In the air it goes from where it stood to where it will stand. The hips go along, low enough for the legs.
+        A standing foot is on the ground below its ankle and toes; on the edge of a step it is level, at the upper
+        height. In the air it moves from where it stood to where it will stand. The hips follow, low enough for the legs
+        to reach.
         """
         motion = motion.own()
         root = motion.root_translation_m.astype(np.float64)
@@ -74,14 +75,14 @@ class Ground:
 
     @cached_property
     def leg_columns(self) -> NDArray[np.intp]:
-        """(6, 4) where the rotations that it changes lie in a row."""
+        """(6, 4) the columns of the rotations that `apply` changes."""
         start = self.rig.block_columns[ROTATION_BLOCK].start
         joints = np.array([joint for leg in self._legs for joint in (leg.hip, leg.knee, leg.ankle)])
         columns: NDArray[np.intp] = start + 4 * joints[:, None] + np.arange(4)
         return columns
 
     def height(self, points: Float64) -> Float64:
-        """(T) below points (T, 3). Raises InvalidInput where the callback gives something else."""
+        """(T,) the ground's height below points (T, 3). Raises InvalidInput if `heights` returns anything else."""
         given = np.asarray(self._heights(points[:, 0], points[:, 2]), np.float64)
         if given.shape != (len(points),) or not np.isfinite(given).all():
             allowed = f"{len(points)} finite metres, one for each x and z"
@@ -89,7 +90,7 @@ class Ground:
         return given
 
     def _foot(self, leg: _Leg, stands_at: float, positions: Float64, motion: Motion) -> tuple[Float64, Float64]:
-        """Where the ankle shall be, and how the foot, from ankle to toes, lies: (T, 3) each."""
+        """The goal for the ankle, and the vector from ankle to toes: (T, 3) each."""
         ankle, toes = positions[:, leg.ankle], positions[:, leg.toes]
         planted = np.asarray(motion.foot_contact[:, leg.contacts].max(axis=1) > 0.5)
         below = self.height(ankle)
@@ -111,7 +112,7 @@ class Ground:
         return goal, np.asarray(lies, np.float64)
 
     def _hips(self, ankles: list[Float64], positions: Float64) -> Float64:
-        """(T) metres that the hips are lifted: as the feet on average, less where a leg would be too short."""
+        """(T,) metres by which to lift the hips: the mean lift of the feet, less if a leg would be too short."""
         wanted = np.mean(
             [goal[:, 1] - positions[:, leg.ankle, 1] for leg, goal in zip(self._legs, ankles, strict=True)], 0
         )
@@ -137,7 +138,7 @@ class Ground:
         rotations: Float64,
         quaternions: NDArray[np.float32],
     ) -> None:
-        """Turn a leg so that its ankle and foot are as asked for. quaternions: (T, 4 J), changed in place."""
+        """Turn a leg so that ankle and foot reach their goals. quaternions: (T, 4 J), changed in place."""
         up = np.zeros_like(ankle)
         up[:, 1] = hips
         hip, knee = positions[:, leg.hip] + up, positions[:, leg.knee] + up

@@ -1,4 +1,4 @@
-"""How far feet and hips of motion on a level floor are lifted for ground of other heights, frame by frame. Pure."""
+"""Lifts: how far feet and hips are lifted, frame by frame, to adapt level motion to uneven ground. Pure."""
 
 from __future__ import annotations
 
@@ -11,20 +11,20 @@ Float64 = NDArray[np.float64]
 Bool = NDArray[np.bool_]
 
 STEP_M = 0.04
-"""Ground that rises by more than this from one frame of a foot that stands to the next is a step, not a slope."""
+"""If the ground under a standing foot rises by more than this from one frame to the next, it is a step, not a slope."""
 _TAPER = 1
 
 
 def runs(flags: Bool) -> list[tuple[int, int]]:
-    """The stretches, first and one past the last, in which flags (T) hold."""
+    """The runs of true values in flags (T,), each as (first, one past the last)."""
     edges = np.flatnonzero(np.diff(np.concatenate([[0], flags.astype(np.int8), [0]])))
     return [(int(begin), int(end)) for begin, end in zip(edges[::2], edges[1::2], strict=True)]
 
 
 def standing_lift(heights: Float64, planted: Bool) -> Float64:
-    """(T) the ground's height (T) under a point of a foot while it stands, 0 elsewhere.
+    """(T,) the ground's height under a point of a foot while the foot stands, 0 elsewhere.
 
-    A foot that stands on the edge of a step stands on the upper side all the while.
+    heights, planted: (T,). A foot on the edge of a step has the upper height for as long as it stands.
     """
     lift = np.where(planted, heights, 0.0)
     for begin, end in runs(planted):
@@ -34,10 +34,11 @@ def standing_lift(heights: Float64, planted: Bool) -> Float64:
 
 
 def swing_lift(lift: Float64, heights: Float64, planted: Bool, clearance: Float64) -> Float64:
-    """`standing_lift` with what a foot in the air is lifted by: from where it stood to where it will stand.
+    """`standing_lift` with the lift of a foot in the air added: from where it stood to where it will stand.
 
-    heights, clearance: (T) of the ground under it, and how far it is above the level floor: it is lifted more where it
-    would go through the ground. Before the first and after the last stand, it goes from or to the ground below it.
+    heights, clearance: (T,) the ground's height under the foot, and the foot's height above the level floor; it is
+    lifted more where it would pass through the ground. Before the first and after the last stand, the lift starts from
+    or ends at the ground below it.
     """
     whole, num_frames = lift.copy(), len(lift)
     stands = runs(planted)
@@ -59,12 +60,12 @@ def swing_lift(lift: Float64, heights: Float64, planted: Bool, clearance: Float6
 
 
 def covering(values: Float64, reach: int) -> Float64:
-    """(T) smooth, and nowhere below `values` (T): the mean of the greatest within `reach` frames to each side."""
+    """(T,) smooth and nowhere below `values` (T,): the moving mean of the moving maximum, `reach` frames each side."""
     return averaged(_greatest(values, reach), reach)
 
 
 def averaged(values: Float64, reach: int) -> Float64:
-    """(T) the mean within `reach` frames to each side; the ends go on as they are."""
+    """(T,) the moving mean over `reach` frames to each side; the first and last values are repeated beyond the ends."""
     padded = np.pad(values, reach, mode="edge")
     return np.asarray(np.lib.stride_tricks.sliding_window_view(padded, 2 * reach + 1).mean(axis=-1), np.float64)
 

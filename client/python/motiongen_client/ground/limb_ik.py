@@ -1,7 +1,7 @@
-"""Two-bone inverse kinematics: a leg's joints turned so that its end is where it shall be.
+"""Two-bone inverse kinematics: turns hip and knee so that the ankle reaches a goal.
 
-The knee's place follows from the two bones' lengths and the way from hip to ankle (the law of cosines); it stays in the
-plane in which the leg is bent already.
+The position of the knee follows from the lengths of the bones and the distance from hip to goal (the law of cosines);
+the knee stays in the plane in which the leg is already bent.
 """
 
 from __future__ import annotations
@@ -16,10 +16,10 @@ _TINY = 1e-9
 
 
 def two_bone(hip: Float64, knee: Float64, ankle: Float64, goal: Float64, ahead: Float64) -> tuple[Float64, Float64]:
-    """World rotations (T, 3, 3) to put before those of thigh and shin, so that the ankle comes to `goal`.
+    """World rotations (T, 3, 3) by which to left-multiply those of thigh and shin, so that the ankle reaches `goal`.
 
-    All (T, 3) metres. Where the goal is farther than the leg is long, the leg points to it. ahead: (T, 3), where the
-    knee bends to if the leg is straight.
+    All points: (T, 3) metres. If the goal is beyond the leg's length, the leg points to it. ahead: (T, 3), the
+    direction in which the knee bends if the leg is straight.
     """
     thigh, shin = knee - hip, ankle - knee
     upper, lower = _length(thigh), _length(shin)
@@ -42,7 +42,7 @@ def two_bone(hip: Float64, knee: Float64, ankle: Float64, goal: Float64, ahead: 
 
 
 def rotation_between(start: NDArray[np.floating[Any]], end: NDArray[np.floating[Any]]) -> Float64:
-    """(..., 3, 3) the least rotations that turn vectors (..., 3) to where others point; none is opposite its other."""
+    """(..., 3, 3) the smallest rotations from vectors (..., 3) to the directions of others; no two may be opposite."""
     a, b = (np.asarray(each / np.maximum(_length(each), _TINY), np.float64) for each in (start, end))
     cross, cosine = np.cross(a, b), (a * b).sum(-1)[..., None, None]
     zero = np.zeros_like(cross[..., 0])

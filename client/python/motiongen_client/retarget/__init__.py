@@ -1,4 +1,4 @@
-"""Retarget: the frames of a stream on somebody else's skeleton, by a joint map. Pure numpy."""
+"""Retarget: puts motion on a user's skeleton, by a joint map. Pure numpy."""
 
 from motiongen_client.retarget.joint_map import JointMap, read_joint_map
 from motiongen_client.retarget.retargeter import Retargeted, Retargeter

@@ -1,7 +1,7 @@
-"""JointMap: which of our joints drives which of a user's, as data: the retarget file of `docs/data.md`, read backward.
+"""JointMap: which of our joints drives which joint of a user's skeleton: the retarget file of `docs/data.md`, inverted.
 
-A file says how a user's joint drives ours: ours has the world rotation G of the user's joint, less the way T in which
-the user's own axes point when the body stands in our neutral pose. Backward, the user's joint has ours with T added.
+The file says how a user's joint drives ours: with T the orientation of the user's joint axes in our neutral pose, our
+joint has the world rotation of the user's times T^-1. Inverted, the user's has the world rotation of ours times T.
 """
 
 from __future__ import annotations
@@ -29,16 +29,16 @@ DIRECTIONS: Mapping[str, tuple[int, int, int]] = {
     "forward": (0, 0, 1),
     "back": (0, 0, -1),
 }
-# name, skeleton, fill and feet are for the other direction, from the user's skeleton to ours
+# name, skeleton, fill and feet matter only for the direction from the user's skeleton to ours
 _KEYS = ("name", "skeleton", "metres_per_unit", "values", "groups", "joints", "fill", "follow", "root", "feet")
 
 
 @dataclass(frozen=True, eq=False)
 class Drive:
-    """One of the user's joints turns as ours do.
+    """What drives one of the user's joints.
 
-    ours: the joint, or the two between whose world rotations it lies at `fraction`. axes: (3, 3), the columns being
-    where the user's joint has its own x, y and z when the body stands in our neutral pose.
+    ours: our joint, twice, or two joints between whose world rotations it interpolates at `fraction`. axes: (3, 3); the
+    columns are the x, y and z axes of the user's joint when the body stands in our neutral pose.
     """
 
     ours: tuple[str, str]
@@ -50,10 +50,10 @@ class Drive:
 class JointMap:
     """A checked joint map. Made by `of` or `read_joint_map`.
 
-    drives: by the user's joints. root_theirs, root_ours: joints whose middles lie over each other. scale: metres of
-    ours for one metre of theirs; None: by the lengths of leg_chains (theirs, ours). ground_theirs, in their units, lies
-    where ground_ours_m does; None: the lowest of feet_ours is at ground_ours_m where the lowest of theirs is as at
-    rest.
+    drives: by the user's joint. root_theirs, root_ours: sets of joints whose midpoints coincide. scale: metres of ours
+    per metre of theirs; None: from the lengths of leg_chains (theirs, ours). ground_theirs: height in their units that
+    matches ground_ours_m; None: the lowest of feet_ours is at ground_ours_m when the lowest of theirs is at its height
+    at rest.
     """
 
     metres_per_unit: float
@@ -68,9 +68,9 @@ class JointMap:
 
     @classmethod
     def of(cls, document: Mapping[str, Any], group: str = "") -> JointMap:
-        """The map of a document as the file has it. group: the rest group, whose values hold.
+        """The map of a document with the file's content. group: the rest group whose values apply.
 
-        Raises InvalidInput, naming the place.
+        Raises InvalidInput, which names the place.
         """
         _check_keys("joint map", document, _KEYS, ("metres_per_unit", "joints", "root"))
         groups = _section("groups", document.get("groups", {}))
@@ -84,7 +84,7 @@ class JointMap:
             place = f"joints.{ours}"
             _check_keys(place, rule, ("from", "axes", "turn"), ("from",))
             (theirs,) = _names(f"{place}.from", [rule["from"]])
-            if theirs not in drives:  # of several of ours that follow one of theirs, the first drives it
+            if theirs not in drives:  # if several of ours follow one of theirs, the first drives it
                 drives[theirs] = Drive((ours, ours), 0.0, _axes(place, rule, values))
         for theirs, rule in _section("follow", document.get("follow", {})).items():
             place = f"follow.{theirs}"
@@ -100,25 +100,25 @@ class JointMap:
 
 
 def read_joint_map(path: str | Path, group: str = "") -> JointMap:
-    """The map of a JSON file; what a YAML reader makes of a YAML file goes to `JointMap.of`.
+    """The map of a JSON file. For a YAML file, give what a YAML reader returns to `JointMap.of`.
 
     Raises InvalidInput, and OSError for a file that cannot be read.
     """
     try:
         document = json.loads(Path(path).read_text(encoding="utf-8"))
-    except (ValueError, RecursionError) as error:  # no JSON, no UTF-8, or nested without end
+    except (ValueError, RecursionError) as error:  # not JSON, not UTF-8, or nested too deeply
         raise InvalidInput("path", str(path), f"a file of JSON ({error})") from None
     return JointMap.of(document, group)
 
 
 def directions(words: Sequence[str]) -> Float64:
-    """(3, 3) the columns being the directions of three words."""
+    """(3, 3); the columns are the directions of three words."""
     return np.array([DIRECTIONS[word] for word in words], np.float64).T
 
 
 def _section(place: str, given: Any) -> Mapping[str, Any]:
     if not isinstance(given, Mapping):
-        raise InvalidInput(place, given, "names, each with what is said of it")
+        raise InvalidInput(place, given, "a mapping whose keys are names")
     return given
 
 
@@ -130,7 +130,7 @@ def _check_keys(place: str, section: Any, known: Sequence[str], required: Sequen
             raise InvalidInput(f"{place}.{key}", section[key], f"the keys {', '.join(known)}")
     for key in required:
         if key not in section:
-            raise InvalidInput(place, list(section), f"the key {key} besides")
+            raise InvalidInput(place, list(section), f"the key {key} as well")
 
 
 def _number(place: str, value: Any) -> float:
@@ -207,7 +207,7 @@ def _scale(value: Any) -> tuple[float | None, tuple[tuple[tuple[str, ...], ...],
 
 
 def _chains(place: str, value: Any) -> tuple[tuple[str, ...], ...]:
-    """Of two joints or more each: one alone has no length."""
+    """Chains of two joints or more each, since one alone has no length."""
     chains = tuple(_names(place, chain) for chain in value) if isinstance(value, list | tuple) else ()
     if not chains or any(len(chain) < 2 for chain in chains):
         raise InvalidInput(place, value, "a chain of two joints or more, or several")

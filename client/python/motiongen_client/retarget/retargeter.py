@@ -1,7 +1,7 @@
-"""Retargeter: motion of one of our rigs on a user's skeleton.
+"""Retargeter: puts motion of one of our rigs on a user's skeleton.
 
-With G(j) the world rotation of our joint j, whose neutral pose has none, and T(k) where the user's joint k has its own
-axes when the body stands in that pose, k has the world rotation G(j) T(k). Joints that nothing drives stay as at rest.
+With G(j) the world rotation of our joint j, which is the identity in the neutral pose, and T(k) the orientation of the
+axes of the user's joint k in that pose, k has the world rotation G(j) T(k). Joints that nothing drives stay as at rest.
 """
 
 from __future__ import annotations
@@ -24,7 +24,7 @@ Float64 = NDArray[np.float64]
 
 @dataclass(frozen=True, eq=False)
 class Retargeted:
-    """Poses of a user's skeleton, in our axes. Neighbouring quaternions have the nearer of q and -q.
+    """Poses of a user's skeleton, in our axes. Successive quaternions have the nearer sign of q and -q.
 
     root_translation: (T, 3) in the skeleton's units; joint_rotation_quat_wxyz: (T, J, 4) relative to the parent, joint
     0 relative to the world.
@@ -43,10 +43,10 @@ class Retargeted:
 
 
 class Retargeter:
-    """Carries motion of one rig over to one skeleton.
+    """Retargets motion of one rig to one skeleton.
 
-    Raises UnknownName for joints of the map that are not there, and InvalidInput where nothing can be measured: bones
-    that have no length, feet that drive none of the skeleton's joints.
+    Raises UnknownName for joints of the map that do not exist, and InvalidInput if scale or ground cannot be measured:
+    bones without length, or feet that drive none of the skeleton's joints.
     """
 
     def __init__(self, rig: Rig, joint_map: JointMap, skeleton: UserSkeleton) -> None:
@@ -61,11 +61,11 @@ class Retargeter:
         self._middle_theirs = [skeleton.index(name) for name in joint_map.root_theirs]
         self._middle_ours = [rig.index(name) for name in joint_map.root_ours]
         self.scale = self._scale()
-        """Metres of ours for one metre of theirs."""
+        """Metres of ours per metre of theirs."""
         self._lift_m = self._lift()
 
     def apply(self, motion: Motion, before: Float64 | None = None) -> Retargeted:
-        """The poses of a motion of the rig. before: (J, 4) those of the frame before, whose signs are gone on with."""
+        """The poses for a motion of the rig. before: (J, 4) quaternions of the frame before, for continuous signs."""
         positions, rotations = forward_kinematics(
             self._rig.parents,
             self._rig.offsets_m,
@@ -79,7 +79,7 @@ class Retargeter:
         return Retargeted(self._skeleton, root, _continued(matrix_to_quaternion(local), before))
 
     def _posed(self, ours: Float64) -> tuple[Float64, Float64]:
-        """Local rotations (T, J, 3, 3) of the skeleton, and where its joints (T, J, 3) are from the root, in its units.
+        """Local rotations (T, J, 3, 3) and joint positions (T, J, 3) relative to the root, in the skeleton's units.
 
         ours: (T, J', 3, 3) world rotations.
         """
@@ -114,7 +114,7 @@ class Retargeter:
         return float(ours / (theirs * self._map.metres_per_unit))
 
     def _lift(self) -> float:
-        """Metres that the middle of theirs is above that of ours, scaled."""
+        """Metres by which the midpoint of theirs is above the scaled midpoint of ours."""
         unit, height_m = self._map.metres_per_unit, self._map.ground_ours_m
         if self._map.ground_theirs is not None:
             return self._map.ground_theirs * unit - height_m / self.scale
@@ -138,7 +138,7 @@ class Retargeter:
 
 
 def _continued(quaternions: NDArray[np.floating], before: Float64 | None) -> Float64:
-    """(T, J, 4) with signs that go on from frame to frame."""
+    """(T, J, 4) with signs that are continuous from frame to frame."""
     last = quaternions[:1] if before is None else before[None]
     dots = (quaternions * np.concatenate([last, quaternions[:-1]])).sum(axis=-1, keepdims=True)
     return np.asarray(quaternions * np.cumprod(np.where(dots < 0, -1.0, 1.0), axis=0), np.float64)

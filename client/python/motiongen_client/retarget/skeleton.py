@@ -1,4 +1,4 @@
-"""UserSkeleton: the skeleton that motion is to be carried over to."""
+"""UserSkeleton: the skeleton to which motion is retargeted."""
 
 from __future__ import annotations
 
@@ -22,9 +22,9 @@ class UserSkeleton:
     """A joint tree in our axes (right-handed, +Y up, +Z forward), in its own units.
 
     joint_names, parents: J of each; joint 0 is the root with parent -1, parents precede their children.
-    offsets: (J, 3), where each joint is on its parent, in the parent's own axes; the root's counts for nothing.
-    rest_quat_wxyz: (J, 4), how each joint is turned relative to its parent at rest; None: not at all. A joint that no
-    rule drives stays so.
+    offsets: (J, 3), each joint's position in its parent's axes; the root's affects only `rest_positions`.
+    rest_quat_wxyz: (J, 4), each joint's rotation relative to its parent at rest; None: no rotation. A joint that no
+    rule drives keeps it.
     """
 
     joint_names: Sequence[str]
@@ -51,21 +51,21 @@ class UserSkeleton:
 
     @cached_property
     def rest(self) -> Float64:
-        """(J, 4) `rest_quat_wxyz`, there in any case."""
-        assert self.rest_quat_wxyz is not None  # since __post_init__
+        """(J, 4) `rest_quat_wxyz`, which is never None here."""
+        assert self.rest_quat_wxyz is not None  # set by __post_init__
         return np.asarray(self.rest_quat_wxyz, np.float64)
 
     def index(self, joint_name: str) -> int:
-        """Index of a joint. Raises UnknownName, which lists the joints there are."""
+        """Index of a joint. Raises UnknownName, which lists the joints."""
         if joint_name not in self.joint_names:
             raise UnknownName("joint of the skeleton", joint_name, self.joint_names)
         return self.joint_names.index(joint_name)
 
     def rest_positions(self) -> Float64:
-        """(J, 3) where the joints are at rest, the root at its offset, in its own units."""
+        """(J, 3) positions of the joints at rest, with the root at its offset, in the skeleton's units."""
         positions, _ = forward_kinematics(self.parents, self.offsets, self.offsets[0], self.rest)
         return np.asarray(positions, np.float64)
 
     def chain_length(self, joints: Sequence[str]) -> float:
-        """The length of the bones that lead to each of the joints but the first, in its own units."""
+        """The total length of the bones to each of the joints but the first, in the skeleton's units."""
         return float(sum(np.linalg.norm(self.offsets[self.index(name)]) for name in joints[1:]))

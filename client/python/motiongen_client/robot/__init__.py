@@ -1,4 +1,4 @@
-"""Robot: people's motion as joint angles of the Unitree G1, and what its controller gets when frames stop."""
+"""Robot: people's motion as joint angles of the Unitree G1, and a safe hold for its controller when frames stop."""
 
 from motiongen_client.robot.g1 import HINGES, QPOS_WIDTH, QVEL_WIDTH, Hinge
 from motiongen_client.robot.retarget import G1Motion, G1Retargeter

@@ -1,4 +1,4 @@
-"""Chains: a joint of a person's as several hinges of the robot's in a row, with their angles within range."""
+"""Chain: several of the robot's hinges in a row that act as one joint of a person, with angles within range."""
 
 from __future__ import annotations
 
@@ -15,7 +15,7 @@ _ROUNDS = 100
 
 
 class Chain:
-    """hinges: by name, from the body that is nearer to the root on."""
+    """Hinges in a row. hinges: their names, from the root outward."""
 
     def __init__(self, hinges: Sequence[str]) -> None:
         self.indices = [INDEX[name] for name in hinges]
@@ -23,15 +23,15 @@ class Chain:
         self._axes = np.array([HINGES[index].axis for index in self.indices])
 
     def rotation(self, angles: Float64) -> Float64:
-        """(T, 3, 3) what angles (T, K) make of the last body relative to the first's parent, robot axes."""
+        """(T, 3, 3) the last body's rotation relative to the first hinge's parent, for angles (T, K); robot axes."""
         return self._product(angles, range(len(self.indices)))
 
     def angles(self, asked: Float64, start: Float64) -> tuple[Float64, Float64]:
-        """Angles (T, K) in range that come nearest to rotations (T, 3, 3), and how far off they are (T), radians.
+        """Angles (T, K) within range that come nearest to rotations `asked` (T, 3, 3), and their errors (T,), radians.
 
-        One hinge after the other is turned to where the trace of asked^T made is greatest, the others as they are, and
-        again until nothing changes: of a hinge alone that is exact. start: (T, K), where to begin; of two ways to the
-        same rotation the nearer one is found.
+        Coordinate ascent: each hinge in turn is set to the angle that maximizes the trace of asked^T made, with the
+        others fixed, until nothing changes; for a single hinge this is exact. start: (T, K), where to begin; of two
+        solutions for the same rotation, the one nearer to it is found.
         """
         angles = np.clip(start, LOWER[self.indices], UPPER[self.indices]).astype(np.float64)
         for _ in range(_ROUNDS if len(self.indices) > 1 else 1):
@@ -51,7 +51,7 @@ class Chain:
         return angles, np.asarray(np.arccos(np.clip(cosine, -1, 1)), np.float64)
 
     def _product(self, angles: Float64, hinges: range) -> Float64:
-        """The product of some of the hinges, each with its fixed part."""
+        """The product of the rotations of some hinges, each with its fixed part."""
         turned = np.broadcast_to(np.eye(3), (len(angles), 3, 3))
         for hinge in hinges:
             turned = turned @ self._turn(hinge, angles[:, hinge])
@@ -63,7 +63,7 @@ class Chain:
 
 
 def _angle_about(axis: Float64, rotations: Float64) -> Float64:
-    """(T) the angles about an axis (3) whose rotations are nearest to others (T, 3, 3)."""
+    """(T,) the angles about an axis (3,) whose rotations are nearest to given ones (T, 3, 3)."""
     twice = np.stack(
         [
             rotations[:, 2, 1] - rotations[:, 1, 2],

@@ -17,12 +17,12 @@ Float64 = NDArray[np.float64]
 
 QPOS_WIDTH, QVEL_WIDTH = 36, 35
 TO_ROBOT = np.array([[0.0, 0, 1], [1, 0, 0], [0, 1, 0]])
-"""Our axes (X left, Y up, Z forward) into the robot's: p_robot = A p, R_robot = A R A^T."""
+"""A, from our axes (X left, Y up, Z forward) to the robot's: p_robot = A p, R_robot = A R A^T."""
 
 
 @dataclass(frozen=True)
 class Hinge:
-    """One hinge. quaternion_wxyz: its body on the parent body at angle 0; axis: in the body's frame. Radians, rad/s."""
+    """One hinge. quaternion_wxyz: its body relative to the parent body at angle 0; axis: in the body's frame."""
 
     name: str
     quaternion_wxyz: tuple[float, float, float, float]

@@ -1,4 +1,4 @@
-"""G1Retargeter: motion of a person's rig as states of the robot, with joint ranges and speeds kept."""
+"""G1Retargeter: turns motion of a person's rig into states of the robot, within its joint ranges and speeds."""
 
 from __future__ import annotations
 
@@ -18,12 +18,12 @@ from motiongen_client.robot.g1 import LOWER, QPOS_WIDTH, QVEL_WIDTH, SPEED_LIMIT
 Float64 = NDArray[np.float64]
 
 _STANDS_AT_M = 0.793
-"""The robot's root above the ground where it stands at angles 0; its legs' length to the ankle is _LEG_M."""
+"""Height of the robot's root above the ground when it stands at angles 0; its legs measure _LEG_M to the ankle."""
 _LEG_M = 0.649
 SOLE_M = 0.0152
 
-# Where the robot's bodies have their own x (left), y (up), z (forward), as seen at angles 0, when a person stands in
-# the neutral pose with arms held out: the robot's hang, and its forearms point ahead.
+# For each body: the directions of its own axes, which at angles 0 point left, up and forward, when a person stands in
+# the neutral pose with arms held out. At angles 0 the robot's arms hang, and its forearms point ahead.
 _BODIES = {
     "Hips": "left up forward",
     "Spine3": "left up forward",
@@ -40,7 +40,7 @@ _BODIES = {
     "RightForeArm": "down forward right",
     "RightHand": "down forward right",
 }
-# The joint that a chain moves, the one that it hangs on, and its hinges.
+# The joint that a chain moves, the joint that it is attached to, and its hinges.
 _CHAINS = (
     ("LeftUpLeg", "Hips", "left_hip_pitch left_hip_roll left_hip_yaw"),
     ("LeftLeg", "LeftUpLeg", "left_knee"),
@@ -62,8 +62,8 @@ _CHAINS = (
 class G1Motion:
     """States of the robot, a row a frame.
 
-    qpos: (T, 36), every angle in its range, none faster than its joint from row to row; qvel: (T, 35), what led to
-    each row from the one before. lost_rad: (T, 13), how far each joint of the person's is off what was asked.
+    qpos: (T, 36), every angle in its range, and no joint above its speed limit from row to row; qvel: (T, 35), the
+    velocity from the row before to each row. lost_rad: (T, 13), the error of each of the person's joints.
     """
 
     qpos: Float64
@@ -72,20 +72,20 @@ class G1Motion:
 
 
 class G1Retargeter:
-    """Carries motion of a person's rig, Core-27, over to the robot.
+    """Retargets motion of a person's rig, Core-27, to the robot.
 
-    What lies above a chain is taken as it came out, so that an arm points where it shall also when the waist cannot
-    bend that far. The way over the ground is as much shorter as the legs are.
+    Each chain is solved relative to the body above it as that body turned out, so that an arm points as asked even if
+    the waist cannot bend far enough. Distances over the ground are scaled by the ratio of leg lengths.
     """
 
     def __init__(self, rig: Rig) -> None:
         absent = [name for name in _BODIES if name not in rig.joint_names]
         if absent:
-            raise InvalidInput("rig", rig.rig_id, f"one with the joints {', '.join(absent)} besides")
+            raise InvalidInput("rig", rig.rig_id, f"one that has the joints {', '.join(absent)} as well")
         self._rig = rig
         self._axes = {name: directions(words.split()) for name, words in _BODIES.items()}
         self._chains = [(moved, base, Chain(hinges.split())) for moved, base, hinges in _CHAINS]
-        # At angles 0 bodies are not all turned as the root is: thighs lean, and shins are upright again.
+        # At angles 0 not all bodies are turned like the root: thighs lean, while shins are upright.
         at_rest = {"Hips": np.eye(3)}
         for moved, base, chain in self._chains:
             at_rest[moved] = at_rest[base] @ chain.rotation(np.zeros((1, len(chain.indices))))[0]
@@ -93,11 +93,11 @@ class G1Retargeter:
         offsets = rig.offsets_m.astype(np.float64)
         legs = [rig.index(name) for name in ("LeftUpLeg", "LeftLeg", "LeftFoot", "LeftToeBase")]
         self.scale = float(_LEG_M / np.linalg.norm(offsets[legs[1:3]], axis=1).sum())
-        """Metres of the robot's for one metre of the person's."""
+        """Metres of the robot per metre of the person."""
         self._person_stands_at = SOLE_M - float(offsets[legs, 1].sum())
 
     def apply(self, motion: Motion, before: Float64 | None = None) -> G1Motion:
-        """States for the frames of a motion. before: (36), that of the frame before; None at the first."""
+        """States for the frames of a motion. before: (36,), the qpos of the frame before; None for the first frame."""
         root = motion.root_translation_m.astype(np.float64)
         _, rotations = forward_kinematics(
             self._rig.parents, self._rig.offsets_m, root, motion.joint_rotation_quat_wxyz.astype(np.float64)
@@ -121,12 +121,12 @@ class G1Retargeter:
         return self._kept(qpos, lost, before, fps)
 
     def _root(self, root: Float64) -> Float64:
-        """(T, 3) of the robot, robot axes."""
+        """(T, 3) root translations of the robot, in robot axes."""
         placed = self.scale * (root - [0.0, self._person_stands_at, 0.0]) + [0.0, _STANDS_AT_M, 0.0]
         return np.asarray(placed @ TO_ROBOT.T, np.float64)
 
     def _kept(self, qpos: Float64, lost: Float64, before: Float64 | None, fps: int) -> G1Motion:
-        """With signs that go on, and no joint faster than it can be."""
+        """Keep quaternion signs continuous, and joints within their ranges and speeds."""
         qvel, last = np.zeros((len(qpos), QVEL_WIDTH)), before
         most = SPEED_LIMITS / fps
         for row, speed in zip(qpos, qvel, strict=True):
@@ -143,7 +143,7 @@ class G1Retargeter:
 
 
 def _turn(start: Float64, end: Float64) -> Float64:
-    """(3) axis times angle, in the axes of `start`, from one unit quaternion (4) to another that is near."""
+    """(3,) axis times angle, in the axes of `start`, from one unit quaternion (4,) to another near it."""
     real = float(start @ end)
     imaginary = start[0] * end[1:] - end[0] * start[1:] - np.cross(start[1:], end[1:])
     sine = float(np.linalg.norm(imaginary))

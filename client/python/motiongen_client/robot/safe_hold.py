@@ -1,4 +1,4 @@
-"""SafeHold: what a robot's controller is given when frames stop: it comes to a stand, holds, and goes on softly."""
+"""SafeHold: commands for a robot's controller when frames stop: slow down, hold, and return smoothly."""
 
 from __future__ import annotations
 
@@ -16,7 +16,7 @@ _UNIT_TOLERANCE = 1e-2
 
 
 class HoldState(enum.Enum):
-    """What the commands are: frames as they come; a slowing down; a stand; frames approached again."""
+    """What the commands do: follow frames, slow down, stand still, or return to frames."""
 
     FOLLOWING = "following"
     STOPPING = "stopping"
@@ -26,11 +26,11 @@ class HoldState(enum.Enum):
 
 @dataclass
 class SafeHold:
-    """Call `command` at the controller's rate, with each new frame's qpos once, and None between.
+    """Call `command` at the controller's rate, with each new frame's qpos once, and None otherwise.
 
-    While nothing new has come for stale_s, joints and root go on ever more slowly for stop_s, within their ranges, and
-    then stand. When frames come again they are gone over to within return_s, and no joint faster than it can be. The
-    first command is the first frame: bring the robot there before.
+    If no frame has come for stale_s, joints and root slow down over stop_s, within their ranges, and then stand still.
+    When frames come again, the commands return to them within return_s, with no joint above its speed limit. The first
+    command is the first frame: bring the robot to that pose beforehand.
     """
 
     stale_s: float = 0.15
@@ -51,9 +51,9 @@ class SafeHold:
                 raise InvalidInput(name, getattr(self, name), "seconds above 0")
 
     def command(self, now_s: float, qpos: Float64 | None = None) -> Float64:
-        """(36) what the robot shall be at now_s, of a clock that only rises. Raises InvalidInput before a frame."""
+        """(36,) the commanded qpos at now_s, on a monotonic clock. Raises InvalidInput before the first frame."""
         if self._command is not None:
-            now_s = max(now_s, self._command_at_s)  # one that goes back stands
+            now_s = max(now_s, self._command_at_s)  # a clock that goes back stands still
         if qpos is not None:
             self._take(np.array(qpos, np.float64), now_s)
         if self._frame is None or self._command is None:
@@ -68,9 +68,9 @@ class SafeHold:
         if qpos.shape != (QPOS_WIDTH,) or not np.isfinite(qpos).all():
             raise InvalidInput("qpos", f"an array of shape {qpos.shape}", f"{QPOS_WIDTH} finite numbers")
         if abs(float(np.linalg.norm(qpos[3:7])) - 1) > _UNIT_TOLERANCE:
-            raise InvalidInput("qpos", qpos[3:7].tolist(), "a unit quaternion w, x, y, z behind the root's place")
+            raise InvalidInput("qpos", qpos[3:7].tolist(), "a unit quaternion w, x, y, z after the root's position")
         if self._command is not None and qpos[3:7] @ self._command[3:7] < 0:
-            qpos[3:7] *= -1  # the same rotation; on the way back to frames numbers are mixed, which have to be near
+            qpos[3:7] *= -1  # the same rotation; returning to frames interpolates the numbers, which must be close
         if self._command is None:
             self._command, self._command_at_s = qpos, now_s
         elif self.state in (HoldState.STOPPING, HoldState.HOLDING):
@@ -94,17 +94,17 @@ class SafeHold:
         return self._frame
 
     def _move_to(self, wanted: Float64, now_s: float) -> None:
-        """Take a step toward it that the joints can do; the speed that a stop begins with is that of the last steps."""
+        """Step toward `wanted` within speed limits, and track the mean speed, with which a stop begins."""
         assert self._command is not None
         passed, before = now_s - self._command_at_s, self._command
         moved = wanted.copy()
         if moved[3:7] @ before[3:7] < 0:
             moved[3:7] *= -1
-        most = SPEED_LIMITS * passed  # none where no time has passed: clocks are coarse
+        most = SPEED_LIMITS * passed  # 0 if no time has passed, as with a coarse clock
         moved[7:] = before[7:] + np.clip(moved[7:] - before[7:], -most, most)
         moved[7:] = np.clip(moved[7:], LOWER, UPPER)
         moved[3:7] /= np.linalg.norm(moved[3:7])
         if passed > 0 and self.state in (HoldState.FOLLOWING, HoldState.RETURNING):
-            share = min(passed / self.stale_s, 1.0)  # frames come in steps: their pace is a mean over some
+            share = min(passed / self.stale_s, 1.0)  # frames come in steps, so their speed is averaged
             self._speed = (1 - share) * self._speed + share * (moved - before) / passed
         self._command, self._command_at_s = moved, now_s

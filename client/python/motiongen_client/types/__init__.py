@@ -1,4 +1,4 @@
-"""What a client says to the server and hears from it, as frozen dataclasses of numbers, strings and numpy arrays."""
+"""What a client sends and receives, as frozen dataclasses of numbers, strings and numpy arrays."""
 
 from motiongen_client.types.answers import (
     ConstraintReached,

@@ -1,4 +1,4 @@
-"""What a server says of a session."""
+"""A server's answers about a session."""
 
 from __future__ import annotations
 
@@ -8,10 +8,10 @@ from dataclasses import dataclass, field
 
 @dataclass(frozen=True)
 class ModelWarning:
-    """What was taken although the model was not trained for it: the motion may not show it.
+    """Says that something was accepted for which the model was not trained, so that the motion may not show it.
 
-    reason: PROMPT_OUTSIDE_DOMAIN, UNTRAINED_CONSTRAINT or UNTRAINED_SPEED; message: for people; field: where it was in
-    the message.
+    reason: PROMPT_OUTSIDE_DOMAIN, UNTRAINED_CONSTRAINT or UNTRAINED_SPEED; message: for people; field: its path in the
+    request.
     """
 
     reason: str
@@ -21,10 +21,10 @@ class ModelWarning:
 
 @dataclass(frozen=True)
 class Placement:
-    """Where a constraint was put that left that to the server.
+    """The frames and place that the server chose for a constraint that left them open.
 
-    arrival_frame: the one that is aimed for, between the first and the last at which it may be met. anchor_frame: when
-    it takes effect; anchor_x_m, anchor_z_m, anchor_heading_rad: the character just before.
+    arrival_frame: the frame aimed for, between the first and the last at which the constraint may be met. anchor_frame:
+    when it takes effect; anchor_x_m, anchor_z_m, anchor_heading_rad: where the character is just before that.
     """
 
     constraint_id: int
@@ -39,9 +39,10 @@ class Placement:
 
 @dataclass(frozen=True)
 class Opened:
-    """What the server chose for a session. warnings: of its first prompts and constraints; placements: of these.
+    """What the server chose for a session.
 
-    outputs: name -> width of what its frames have besides, in their order.
+    warnings: about its first prompts and constraints; placements: of those constraints. outputs: name -> width of its
+    frames' additional outputs, in order.
     """
 
     session_id: str
@@ -60,9 +61,9 @@ class Opened:
 
 @dataclass(frozen=True)
 class Outcome:
-    """The answer to an accepted event. effective_frame: first frame it shows at; None when it alters no frame.
+    """The answer to an accepted event. effective_frame: the first frame that shows it; None if it alters no frame.
 
-    warnings: of what was taken, but may not come out as asked. placements: of constraints that are `Flexible`.
+    warnings: about what was accepted but may not come out as asked. placements: of constraints that are `Flexible`.
     """
 
     event_seq: int
@@ -75,8 +76,8 @@ class Outcome:
 class Reopened:
     """A session that could not be resumed was opened anew, with the last frames as its history.
 
-    frame: the first that the new session made, counted on from those before. The motion goes on from the same pose,
-    with the same prompts and constraints, but is not what the lost session would have made. reason: why, in words.
+    frame: the first frame of the new session, in the numbering of the old one. The motion continues from the same pose,
+    with the same prompts and constraints, but is not what the lost session would have generated. reason: why, in words.
     """
 
     frame: int
@@ -85,7 +86,7 @@ class Reopened:
 
 @dataclass(frozen=True)
 class ServiceLevel:
-    """How well a session is served. tier: full, fewer_steps, no_guidance or hold; denoise_steps: of each window."""
+    """How well a session is served. tier: full, fewer_steps, no_guidance or hold; denoise_steps: per window."""
 
     tier: str
     denoise_steps: int
@@ -93,10 +94,11 @@ class ServiceLevel:
 
 @dataclass(frozen=True)
 class ConstraintReached:
-    """What became of a constraint, told when its last frame cannot change any more.
+    """What became of a constraint, told once its last frame can no longer change.
 
-    met: whether every error is within its tolerance. position_error_m: the worst distance, metres; rotation_error_rad:
-    the worst angle between headings or rotations, 0 to pi. None: it asks for nothing of that kind.
+    met: whether every error is within its tolerance. position_error_m: the greatest distance, metres;
+    rotation_error_rad: the greatest angle between headings or rotations, 0 to pi. None: it constrains nothing of that
+    kind.
     """
 
     constraint_id: int
@@ -108,7 +110,7 @@ class ConstraintReached:
 
 @dataclass(frozen=True)
 class SessionEnd:
-    """How a session ended. frames: sent in all; late_frames: sent after the playhead had reached them."""
+    """How a session ended. frames: how many were sent; late_frames: sent after the playhead had reached them."""
 
     reason: str
     message: str

@@ -11,9 +11,9 @@ from motiongen_client.motion import Rig
 
 @dataclass(frozen=True)
 class LocomotionPreset:
-    """The prompt that holds while a velocity of from_speed_mps or more leads in a direction, seen from the heading.
+    """The prompt in force while a velocity of from_speed_mps or more points in a direction relative to the heading.
 
-    to_speed_mps: faster than this feet may glide, and the answer has a warning; 0 where nothing is claimed.
+    to_speed_mps: beyond it feet may glide, and the answer has a warning; 0 if no claim is made.
     """
 
     name: str
@@ -25,14 +25,14 @@ class LocomotionPreset:
 
 @dataclass(frozen=True)
 class Model:
-    """A motion generator of the catalogue; durations are frames of its rig.
+    """A motion model of the catalogue; durations are in frames of its rig.
 
-    text_width: numbers in a TextEmbedding for it. presets: the texts of prompts that a `Preset` can name, by their ids;
-    preset_descriptions: the motion to expect of them, where it is told. constraint_forms: by name "trained",
-    "untrained" (taken with a warning) or "refused"; empty where nothing is claimed. known_motions: what its training
-    captions are about, in words. default_tolerance_m, default_tolerance_rad: of constraints that do not say.
-    default_text_guidance, default_constraint_guidance: the weights of sessions that ask for none.
-    outputs: name -> width of what frames may have besides, where `SessionOptions.outputs` asks for it.
+    text_width: numbers in a TextEmbedding for it. presets: id -> text of the prompts that a `Preset` can name;
+    preset_descriptions: id -> the motion to expect, if stated. constraint_forms: name -> "trained", "untrained"
+    (accepted with a warning) or "refused"; empty if no claim is made. known_motions: the subjects of its training
+    captions, in words. default_tolerance_m, default_tolerance_rad: for constraints without their own.
+    default_text_guidance, default_constraint_guidance: for sessions without their own.
+    outputs: name -> width of the additional outputs that `SessionOptions.outputs` can ask for.
     """
 
     model_id: str
@@ -63,7 +63,7 @@ class Model:
 
 @dataclass(frozen=True)
 class Limits:
-    """What a client must keep to."""
+    """The limits that a client must respect."""
 
     max_sessions_per_stream: int
     max_constraints: int
@@ -88,8 +88,8 @@ class Limits:
 class Catalog:
     """What a server offers; models[0] is its default.
 
-    free_share: of what the server can carry, 0 to 1, what it had left to new sessions when this was asked for; None
-    where it does not say. It is no promise, and as old as the catalogue.
+    free_share: the share of the server's capacity, 0 to 1, that was free for new sessions when the catalogue was
+    fetched; None if the server does not say. It is not a promise.
     """
 
     etag: str
@@ -99,14 +99,14 @@ class Catalog:
     free_share: float | None = None
 
     def rig(self, rig_id: str) -> Rig:
-        """The rig with a name. Raises UnknownName, which lists the rigs there are."""
+        """The rig of that id. Raises UnknownName, which lists the rigs."""
         for rig in self.rigs:
             if rig.rig_id == rig_id:
                 return rig
         raise UnknownName("rig", rig_id, [rig.rig_id for rig in self.rigs])
 
     def model(self, model_id: str) -> Model:
-        """The model with a name. Raises UnknownName, which lists the models there are."""
+        """The model of that id. Raises UnknownName, which lists the models."""
         for model in self.models:
             if model.model_id == model_id:
                 return model

@@ -1,4 +1,4 @@
-"""What must hold of a value before it is sent: a number, a frame, an array of a shape."""
+"""Checks of values before they are sent: numbers, frames, arrays."""
 
 from __future__ import annotations
 
@@ -10,11 +10,11 @@ from numpy.typing import ArrayLike, NDArray
 from motiongen_client.errors import InvalidInput
 
 MOST_FRAME = 2**53
-"""The greatest number that a frame can have."""
+"""The greatest frame index."""
 
 
 def check_tolerance(tolerance_m: float | None, tolerance_rad: float | None) -> None:
-    """Raise InvalidInput unless both are numbers that may be, or None."""
+    """Raise InvalidInput unless both are valid tolerances or None."""
     if tolerance_m is not None and not (_is_finite(tolerance_m) and tolerance_m >= 0):
         raise InvalidInput("tolerance_m", tolerance_m, "finite metres, 0 or more, or None")
     if tolerance_rad is not None and not 0 <= tolerance_rad <= np.pi:
@@ -41,7 +41,7 @@ def check_frame(name: str, value: int) -> None:
 
 
 def as_array(name: str, values: ArrayLike, shape: tuple[int | None, ...]) -> NDArray[np.float32]:
-    """`values` as finite float32 of a shape, None standing for any length. Raises InvalidInput."""
+    """`values` as finite float32 of a shape, in which None stands for any length. Raises InvalidInput."""
     wanted = "(" + ", ".join("N" if size is None else str(size) for size in shape) + ")"
     allowed = f"finite numbers of shape {wanted}"
     try:

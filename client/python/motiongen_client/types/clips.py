@@ -1,4 +1,4 @@
-"""A clip, and how near it came to its constraints."""
+"""A clip, and how nearly it met its constraints."""
 
 from __future__ import annotations
 
@@ -10,7 +10,7 @@ from motiongen_client.types.answers import ModelWarning
 
 @dataclass(frozen=True)
 class Deviation:
-    """The mean and the worst of one kind of error."""
+    """The mean and the greatest error of one kind."""
 
     mean: float
     worst: float
@@ -18,10 +18,10 @@ class Deviation:
 
 @dataclass(frozen=True)
 class Residual:
-    """How far a clip is from what one constraint asks for. None: it asks for nothing of that kind.
+    """By how much a clip misses one constraint. None: the constraint asks for nothing of that kind.
 
-    num_frames: of the constraint, in the clip. heading_rad and rotation_rad are angles from 0 to pi. met: whether the
-    worst of each kind is within its tolerance.
+    num_frames: frames of the constraint within the clip. heading_rad and rotation_rad are angles from 0 to pi. met:
+    whether the greatest error of each kind is within its tolerance.
     """
 
     num_frames: int
@@ -35,7 +35,7 @@ class Residual:
 class Clip:
     """One sample of a clip. residuals: one for each constraint, in the order they were given.
 
-    warnings: of prompts and constraints that the model was not trained for.
+    warnings: about prompts and constraints that the model was not trained for.
     """
 
     model_id: str

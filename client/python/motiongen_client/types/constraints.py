@@ -16,8 +16,8 @@ from motiongen_client.types.checks import as_array, check_finite, check_frame, c
 class Waypoint:
     """The root on the ground at one frame. x_m, z_m: world metres; heading_rad: 0 faces +Z, None leaves it free.
 
-    tolerance_m, tolerance_rad: how far it may be missed and still count as met, here and in the other constraints;
-    None for the model's own (`Model.default_tolerance_m`, `default_tolerance_rad`).
+    tolerance_m, tolerance_rad: by how much it may be missed and still count as met, here and in the other constraints;
+    None: the model's own (`Model.default_tolerance_m`, `default_tolerance_rad`).
     """
 
     frame: int
@@ -35,7 +35,7 @@ class Waypoint:
 class RootTrajectory:
     """The root on the ground at consecutive frames from `first_frame`.
 
-    positions_m: (N, 2) world x, z in metres; headings_rad: (N,) or None, which leaves the facing free.
+    positions_m: (N, 2) world x, z in metres; headings_rad: (N,), or None, which leaves the heading free.
     """
 
     first_frame: int
@@ -71,7 +71,7 @@ class Keyframe:
 
 
 def _joints(joints: Sequence[int]) -> tuple[int, ...]:
-    """Raises InvalidInput for none, and for what can be no index."""
+    """Joints as a tuple. Raises InvalidInput if there are none, or for anything that cannot be an index."""
     given = tuple(joints)
     if not given or not all(isinstance(joint, int | np.integer) and 0 <= joint < 1 << 32 for joint in given):
         raise InvalidInput("joints", given, "one index of the rig's joints or more")
@@ -80,7 +80,7 @@ def _joints(joints: Sequence[int]) -> tuple[int, ...]:
 
 @dataclass(frozen=True, eq=False)
 class JointTargets:
-    """World targets for some joints (hands, feet) at one frame. Without joint 0, the root, that comes along as needed.
+    """World targets for some joints (hands, feet) at one frame. The root, if not among them, moves as needed.
 
     joints: K indices into the rig; positions_m: (K, 3) metres; rotations_quat_wxyz: (K, 4) unit quaternions or None.
     """
@@ -105,7 +105,7 @@ class JointTargets:
 
 @dataclass(frozen=True)
 class HeadingTarget:
-    """Where the root faces at one frame, wherever it is: radians, 0 faces +Z."""
+    """The root's heading at one frame, wherever the character is: radians, 0 faces +Z."""
 
     frame: int
     heading_rad: float
@@ -122,7 +122,7 @@ class HeadingTarget:
 class JointRotations:
     """How some joints are turned at one frame, wherever they are.
 
-    joints: K indices into the rig; rotations_quat_wxyz: (K, 4) unit quaternions of the world.
+    joints: K indices into the rig; rotations_quat_wxyz: (K, 4) unit quaternions, world rotations.
     """
 
     frame: int
@@ -141,9 +141,9 @@ class JointRotations:
 
 @dataclass(frozen=True, eq=False)
 class RootPath:
-    """Corners of a way over the ground, to be walked from where the character is when it takes effect.
+    """Corners of a path over the ground, walked from where the character is when the change takes effect.
 
-    corners_m: (N, 2) world x, z in metres. speed_mps: where it is straight. smoothing_m: corners are cut so far.
+    corners_m: (N, 2) world x, z in metres. speed_mps: on straight parts. smoothing_m: how far corners are cut.
     """
 
     corners_m: NDArray[np.float32]
@@ -167,7 +167,7 @@ class RootPath:
 class FootContact:
     """A foot that stands flat at one frame. limb: "LeftFoot" or "RightFoot", of `Rig.limbs`.
 
-    x_m, z_m: world metres of the ankle; heading_rad: of the foot, None leaves it free.
+    x_m, z_m: world position of the ankle, metres; heading_rad: of the foot, None leaves it free.
     """
 
     frame: int
@@ -196,12 +196,12 @@ def _check_place(target: Waypoint | FootContact) -> None:
 
 @dataclass(frozen=True)
 class Flexible:
-    """A target that leaves something to the server; `Outcome.placements` tells where it was put.
+    """A target that leaves something to the server; `Outcome.placements` says what the server chose.
 
     last_frame: it may be met at any frame from the target's own to this one. at_any_frame: as soon as a person can be
-    there, and the target's frame is 0. frames_from_effect: frames count from when the change takes effect. is_relative:
-    places and angles are seen from the character then, x to its left, z ahead. weight: above 0, at most 10; 1 is what
-    must be, and less is what should be where nothing heavier stands against it.
+    there; the target's frame must be 0. frames_from_effect: frames count from when the change takes effect.
+    is_relative: places and angles are relative to the character at that moment, x to its left, z ahead. weight: above
+    0, at most 10; 1 is a requirement, less is a wish that yields to heavier constraints.
     """
 
     target: Target

@@ -1,4 +1,4 @@
-"""What a session is opened with."""
+"""The options with which a session is opened."""
 
 from __future__ import annotations
 
@@ -15,7 +15,7 @@ NO_PROMPTS: Mapping[int, str] = MappingProxyType({})
 
 
 class Priority(enum.Enum):
-    """How much a session matters when the server has to choose."""
+    """How much a session matters when the server must choose between sessions."""
 
     HERO = "hero"
     NEAR = "near"
@@ -24,7 +24,7 @@ class Priority(enum.Enum):
 
 
 class FrameFormat(enum.Enum):
-    """How frames are stored on their way here. F16: half the bytes; QUANTISED: a quarter (`docs/protocol.md`)."""
+    """How frames are encoded on the wire. F16: half the bytes; QUANTISED: a quarter (`docs/protocol.md`)."""
 
     F32 = "f32"
     F16 = "f16"
@@ -47,14 +47,14 @@ class StartPose:
 
 @dataclass(frozen=True)
 class SessionOptions:
-    """What a session is opened with; None and "" leave a choice to the server.
+    """The options of a session; None and "" leave a choice to the server.
 
-    seed: same seed and same events at the same frames give the same motion. lookahead_frames: how far ahead of the
-    playhead the server may send. denoise_steps: fewer are faster, more are finer. text_guidance and
-    constraint_guidance: how strongly prompt and constraints are followed, 0 not at all. history_frames: how many frames
-    each window sees before it. prior: what the character did just before frame 0, in place of `start`. keep_prompts:
-    they hold also where constraints ask for a pace that they contradict; else the model walks someone who stands.
-    outputs: of `Model.outputs`, what each frame shall have besides: `frame.output(name)`.
+    seed: the same seed and the same events at the same frames give the same motion. lookahead_frames: how far ahead of
+    the playhead the server may send. denoise_steps: fewer are faster, more give finer motion. text_guidance and
+    constraint_guidance: how strongly prompt and constraints are followed; 0: not at all. history_frames: how many
+    frames before it each window sees. prior: the frames just before frame 0, instead of `start`. keep_prompts: prompts
+    hold even if constraints ask for another pace; otherwise the one of `Model.locomotion_presets` for that pace does.
+    outputs: names from `Model.outputs`, which each frame then has too: `frame.output(name)`.
     """
 
     model_id: str = ""

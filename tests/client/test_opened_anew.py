@@ -1,0 +1,117 @@
+"""What a session is told that is opened anew: all that holds, each thing once, however often the line is lost."""
+
+from __future__ import annotations
+
+import pytest
+
+from motiongen.v1 import motion_pb2, session_pb2
+from motiongen_client import Session, SessionEnded, convert
+from tests.client.line import Line, answer, frames, open_anew, open_session, opened
+from tests.client.synthetic import HORIZON, catalog
+
+
+@pytest.fixture
+async def line() -> Line:
+    return Line()
+
+
+@pytest.fixture
+async def session(line: Line) -> Session:
+    """Of a server that keeps none, with frames up to HORIZON."""
+    session = await open_session(line, token="")
+    for update in frames(1):
+        session.hear(update)
+    return session
+
+
+def said_since_opened(line: Line) -> list[session_pb2.SessionEvent]:
+    """What the newest session was told behind its opening."""
+    (*_, opening) = [number for number, event in enumerate(line.said) if event.HasField("open")]
+    return line.said[opening + 1 :]
+
+
+async def test_what_holds_is_said_once_where_the_line_is_lost_again_before_an_answer(
+    session: Session, line: Line
+) -> None:
+    session.set_velocity(1.0, 0.0, seconds=2.0)
+    session.hear(answer(2, effective_frame=10))  # to frame 210
+    waiting = session.teleport(5.0, 0.0)
+    for number in range(1, 4):
+        open_anew(session, line)
+        velocity, cut = said_since_opened(line)
+        assert velocity.set_velocity.hold_frames == 210 - number * HORIZON
+        assert cut.seek.HasField("start_pose")
+        assert [velocity.event_seq, cut.event_seq, waiting.event_seq] == [2, 3, 3]
+        for update in frames(1):
+            session.hear(update)
+
+
+async def test_a_place_that_is_put_later_by_each_new_session_is_asked_for_until_it_is_reached(
+    session: Session, line: Line
+) -> None:
+    edit = session.go_to(1.0, 2.0)
+    (key,) = edit.constraint_ids
+
+    def put(first_frame: int) -> motion_pb2.ConstraintPlacement:
+        frames = {"first_frame": first_frame, "last_frame": first_frame + 50, "arrival_frame": first_frame + 45}
+        return motion_pb2.ConstraintPlacement(constraint_id=key, anchor_frame=first_frame, **frames)
+
+    session.hear(answer(2, effective_frame=10, placements=[put(10)]))
+    for _ in range(3):
+        open_anew(session, line, put(5))
+        (asked,) = next(event for event in reversed(line.said) if event.HasField("open")).open.constraints
+        assert asked.at_any_frame
+        for update in frames(1):
+            session.hear(update)
+
+
+async def test_of_a_path_each_new_session_is_told_what_the_one_before_has_left(session: Session, line: Line) -> None:
+    """Each walks 40 frames of what it was told, in which it comes to as many corners as it was put to."""
+    edit = session.follow_path([[1.0, 0.0], [2.0, 0.0], [3.0, 0.0], [4.0, 0.0]])
+
+    def put(anchor_x_m: float, last_frame: int) -> motion_pb2.ConstraintPlacement:
+        return motion_pb2.ConstraintPlacement(
+            constraint_id=edit.constraint_ids[0], last_frame=last_frame, anchor_x=anchor_x_m
+        )
+
+    session.hear(answer(2, effective_frame=0, placements=[put(0.0, 115)]))
+    for left in ([2.0, 0.0, 3.0, 0.0, 4.0, 0.0], [3.0, 0.0, 4.0, 0.0], [4.0, 0.0]):
+        open_anew(session, line, put(left[0] - 0.75, 20 * len(left)))
+        (asked,) = next(event for event in reversed(line.said) if event.HasField("open")).open.constraints
+        assert list(asked.root_path.positions) == left
+        for update in frames(1):
+            session.hear(update)
+
+
+async def test_one_that_comes_back_with_another_rig_is_ended_at_the_server_too(session: Session, line: Line) -> None:
+    session.set_prompt("a person runs")
+    session.interrupt()
+    session.reattach(convert.catalog(catalog(100)))
+    anew = opened()
+    anew.opened.rig_id = "stick10"
+    session.hear(anew)
+    with pytest.raises(SessionEnded, match="its rig, stick9, is not served any more"):
+        session.set_prompt("a person waves")
+    (closing,) = said_since_opened(line)
+    assert closing == session_pb2.SessionEvent(session=1, event_seq=2, close=session_pb2.CloseSession())
+
+
+@pytest.mark.parametrize("is_taken", [True, False])
+async def test_a_prompt_that_was_dropped_while_the_line_was_lost_is_dropped_once(
+    session: Session, line: Line, is_taken: bool
+) -> None:
+    """A server refuses an edit that drops what it does not have, and with it the prompt that was set."""
+    scheduled = session.set_prompt("a person waves", frame=10)
+    session.hear(answer(2, effective_frame=10))
+    session.playback.advance_to(20)
+    setting = session.set_prompt("a person walks")
+    open_anew(session, line)
+    (said,) = said_since_opened(line)
+    assert list(said.edit_prompts.remove) == [scheduled.prompt_id]
+    session.hear(answer(2, effective_frame=0) if is_taken else answer(2, code=3, reason="NO_WAY"))
+    assert setting.done()
+    for update in frames(1):
+        session.hear(update)
+    session.playback.advance_to(HORIZON + 5)
+    session.set_prompt("a person runs")
+    assert list(line.said[-1].edit_prompts.remove) == ([] if is_taken else [scheduled.prompt_id])

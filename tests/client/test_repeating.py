@@ -1,0 +1,126 @@
+"""What was not answered is said again at a pace that the server takes, and behind it what is said meanwhile."""
+
+from __future__ import annotations
+
+import asyncio
+
+import pytest
+
+from motiongen_client import Session, SessionEnded, convert
+from motiongen_client.repeating import PERIOD_S
+from tests.client.conftest import ManualClock
+from tests.client.line import Line, answer, open_session, opened
+from tests.client.synthetic import catalog
+from tests.client.waiting import until
+
+
+@pytest.fixture
+async def line(clock: ManualClock) -> Line:
+    return Line()
+
+
+@pytest.fixture
+async def session(line: Line) -> Session:
+    return await open_session(line)
+
+
+def come_back(session: Session, per_second: float) -> None:
+    """The line is there again, and the session is resumed by a server that takes so many events in a second."""
+    offered = catalog(100)
+    offered.limits.max_events_per_second = per_second
+    session.reattach(convert.catalog(offered))
+    session.hear(opened())
+
+
+def numbers(line: Line) -> list[int]:
+    """Of what was said since the session was resumed."""
+    (*_, opening) = [number for number, event in enumerate(line.said) if event.HasField("open")]
+    return [event.event_seq for event in line.said[opening + 1 :]]
+
+
+async def test_half_of_a_second_is_said_at_once_and_the_rest_by_and_by(
+    session: Session, line: Line, clock: ManualClock
+) -> None:
+    session.interrupt()
+    for number in range(20):
+        session.set_prompt(f"prompt {number}")
+    come_back(session, 24.0)
+    assert numbers(line) == list(range(2, 14))
+    later = session.set_prompt("behind them")
+    for told in (15, 17, 19, 21, 22):
+        clock.advance(PERIOD_S)
+        await until(lambda told=told: len(numbers(line)) >= told - 1)  # type: ignore[misc]
+        assert numbers(line) == list(range(2, told + 1))
+    session.set_prompt("at once")
+    assert (later.event_seq, numbers(line)[-1]) == (22, 23)
+
+
+async def test_any_number_is_said_at_once_to_a_server_that_names_none(session: Session, line: Line) -> None:
+    session.interrupt()
+    for number in range(20):
+        session.set_prompt(f"prompt {number}")
+    come_back(session, 0.0)
+    assert numbers(line) == list(range(2, 22))
+
+
+async def test_where_the_line_is_lost_meanwhile_it_is_begun_anew_with_what_has_no_answer(
+    session: Session, line: Line, clock: ManualClock
+) -> None:
+    session.interrupt()
+    for number in range(6):
+        session.set_prompt(f"prompt {number}")
+    come_back(session, 6.0)
+    assert numbers(line) == [2, 3, 4]
+    session.hear(answer(2, effective_frame=10))
+    session.interrupt()
+    said = len(line.said)
+    clock.advance(PERIOD_S * 2)
+    await asyncio.sleep(0)
+    await asyncio.sleep(0)
+    assert len(line.said) == said, "there is nobody to hear it"
+    come_back(session, 6.0)
+    assert numbers(line) == [3, 4, 5]
+
+
+async def test_one_that_is_closed_says_what_is_left_and_ends(session: Session, line: Line) -> None:
+    session.interrupt()
+    edits = [session.set_prompt(f"prompt {number}") for number in range(6)]
+    come_back(session, 6.0)
+    closing = asyncio.ensure_future(session.close())
+    await until(lambda: line.said[-1].HasField("close"))
+    assert numbers(line) == list(range(2, 9))
+    session.interrupt()
+    assert (await closing).reason == "client"
+    with pytest.raises(SessionEnded):
+        await edits[-1]
+
+
+async def test_of_velocities_that_no_server_has_heard_the_newest_is_said(session: Session, line: Line) -> None:
+    heard = session.set_velocity(0.5, 0.0)
+    session.interrupt()
+    first, second, third = (session.set_velocity(speed, 0.0) for speed in (1.0, 1.5, 2.0))
+    prompt = session.set_prompt("a person runs")
+    last = session.set_velocity(2.5, 0.0)
+    come_back(session, 50.0)
+    said = [event.set_velocity.x for event in line.said[-4:]]
+    assert said == [0.5, 2.0, 0.0, 2.5]
+    assert [edit.event_seq for edit in (heard, third, prompt, last)] == numbers(line) == [2, 3, 4, 5]
+    session.hear(answer(3, effective_frame=10))
+    assert [(await edit).effective_frame for edit in (first, second, third)] == [10, 10, 10]
+    assert not last.done()
+    session.set_velocity(3.0, 0.0)
+    assert line.said[-1].event_seq == 6, "the one before was heard"
+
+
+async def test_all_of_them_hear_why_there_is_no_answer(session: Session) -> None:
+    session.interrupt()
+    waiting = [asyncio.ensure_future(_answer_of(session, speed)) for speed in (1.0, 1.5, 2.0)]
+    await asyncio.sleep(0)
+    await session.close()
+    for each in waiting:
+        with pytest.raises(SessionEnded):
+            await each
+
+
+async def _answer_of(session: Session, speed: float) -> object:
+    return await session.set_velocity(speed, 0.0)

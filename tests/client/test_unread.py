@@ -1,0 +1,34 @@
+"""A call that ends while something is written to it: what was said before is heard, and nothing is left of it."""
+
+from __future__ import annotations
+
+import asyncio
+
+import grpc
+
+from motiongen.v1 import session_pb2
+from motiongen_client import MotionClient
+from tests.client.fake_server import FakeServer
+from tests.client.waiting import until
+from tests.waiting import until as wait_for
+
+ROUNDS = 8
+
+
+async def test_what_was_said_before_the_end_is_read_to_its_end(server: FakeServer) -> None:
+    """gRPC keeps a call with unread messages, and its connection; and where a write fails it says that all is over."""
+    told: list[bool] = []
+    async with MotionClient(server.address) as client:
+        session = await client.open("a person walks")
+        session.on_durability = told.append
+        for number in range(1, ROUNDS + 1):
+            stream = server.stream
+            for is_kept in (True, False) * 20:
+                stream.push(session.handle, durability=session_pb2.SessionDurability(is_kept=is_kept))
+            stream.fail(grpc.StatusCode.UNAVAILABLE)
+            wait_for(lambda stream=stream: grpc.StatusCode.UNAVAILABLE not in stream.outgoing.queue)
+            session.set_prompt("a person runs")
+            await until(lambda number=number: len(session.reopenings) == number)  # type: ignore[misc]
+            assert told == [True, False] * 20 * number
+    async with asyncio.timeout(10):
+        await until(lambda: asyncio.all_tasks() == {asyncio.current_task()})

@@ -186,6 +186,9 @@ void SessionState::take_resumed(const v1::SessionOpened& message, const Catalog&
 
 void SessionState::take_opened(const v1::SessionOpened& message, const Catalog& catalog, EventQueue& events,
                                Outbox& outbox) {
+  if (phase == Phase::open) {
+    return break_off(violation("a session was opened that had not been asked for"), events, outbox);
+  }
   const bool is_closing = phase == Phase::closing && resuming_;
   if (phase != Phase::opening && !is_closing) return;
   if (resuming_) return take_resumed(message, catalog, events, outbox);

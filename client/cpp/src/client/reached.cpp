@@ -45,7 +45,14 @@ bool ReachedBook::note(const Reached& told) {
   return true;
 }
 
-void ReachedBook::note(const Placement& placed) { keep(placed, kKept, placements_); }
+void ReachedBook::note(const Placement& placed) {
+  const auto replaced = forgotten_.find(placed.target);
+  if (replaced != forgotten_.end()) {
+    replaced->second.placed = placed;  // of one that another is to replace, which may be placed nowhere
+  } else {
+    keep(placed, kKept, placements_);
+  }
+}
 
 void ReachedBook::refuse(std::uint32_t target, const Status& why) {
   if (!find(target)) keep({target, why}, kKept, refused_);

@@ -195,7 +195,8 @@ void SessionState::take_opened(const v1::SessionOpened& message, const Catalog& 
   const auto found = convert::session_rig(catalog, message, options.outputs);
   if (!found) return break_off(found.status(), events, outbox);
   opened = convert::opened(message);
-  note_placements(opened.placements);
+  shift_placements(opened.placements);
+  for (const Placement& each : opened.placements) reached_book.note(each);
   token_ = message.session_token();
   attempt_ = 0;
   phase = Phase::open;

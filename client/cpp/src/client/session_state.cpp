@@ -150,7 +150,7 @@ void SessionState::take(const v1::SessionUpdate& update, const Catalog& catalog,
 void SessionState::take_outcome(const v1::EditOutcome& message, double now_s, EventQueue& events) {
   Outcome outcome = convert::outcome(message);
   if (outcome.effective_frame) *outcome.effective_frame += base_;
-  note_placements(outcome.placements);
+  shift_placements(outcome.placements);
   if (message.event_seq() == 1) {
     if (outcome.status.ok()) return;
     if (phase == Phase::closing) return end_as_wished(events);  // nothing else comes: there is no session to close
@@ -187,6 +187,7 @@ void SessionState::take_outcome(const v1::EditOutcome& message, double now_s, Ev
   const auto edit = book.answer(message.event_seq(), taken);
   settle_targets(targets, outcome.status);
   if (!edit || *edit == 0) return;
+  for (const Placement& each : outcome.placements) reached_book.note(each);
   if (timeline) book.forget_before(timeline->first_kept());
   note_answer(*edit, std::move(outcome), events);
 }
@@ -243,13 +244,12 @@ void SessionState::set_level(const ServiceLevel& level, EventQueue& events) {
   events.push(std::move(event));
 }
 
-void SessionState::note_placements(std::vector<Placement>& placements) {
+void SessionState::shift_placements(std::vector<Placement>& placements) const {
   for (Placement& each : placements) {
     each.first_frame += base_;
     each.last_frame += base_;
     each.arrival_frame += base_;
     each.anchor_frame += base_;
-    reached_book.note(each);
   }
 }
 

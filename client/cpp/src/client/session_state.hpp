@@ -125,7 +125,7 @@ class SessionState {
   void set_durable(bool is_kept, EventQueue& events);
   void open_anew(EventQueue& events);
   // Turns them into the timeline's frames.
-  void note_placements(std::vector<Placement>& placements);
+  void shift_placements(std::vector<Placement>& placements) const;
   // What is known of the targets of an edit now that it is answered: by OK where it was taken.
   void settle_targets(const std::vector<std::uint32_t>& targets, const Status& answer);
   // The rows before `end`, as many as a window sees; none where they are not held. Returns how many.

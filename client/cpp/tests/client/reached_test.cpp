@@ -30,12 +30,22 @@ struct Walking : Stage {
     return sent().back().event_seq();
   }
 
-  void hear_answer(std::uint64_t seq, Code code = Code::ok) {
+  // placed_at: the last frame of where the server has put it; 0: it did not have to.
+  void hear_answer(std::uint64_t seq, Code code = Code::ok, std::uint64_t placed_at = 0) {
     v1::SessionUpdate update;
     update.mutable_outcome()->set_event_seq(seq);
     update.mutable_outcome()->set_code(static_cast<int>(code));
     if (code != Code::ok) update.mutable_outcome()->set_reason("FRAME_COMMITTED");
+    if (placed_at != 0) {
+      update.mutable_outcome()->add_placements()->set_constraint_id(kTarget);
+      update.mutable_outcome()->mutable_placements(0)->set_last_frame(placed_at);
+    }
     hear(update);
+  }
+
+  // Where it is as far as is known; 0: nothing is.
+  std::uint64_t placed_at() const {
+    return state.reached_book.find_placement(kTarget).value_or(Placement()).last_frame;
   }
 
   void hear_reached(std::uint64_t frame) {
@@ -129,6 +139,32 @@ TEST(Reached, NewsOfAReplacementThatIsReplacedItselfIsNotOfTheLast) {
   stage.hear_reached(12);
   stage.hear_answer(second);
   EXPECT_FALSE(stage.state.reached_book.find(kTarget));
+}
+
+TEST(Reached, WhereAReplacementWasPutThatIsReplacedItselfIsNotWhereTheLastOneIs) {
+  for (const Code code : {Code::ok, Code::failed_precondition}) {
+    Walking stage;
+    const std::lock_guard<std::mutex> lock(stage.state.mutex);
+    stage.hear_answer(stage.set(kTarget, 10), Code::ok, 30);
+    EXPECT_EQ(stage.placed_at(), 30U);
+    const std::uint64_t first = stage.set(kTarget, 12);
+    const std::uint64_t second = stage.set(kTarget, 100);
+    EXPECT_EQ(stage.placed_at(), 0U);
+    stage.hear_answer(first, Code::ok, 40);
+    EXPECT_EQ(stage.placed_at(), 0U) << "the second is still on its way";
+    stage.hear_answer(second, code);  // whose frame was given, so that it is put nowhere
+    EXPECT_EQ(stage.placed_at(), code == Code::ok ? 0U : 40U);
+  }
+}
+
+TEST(Reached, WhereTheTargetOfAnOldAnswerWasIsNotWhereItIsNow) {
+  Walking stage;
+  const std::lock_guard<std::mutex> lock(stage.state.mutex);
+  const std::uint64_t first = stage.set(kTarget, 10);
+  stage.hear_answer(first, Code::ok, 30);
+  stage.hear_answer(stage.set(kTarget, 100));
+  stage.hear_answer(first, Code::ok, 30);  // told again, to a session that resumes
+  EXPECT_EQ(stage.placed_at(), 0U);
 }
 
 TEST(Reached, WhatPassedWhileTheLineWasLostIsToldOfByNoServer) {

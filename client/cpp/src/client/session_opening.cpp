@@ -2,6 +2,7 @@
 #include <algorithm>
 
 #include "client/convert.hpp"
+#include "client/frame_shift.hpp"
 #include "client/session_state.hpp"
 
 namespace motiongen {
@@ -95,16 +96,20 @@ void SessionState::settle_passed(EventQueue& events) {
     if (each.is_all) {
       refuse_passed(each.edit, each.targets, events);
     } else {
-      for (const std::uint32_t target : each.targets) reached_book.refuse(target, passed());
+      leave_out(each.targets);
     }
   }
 }
 
+// Those of an edit whose rest is said.
+void SessionState::leave_out(const std::vector<std::uint32_t>& targets) {
+  for (const std::uint32_t target : targets) reached_book.refuse(target, passed());
+  if (!targets.empty()) changed.notify_all();
+}
+
 EditId SessionState::refuse_unsent(const v1::SessionEvent& event, EventQueue& events) {
   const EditId edit = book.add_unsent();
-  std::vector<std::uint32_t> targets;
-  for (const v1::Constraint& each : event.edit_constraints().upsert()) targets.push_back(each.constraint_id());
-  refuse_passed(edit, targets, events);
+  refuse_passed(edit, targets_of(event), events);
   return edit;
 }
 

@@ -20,6 +20,7 @@ EditId SessionState::send_edit(v1::SessionEvent event, Outbox& outbox, EventQueu
   event.set_session(id);
   auto said = shifted(event, base_);
   if (!said) return refuse_unsent(event, events);
+  leave_out(passed_targets_of(event, base_));
   report_before_edit(outbox);
   const EditId edit = book.add(event);
   said->set_event_seq(event.event_seq());

@@ -64,7 +64,8 @@ class SessionState {
   // What has it go on from a frame of its own: by number, or by the rows where the session at the server has another
   // count since it was opened anew.
   v1::SessionEvent seek_event(std::uint64_t frame, const Catalog& catalog) const;
-  // Take an edit. Returns its number. One for frames before those of the session at the server is refused here.
+  // Take an edit. Returns its number. One for frames before those of the session at the server is refused here; of one
+  // that is so in part the rest is sent.
   EditId send_edit(v1::SessionEvent event, Outbox& outbox, EventQueue& events);
   void send_close(Outbox& outbox);
   // Whether its playhead shall move, from now on or from when it has opened.
@@ -107,6 +108,7 @@ class SessionState {
   void take_placements_anew();
   EditId refuse_unsent(const v1::SessionEvent& event, EventQueue& events);
   void refuse_passed(EditId edit, const std::vector<std::uint32_t>& targets, EventQueue& events);
+  void leave_out(const std::vector<std::uint32_t>& targets);
   void settle_passed(EventQueue& events);
   Status begin(const Rig& of, std::uint64_t start_frame, const Catalog& catalog);
   void take_closed(const v1::SessionClosed& message, double now_s, EventQueue& events);

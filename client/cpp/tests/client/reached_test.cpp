@@ -209,25 +209,52 @@ TEST(Reached, WhatPassedBeforeItWasAnsweredIsRefusedHereAndNotAskedForAtOnce) {
   EXPECT_EQ(stage.state.find_answer(edit)->status.reason(), "FRAME_COMMITTED");
 }
 
-TEST(Reached, OfAnEditThatPassedInPartTheRestIsSaidAgain) {
-  Walking stage("");
-  const std::lock_guard<std::mutex> lock(stage.state.mutex);
-  stage.hold(20);
+// Targets 1 and 2, the first of which is at a frame that is held when the line is lost.
+v1::SessionEvent two_targets() {
   v1::SessionEvent event;
   for (const std::uint32_t id : {1U, 2U}) {
     *event.mutable_edit_constraints()->add_upsert() =
         convert::constraint(id, Waypoint{id == 1 ? 10U : 100U, 1, 2, {}, {}});
   }
-  stage.state.send_edit(std::move(event), stage.outbox, stage.events);
-  static_cast<void>(stage.sent());
+  return event;
+}
+
+TEST(Reached, OfAnEditThatPassedInPartTheRestIsSaidAndOfWhatPassedNobodyTells) {
+  for (const bool is_told_before : {true, false}) {
+    Walking stage("");
+    const std::lock_guard<std::mutex> lock(stage.state.mutex);
+    stage.hold(20);
+    if (is_told_before) stage.state.send_edit(two_targets(), stage.outbox, stage.events);
+    static_cast<void>(stage.sent());
+    stage.lose();
+    stage.open();
+    stage.hear_opened("");
+    if (!is_told_before) stage.state.send_edit(two_targets(), stage.outbox, stage.events);
+    const auto said = stage.sent(v1::SessionEvent::kEditConstraints);
+    ASSERT_EQ(said.size(), 1U);
+    ASSERT_EQ(said[0].edit_constraints().upsert_size(), 1);
+    EXPECT_EQ(said[0].edit_constraints().upsert(0).frame(), 80U);
+    stage.hear_answer(said[0].event_seq());
+    EXPECT_EQ(stage.refusal(1), "FRAME_COMMITTED");
+    EXPECT_EQ(stage.refusal(2), "");
+  }
+}
+
+TEST(Reached, APromptThatPassedIsRefusedWhateverWasToBeDroppedForIt) {
+  Walking stage("");
+  const std::lock_guard<std::mutex> lock(stage.state.mutex);
+  stage.hold(20);
   stage.lose();
   stage.open();
   stage.hear_opened("");
-  const auto said = stage.sent(v1::SessionEvent::kEditConstraints);
-  ASSERT_EQ(said.size(), 1U);
-  ASSERT_EQ(said[0].edit_constraints().upsert_size(), 1);
-  EXPECT_EQ(said[0].edit_constraints().upsert(0).frame(), 80U);
-  EXPECT_EQ(stage.refusal(1), "FRAME_COMMITTED");
+  static_cast<void>(stage.sent());
+  v1::SessionEvent late;
+  late.mutable_edit_prompts()->add_remove(2);
+  *late.mutable_edit_prompts()->add_upsert() = convert::span(3, Prompt("wave"), 5, 15);
+  const EditId edit = stage.state.send_edit(std::move(late), stage.outbox, stage.events);
+  EXPECT_TRUE(stage.sent().empty()) << "it would be answered by OK";
+  ASSERT_TRUE(stage.state.find_answer(edit));
+  EXPECT_EQ(stage.state.find_answer(edit)->status.reason(), "FRAME_COMMITTED");
 }
 
 TEST(Reached, WhoWaitsHearsTheRefusal) {

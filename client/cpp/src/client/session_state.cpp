@@ -22,6 +22,7 @@ EditId SessionState::send_edit(v1::SessionEvent event, Outbox& outbox, EventQueu
   if (!said) return refuse_unsent(event, events);
   leave_out(passed_targets_of(event, base_));
   report_before_edit(outbox);
+  if (event.has_set_play_state()) set_playing(event.set_play_state().state() == v1::PLAY_STATE_PLAYING);
   const EditId edit = book.add(event);
   said->set_event_seq(event.event_seq());
   const bool can_send = phase == Phase::open || (phase == Phase::opening && !resuming_);

@@ -268,7 +268,8 @@ Status SessionState::begin(const Rig& of, std::uint64_t start_frame, const Catal
 
 void SessionState::lose(const Status& status, bool will_reconnect, EventQueue& events) {
   if (phase == Phase::closed) return;
-  if (phase == Phase::closing || !will_reconnect) return end(status, events);
+  if (phase == Phase::closing) return end_as_wished(events);
+  if (!will_reconnect) return end(status, events);
   phase = Phase::waiting;
   retry_at_s = 0;
   can_report = false;

@@ -12,6 +12,8 @@ namespace {
 
 constexpr double kRetryS = 1.0;  // after a refusal that names no time
 
+Status closed_here() { return {Code::cancelled, "CLIENT", "the session was closed here"}; }
+
 }  // namespace
 
 // ---- to the server
@@ -46,6 +48,7 @@ void SessionState::set_playing(bool is_playing) {
 
 void SessionState::send_close(Outbox& outbox) {
   phase = Phase::closing;
+  ended = closed_here();
   if (resuming_) return;  // behind what was not answered, which goes out once the session is resumed
   v1::SessionEvent event;
   event.set_session(id);
@@ -271,9 +274,7 @@ void SessionState::break_off(const Status& status, EventQueue& events, Outbox& o
   end(status, events);
 }
 
-void SessionState::end_as_wished(EventQueue& events) {
-  end(Status(Code::cancelled, "CLIENT", "the session was closed here"), events);
-}
+void SessionState::end_as_wished(EventQueue& events) { end(closed_here(), events); }
 
 void SessionState::end(Status status, EventQueue& events) {
   Outcome outcome;

@@ -46,7 +46,7 @@ class SessionState {
   std::optional<Timeline> timeline;
   std::optional<FrameDecoder> decoder;  // of frames that are not stored as float32
   Opened opened;
-  Status ended;  // why it is closed
+  Status ended;  // why it is closed, or is closing
   SessionStats stats;
   double next_report_s = 0;
   double retry_at_s = 0;           // a refused reopening is tried again then

@@ -35,8 +35,8 @@ class SessionBook {
   std::uint32_t take_prompt_id() { return next_prompt_++; }
   std::uint32_t take_constraint_id() { return next_constraint_++; }
 
-  // Whether an id was taken.
-  bool knows_prompt(std::uint32_t id) const { return id > kPresentPrompt && id < next_prompt_; }
+  // Whether an id was taken; that of the present prompt always is.
+  bool knows_prompt(std::uint32_t id) const { return id >= kPresentPrompt && id < next_prompt_; }
   bool knows_constraint(std::uint32_t id) const { return id > 0 && id < next_constraint_; }
 
   // Scheduled prompts that hold no longer once another takes over, to be removed by the edit that says so: accepted

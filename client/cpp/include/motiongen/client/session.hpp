@@ -39,9 +39,11 @@ class MOTIONGEN_API Session {
   // A prompt from a frame on, until `end_frame` (0: until another takes over). Its id is for `remove_prompt`.
   [[nodiscard]] Result<EditId> schedule_prompt(const Prompt& prompt, std::uint64_t start_frame,
                                                std::uint64_t end_frame = 0, std::uint32_t* prompt_id = nullptr);
-  // Put another in the place of a scheduled one, at other frames if need be.
+  // Put another in the place of a scheduled one, at other frames if need be, or in that of the present one, whose
+  // id is 1.
   [[nodiscard]] Result<EditId> replace_prompt(std::uint32_t prompt_id, const Prompt& prompt, std::uint64_t start_frame,
                                               std::uint64_t end_frame = 0);
+  // Drop one of them. Where no prompt holds any more the motion has no text.
   [[nodiscard]] Result<EditId> remove_prompt(std::uint32_t prompt_id);
   // Ids of the targets, in their order, are written to `ids` where it is given.
   [[nodiscard]] Result<EditId> add_targets(Span<const Target> targets, std::vector<std::uint32_t>* ids = nullptr);

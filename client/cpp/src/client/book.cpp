@@ -10,7 +10,7 @@ namespace motiongen {
 
 EditId SessionBook::add(v1::SessionEvent& event) {
   event.set_event_seq(take_seq());
-  pending_.push_back({next_edit_, event});
+  pending_.push_back({next_edit_, event, BacklogShare(backlog_, event.SpaceUsedLong())});
   return next_edit_++;
 }
 
@@ -48,7 +48,7 @@ std::vector<v1::SessionEvent> SessionBook::unanswered(std::uint64_t base) {
   while (!pending_.empty() && pending_.front().edit == 0) pending_.pop_front();  // what was said of the time before
   const auto put_first = [this](v1::SessionEvent event) {
     event.set_session(session_);
-    pending_.push_front({0, std::move(event)});
+    pending_.push_front({0, std::move(event), {}});
   };
   if (paused_) {
     v1::SessionEvent pause;

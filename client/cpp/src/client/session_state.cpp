@@ -287,6 +287,7 @@ void SessionState::end(Outcome outcome, EventQueue& events) {
   const bool told = phase != Phase::closing;
   phase = Phase::closed;
   ended = outcome.status;
+  book.drop_unanswered();
   if (told) {
     Event event = event_of(EventKind::closed);
     event.outcome = std::move(outcome);

@@ -30,9 +30,13 @@ enum class Phase {
 // `mutex` guards all of it; whoever calls a method holds it. Lock order: this, then those of Outbox and EventQueue.
 class SessionState {
  public:
-  // recovers: whether it goes on on another stream when its own is lost.
-  SessionState(std::uint32_t given_id, SessionOptions given, v1::OpenSession open, bool recovers)
-      : id(given_id), options(std::move(given)), book(given_id, std::move(open)), recovers_(recovers) {}
+  // recovers: whether it goes on on another stream when its own is lost. backlog: as a book has it.
+  SessionState(std::uint32_t given_id, SessionOptions given, v1::OpenSession open, bool recovers,
+               std::shared_ptr<Backlog> backlog = nullptr)
+      : id(given_id),
+        options(std::move(given)),
+        book(given_id, std::move(open), std::move(backlog)),
+        recovers_(recovers) {}
 
   mutable std::mutex mutex;
   std::condition_variable changed;

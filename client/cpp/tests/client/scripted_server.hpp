@@ -29,6 +29,7 @@ class ScriptedServer final : public v1::MotionService::Service {
   std::function<void(grpc::ServerWriter<v1::GenerateClipResponse>& parts)> make_clip;
   std::function<void(v1::GetCatalogResponse& catalog)> add_to_catalog;
   std::atomic<int> num_catalogs{0};
+  std::atomic<int> num_pings{0};
   std::atomic<bool> is_frozen{false};  // takes calls and says nothing
   std::atomic<bool> says_hello{true};
   std::atomic<bool> answers_pings{true};
@@ -114,6 +115,7 @@ class ScriptedServer final : public v1::MotionService::Service {
     v1::StreamMotionRequest request;
     while (stream.Read(&request)) {
       v1::StreamMotionResponse response;
+      if (request.has_ping()) ++num_pings;
       if (request.has_hello() && says_hello) response.mutable_hello()->set_replica_id("scripted");
       if (request.has_ping() && answers_pings)
         response.mutable_pong()->set_client_time_ns(request.ping().client_time_ns());

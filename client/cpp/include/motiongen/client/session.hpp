@@ -87,7 +87,8 @@ class MOTIONGEN_API Session {
   // Where a target was put that left that to the server; nothing before the answer. Kept for the last 1,024.
   std::optional<Placement> placement(std::uint32_t target) const;
   // What became of a target. Kept for the last 1,024 that were told. Of one that is told of by nobody, why: its
-  // refusal, or FRAME_COMMITTED where its frames passed while the line was lost.
+  // refusal, or FRAME_COMMITTED where its frames passed while the line was lost. One that is removed is waited for
+  // until the session ends.
   [[nodiscard]] Result<Reached> wait_reached(std::uint32_t target, double timeout_s);
   // Until the frame has come and, with Clock::manual, may be shown (`advance_to`). It may be gone again by then, as
   // those are that lie `keep_frames` behind the playhead: `copy_frame` tells.

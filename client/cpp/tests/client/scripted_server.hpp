@@ -98,11 +98,20 @@ class ScriptedServer final : public v1::MotionService::Service {
   }
 
   grpc::Status StreamMotion(grpc::ServerContext* context, Stream* stream) override {
-    std::thread reader([this, stream] { read(*stream); });
-    wait_for_end();
-    context->TryCancel();  // else the reader waits for what the client says next
+    bool is_read = false;
+    std::thread reader([this, stream, &is_read] {
+      read(*stream);
+      const std::lock_guard<std::mutex> lock(mutex_);
+      is_read = true;
+      changed_.notify_all();
+    });
+    std::unique_lock<std::mutex> lock(mutex_);
+    changed_.wait(lock, [this, &is_read] { return ended_ || is_read; });
+    const bool has_finished = is_read;  // its client has said all, and waits for the end
+    lock.unlock();
+    if (!has_finished) context->TryCancel();  // else the reader waits for what the client says next
     reader.join();
-    return grpc::Status::CANCELLED;
+    return has_finished ? grpc::Status::OK : grpc::Status::CANCELLED;
   }
 
  private:

@@ -38,6 +38,7 @@ class ReachedBook {
   struct Forgotten {
     std::optional<Reached> told;
     std::optional<Placement> placed;
+    std::optional<Status> refused;
   };
 
   std::deque<Reached> told_;

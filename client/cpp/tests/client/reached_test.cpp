@@ -257,6 +257,14 @@ TEST(Reached, APromptThatPassedIsRefusedWhateverWasToBeDroppedForIt) {
   EXPECT_EQ(stage.state.find_answer(edit)->status.reason(), "FRAME_COMMITTED");
 }
 
+TEST(Reached, AReplacementThatIsNotTakenOnLeavesTheRefusalOfTheOneBefore) {
+  ReachedBook book;
+  book.refuse(kTarget, Status(Code::failed_precondition, "FRAME_COMMITTED", "too late"));
+  book.forget(kTarget);
+  book.settle(kTarget, false, true);
+  EXPECT_TRUE(book.find_refusal(kTarget)) << "who waits for it would wait for ever";
+}
+
 TEST(Reached, WhoWaitsHearsTheRefusal) {
   ScriptedServer server;
   server.hear = [](const v1::SessionEvent& event, ScriptedServer::Stream& stream) {

@@ -56,7 +56,10 @@ class LocalEngine(Engine):
 
 
 class LocalServer:
-    """Use as `async with LocalServer() as server`. address: where it listens."""
+    """Use as `async with LocalServer() as server`. address: where it listens.
+
+    listen: unix:PATH, or a host and the port 0.
+    """
 
     def __init__(
         self,
@@ -71,7 +74,9 @@ class LocalServer:
         tls: ServerTls | None = None,
         snapshots: SnapshotStore | None = None,
         other_servers: OtherServers | None = None,
+        listen: str = "127.0.0.1:0",
     ) -> None:
+        self._listen = listen
         self._other_servers = other_servers
         self._snapshots = snapshots
         self._callers = callers
@@ -111,7 +116,8 @@ class LocalServer:
         )
         self._server = grpc.aio.server(options=[("grpc.max_receive_message_length", limits.max_request_bytes)])
         add_methods(self.service, self._server)
-        self.address = f"127.0.0.1:{listen(self._server, '127.0.0.1:0', '', self._tls)}"
+        port = listen(self._server, self._listen, "", self._tls)
+        self.address = self._listen if port == 0 else self._listen.rpartition(":")[0] + f":{port}"
         await self._server.start()
         self._thread = EngineThread(self.engine)
         return self

@@ -84,6 +84,9 @@ def test_prompts_end_move_and_go(program: Program, live_server: LiveServer) -> N
         assert answer(walker, "replace_prompt 2 70 100 a person jumps")[0] == "OK"
         assert answer(walker, "remove_prompt 2")[0] == "OK"
         assert answer(walker, "remove_prompt 2")[0] == "UNKNOWN_PROMPT"
+        assert answer(walker, "replace_prompt 1 80 0 a person jumps")[:2] == ["OK", "80"], "the present one"
+        walker.tell("replace_prompt 9 60 90 a person waves")
+        assert "an id that an earlier call gave" in " ".join(walker.hear("refused"))
         walker.tell("schedule 90 60 a person waves")
         assert "above start_frame" in " ".join(walker.hear("refused"))
 

@@ -24,8 +24,8 @@ EXPIRES, EXPIRES_AT = "2027-01-15T08:01:00Z", 1_800_000_060.0
 Program = Callable[[str], Path]
 
 
-def served(tenants: TenantsFile, tls: ServerTls | None = None) -> LocalServer:
-    return LocalServer(facts=FACTS_AS_SERVED, callers=tenants.callers(), tls=tls)
+def served(tenants: TenantsFile, tls: ServerTls | None = None, listen: str = "127.0.0.1:0") -> LocalServer:
+    return LocalServer(facts=FACTS_AS_SERVED, callers=tenants.callers(), tls=tls, listen=listen)
 
 
 def play(walker: Character) -> None:
@@ -33,7 +33,8 @@ def play(walker: Character) -> None:
     assert walker.hear("frame")[2] == "OK"
 
 
-async def test_a_token_goes_with_every_call_over_tls(program: Program, tmp_path: Path) -> None:
+@pytest.mark.parametrize("is_socket", [False, True], ids=["by TCP", "a socket of this machine"])
+async def test_a_token_goes_with_every_call_over_tls(program: Program, tmp_path: Path, is_socket: bool) -> None:
     tenants = TenantsFile(tmp_path)
     shown = {
         "MOTIONGEN_CERTIFICATE": str(CERTIFICATES / "client.pem"),
@@ -46,7 +47,8 @@ async def test_a_token_goes_with_every_call_over_tls(program: Program, tmp_path:
             play(walker)
 
     tls = ServerTls(TlsFiles(*copy_pair("server-1", tmp_path), AUTHORITY))
-    async with asyncio.timeout(LIMIT_S), served(tenants, tls) as server:
+    listen = f"unix:{tmp_path / 's'}" if is_socket else "127.0.0.1:0"
+    async with asyncio.timeout(LIMIT_S), served(tenants, tls, listen) as server:
         await asyncio.to_thread(stream, server.address)
         nobody = {**shown, "MOTIONGEN_CERTIFICATE": "", "MOTIONGEN_KEY": ""}
         assert "no motiongen server answers" in await refusal(program, server, nobody)

@@ -19,6 +19,7 @@ pytestmark = [pytest.mark.system, pytest.mark.timeout(1500)]
 
 CONSUMER = SOURCE / "tests" / "consumer"
 UNIT_TESTS = ("core_tests", "client_parts_tests", "stream_tests")
+RACE_FOUND = 66  # as ThreadSanitizer ends a program
 servers, server = test_goodbye.servers, test_lost_clients.server
 
 
@@ -80,7 +81,8 @@ def test_nothing_for_the_sanitizers(
     monkeypatch: pytest.MonkeyPatch,
 ) -> None:
     settings = [f"-DMOTIONGEN_SANITIZE={sanitizer}", "-DMOTIONGEN_TESTS=ON"]
-    folder = build(f"sanitize-{sanitizer}", *settings, targets=(*UNIT_TESTS, "told_events", "lost_clients")) / "tests"
+    programs = (*UNIT_TESTS, "told_events", "lost_clients", "planted_race")
+    folder = build(f"sanitize-{sanitizer}", *settings, targets=programs) / "tests"
     options = f"ignore_noninstrumented_modules=1 suppressions={SOURCE / 'tests' / 'tsan.supp'}"
     leaks = f"suppressions={SOURCE / 'tests' / 'lsan.supp'}"
     monkeypatch.setenv("MOTIONGEN_ADDRESS", live_server.address)
@@ -88,6 +90,8 @@ def test_nothing_for_the_sanitizers(
     monkeypatch.setenv("LSAN_OPTIONS", leaks)
     for program in UNIT_TESTS:
         subprocess.run([folder / program, "--gtest_brief=1"], check=True, cwd=tmp_path)
+    planted = subprocess.run([folder / "planted_race"], stderr=subprocess.DEVNULL)
+    assert planted.returncode == (RACE_FOUND if sanitizer == "thread" else 0), "or it sees nothing of gRPC's threads"
     test_goodbye.test_where_nobody_answers_that_was_named_it_goes_to_the_next_and_then_on_in_turn(
         folder.joinpath, servers
     )

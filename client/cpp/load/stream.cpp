@@ -1,12 +1,13 @@
 #include "stream.hpp"
 
+#include "client/address.hpp"
 #include "client/convert.hpp"
 #include "motiongen/core/status.hpp"
 
 namespace motiongen::load {
 namespace {
 
-grpc::ChannelArguments channel_arguments(const Access& access) {
+grpc::ChannelArguments channel_arguments(const std::string& address, const Access& access) {
   grpc::ChannelArguments arguments;
   arguments.SetInt(GRPC_ARG_USE_LOCAL_SUBCHANNEL_POOL, 1);  // a connection for each stream, as separate clients have
   arguments.SetInt(GRPC_ARG_HTTP2_BDP_PROBE, 0);
@@ -15,6 +16,8 @@ grpc::ChannelArguments channel_arguments(const Access& access) {
   arguments.SetMaxReceiveMessageSize(64 << 20);
   // a proxy of the environment is another machine: what says who calls stays on this one
   if (!access.tls() && !access.token().empty()) arguments.SetInt(GRPC_ARG_ENABLE_HTTP_PROXY, 0);
+  const std::string name = access.tls() ? name_for_tls(address) : "";
+  if (!name.empty()) arguments.SetString(GRPC_ARG_DEFAULT_AUTHORITY, name);
   return arguments;
 }
 
@@ -42,7 +45,8 @@ Stream::Stream(Stage& stage, Run& run)
 
 void Stream::start() {
   const Access& access = run_.load.access();
-  channel_ = grpc::CreateCustomChannel(run_.load.address(), credentials(access), channel_arguments(access));
+  const std::string& address = run_.load.address();
+  channel_ = grpc::CreateCustomChannel(address, credentials(access), channel_arguments(address, access));
   stub_ = std::make_unique<grpc::GenericStub>(channel_);
   v1::StreamMotionRequest hello;
   hello.mutable_hello()->set_client_agent("motiongen-load");

@@ -59,6 +59,8 @@ bool is_local(const std::string& address) {
   return host == "localhost" || host == "[::1]" || is_loopback_v4(host);
 }
 
+std::string name_for_tls(const std::string& address) { return is_socket(address) ? "localhost" : ""; }
+
 Status check_plain_token(const std::vector<std::string>& addresses) {
   const auto far = std::find_if_not(addresses.begin(), addresses.end(), is_local);
   if (far == addresses.end()) return {};

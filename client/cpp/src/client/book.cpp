@@ -10,7 +10,7 @@ namespace motiongen {
 
 EditId SessionBook::add(v1::SessionEvent& event) {
   event.set_event_seq(take_seq());
-  pending_.push_back({next_edit_, event});
+  pending_.push_back({next_edit_, event, BacklogShare(backlog_, event.SpaceUsedLong())});
   return next_edit_++;
 }
 
@@ -48,7 +48,7 @@ std::vector<v1::SessionEvent> SessionBook::unanswered(std::uint64_t base) {
   while (!pending_.empty() && pending_.front().edit == 0) pending_.pop_front();  // what was said of the time before
   const auto put_first = [this](v1::SessionEvent event) {
     event.set_session(session_);
-    pending_.push_front({0, std::move(event)});
+    pending_.push_front({0, std::move(event), {}});
   };
   if (paused_) {
     v1::SessionEvent pause;
@@ -76,10 +76,7 @@ std::vector<SessionBook::Passed> SessionBook::take_passed(std::uint64_t base) {
   std::vector<Passed> found;
   std::deque<Pending> kept;
   for (Pending& each : pending_) {
-    Passed passed{each.edit, {}, !shifted(each.event, base)};
-    for (v1::Constraint target : each.event.edit_constraints().upsert()) {
-      if (!shift(target, base)) passed.targets.push_back(target.constraint_id());
-    }
+    Passed passed{each.edit, passed_targets_of(each.event, base), !shifted(each.event, base)};
     if (!passed.is_all) kept.push_back(std::move(each));
     if (passed.is_all || !passed.targets.empty()) found.push_back(std::move(passed));
   }
@@ -98,14 +95,10 @@ std::optional<EditId> SessionBook::answer(std::uint64_t event_seq, const std::op
 }
 
 std::vector<std::uint32_t> SessionBook::targets_of(std::uint64_t event_seq) const {
-  std::vector<std::uint32_t> ids;
   for (const Pending& each : pending_) {
-    if (each.event.event_seq() != event_seq) continue;
-    for (const v1::Constraint& constraint : each.event.edit_constraints().upsert()) {
-      ids.push_back(constraint.constraint_id());
-    }
+    if (each.event.event_seq() == event_seq) return motiongen::targets_of(each.event);
   }
-  return ids;
+  return {};
 }
 
 bool SessionBook::is_cut(std::uint64_t event_seq) const {

@@ -6,10 +6,12 @@
 #include <cstdint>
 #include <deque>
 #include <map>
+#include <memory>
 #include <optional>
 #include <utility>
 #include <vector>
 
+#include "client/backlog.hpp"
 #include "motiongen/client/types.hpp"
 #include "motiongen/v1/session.pb.h"
 
@@ -26,8 +28,9 @@ class SessionBook {
  public:
   static constexpr std::uint32_t kPresentPrompt = 1;  // set without a frame; scheduled prompts have the ids above it
 
-  // The first OpenSession, its prompts and constraints included.
-  SessionBook(std::uint32_t session, v1::OpenSession open) : session_(session), open_(std::move(open)) {}
+  // The first OpenSession, its prompts and constraints included. backlog: what waits for an answer counts there.
+  SessionBook(std::uint32_t session, v1::OpenSession open, std::shared_ptr<Backlog> backlog = nullptr)
+      : session_(session), open_(std::move(open)), backlog_(std::move(backlog)) {}
 
   // A constraint of the opening.
   void add_opening(v1::Constraint constraint) { *open_.add_constraints() = std::move(constraint); }
@@ -35,8 +38,8 @@ class SessionBook {
   std::uint32_t take_prompt_id() { return next_prompt_++; }
   std::uint32_t take_constraint_id() { return next_constraint_++; }
 
-  // Whether an id was taken.
-  bool knows_prompt(std::uint32_t id) const { return id > kPresentPrompt && id < next_prompt_; }
+  // Whether an id was taken; that of the present prompt always is.
+  bool knows_prompt(std::uint32_t id) const { return id >= kPresentPrompt && id < next_prompt_; }
   bool knows_constraint(std::uint32_t id) const { return id > 0 && id < next_constraint_; }
 
   // Scheduled prompts that hold no longer once another takes over, to be removed by the edit that says so: accepted
@@ -128,10 +131,14 @@ class SessionBook {
   // Whether anything that was said has no answer yet.
   bool is_waiting() const { return !pending_.empty(); }
 
+  // The session has ended: what has no answer gets none.
+  void drop_unanswered() { pending_.clear(); }
+
  private:
   struct Pending {
     EditId edit = 0;
     v1::SessionEvent event;
+    BacklogShare share;
   };
   struct Held {
     v1::SessionEvent event;
@@ -150,6 +157,7 @@ class SessionBook {
 
   std::uint32_t session_;
   v1::OpenSession open_;
+  std::shared_ptr<Backlog> backlog_;
   std::uint64_t next_seq_ = 1;
   EditId next_edit_ = 1;
   std::uint32_t next_prompt_ = kPresentPrompt + 1;

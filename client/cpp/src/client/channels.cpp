@@ -1,4 +1,5 @@
 // How gRPC is set up for a client: its channels, one to an address.
+#include "client/address.hpp"
 #include "client/core.hpp"
 
 namespace motiongen {
@@ -23,6 +24,11 @@ void set_own(const ClientOptions& options, grpc::ChannelArguments& arguments) {
   if (!options.tls && has_token(options)) set(GRPC_ARG_ENABLE_HTTP_PROXY, 0);
 }
 
+bool chooses_name(const ClientOptions& options) {
+  return options.channel_options.count(GRPC_ARG_DEFAULT_AUTHORITY) != 0 ||
+         options.channel_options.count(GRPC_SSL_TARGET_NAME_OVERRIDE_ARG) != 0;
+}
+
 }  // namespace
 
 void ClientCore::make_channels() {
@@ -41,7 +47,10 @@ void ClientCore::make_channels() {
         {options_.root_certificates_pem, options_.private_key_pem, options_.certificate_chain_pem});
   }
   const auto add = [&](const std::string& address) {
-    auto channel = grpc::CreateCustomChannel(address, credentials, arguments);
+    grpc::ChannelArguments own = arguments;
+    const std::string name = options_.tls && !chooses_name(options_) ? name_for_tls(address) : "";
+    if (!name.empty()) own.SetString(GRPC_ARG_DEFAULT_AUTHORITY, name);
+    auto channel = grpc::CreateCustomChannel(address, credentials, own);
     auto stub = std::make_unique<grpc::GenericStub>(channel);
     servers_.push_back({std::move(channel), std::move(stub)});
   };

@@ -38,7 +38,10 @@ Result<Session> Client::open(const SessionOptions& options) {
   return Session(core_, std::move(state).value());
 }
 
-Result<std::vector<Clip>> Client::generate_clip(const ClipOptions& options) { return core_->generate_clip(options); }
+Result<std::vector<Clip>> Client::generate_clip(const ClipOptions& options) {
+  const std::shared_ptr<ClientCore> core = core_;  // another thread, or a callback, may destroy the client meanwhile
+  return core->generate_clip(options);
+}
 
 bool Client::next_event(Event& event) { return core_->events().take(event); }
 

@@ -64,7 +64,8 @@ Result<std::shared_ptr<SessionState>> ClientCore::open(const SessionOptions& opt
   if (!checked) return checked;
   auto opening = opening_of(options);
   if (!opening) return opening.status();
-  auto state = std::make_shared<SessionState>(next_session_++, options, std::move(opening).value(), options_.reconnect);
+  auto state = std::make_shared<SessionState>(next_session_++, options, std::move(opening).value(), options_.reconnect,
+                                              backlog_);
   for (std::size_t prompt = 0; prompt < options.later_prompts.size(); ++prompt) {
     static_cast<void>(state->book.take_prompt_id());
   }
@@ -95,10 +96,10 @@ Result<EditId> ClientCore::edit(SessionState& state, v1::SessionEvent event) {
 }
 
 Status ClientCore::check_room() const {
-  if (!outbox_.is_full()) return {};
+  if (!outbox_.is_full() && !backlog_->is_full()) return {};
   return {Code::resource_exhausted, "OUTBOX_FULL",
           "more than " + std::to_string(Outbox::kMostWaiting) +
-              " bytes wait until the server reads them; tell it less, or again later"};
+              " bytes wait for a server that reads and answers them; tell it less, or again later"};
 }
 
 void ClientCore::flush() {

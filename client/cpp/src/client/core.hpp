@@ -16,6 +16,7 @@
 #include <unordered_map>
 #include <vector>
 
+#include "client/backlog.hpp"
 #include "client/backoff.hpp"
 #include "client/call.hpp"
 #include "client/call_metadata.hpp"
@@ -79,7 +80,7 @@ class ClientCore final : public CallUser, public std::enable_shared_from_this<Cl
   void wake();   // let the thread look at what is due
   EventQueue& events() { return events_; }
   Outbox& outbox() { return outbox_; }
-  // RESOURCE_EXHAUSTED (OUTBOX_FULL) where the server does not read what it was told before.
+  // RESOURCE_EXHAUSTED (OUTBOX_FULL) where no server reads, or answers, what was told before.
   Status check_room() const;
   double report_period_s() const { return 1 / options_.report_hz; }
 
@@ -136,6 +137,7 @@ class ClientCore final : public CallUser, public std::enable_shared_from_this<Cl
   CallMetadata metadata_;
   EventQueue events_;
   Outbox outbox_;
+  const std::shared_ptr<Backlog> backlog_ = std::make_shared<Backlog>();
   // By its address; made once, and gRPC connects when it is first used.
   struct Server {
     std::shared_ptr<grpc::Channel> channel;

@@ -57,7 +57,7 @@ std::optional<v1::SessionEvent> shifted(v1::SessionEvent event, std::uint64_t ba
   if (event.has_edit_prompts()) {
     auto& edit = *event.mutable_edit_prompts();
     const bool has_passed = shift_all(*edit.mutable_upsert(), base);
-    if (has_passed && edit.upsert().empty() && edit.remove().empty()) return std::nullopt;
+    if (has_passed && edit.upsert().empty()) return std::nullopt;
   }
   if (event.has_edit_constraints()) {
     auto& edit = *event.mutable_edit_constraints();
@@ -69,6 +69,20 @@ std::optional<v1::SessionEvent> shifted(v1::SessionEvent event, std::uint64_t ba
     event.mutable_seek()->set_frame(frame > base ? frame - base : kNever);
   }
   return event;
+}
+
+std::vector<std::uint32_t> targets_of(const v1::SessionEvent& event) {
+  std::vector<std::uint32_t> ids;
+  for (const v1::Constraint& each : event.edit_constraints().upsert()) ids.push_back(each.constraint_id());
+  return ids;
+}
+
+std::vector<std::uint32_t> passed_targets_of(const v1::SessionEvent& event, std::uint64_t base) {
+  std::vector<std::uint32_t> ids;
+  for (v1::Constraint each : event.edit_constraints().upsert()) {
+    if (!shift(each, base)) ids.push_back(each.constraint_id());
+  }
+  return ids;
 }
 
 }  // namespace motiongen

@@ -3,6 +3,7 @@
 
 #include <cstdint>
 #include <optional>
+#include <vector>
 
 #include "motiongen/v1/session.pb.h"
 
@@ -15,8 +16,13 @@ bool shift(v1::PromptSpan& span, std::uint64_t base);
 // frames the server chooses stays as it is.
 bool shift(v1::Constraint& constraint, std::uint64_t base);
 
-// The event as it is sent to a session whose frame 0 is `base`, without what has passed; nothing where all of it has. A
-// frame to go back to that the session does not have is left in where the server refuses it by its own rule.
+// The event as it is sent to a session whose frame 0 is `base`, without what has passed; nothing where all of it has,
+// or the prompts that it sets: those that it drops for them stay. A frame to go back to that the session does not have
+// is left in where the server refuses it by its own rule.
 std::optional<v1::SessionEvent> shifted(v1::SessionEvent event, std::uint64_t base);
+
+// The targets that an event sets, and those of them that have passed for a session whose frame 0 is `base`.
+std::vector<std::uint32_t> targets_of(const v1::SessionEvent& event);
+std::vector<std::uint32_t> passed_targets_of(const v1::SessionEvent& event, std::uint64_t base);
 
 }  // namespace motiongen

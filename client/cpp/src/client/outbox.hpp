@@ -10,6 +10,7 @@
 #include <optional>
 #include <string>
 
+#include "client/backlog.hpp"
 #include "motiongen/v1/service.pb.h"
 
 namespace motiongen {
@@ -20,7 +21,7 @@ class Outbox {
   explicit Outbox(std::function<void(double waited_s)> on_taken = nullptr) : on_taken_(std::move(on_taken)) {}
 
   // Of more bytes that wait, nothing new is taken on: the server does not read.
-  static constexpr std::size_t kMostWaiting = std::size_t{64} << 20;
+  static constexpr std::size_t kMostWaiting = Backlog::kMostWaiting;
 
   // Bytes of an event that still fit into a message of the server's limit.
   static std::size_t most_event_bytes(std::uint32_t max_request_bytes) {

@@ -45,7 +45,14 @@ bool ReachedBook::note(const Reached& told) {
   return true;
 }
 
-void ReachedBook::note(const Placement& placed) { keep(placed, kKept, placements_); }
+void ReachedBook::note(const Placement& placed) {
+  const auto replaced = forgotten_.find(placed.target);
+  if (replaced != forgotten_.end()) {
+    replaced->second.placed = placed;  // of one that another is to replace, which may be placed nowhere
+  } else {
+    keep(placed, kKept, placements_);
+  }
+}
 
 void ReachedBook::refuse(std::uint32_t target, const Status& why) {
   if (!find(target)) keep({target, why}, kKept, refused_);
@@ -55,6 +62,7 @@ void ReachedBook::forget(std::uint32_t target) {
   Forgotten& kept = forgotten_[target];
   if (auto told = find(target)) kept.told = told;
   if (auto placed = find_placement(target)) kept.placed = placed;
+  if (auto why = find_refusal(target)) kept.refused = why;
   erase(told_, target);
   erase(placements_, target);
   erase(refused_, target);
@@ -68,6 +76,7 @@ void ReachedBook::settle(std::uint32_t target, bool was_taken, bool is_last) {
   if (was_taken) return;
   if (before.told && !find(target)) keep(*before.told, kKept, told_);
   if (before.placed && !find_placement(target)) keep(*before.placed, kKept, placements_);
+  if (before.refused) refuse(target, *before.refused);
 }
 
 std::optional<Reached> ReachedBook::find(std::uint32_t target) const { return newest(told_, target); }

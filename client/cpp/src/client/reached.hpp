@@ -16,6 +16,7 @@ class ReachedBook {
  public:
   // Take what was told. False where it is known: a server repeats itself to a session that resumes.
   bool note(const Reached& told);
+  // Of what was answered: once that is settled.
   void note(const Placement& placed);
   // No server has this target, and none will tell of it. One that was told of stays so.
   void refuse(std::uint32_t target, const Status& why);
@@ -37,6 +38,7 @@ class ReachedBook {
   struct Forgotten {
     std::optional<Reached> told;
     std::optional<Placement> placed;
+    std::optional<Status> refused;
   };
 
   std::deque<Reached> told_;

@@ -178,7 +178,6 @@ Result<EditId> Session::resume() { return play(false); }
 
 Result<EditId> Session::play(bool paused) {
   return core_->edit_with(*state_, [&] {
-    state_->set_playing(!paused);
     v1::SessionEvent event;
     event.mutable_set_play_state()->set_state(paused ? v1::PLAY_STATE_PAUSED : v1::PLAY_STATE_PLAYING);
     return event;

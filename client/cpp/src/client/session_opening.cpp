@@ -2,6 +2,7 @@
 #include <algorithm>
 
 #include "client/convert.hpp"
+#include "client/frame_shift.hpp"
 #include "client/session_state.hpp"
 
 namespace motiongen {
@@ -95,16 +96,20 @@ void SessionState::settle_passed(EventQueue& events) {
     if (each.is_all) {
       refuse_passed(each.edit, each.targets, events);
     } else {
-      for (const std::uint32_t target : each.targets) reached_book.refuse(target, passed());
+      leave_out(each.targets);
     }
   }
 }
 
+// Those of an edit whose rest is said.
+void SessionState::leave_out(const std::vector<std::uint32_t>& targets) {
+  for (const std::uint32_t target : targets) reached_book.refuse(target, passed());
+  if (!targets.empty()) changed.notify_all();
+}
+
 EditId SessionState::refuse_unsent(const v1::SessionEvent& event, EventQueue& events) {
   const EditId edit = book.add_unsent();
-  std::vector<std::uint32_t> targets;
-  for (const v1::Constraint& each : event.edit_constraints().upsert()) targets.push_back(each.constraint_id());
-  refuse_passed(edit, targets, events);
+  refuse_passed(edit, targets_of(event), events);
   return edit;
 }
 
@@ -186,13 +191,17 @@ void SessionState::take_resumed(const v1::SessionOpened& message, const Catalog&
 
 void SessionState::take_opened(const v1::SessionOpened& message, const Catalog& catalog, EventQueue& events,
                                Outbox& outbox) {
+  if (phase == Phase::open) {
+    return break_off(violation("a session was opened that had not been asked for"), events, outbox);
+  }
   const bool is_closing = phase == Phase::closing && resuming_;
   if (phase != Phase::opening && !is_closing) return;
   if (resuming_) return take_resumed(message, catalog, events, outbox);
   const auto found = convert::session_rig(catalog, message, options.outputs);
   if (!found) return break_off(found.status(), events, outbox);
   opened = convert::opened(message);
-  note_placements(opened.placements);
+  shift_placements(opened.placements);
+  for (const Placement& each : opened.placements) reached_book.note(each);
   token_ = message.session_token();
   attempt_ = 0;
   phase = Phase::open;
@@ -259,7 +268,8 @@ Status SessionState::begin(const Rig& of, std::uint64_t start_frame, const Catal
 
 void SessionState::lose(const Status& status, bool will_reconnect, EventQueue& events) {
   if (phase == Phase::closed) return;
-  if (phase == Phase::closing || !will_reconnect) return end(status, events);
+  if (phase == Phase::closing) return end_as_wished(events);
+  if (!will_reconnect) return end(status, events);
   phase = Phase::waiting;
   retry_at_s = 0;
   can_report = false;

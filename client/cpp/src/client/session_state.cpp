@@ -12,6 +12,8 @@ namespace {
 
 constexpr double kRetryS = 1.0;  // after a refusal that names no time
 
+Status closed_here() { return {Code::cancelled, "CLIENT", "the session was closed here"}; }
+
 }  // namespace
 
 // ---- to the server
@@ -20,7 +22,9 @@ EditId SessionState::send_edit(v1::SessionEvent event, Outbox& outbox, EventQueu
   event.set_session(id);
   auto said = shifted(event, base_);
   if (!said) return refuse_unsent(event, events);
+  leave_out(passed_targets_of(event, base_));
   report_before_edit(outbox);
+  if (event.has_set_play_state()) set_playing(event.set_play_state().state() == v1::PLAY_STATE_PLAYING);
   const EditId edit = book.add(event);
   said->set_event_seq(event.event_seq());
   const bool can_send = phase == Phase::open || (phase == Phase::opening && !resuming_);
@@ -44,6 +48,7 @@ void SessionState::set_playing(bool is_playing) {
 
 void SessionState::send_close(Outbox& outbox) {
   phase = Phase::closing;
+  ended = closed_here();
   if (resuming_) return;  // behind what was not answered, which goes out once the session is resumed
   v1::SessionEvent event;
   event.set_session(id);
@@ -150,7 +155,7 @@ void SessionState::take(const v1::SessionUpdate& update, const Catalog& catalog,
 void SessionState::take_outcome(const v1::EditOutcome& message, double now_s, EventQueue& events) {
   Outcome outcome = convert::outcome(message);
   if (outcome.effective_frame) *outcome.effective_frame += base_;
-  note_placements(outcome.placements);
+  shift_placements(outcome.placements);
   if (message.event_seq() == 1) {
     if (outcome.status.ok()) return;
     if (phase == Phase::closing) return end_as_wished(events);  // nothing else comes: there is no session to close
@@ -187,6 +192,7 @@ void SessionState::take_outcome(const v1::EditOutcome& message, double now_s, Ev
   const auto edit = book.answer(message.event_seq(), taken);
   settle_targets(targets, outcome.status);
   if (!edit || *edit == 0) return;
+  for (const Placement& each : outcome.placements) reached_book.note(each);
   if (timeline) book.forget_before(timeline->first_kept());
   note_answer(*edit, std::move(outcome), events);
 }
@@ -243,13 +249,12 @@ void SessionState::set_level(const ServiceLevel& level, EventQueue& events) {
   events.push(std::move(event));
 }
 
-void SessionState::note_placements(std::vector<Placement>& placements) {
+void SessionState::shift_placements(std::vector<Placement>& placements) const {
   for (Placement& each : placements) {
     each.first_frame += base_;
     each.last_frame += base_;
     each.arrival_frame += base_;
     each.anchor_frame += base_;
-    reached_book.note(each);
   }
 }
 
@@ -269,9 +274,7 @@ void SessionState::break_off(const Status& status, EventQueue& events, Outbox& o
   end(status, events);
 }
 
-void SessionState::end_as_wished(EventQueue& events) {
-  end(Status(Code::cancelled, "CLIENT", "the session was closed here"), events);
-}
+void SessionState::end_as_wished(EventQueue& events) { end(closed_here(), events); }
 
 void SessionState::end(Status status, EventQueue& events) {
   Outcome outcome;
@@ -284,6 +287,7 @@ void SessionState::end(Outcome outcome, EventQueue& events) {
   const bool told = phase != Phase::closing;
   phase = Phase::closed;
   ended = outcome.status;
+  book.drop_unanswered();
   if (told) {
     Event event = event_of(EventKind::closed);
     event.outcome = std::move(outcome);

@@ -30,9 +30,13 @@ enum class Phase {
 // `mutex` guards all of it; whoever calls a method holds it. Lock order: this, then those of Outbox and EventQueue.
 class SessionState {
  public:
-  // recovers: whether it goes on on another stream when its own is lost.
-  SessionState(std::uint32_t given_id, SessionOptions given, v1::OpenSession open, bool recovers)
-      : id(given_id), options(std::move(given)), book(given_id, std::move(open)), recovers_(recovers) {}
+  // recovers: whether it goes on on another stream when its own is lost. backlog: as a book has it.
+  SessionState(std::uint32_t given_id, SessionOptions given, v1::OpenSession open, bool recovers,
+               std::shared_ptr<Backlog> backlog = nullptr)
+      : id(given_id),
+        options(std::move(given)),
+        book(given_id, std::move(open), std::move(backlog)),
+        recovers_(recovers) {}
 
   mutable std::mutex mutex;
   std::condition_variable changed;
@@ -46,7 +50,7 @@ class SessionState {
   std::optional<Timeline> timeline;
   std::optional<FrameDecoder> decoder;  // of frames that are not stored as float32
   Opened opened;
-  Status ended;  // why it is closed
+  Status ended;  // why it is closed, or is closing
   SessionStats stats;
   double next_report_s = 0;
   double retry_at_s = 0;           // a refused reopening is tried again then
@@ -64,7 +68,8 @@ class SessionState {
   // What has it go on from a frame of its own: by number, or by the rows where the session at the server has another
   // count since it was opened anew.
   v1::SessionEvent seek_event(std::uint64_t frame, const Catalog& catalog) const;
-  // Take an edit. Returns its number. One for frames before those of the session at the server is refused here.
+  // Take an edit. Returns its number. One for frames before those of the session at the server is refused here; of one
+  // that is so in part the rest is sent.
   EditId send_edit(v1::SessionEvent event, Outbox& outbox, EventQueue& events);
   void send_close(Outbox& outbox);
   // Whether its playhead shall move, from now on or from when it has opened.
@@ -107,6 +112,7 @@ class SessionState {
   void take_placements_anew();
   EditId refuse_unsent(const v1::SessionEvent& event, EventQueue& events);
   void refuse_passed(EditId edit, const std::vector<std::uint32_t>& targets, EventQueue& events);
+  void leave_out(const std::vector<std::uint32_t>& targets);
   void settle_passed(EventQueue& events);
   Status begin(const Rig& of, std::uint64_t start_frame, const Catalog& catalog);
   void take_closed(const v1::SessionClosed& message, double now_s, EventQueue& events);
@@ -125,7 +131,7 @@ class SessionState {
   void set_durable(bool is_kept, EventQueue& events);
   void open_anew(EventQueue& events);
   // Turns them into the timeline's frames.
-  void note_placements(std::vector<Placement>& placements);
+  void shift_placements(std::vector<Placement>& placements) const;
   // What is known of the targets of an edit now that it is answered: by OK where it was taken.
   void settle_targets(const std::vector<std::uint32_t>& targets, const Status& answer);
   // The rows before `end`, as many as a window sees; none where they are not held. Returns how many.

@@ -46,6 +46,11 @@ TEST(Address, IsOfThisMachineOrNot) {
   for (const std::string& each : kFar) EXPECT_FALSE(is_local(each)) << each;
 }
 
+TEST(Address, ASocketOfThisMachineIsLocalhostToTls) {
+  EXPECT_EQ(name_for_tls("unix:motion.sock"), "localhost");
+  EXPECT_EQ(name_for_tls("motion.example:50051"), "");
+}
+
 // What connecting with these options is refused by; empty where it is not for what they say.
 std::string refusal(ClientOptions options) {
   options.connect_timeout_s = 0.01;  // nobody is there

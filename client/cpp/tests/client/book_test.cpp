@@ -82,6 +82,14 @@ TEST(SessionBook, CutsAPathWhereItHasBeenWalked) {
   EXPECT_EQ(book.reopening(54, 8, "", kMostPrompts).constraints_size(), 1);
 }
 
+TEST(SessionBook, KnowsThePresentPromptAndThoseThatWereScheduled) {
+  SessionBook book = new_book();
+  const std::uint32_t scheduled = book.take_prompt_id();
+  EXPECT_TRUE(book.knows_prompt(SessionBook::kPresentPrompt));
+  EXPECT_TRUE(book.knows_prompt(scheduled));
+  for (const std::uint32_t id : {0U, scheduled + 1}) EXPECT_FALSE(book.knows_prompt(id)) << id;
+}
+
 TEST(SessionBook, KnowsWhichScheduledPromptsHaveBegun) {
   SessionBook book = new_book();
   for (const std::uint64_t start : {30, 10, 70}) {

@@ -4,7 +4,9 @@
 #include <atomic>
 #include <cmath>
 #include <future>
+#include <memory>
 #include <optional>
+#include <string>
 #include <thread>
 #include <utility>
 #include <vector>
@@ -85,6 +87,52 @@ TEST(Ending, AClientMayBeDestroyedWhileItReconnectsAndOthersWaitOnItsSessions) {
     for (std::thread& thread : threads) thread.join();
     EXPECT_FALSE(sessions[0].set_velocity(0, 1, 1));
   }
+}
+
+// Gives a token, and where it is asked for one by a thread that waits for that, not before the client was destroyed.
+struct Moment {
+  std::promise<void> asked;
+  std::promise<void> destroyed;
+  std::atomic<bool> waits{false};
+  std::weak_ptr<int> witness;
+  bool is_whole = false;
+
+  std::string token() {
+    if (!waits.exchange(false)) return "token";
+    asked.set_value();
+    destroyed.get_future().wait();
+    is_whole = !witness.expired();
+    return "token";
+  }
+};
+
+TEST(Ending, AClientMayBeDestroyedWhileAnotherThreadHasItMakeAClip) {
+  ScriptedServer server;
+  server.add_to_catalog = [](v1::GetCatalogResponse& catalog) {
+    catalog.mutable_limits()->set_max_clip_frames(10);
+    catalog.mutable_limits()->set_max_clip_samples(1);
+  };
+  Moment moment;
+  ClientOptions options = server.options();
+  options.token_source = [&moment] { return Result<std::string>(moment.token()); };
+  auto witness = std::make_shared<int>();
+  moment.witness = witness;
+  options.on_event = [witness](const Event& /*event*/) {};
+  std::optional<Client> client(std::move(Client::connect(options)).value());
+  options.on_event = nullptr;
+  witness = nullptr;
+  moment.waits = true;
+  std::thread making([&client] {
+    ClipOptions wanted;
+    wanted.num_frames = 1;
+    EXPECT_EQ(client->generate_clip(wanted).status().code(), Code::cancelled);
+  });
+  moment.asked.get_future().wait();
+  client.reset();
+  moment.destroyed.set_value();
+  making.join();
+  EXPECT_TRUE(moment.is_whole) << "what it makes the clip with is gone";
+  EXPECT_TRUE(moment.witness.expired()) << "and is not once it has been made";
 }
 
 }  // namespace

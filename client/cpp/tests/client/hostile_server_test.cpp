@@ -39,6 +39,24 @@ TEST(HostileServer, ASessionBeginsWhereFramesCanBeCounted) {
   }
 }
 
+TEST(HostileServer, ASessionIsOpenedOnceForEachTimeThatItAsks) {
+  Stage stage;
+  const std::lock_guard<std::mutex> lock(stage.state.mutex);
+  stage.open();
+  stage.hear_opened();
+  stage.lose();
+  stage.open();
+  stage.hear_opened();
+  ASSERT_EQ(stage.state.phase, Phase::open);
+  stage.hear_opened("another");  // with another lookahead and another name, say, which nobody would take
+  EXPECT_EQ(stage.state.phase, Phase::closed);
+  EXPECT_EQ(stage.state.ended.reason(), "PROTOCOL_VIOLATION");
+  EXPECT_EQ(stage.num_closed(), 1) << "it is told";
+  EXPECT_EQ(stage.sent(v1::SessionEvent::kClose).size(), 1U);
+  stage.hear_opened();  // which crossed its end
+  EXPECT_EQ(stage.num_closed(), 0);
+}
+
 TEST(HostileServer, WhatIsKeptFreeForFramesIsBoundedWhateverIsAnnounced) {
   Catalog known = catalog();
   known.rigs[0].blocks.push_back({"wide", 16000});
@@ -211,15 +229,13 @@ TEST(HostileServer, ARigIsLookedForOnlyWhereASessionOpens) {
       update->mutable_opened()->set_rig_id(time == 0 ? "r" : "unheard-of");
       update->mutable_opened()->set_model_id("m");
     }
-    said.add_updates()->set_session(event.session());
-    said.mutable_updates()->rbegin()->mutable_closed()->set_reason(v1::CLOSE_REASON_IDLE);
     stream.Write(said);
   };
   auto client = Client::connect(server.options());
   ASSERT_TRUE(client) << client.status().message();
   auto session = client->open({});
   ASSERT_TRUE(session);
-  EXPECT_EQ(session->wait_frame(0, 60).reason(), "IDLE");
+  EXPECT_EQ(session->wait_frame(0, 60).reason(), "PROTOCOL_VIOLATION");
   EXPECT_EQ(server.num_catalogs, 1);
 }
 

@@ -30,12 +30,22 @@ struct Walking : Stage {
     return sent().back().event_seq();
   }
 
-  void hear_answer(std::uint64_t seq, Code code = Code::ok) {
+  // placed_at: the last frame of where the server has put it; 0: it did not have to.
+  void hear_answer(std::uint64_t seq, Code code = Code::ok, std::uint64_t placed_at = 0) {
     v1::SessionUpdate update;
     update.mutable_outcome()->set_event_seq(seq);
     update.mutable_outcome()->set_code(static_cast<int>(code));
     if (code != Code::ok) update.mutable_outcome()->set_reason("FRAME_COMMITTED");
+    if (placed_at != 0) {
+      update.mutable_outcome()->add_placements()->set_constraint_id(kTarget);
+      update.mutable_outcome()->mutable_placements(0)->set_last_frame(placed_at);
+    }
     hear(update);
+  }
+
+  // Where it is as far as is known; 0: nothing is.
+  std::uint64_t placed_at() const {
+    return state.reached_book.find_placement(kTarget).value_or(Placement()).last_frame;
   }
 
   void hear_reached(std::uint64_t frame) {
@@ -131,6 +141,32 @@ TEST(Reached, NewsOfAReplacementThatIsReplacedItselfIsNotOfTheLast) {
   EXPECT_FALSE(stage.state.reached_book.find(kTarget));
 }
 
+TEST(Reached, WhereAReplacementWasPutThatIsReplacedItselfIsNotWhereTheLastOneIs) {
+  for (const Code code : {Code::ok, Code::failed_precondition}) {
+    Walking stage;
+    const std::lock_guard<std::mutex> lock(stage.state.mutex);
+    stage.hear_answer(stage.set(kTarget, 10), Code::ok, 30);
+    EXPECT_EQ(stage.placed_at(), 30U);
+    const std::uint64_t first = stage.set(kTarget, 12);
+    const std::uint64_t second = stage.set(kTarget, 100);
+    EXPECT_EQ(stage.placed_at(), 0U);
+    stage.hear_answer(first, Code::ok, 40);
+    EXPECT_EQ(stage.placed_at(), 0U) << "the second is still on its way";
+    stage.hear_answer(second, code);  // whose frame was given, so that it is put nowhere
+    EXPECT_EQ(stage.placed_at(), code == Code::ok ? 0U : 40U);
+  }
+}
+
+TEST(Reached, WhereTheTargetOfAnOldAnswerWasIsNotWhereItIsNow) {
+  Walking stage;
+  const std::lock_guard<std::mutex> lock(stage.state.mutex);
+  const std::uint64_t first = stage.set(kTarget, 10);
+  stage.hear_answer(first, Code::ok, 30);
+  stage.hear_answer(stage.set(kTarget, 100));
+  stage.hear_answer(first, Code::ok, 30);  // told again, to a session that resumes
+  EXPECT_EQ(stage.placed_at(), 0U);
+}
+
 TEST(Reached, WhatPassedWhileTheLineWasLostIsToldOfByNoServer) {
   Walking stage("");
   const std::lock_guard<std::mutex> lock(stage.state.mutex);
@@ -173,25 +209,60 @@ TEST(Reached, WhatPassedBeforeItWasAnsweredIsRefusedHereAndNotAskedForAtOnce) {
   EXPECT_EQ(stage.state.find_answer(edit)->status.reason(), "FRAME_COMMITTED");
 }
 
-TEST(Reached, OfAnEditThatPassedInPartTheRestIsSaidAgain) {
-  Walking stage("");
-  const std::lock_guard<std::mutex> lock(stage.state.mutex);
-  stage.hold(20);
+// Targets 1 and 2, the first of which is at a frame that is held when the line is lost.
+v1::SessionEvent two_targets() {
   v1::SessionEvent event;
   for (const std::uint32_t id : {1U, 2U}) {
     *event.mutable_edit_constraints()->add_upsert() =
         convert::constraint(id, Waypoint{id == 1 ? 10U : 100U, 1, 2, {}, {}});
   }
-  stage.state.send_edit(std::move(event), stage.outbox, stage.events);
-  static_cast<void>(stage.sent());
+  return event;
+}
+
+TEST(Reached, OfAnEditThatPassedInPartTheRestIsSaidAndOfWhatPassedNobodyTells) {
+  for (const bool is_told_before : {true, false}) {
+    Walking stage("");
+    const std::lock_guard<std::mutex> lock(stage.state.mutex);
+    stage.hold(20);
+    if (is_told_before) stage.state.send_edit(two_targets(), stage.outbox, stage.events);
+    static_cast<void>(stage.sent());
+    stage.lose();
+    stage.open();
+    stage.hear_opened("");
+    if (!is_told_before) stage.state.send_edit(two_targets(), stage.outbox, stage.events);
+    const auto said = stage.sent(v1::SessionEvent::kEditConstraints);
+    ASSERT_EQ(said.size(), 1U);
+    ASSERT_EQ(said[0].edit_constraints().upsert_size(), 1);
+    EXPECT_EQ(said[0].edit_constraints().upsert(0).frame(), 80U);
+    stage.hear_answer(said[0].event_seq());
+    EXPECT_EQ(stage.refusal(1), "FRAME_COMMITTED");
+    EXPECT_EQ(stage.refusal(2), "");
+  }
+}
+
+TEST(Reached, APromptThatPassedIsRefusedWhateverWasToBeDroppedForIt) {
+  Walking stage("");
+  const std::lock_guard<std::mutex> lock(stage.state.mutex);
+  stage.hold(20);
   stage.lose();
   stage.open();
   stage.hear_opened("");
-  const auto said = stage.sent(v1::SessionEvent::kEditConstraints);
-  ASSERT_EQ(said.size(), 1U);
-  ASSERT_EQ(said[0].edit_constraints().upsert_size(), 1);
-  EXPECT_EQ(said[0].edit_constraints().upsert(0).frame(), 80U);
-  EXPECT_EQ(stage.refusal(1), "FRAME_COMMITTED");
+  static_cast<void>(stage.sent());
+  v1::SessionEvent late;
+  late.mutable_edit_prompts()->add_remove(2);
+  *late.mutable_edit_prompts()->add_upsert() = convert::span(3, Prompt("wave"), 5, 15);
+  const EditId edit = stage.state.send_edit(std::move(late), stage.outbox, stage.events);
+  EXPECT_TRUE(stage.sent().empty()) << "it would be answered by OK";
+  ASSERT_TRUE(stage.state.find_answer(edit));
+  EXPECT_EQ(stage.state.find_answer(edit)->status.reason(), "FRAME_COMMITTED");
+}
+
+TEST(Reached, AReplacementThatIsNotTakenOnLeavesTheRefusalOfTheOneBefore) {
+  ReachedBook book;
+  book.refuse(kTarget, Status(Code::failed_precondition, "FRAME_COMMITTED", "too late"));
+  book.forget(kTarget);
+  book.settle(kTarget, false, true);
+  EXPECT_TRUE(book.find_refusal(kTarget)) << "who waits for it would wait for ever";
 }
 
 TEST(Reached, WhoWaitsHearsTheRefusal) {

@@ -15,13 +15,22 @@ v1::SessionEvent teleport() {
   return event;
 }
 
-void hear_answer(Stage& stage, Code code = Code::ok) {
-  v1::SessionUpdate update;
-  update.mutable_outcome()->set_event_seq(kSeqOfEdit);
-  update.mutable_outcome()->set_effective_frame(kCutAt);
-  update.mutable_outcome()->set_code(static_cast<int>(code));
-  stage.hear(update);
-}
+// One that is open and was told of a cut.
+struct Cutting : Stage {
+  Cutting() {
+    open();
+    hear_opened();
+    state.send_edit(teleport(), outbox, events);
+  }
+
+  void hear_answer(Code code = Code::ok) {
+    v1::SessionUpdate update;
+    update.mutable_outcome()->set_event_seq(kSeqOfEdit);
+    update.mutable_outcome()->set_effective_frame(kCutAt);
+    update.mutable_outcome()->set_code(static_cast<int>(code));
+    hear(update);
+  }
+};
 
 // Those that `timeline` has below a frame.
 std::vector<std::uint64_t> cuts(const Timeline& timeline, std::uint64_t end) {
@@ -33,28 +42,22 @@ std::vector<std::uint64_t> cuts(const Timeline& timeline, std::uint64_t end) {
 }
 
 TEST(Resumed, ACutThatWasMadeWhileTheLineWasLostIsKnownByItsAnswer) {
-  Stage stage;
+  Cutting stage;
   const std::lock_guard<std::mutex> lock(stage.state.mutex);
-  stage.open();
-  stage.hear_opened();
-  stage.state.send_edit(teleport(), stage.outbox, stage.events);
   stage.lose();
   stage.open();
   stage.hear_opened();
   ASSERT_EQ(stage.state.phase, Phase::open);
-  ASSERT_TRUE(stage.state.timeline->announce_plan(3, 0));   // one for all: its cause is the resume
-  for (int time = 0; time < 2; ++time) hear_answer(stage);  // told again to whoever resumes again
+  ASSERT_TRUE(stage.state.timeline->announce_plan(3, 0));    // one for all: its cause is the resume
+  for (int time = 0; time < 2; ++time) stage.hear_answer();  // told again to whoever resumes again
   EXPECT_EQ(cuts(*stage.state.timeline, 40), (std::vector<std::uint64_t>{kCutAt})) << "or it would be blended over";
   EXPECT_EQ(stage.state.timeline->cut_before(30), kCutAt) << "or frames from before it would be history of after it";
 }
 
 TEST(Resumed, ACutThatIsRefusedIsNone) {
-  Stage stage;
+  Cutting stage;
   const std::lock_guard<std::mutex> lock(stage.state.mutex);
-  stage.open();
-  stage.hear_opened();
-  stage.state.send_edit(teleport(), stage.outbox, stage.events);
-  hear_answer(stage, Code::failed_precondition);
+  stage.hear_answer(Code::failed_precondition);
   EXPECT_TRUE(cuts(*stage.state.timeline, 40).empty());
 }
 

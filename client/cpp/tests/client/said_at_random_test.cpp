@@ -75,6 +75,7 @@ class Talk {
   const Timeline* timeline() const { return stage_.state.timeline ? &*stage_.state.timeline : nullptr; }
 
   void say_opened() {
+    if (stage_.state.phase == Phase::open && below(60) != 0) return;  // it has not asked
     v1::SessionUpdate update;
     auto* opened = update.mutable_opened();
     opened->set_rig_id("r");

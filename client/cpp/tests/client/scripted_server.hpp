@@ -29,6 +29,7 @@ class ScriptedServer final : public v1::MotionService::Service {
   std::function<void(grpc::ServerWriter<v1::GenerateClipResponse>& parts)> make_clip;
   std::function<void(v1::GetCatalogResponse& catalog)> add_to_catalog;
   std::atomic<int> num_catalogs{0};
+  std::atomic<int> num_pings{0};
   std::atomic<bool> is_frozen{false};  // takes calls and says nothing
   std::atomic<bool> says_hello{true};
   std::atomic<bool> answers_pings{true};
@@ -97,11 +98,20 @@ class ScriptedServer final : public v1::MotionService::Service {
   }
 
   grpc::Status StreamMotion(grpc::ServerContext* context, Stream* stream) override {
-    std::thread reader([this, stream] { read(*stream); });
-    wait_for_end();
-    context->TryCancel();  // else the reader waits for what the client says next
+    bool is_read = false;
+    std::thread reader([this, stream, &is_read] {
+      read(*stream);
+      const std::lock_guard<std::mutex> lock(mutex_);
+      is_read = true;
+      changed_.notify_all();
+    });
+    std::unique_lock<std::mutex> lock(mutex_);
+    changed_.wait(lock, [this, &is_read] { return ended_ || is_read; });
+    const bool has_finished = is_read;  // its client has said all, and waits for the end
+    lock.unlock();
+    if (!has_finished) context->TryCancel();  // else the reader waits for what the client says next
     reader.join();
-    return grpc::Status::CANCELLED;
+    return has_finished ? grpc::Status::OK : grpc::Status::CANCELLED;
   }
 
  private:
@@ -114,6 +124,7 @@ class ScriptedServer final : public v1::MotionService::Service {
     v1::StreamMotionRequest request;
     while (stream.Read(&request)) {
       v1::StreamMotionResponse response;
+      if (request.has_ping()) ++num_pings;
       if (request.has_hello() && says_hello) response.mutable_hello()->set_replica_id("scripted");
       if (request.has_ping() && answers_pings)
         response.mutable_pong()->set_client_time_ns(request.ping().client_time_ns());

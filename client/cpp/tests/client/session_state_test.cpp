@@ -35,6 +35,18 @@ TEST(SessionState, EndsWhereItsResumeIsRefusedAfterItWasClosed) {
   }
 }
 
+TEST(SessionState, ThatIsClosedHereSaysSoAtOnceAndIfTheLineIsLostMeanwhile) {
+  Stage stage;
+  const std::lock_guard<std::mutex> lock(stage.state.mutex);
+  stage.open();
+  stage.hear_opened();
+  stage.state.send_close(stage.outbox);
+  EXPECT_EQ(stage.state.ended.reason(), "CLIENT") << "edits that are refused from now on name it";
+  stage.lose();
+  EXPECT_EQ(stage.state.phase, Phase::closed);
+  EXPECT_EQ(stage.state.ended.reason(), "CLIENT");
+}
+
 TEST(SessionState, ThatIsRefusedBeforeItIsClosedAsksAnotherServer) {
   Stage stage;
   const std::lock_guard<std::mutex> lock(stage.state.mutex);

@@ -5,7 +5,9 @@
 #include <chrono>
 #include <future>
 #include <memory>
+#include <mutex>
 #include <string>
+#include <utility>
 
 #include "client/core.hpp"
 #include "scripted_server.hpp"
@@ -107,27 +109,76 @@ TEST(Unread, ReportsAreLeftOutWhereNobodyReads) {
   EXPECT_EQ(stage.sent(v1::SessionEvent::kPlayhead).size(), 1U);
 }
 
-TEST(Unread, EditsAndSessionsAreRefusedWhereNobodyReadsAndNothingThatWasTakenOnIsLost) {
+// Opens sessions, and reads nothing behind the first event until it is let go.
+struct Unreading {
   ScriptedServer server;
   std::promise<void> release;
-  std::shared_future<void> released = release.get_future().share();
-  server.hear = [released](const v1::SessionEvent& /*event*/, ScriptedServer::Stream& /*stream*/) { released.wait(); };
-  const auto core = std::make_shared<ClientCore>(server.options());
-  ASSERT_TRUE(core->connect());
-  const auto session = core->open({});
-  ASSERT_TRUE(session) << session.status().message();
-  fill(core->outbox());
+  std::shared_ptr<ClientCore> core;
+  std::shared_ptr<SessionState> session;
+
+  Unreading() {
+    server.hear = [released = release.get_future().share()](const v1::SessionEvent& event,
+                                                            ScriptedServer::Stream& stream) {
+      v1::StreamMotionResponse said;
+      said.add_updates()->set_session(event.session());
+      said.mutable_updates(0)->mutable_opened()->set_rig_id("r");
+      said.mutable_updates(0)->mutable_opened()->set_model_id("m");
+      if (event.has_open()) stream.Write(said);
+      released.wait();
+    };
+    core = std::make_shared<ClientCore>(server.options());
+  }
+  Unreading(const Unreading&) = delete;
+  Unreading& operator=(const Unreading&) = delete;
+  ~Unreading() {
+    release.set_value();
+    core->shut_down();
+  }
+
+  // Returns whether there is a session that plays.
+  bool connect() {
+    if (!core->connect()) return false;
+    auto opened = core->open({});
+    if (!opened) return false;
+    session = std::move(opened).value();
+    std::unique_lock<std::mutex> lock(session->mutex);
+    return session->changed.wait_for(lock, kLimit, [this] { return session->timeline.has_value(); });
+  }
+};
+
+TEST(Unread, EditsAndSessionsAreRefusedWhereNobodyReadsAndNothingThatWasTakenOnIsLost) {
+  Unreading stage;
+  ASSERT_TRUE(stage.connect());
+  fill(stage.core->outbox());
   v1::SessionEvent told;
   told.mutable_set_velocity()->set_x(1);
-  const auto refused = core->edit(*session.value(), told);
+  const auto refused = stage.core->edit(*stage.session, told);
   EXPECT_EQ(refused.status().code(), Code::resource_exhausted);
   EXPECT_EQ(refused.status().reason(), "OUTBOX_FULL");
-  EXPECT_FALSE(session.value()->book.is_waiting()) << "it is not told later all the same";
-  EXPECT_EQ(core->open({}).status().reason(), "OUTBOX_FULL");
-  core->outbox().clear();
-  EXPECT_TRUE(core->edit(*session.value(), told));
-  release.set_value();
-  core->shut_down();
+  {
+    const std::lock_guard<std::mutex> lock(stage.session->mutex);
+    EXPECT_FALSE(stage.session->book.is_waiting()) << "it is not told later all the same";
+  }
+  EXPECT_EQ(stage.core->open({}).status().reason(), "OUTBOX_FULL");
+  stage.core->outbox().clear();
+  EXPECT_TRUE(stage.core->edit(*stage.session, told));
+}
+
+TEST(Unread, APauseThatIsRefusedStopsNothing) {
+  Unreading stage;
+  ASSERT_TRUE(stage.connect());
+  const auto is_playing = [&stage] {
+    const std::lock_guard<std::mutex> lock(stage.session->mutex);
+    return stage.session->timeline->playing();
+  };
+  v1::SessionEvent pause;
+  pause.mutable_set_play_state()->set_state(v1::PLAY_STATE_PAUSED);
+  fill(stage.core->outbox());
+  EXPECT_FALSE(stage.core->edit(*stage.session, pause));
+  EXPECT_TRUE(is_playing()) << "the server goes on: it was told nothing";
+  stage.core->outbox().clear();
+  EXPECT_TRUE(stage.core->edit(*stage.session, pause));
+  EXPECT_FALSE(is_playing());
 }
 
 }  // namespace

@@ -23,7 +23,7 @@ MOTIONGEN_C_API motiongen_code motiongen_session_wait_open(motiongen_session* se
 MOTIONGEN_C_API motiongen_code motiongen_session_set_prompt(motiongen_session* session, const char* text,
                                                             uint64_t* edit, motiongen_error* error);
 /* From start_frame (0: as soon as possible) up to, not with, end_frame (0: until another takes over). id, where not
- * NULL, is for the next two. */
+ * NULL, is for the next two; that of the present prompt is 1. */
 MOTIONGEN_C_API motiongen_code motiongen_session_schedule_prompt(motiongen_session* session,
                                                                  const motiongen_prompt* prompt, uint64_t start_frame,
                                                                  uint64_t end_frame, uint32_t* id, uint64_t* edit,

@@ -79,7 +79,7 @@ class MOTIONGEN_API Client {
   Result<Session> open(const SessionOptions& options);
 
   // Make a clip: one entry a sample. Waits for it, so not inside an event callback. A call of its own beside the
-  // stream.
+  // stream. CANCELLED where the client is destroyed meanwhile.
   [[nodiscard]] Result<std::vector<Clip>> generate_clip(const ClipOptions& options);
 
   // The oldest event that was not taken; false when there is none.

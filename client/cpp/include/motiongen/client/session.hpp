@@ -39,9 +39,11 @@ class MOTIONGEN_API Session {
   // A prompt from a frame on, until `end_frame` (0: until another takes over). Its id is for `remove_prompt`.
   [[nodiscard]] Result<EditId> schedule_prompt(const Prompt& prompt, std::uint64_t start_frame,
                                                std::uint64_t end_frame = 0, std::uint32_t* prompt_id = nullptr);
-  // Put another in the place of a scheduled one, at other frames if need be.
+  // Put another in the place of a scheduled one, at other frames if need be, or in that of the present one, whose
+  // id is 1.
   [[nodiscard]] Result<EditId> replace_prompt(std::uint32_t prompt_id, const Prompt& prompt, std::uint64_t start_frame,
                                               std::uint64_t end_frame = 0);
+  // Drop one of them. Where no prompt holds any more the motion has no text.
   [[nodiscard]] Result<EditId> remove_prompt(std::uint32_t prompt_id);
   // Ids of the targets, in their order, are written to `ids` where it is given.
   [[nodiscard]] Result<EditId> add_targets(Span<const Target> targets, std::vector<std::uint32_t>* ids = nullptr);
@@ -85,7 +87,8 @@ class MOTIONGEN_API Session {
   // Where a target was put that left that to the server; nothing before the answer. Kept for the last 1,024.
   std::optional<Placement> placement(std::uint32_t target) const;
   // What became of a target. Kept for the last 1,024 that were told. Of one that is told of by nobody, why: its
-  // refusal, or FRAME_COMMITTED where its frames passed while the line was lost.
+  // refusal, or FRAME_COMMITTED where its frames passed while the line was lost. One that is removed is waited for
+  // until the session ends.
   [[nodiscard]] Result<Reached> wait_reached(std::uint32_t target, double timeout_s);
   // Until the frame has come and, with Clock::manual, may be shown (`advance_to`). It may be gone again by then, as
   // those are that lie `keep_frames` behind the playhead: `copy_frame` tells.

@@ -1,4 +1,4 @@
-// What a server offers: rigs, models, and what a client must keep to.
+// What a server offers (rigs and models), and the limits that a client must respect.
 #pragma once
 
 #include <cstdint>
@@ -10,7 +10,7 @@
 
 namespace motiongen {
 
-// A prompt that the server knows beforehand.
+// A prompt that the server knows beforehand, named by its id.
 struct Preset {
   std::string preset_id;
   std::string text;
@@ -25,13 +25,13 @@ struct TargetFormSupport {
   FormSupport support = FormSupport::trained;
 };
 
-// The prompt that holds while a velocity of some speed and direction leads.
+// The prompt that is in force while a velocity of a certain speed and direction steers the character.
 struct LocomotionPreset {
   std::string name;
   std::string text;
   float from_speed_mps = 0;
   std::string direction;   // forward, backward, left or right of the heading
-  float to_speed_mps = 0;  // feet may glide at more, which is warned of; 0: nothing is claimed
+  float to_speed_mps = 0;  // above it feet may slide, and the server warns; 0: unknown
 };
 
 struct Model {
@@ -39,7 +39,7 @@ struct Model {
   std::string rig_id;
   std::string licence;
   std::string text_encoder;
-  std::uint32_t text_width = 0;  // numbers of a Prompt::embedding
+  std::uint32_t text_width = 0;  // length of Prompt::embedding
   std::uint64_t num_parameters = 0;
   std::uint32_t horizon_frames = 0;
   std::uint32_t patch_frames = 0;
@@ -54,10 +54,10 @@ struct Model {
   float default_tolerance_m = 0;
   float default_tolerance_rad = 0;
   std::vector<Preset> presets;
-  std::vector<TargetFormSupport> target_forms;  // empty: nothing is claimed, and all are taken
+  std::vector<TargetFormSupport> target_forms;  // empty: not stated, and all are accepted
   std::vector<LocomotionPreset> locomotion_presets;
   std::vector<std::string> known_motions;
-  std::vector<Block> outputs;  // what a frame may have besides
+  std::vector<Block> outputs;  // further blocks that a frame row may have
 };
 
 struct Limits {
@@ -70,7 +70,7 @@ struct Limits {
   std::uint32_t max_lookahead_frames = 0;
   std::uint32_t default_lookahead_frames = 0;
   std::uint32_t max_trajectory_frames = 0;
-  std::uint32_t max_held_trajectory_frames = 0;  // of all that a session holds; 0: the server tells of no limit
+  std::uint32_t max_held_trajectory_frames = 0;  // over all trajectories of a session; 0: the server states no limit
   std::uint32_t max_request_bytes = 0;
   std::uint32_t max_hold_frames = 0;
   float max_speed_mps = 0;
@@ -78,7 +78,7 @@ struct Limits {
   float max_guidance = 0;
   std::uint32_t max_clip_frames = 0;
   std::uint32_t max_clip_samples = 0;
-  double resume_grace_s = 0;  // for how long a session is kept whose stream was lost
+  double resume_grace_s = 0;  // how long the server keeps a session whose stream was lost
 };
 
 // models[0] is the server's default.
@@ -87,7 +87,8 @@ struct Catalog {
   std::vector<Rig> rigs;
   std::vector<Model> models;
   Limits limits;
-  std::optional<float> free_share;  // of what the server can carry, what it had left to new sessions; absent: not said
+  std::optional<float>
+      free_share;  // the share of the server's capacity that was free for new sessions; absent: unknown
 };
 
 }  // namespace motiongen

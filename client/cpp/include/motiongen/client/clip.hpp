@@ -1,4 +1,4 @@
-// Bounded motion in one call, several samples at once, as fast as the server makes it.
+// Clips: bounded motion in one call, several samples at once, as fast as the server generates it.
 #pragma once
 
 #include <cstdint>
@@ -11,13 +11,13 @@
 
 namespace motiongen {
 
-// What a clip is made of; what is empty, absent or 0 is left to the server.
+// What to make a clip of; the server chooses what is empty, absent or 0.
 struct ClipOptions {
-  std::uint32_t num_frames = 0;   // 1 to Limits::max_clip_frames
-  std::uint32_t num_samples = 1;  // to Limits::max_clip_samples; sample n has the seed + n
+  std::uint32_t num_frames = 0;   // from 1 to Limits::max_clip_frames
+  std::uint32_t num_samples = 1;  // up to Limits::max_clip_samples; sample n has seed + n
   std::string model_id;
   Prompt prompt;
-  std::vector<std::pair<std::uint64_t, Prompt>> later_prompts;  // by the frame from which each holds
+  std::vector<std::pair<std::uint64_t, Prompt>> later_prompts;  // each with the frame from which it is in force
   std::vector<Target> targets;
   std::optional<std::uint64_t> seed;
   std::uint32_t denoise_steps = 0;
@@ -38,16 +38,17 @@ struct Deviation {
   float worst = 0;
 };
 
-// How far the motion is from what one target asks for, each measured alone; absent: not asked for.
+// How far the motion is from one target, measured by itself. Absent: the target does not ask for it.
 struct Residual {
-  std::uint32_t num_frames = 0;  // of the target that are in the clip; 0: nothing was measured
+  std::uint32_t num_frames = 0;  // of the target, within the clip; 0: nothing was measured
   std::optional<Deviation> position_m;
   std::optional<Deviation> heading_rad;
   std::optional<Deviation> rotation_rad;
   bool met = false;
 };
 
-// One sample. rows: num_frames rows of rig.row_width floats, one after another. residuals: one a target, in order.
+// One sample. rows: num_frames rows of rig.row_width floats, one after another. residuals: one for each target, in
+// order.
 struct Clip {
   Opened opened;
   Rig rig;

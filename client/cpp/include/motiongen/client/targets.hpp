@@ -1,4 +1,4 @@
-// Where a character shall be and when. A target is hard in time and soft in space: the model aims for it.
+// Targets: where a character should be, and when. A target is exact in time and soft in space: the model aims for it.
 #pragma once
 
 #include <cstdint>
@@ -11,13 +11,13 @@
 
 namespace motiongen {
 
-// How far off is near enough for `Reached::met` and `Residual::met`; absent: what the model's catalogue entry says.
+// How far off a target counts as met (`Reached::met`, `Residual::met`); absent: the model's default in the catalogue.
 struct Tolerance {
   std::optional<float> position_m;
   std::optional<float> rotation_rad;
 };
 
-// The root on the ground at one frame, world metres; heading in radians, 0 faces +Z, absent leaves it free.
+// The root's ground position at one frame, world metres; heading in radians, 0 faces +Z, absent: free.
 struct Waypoint {
   std::uint64_t frame = 0;
   float x_m = 0;
@@ -26,7 +26,7 @@ struct Waypoint {
   Tolerance tolerance;
 };
 
-// The root on the ground at consecutive frames. positions_m: (N, 2) x, z; headings_rad: N, or none.
+// The root's ground position at consecutive frames. positions_m: (N, 2) x, z; headings_rad: N, or empty: free.
 struct RootTrajectory {
   std::uint64_t first_frame = 0;
   std::vector<float> positions_m;
@@ -41,9 +41,9 @@ struct Keyframe {
   Tolerance tolerance;
 };
 
-// World targets for some joints at one frame; without the root (0) among them, that comes along no farther than needed.
-// The root alone: its height too. positions_m: (K, 3); rotations_wxyz: (K, 4) unit quaternions, 0 0 0 0 for a free one,
-// or none.
+// World positions of some joints at one frame. If the root (0) is not among them, it moves only as far as the joints
+// need; given alone, it has a height too. positions_m: (K, 3); rotations_wxyz: (K, 4) unit quaternions, 0 0 0 0 for a
+// free one, or empty: all free.
 struct JointTargets {
   std::uint64_t frame = 0;
   std::vector<std::uint32_t> joints;
@@ -67,37 +67,38 @@ struct JointRotations {
   Tolerance tolerance;
 };
 
-// Corners of a way over the ground, walked from where the character is when it takes effect. corners_m: (N, 2) x, z.
+// A path over the ground through corners, from where the character is when it takes effect. corners_m: (N, 2) x, z.
 struct RootPath {
   std::vector<float> corners_m;
-  std::optional<float> speed_mps;    // where it is straight; absent: 1.2
-  std::optional<float> smoothing_m;  // corners are cut so far and no farther; absent: 0.3
+  std::optional<float> speed_mps;    // on straight stretches; absent: 1.2
+  std::optional<float> smoothing_m;  // how far corners may be cut; absent: 0.3
   Tolerance tolerance;
 };
 
-// A foot that stands flat at one frame: where its ankle is. limb: "LeftFoot" or "RightFoot", of `Rig::limbs`.
+// A foot that stands flat at one frame; x_m, z_m: its ankle. limb: "LeftFoot" or "RightFoot", of `Rig::limbs`.
 struct FootContact {
   std::uint64_t frame = 0;
   std::string limb;
   float x_m = 0;
   float z_m = 0;
-  std::optional<float> heading_rad;  // of the foot; absent leaves it free
+  std::optional<float> heading_rad;  // of the foot; absent: free
   Tolerance tolerance;
 };
 
 using TargetForm = std::variant<Waypoint, RootTrajectory, Keyframe, JointTargets, HeadingTarget, JointRotations,
                                 RootPath, FootContact>;
 
-// A form, and what it leaves to the server; `Outcome::placements` tells where it was put. Made of a form as it is:
+// A form and what it leaves to the server; `Outcome::placements` tells where the server put it. Any form converts to
+// it:
 //   Target there = Waypoint{0, 2, 5, {}, {}};
 //   there.at_any_frame = true;
 struct Target {
   TargetForm form;
-  std::optional<std::uint64_t> last_frame;  // it may be met at any frame from the form's own to this one
-  bool at_any_frame = false;                // as soon as a person can be there; the form's frame is 0
-  bool frames_from_effect = false;          // frames count from when the change takes effect
-  bool relative_to_character = false;       // places and angles are seen from the character then: x left, z ahead
-  std::optional<float> weight;              // above 0, at most 10; absent: 1, it must be. Below 1 it should be
+  std::optional<std::uint64_t> last_frame;  // may be met at any frame from the form's own to this one
+  bool at_any_frame = false;                // as soon as a person can get there; the form's frame is 0
+  bool frames_from_effect = false;          // frames count from the one at which the edit takes effect
+  bool relative_to_character = false;  // places and angles are relative to the character then: x to its left, z ahead
+  std::optional<float> weight;         // above 0, at most 10; 1, or absent: must be met; below 1: should be met
 
   Target() = default;
   template <class Form, class = std::enable_if_t<std::is_constructible_v<TargetForm, Form> &&

@@ -1,4 +1,4 @@
-// Poses in the axes of game engines and robots.
+// Converts poses to the axes of game engines and robots.
 #pragma once
 
 #include "motiongen/core/export.hpp"
@@ -6,20 +6,21 @@
 
 namespace motiongen {
 
-// Where an engine has our axes, which are right-handed: +Y up, +Z forward, +X to the character's left, metres. A change
-// of axes A maps every position p to scale * A p, and every rotation R, of the root and of any joint relative to its
-// parent alike, to A R A^T. The axis of a rotation is an axial vector: a quaternion (w, v) becomes (w, det(A) A v).
+// How an engine's axes relate to ours, which are right-handed: +Y up, +Z forward, +X to the character's left, metres. A
+// change of axes A maps every position p to scale * A p, and every rotation R, whether of the root or of a joint
+// relative to its parent, to A R A^T. The axis of a rotation is an axial vector: a quaternion (w, v) becomes (w, det(A)
+// A v).
 struct MOTIONGEN_API Axes {
-  // The engine's own directions: x, y, z, one of them 1 or -1.
+  // Our directions in the engine's axes: x, y, z, one of them 1 or -1 and the others 0.
   float forward[3];
   float up[3];
   float left[3];
-  float scale;  // its units in a metre
+  float scale;  // the engine's units in a metre
 
   bool is_left_handed() const;
-  // 3 numbers a position, metres of ours -> the engine's units. Offsets of a rig go the same way. `out` may be `from`.
+  // 3 numbers a position, our metres -> the engine's units. Also converts a rig's offsets. `out` may be `from`.
   void positions(Span<const float> from_m, Span<float> out) const;
-  // 4 numbers a rotation, w x y z of ours -> x y z w, the order of Unreal, Unity, Godot and ROS. `out` may be `from`.
+  // 4 numbers a rotation, our w x y z -> x y z w, the order of Unreal, Unity, Godot and ROS. `out` may be `from`.
   void quaternions_xyzw(Span<const float> from_wxyz, Span<float> out) const;
 };
 

@@ -1,4 +1,4 @@
-// What the shared libraries show. Everything else in them is hidden.
+// Marks what the shared libraries export. Everything else in them is hidden.
 #pragma once
 
 #if defined(_WIN32)

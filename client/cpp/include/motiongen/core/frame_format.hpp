@@ -1,4 +1,4 @@
-// How frames are stored on their way here, and how they become rows of float32.
+// How frames are encoded on the wire, and their decoding to rows of float32.
 #pragma once
 
 #include <cstdint>
@@ -12,21 +12,21 @@
 
 namespace motiongen {
 
-// The numbers of ScalarType. f16: half the bytes; quantised: a quarter. docs/protocol.md has their errors.
+// The numbers are those of ScalarType. f16: half the bytes; quantised: a quarter. docs/protocol.md states their errors.
 enum class FrameFormat : std::uint32_t { f32 = 1, f16 = 2, quantised = 3 };
 
 // Bytes of one stored frame.
 MOTIONGEN_API std::size_t stored_row_bytes(const Rig& rig, FrameFormat format);
 
-// Chunks of one session, turned into rows as a timeline takes them. Asks for memory when it is made only.
+// Decodes the chunks of one session to rows, as a timeline takes them. Allocates memory only in its constructor.
 class MOTIONGEN_API FrameDecoder final : public RowSource {
  public:
   // The rig must outlive it.
   FrameDecoder(const Rig& rig, FrameFormat format);
 
-  // Take a chunk, whose bytes must stay until its rows are taken. origin_m: FrameChunk.root_origin_m, three numbers of
-  // f16, else none. before: the row of the frame before, or none; quantised quaternions keep to the signs of its own.
-  // A violation when the bytes are not so many rows.
+  // Begin a chunk, whose bytes must stay valid until its rows are taken. origin_m: FrameChunk.root_origin_m, three
+  // numbers with f16, else empty. before: the row of the frame before, or empty; the signs of quantised quaternions are
+  // chosen to match it. A violation if the bytes are not as many rows.
   [[nodiscard]] Status begin(RowSource& stored, std::uint32_t num_frames, Span<const float> origin_m,
                              Span<const float> before);
 
@@ -46,8 +46,8 @@ class MOTIONGEN_API FrameDecoder final : public RowSource {
   std::size_t left_ = 0;
   float origin_m_[3] = {0, 0, 0};
   bool has_before_ = false;
-  std::vector<std::uint8_t> bytes_;  // of one stored frame
-  std::vector<float> row_;           // the last that was taken
+  std::vector<std::uint8_t> bytes_;  // one stored frame
+  std::vector<float> row_;           // the row taken last
   std::vector<float> before_;
 };
 

@@ -1,8 +1,8 @@
-// Ground: motion made on a level floor at height 0, put on slopes and steps before it is shown.
+// Ground: adapts motion, which is generated on a level floor at height 0, to slopes and steps before it is shown.
 //
-// Hips and legs are changed, nothing else; outputs behind a row stay those of the level floor. A foot that stands is on
-// the ground below ankle and toes; on the edge of a step it stands level on the upper side; in the air it goes from
-// where it stood to where it will stand. The same as the Python client's, number for number.
+// Only hips and legs change; a row's outputs stay those of the level floor. A standing foot rests on the ground below
+// ankle and toes; on the edge of a step it stands level on the upper side; in the air it moves from where it stood to
+// where it will stand. Gives the same numbers as the Python client's.
 #pragma once
 
 #include <cstdint>
@@ -17,13 +17,13 @@
 
 namespace motiongen {
 
-// The ground's height in metres at world x, z. It is asked some 60 times a frame. It must not throw.
+// Returns the ground's height in metres at world x, z. It is called some 60 times a frame and must not throw.
 using Heights = std::function<double(double x_m, double z_m)>;
 
-// Motion as a whole.
+// Adapts a motion as a whole.
 class MOTIONGEN_API Ground {
  public:
-  // INVALID_ARGUMENT without a callback, and for a rig whose feet do not hang on a thigh and a shin; NOT_FOUND for one
+  // INVALID_ARGUMENT without a callback, or for a rig whose feet have no thigh and shin as parents; NOT_FOUND for a rig
   // without feet.
   static Result<Ground> make(const Rig& rig, Heights heights);
 
@@ -31,9 +31,9 @@ class MOTIONGEN_API Ground {
   Ground& operator=(Ground&&) noexcept;
   ~Ground();
 
-  // All frames of a motion, in place: whole rows of rig.row_width floats. INVALID_ARGUMENT where they are not, or where
-  // a place of a foot or a height is not finite; then nothing has changed. Asks for memory only for more frames than
-  // before.
+  // Adapt all frames of a motion in place. rows: whole rows of rig.row_width floats. INVALID_ARGUMENT for anything
+  // else, or if the position of a foot or a height is not finite; rows are then unchanged. Allocates memory only if
+  // there are more frames than ever before.
   [[nodiscard]] Status apply(Span<float> rows);
 
   const Rig& rig() const;
@@ -44,25 +44,25 @@ class MOTIONGEN_API Ground {
   std::unique_ptr<State> state_;
 };
 
-// What one timeline plays, frame after frame or at any moment between two, from what is held before and after.
+// Adapts what one timeline plays, at frames or at any moment between two, using the frames held before and after it.
 //
-// A step is known by where it ends, as far as that is held. Where a replan moves that while the foot is in the air,
-// what is shown goes over to the new way within a fifth of a second. Once it has followed, it asks for no memory.
+// Where a step ends is known as far as frames are held. If a replan moves that place while the foot is in the air, what
+// is shown blends to the new path within a fifth of a second. After its first use a follower allocates no memory.
 class MOTIONGEN_API GroundFollower {
  public:
-  static constexpr std::uint64_t kAroundFrames = 24;  // looked at before and after one: more than a step takes
+  static constexpr std::uint64_t kAroundFrames = 24;  // used before and after each frame: more than a step takes
 
   explicit GroundFollower(Ground ground);
   GroundFollower(GroundFollower&&) noexcept;
   GroundFollower& operator=(GroundFollower&&) noexcept;
   ~GroundFollower();
 
-  // Put the row that `sample`, or `row` of the playhead, has just given on the ground, in place. The timeline has
-  // started, and keeps kAroundFrames behind its playhead. INVALID_ARGUMENT as `Ground::apply`.
+  // Adapt in place the row that the timeline's `sample`, or `row` of the playhead, has just given. The timeline must
+  // have started and must keep kAroundFrames behind its playhead. INVALID_ARGUMENT as `Ground::apply`.
   [[nodiscard]] Status apply(const Timeline& timeline, Span<float> row);
 
   const Rig& rig() const;
-  // For motion as a whole on the same ground.
+  // The same ground for motions as a whole.
   Ground& ground();
 
  private:

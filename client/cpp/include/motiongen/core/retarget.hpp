@@ -1,9 +1,9 @@
-// Retarget: frames of one of our rigs on somebody else's skeleton, by a joint map.
+// Retarget: transfers frames of one of our rigs to the user's own skeleton, by a joint map.
 //
-// With G(j) the world rotation of our joint j, whose neutral pose has none, and T(k) the way in which the user's joint
-// k has its own axes when the body stands in that pose, k has the world rotation G(j) T(k). Joints that nothing drives
-// stay as at rest. What a map means is what docs/data.md says of retarget files, read backward, as the Python client
-// does; reading the file is the caller's affair.
+// Let G(j) be the world rotation of our joint j, which is the identity in the neutral pose, and T(k) the orientation of
+// the axes of the user's joint k when the body stands in that pose. If j drives k, the world rotation of k is G(j)
+// T(k). Joints that nothing drives stay at rest. A map has the meaning that docs/data.md gives retarget files, in the
+// opposite direction, as in the Python client; reading such a file is up to the caller.
 #pragma once
 
 #include <array>
@@ -19,9 +19,9 @@
 
 namespace motiongen {
 
-// A joint tree in our axes, in its own units. Joint 0 is the root with parent -1, and parents precede their children.
-// offsets: 3 a joint, where it is on its parent, in the parent's own axes. rest_wxyz: 4 a joint, how it is turned
-// relative to its parent at rest; none: not at all.
+// A joint tree in our axes and its own units. Joint 0 is the root with parent -1, and parents precede their children.
+// offsets: 3 a joint, its position on its parent in the parent's axes. rest_wxyz: 4 a joint, its rotation relative to
+// its parent at rest; empty: no rotation.
 struct UserSkeleton {
   std::vector<std::string> joint_names;
   std::vector<std::int32_t> parents;
@@ -29,11 +29,11 @@ struct UserSkeleton {
   std::vector<float> rest_wxyz;
 };
 
-// One of the user's joints turns as ours do.
+// One of the user's joints follows one or two of ours.
 struct Drive {
   std::string theirs;
   std::string ours;
-  std::string ours_too;  // it lies between the two, at `fraction`; empty: as `ours`
+  std::string ours_too;  // the joint turns between the two, at `fraction`; empty: as `ours`
   float fraction = 0;
   std::array<float, 4> axes_wxyz = {1, 0, 0, 0};  // T: from our axes to the joint's own
 };
@@ -41,32 +41,33 @@ struct Drive {
 struct JointMap {
   float metres_per_unit = 1;
   std::vector<Drive> drives;
-  std::vector<std::string> root_theirs;  // joints whose middle lies where
-  std::vector<std::string> root_ours;    // that of these does
-  float scale = 0;                       // metres of ours for one metre of theirs; 0: by the lengths of the chains
+  std::vector<std::string> root_theirs;  // the midpoint of these joints of theirs
+  std::vector<std::string> root_ours;    // is put at the midpoint of these of ours
+  float scale = 0;                       // our metres for one of their metres; 0: from the lengths of the chains
   std::vector<std::vector<std::string>> chains_theirs;
   std::vector<std::vector<std::string>> chains_ours;
-  // Their height that lies where ours does. on_feet: instead the lowest of feet_ours is at ground_ours_m where the
-  // lowest of those that they drive is as at rest.
+  // Their height ground_theirs corresponds to ground_ours_m. on_feet: instead, when the body stands in our neutral pose
+  // with the lowest of feet_ours at ground_ours_m, the lowest of their feet is as high above their lowest joint as at
+  // rest.
   bool on_feet = false;
   float ground_theirs = 0;
   float ground_ours_m = 0;
   std::vector<std::string> feet_ours;
 };
 
-// One session's frames on one skeleton. Asks for memory when it is made only.
+// Retargets one session's frames to one skeleton. Allocates memory only when it is made.
 class MOTIONGEN_API Retargeter {
  public:
-  // NOT_FOUND for a joint that is not there. INVALID_ARGUMENT for a tree or a map that contradicts itself, for numbers
-  // that are not finite, and for quaternions of another length than 1.
+  // NOT_FOUND for an unknown joint. INVALID_ARGUMENT for a tree or a map that contradicts itself, for numbers that are
+  // not finite, and for quaternions that are not unit.
   static Result<Retargeter> make(const Rig& rig, const UserSkeleton& skeleton, const JointMap& map);
 
   Retargeter(Retargeter&&) noexcept;
   Retargeter& operator=(Retargeter&&) noexcept;
   ~Retargeter();
 
-  // A frame. row: of the rig. root: 3 numbers in the skeleton's units; rotations_wxyz: 4 a joint of the skeleton,
-  // relative to the parent, joint 0 to the world, each of the sign that is nearer to the frame before.
+  // Retarget a frame. row: of the rig. root: 3 numbers in the skeleton's units; rotations_wxyz: 4 for each joint of the
+  // skeleton, relative to its parent, joint 0 relative to the world, each with the sign nearer to the frame before.
   void apply(Span<const float> row, Span<float> root, Span<float> rotations_wxyz);
 
   float scale() const;

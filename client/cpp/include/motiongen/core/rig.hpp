@@ -1,4 +1,4 @@
-// A skeleton and the layout of its frame rows, as the server's catalogue gives them.
+// Rig: a skeleton and the layout of its frame rows, as the server's catalogue gives them.
 #pragma once
 
 #include <cstddef>
@@ -20,14 +20,14 @@ struct Block {
   std::uint32_t width = 0;
 };
 
-// The end-effector chains that motion tools name; `joints` are indices of the rig.
+// A named end-effector chain, as motion tools use it; `joints` are indices into the rig.
 struct Limb {
   std::string name;
   std::vector<std::uint32_t> joints;
 };
 
 struct MOTIONGEN_API Rig {
-  // More are refused: what is computed from a pose has room for so many and needs no memory of its own.
+  // Rigs with more are refused: computations on a pose use fixed space for so many and allocate no memory.
   static constexpr std::uint32_t kMostJoints = 512;
 
   std::string rig_id;
@@ -35,12 +35,12 @@ struct MOTIONGEN_API Rig {
   std::vector<std::int32_t> parents;     // J; -1 for the root, and a parent precedes its children
   std::vector<float> offsets_m;          // (J, 3), from the parent in the neutral pose
   std::uint32_t frame_rate_hz = 0;
-  std::vector<Block> blocks;  // of a frame row, in the order they lie in it
+  std::vector<Block> blocks;  // of a frame row, in order
   std::vector<std::uint32_t> hip_joints;
   std::vector<Limb> limbs;
-  std::vector<Block> outputs;  // what a session asked for besides, behind the blocks
+  std::vector<Block> outputs;  // those that the session asked for, which follow the blocks
 
-  // Where the blocks lie that this library reads, counted in floats from the start of a row. Set by `check`.
+  // Offsets in floats, from the start of a row, of the blocks that this library reads. Set by `check`.
   std::uint32_t own_width = 0;  // without the outputs
   std::uint32_t row_width = 0;
   std::uint32_t root_column = 0;
@@ -49,14 +49,14 @@ struct MOTIONGEN_API Rig {
 
   std::uint32_t num_joints() const { return static_cast<std::uint32_t>(joint_names.size()); }
 
-  // Find the columns. A violation when the counts contradict each other, a block is missing, or hips and limbs are not
-  // joints of it.
+  // Find the columns. A violation if counts contradict each other, a block is missing, or hips or limbs name joints
+  // that the rig does not have.
   [[nodiscard]] Status check();
 
-  // Where a block or an output begins in a row; NOT_FOUND lists those there are.
+  // The column at which a block or an output begins; the message of NOT_FOUND lists those that exist.
   [[nodiscard]] Result<std::uint32_t> column(const std::string& name) const;
 
-  // The joint with a name; NOT_FOUND lists the names there are.
+  // The joint with a name; the message of NOT_FOUND lists the names.
   [[nodiscard]] Result<std::uint32_t> joint(const std::string& name) const;
 
   // Views of one frame row of `row_width` floats.

@@ -1,4 +1,4 @@
-// A view of consecutive values that somebody else owns: what std::span is from C++20 on.
+// A view of consecutive values that something else owns, like std::span of C++20.
 #pragma once
 
 #include <cstddef>
@@ -26,7 +26,7 @@ class Span {
   constexpr T* end() const { return data_ + size_; }
   constexpr T& operator[](std::size_t index) const { return data_[index]; }
 
-  // The values from `first` on, `count` of them. What is asked for must lie within this span.
+  // `count` values from `first` on, which must lie within this span.
   constexpr Span subspan(std::size_t first, std::size_t count) const { return {data_ + first, count}; }
 
  private:

@@ -1,4 +1,4 @@
-// What a call came to: OK or a mistake to act on. Nothing in this library throws.
+// The result of a call: OK or an error to act on. Nothing in this library throws.
 #pragma once
 
 #include <cstdint>
@@ -32,15 +32,15 @@ enum class Code : std::int32_t {
   unauthenticated = 16,
 };
 
-// "INVALID_ARGUMENT"; "UNKNOWN" for a number that is none of them.
+// Such as "INVALID_ARGUMENT"; "UNKNOWN" for a number that is no code.
 MOTIONGEN_API const char* name_of(Code code);
 
-// true when the call did what it was asked for.
+// Converts to true if the call did what it was asked for.
 class [[nodiscard]] Status {
  public:
   Status() = default;
-  // reason: a stable name, UPPER_SNAKE_CASE, those of the server's refusals among them. message: what was given, what
-  // is allowed and what to do, for people.
+  // reason: a stable name in UPPER_SNAKE_CASE, of the library or of a server's refusal. message: for people: what was
+  // given, what is allowed and what to do.
   Status(Code code, std::string reason, std::string message)
       : code_(code), reason_(std::move(reason)), message_(std::move(message)) {}
 
@@ -56,13 +56,13 @@ class [[nodiscard]] Status {
   std::string message_;
 };
 
-// An argument that nothing was done with: what was given and what is allowed.
+// INVALID_ARGUMENT: what was given and what is allowed. Nothing was done.
 MOTIONGEN_API Status invalid(const std::string& field, const std::string& given, const std::string& allowed);
 
-// The server broke a rule of the protocol. Not the caller's mistake: report it with the server's version.
+// The server broke a rule of the protocol. Not the caller's error: report it with the server's version.
 MOTIONGEN_API Status violation(std::string message);
 
-// A value, or why there is none.
+// A value, or the status that says why there is none.
 template <class T>
 class [[nodiscard]] Result {
  public:
@@ -75,7 +75,7 @@ class [[nodiscard]] Result {
     static const Status none;
     return ok() ? none : *std::get_if<0>(&held_);
   }
-  // Asking for a value that is not there ends the program: test first.
+  // Aborts the program if there is no value: test first.
   T& value() & { return ok() ? *std::get_if<1>(&held_) : (std::abort(), *std::get_if<1>(&held_)); }
   const T& value() const& { return ok() ? *std::get_if<1>(&held_) : (std::abort(), *std::get_if<1>(&held_)); }
   T&& value() && { return std::move(value()); }

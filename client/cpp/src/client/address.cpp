@@ -9,14 +9,14 @@ namespace {
 
 constexpr char kUnix[] = "unix:";
 constexpr std::size_t kUnixLength = sizeof kUnix - 1;
-constexpr std::size_t kMostPathBytes = 107;  // of a socket, as Linux has it; macOS has four less
+constexpr std::size_t kMostPathBytes = 107;  // of a socket on Linux; four less on macOS
 constexpr char kDigits[] = "0123456789";
-// gRPC takes a text with any other for no address of a socket, and asks the network for a host of that name.
+// gRPC does not recognise a path with any other character as a socket, and looks up a host of that name instead.
 constexpr char kPathCharacters[] = "0123456789abcdefghijklmnopqrstuvwxyzABCDEFGHIJKLMNOPQRSTUVWXYZ/-._~!$&'()*+,;=:@";
 
 bool is_socket(const std::string& address) { return address.compare(0, kUnixLength, kUnix) == 0; }
 
-// A whole number in decimal without a leading zero, which others would read as octal; -1 for anything else.
+// A decimal whole number without a leading zero, which other parsers would read as octal; -1 for anything else.
 long whole_number(const std::string& text) {
   const bool is_plain = !text.empty() && text.size() <= 5 && text.find_first_not_of(kDigits) == std::string::npos;
   if (!is_plain || (text.size() > 1 && text[0] == '0')) return -1;

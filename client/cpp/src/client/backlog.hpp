@@ -1,4 +1,4 @@
-// How much of what sessions were told waits for its answer: it is kept until then, over any loss of the line.
+// Counts the bytes of events that wait for an answer. Events are kept until then, across losses of the connection.
 #pragma once
 
 #include <atomic>
@@ -8,10 +8,10 @@
 
 namespace motiongen {
 
-// Of all sessions of a client together. Used from any thread.
+// The total of all sessions of a client. May be used from any thread.
 class Backlog {
  public:
-  // Of more bytes that wait, nothing new is taken on.
+  // While more bytes than this wait, no new events are accepted.
   static constexpr std::size_t kMostWaiting = std::size_t{64} << 20;
 
   bool is_full() const { return num_bytes_ > kMostWaiting; }
@@ -21,11 +21,11 @@ class Backlog {
   std::atomic<std::size_t> num_bytes_{0};
 };
 
-// The bytes of one event, for as long as this is there.
+// Counts the bytes of one event for as long as this object lives.
 class BacklogShare {
  public:
   BacklogShare() = default;
-  // backlog: may be none.
+  // backlog: may be null.
   BacklogShare(std::shared_ptr<Backlog> backlog, std::size_t num_bytes)
       : backlog_(std::move(backlog)), num_bytes_(num_bytes) {
     if (backlog_ != nullptr) backlog_->num_bytes_ += num_bytes_;

@@ -45,7 +45,7 @@ std::vector<v1::SessionEvent> SessionBook::repetitions(std::uint64_t base) const
 }
 
 std::vector<v1::SessionEvent> SessionBook::unanswered(std::uint64_t base) {
-  while (!pending_.empty() && pending_.front().edit == 0) pending_.pop_front();  // what was said of the time before
+  while (!pending_.empty() && pending_.front().edit == 0) pending_.pop_front();  // what an earlier reopening added
   const auto put_first = [this](v1::SessionEvent event) {
     event.set_session(session_);
     pending_.push_front({0, std::move(event), {}});
@@ -129,7 +129,7 @@ std::vector<std::uint32_t> SessionBook::passed_at(std::uint64_t frame) const {
 }
 
 void SessionBook::reopened(std::uint64_t base, const std::vector<Placement>& placements) {
-  // of a path that was walked in part the new session has the rest, and its placement is of that
+  // the new session has only the rest of a partly walked path, and its placement refers to that rest
   for (v1::Constraint& each : constraints_) {
     if (!each.has_root_path()) continue;
     auto rest = left(each, base);

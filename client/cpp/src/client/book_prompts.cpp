@@ -1,4 +1,4 @@
-// The prompts of a session's book: which hold, until when, and what a session that is opened anew is told of them.
+// The prompts of a session's book: which are in force until when, and which of them a session opened anew gets.
 #include <algorithm>
 #include <iterator>
 #include <optional>
@@ -11,8 +11,8 @@
 namespace motiongen {
 namespace {
 
-// What is left of a span once another takes its place at `frame`; nothing where it would not begin before. A span that
-// had been cut for one that never begins, at `never_begins`, goes on until `frame` instead.
+// What is left of a span once another takes its place at `frame`; nothing if it would not begin before that. A span
+// that had been cut short for one that now never begins, at `never_begins`, lasts until `frame` instead.
 std::optional<v1::PromptSpan> until(std::uint64_t frame, const v1::PromptSpan& span,
                                     std::optional<std::uint64_t> never_begins) {
   const bool was_cut_for_that = never_begins && span.end_frame() == *never_begins;
@@ -24,7 +24,7 @@ std::optional<v1::PromptSpan> until(std::uint64_t frame, const v1::PromptSpan& s
   return left;
 }
 
-// Of each id the last alone: without those in whose place others come later.
+// Keeps only the last span of each id, without those that a later one replaces.
 void keep_last_of_each(std::vector<v1::PromptSpan>& spans) {
   std::vector<v1::PromptSpan> last;
   for (auto span = spans.begin(); span != spans.end(); ++span) {
@@ -63,7 +63,7 @@ std::vector<v1::PromptSpan> SessionBook::prompts_from(std::uint64_t base, std::s
   std::vector<v1::PromptSpan> held = prompts_;
   const auto later = std::stable_partition(held.begin(), held.end(),
                                            [base](const v1::PromptSpan& each) { return each.start_frame() <= base; });
-  // they all begin at once now: the one that holds must come last
+  // they all begin at the same frame now: the one that is in force must come last
   std::stable_sort(held.begin(), later,
                    [](const v1::PromptSpan& a, const v1::PromptSpan& b) { return a.start_frame() < b.start_frame(); });
   std::vector<v1::PromptSpan> spans;
@@ -87,7 +87,7 @@ void SessionBook::accept_prompts(const v1::EditPrompts& edit, const Taken& taken
   }
 }
 
-// One of its id that has begun goes on until then, as it does at the server.
+// A span with the same id that has begun goes on until the new one starts, as it does at the server.
 void SessionBook::put_prompt(v1::PromptSpan span, std::uint64_t playhead) {
   const auto is_its = [&span](const v1::PromptSpan& each) { return each.prompt_id() == span.prompt_id(); };
   const auto newest = std::find_if(prompts_.rbegin(), prompts_.rend(), is_its);

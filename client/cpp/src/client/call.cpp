@@ -9,7 +9,7 @@
 namespace motiongen {
 namespace {
 
-// ThreadSanitizer does not see that what is read comes one after another: what orders it is in gRPC's libraries.
+// ThreadSanitizer cannot see that reads happen one after another: the synchronisation is inside gRPC's libraries.
 void begin_read([[maybe_unused]] Call* call) {
 #if defined(__SANITIZE_THREAD__)
   __tsan_acquire(call);
@@ -32,7 +32,7 @@ std::shared_ptr<Call> Call::start(grpc::GenericStub& stub, const Metadata& metad
   stub.PrepareBidiStreamingCall(&call->context_, "/motiongen.v1.MotionService/StreamMotion", grpc::StubOptions(),
                                 call.get());
   end_read(call.get());
-  call->AddHold();  // so that writes may begin outside of its own callbacks; let go when nothing more can be read
+  call->AddHold();  // lets writes begin outside the call's own callbacks; removed when nothing more can be read
   call->StartRead(&call->received_);
   call->StartCall();
   call->send();
@@ -103,9 +103,10 @@ void Call::OnWriteDone(bool ok) {
 }
 
 void Call::OnDone(const grpc::Status& status) {
-  // Neither this call nor its user must be destroyed on this thread, one of gRPC's: with the last reference to the last
-  // channel, which both hold, gRPC 1.51 joins its own threads. So the user takes the call, and whoever lets go of
-  // either waits for the end first (`wait_ended`), even where the user has done with this call long before.
+  // Neither this call nor its user may be destroyed on this thread, which is one of gRPC's: both hold the channel, and
+  // when the last reference to the last channel goes, gRPC 1.51 joins its own threads. So the user takes over the call,
+  // and whoever releases either of them first waits for the end (`wait_ended`), even if the user was done with the call
+  // long before.
   user_->on_call_ended(status, std::move(self_));
   user_ = nullptr;
   const std::lock_guard<std::mutex> lock(mutex_);

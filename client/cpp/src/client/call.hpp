@@ -1,4 +1,4 @@
-// One call of StreamMotion on gRPC's callback API: bytes out of an outbox, messages in, and its end.
+// One StreamMotion call on gRPC's callback API: it sends what is in an outbox, and reports messages and its own end.
 #pragma once
 
 #include <grpcpp/generic/generic_stub.h>
@@ -16,30 +16,30 @@
 
 namespace motiongen {
 
-// Who hears of a call. Called on gRPC's threads, one method at a time for one call.
+// Receives what happens on a call. Its methods are called on gRPC's threads, one at a time for one call.
 class CallUser {
  public:
   virtual ~CallUser() = default;
-  // A message, in pieces that are there until this returns. `size`: of all of them.
+  // A message, in pieces that are valid until this returns. `size`: their total in bytes.
   virtual void on_message(const wire::Piece* pieces, std::size_t size) = 0;
-  // `call` is to be let go on another thread, and only once `wait_ended` says so: it calls this.
+  // `call` must be released on another thread, and only after `wait_ended`: the call itself is running this method.
   virtual void on_call_ended(const grpc::Status& status, std::shared_ptr<class Call> call) = 0;
 };
 
-// Keeps itself, and its user, alive until it has ended.
+// Keeps itself and its user alive until it has ended.
 class Call final : public grpc::ClientBidiReactor<grpc::ByteBuffer, grpc::ByteBuffer> {
  public:
-  // Begin a call that sends what is in the outbox, which outlives it as part of `user`.
+  // Begin a call that sends what is in the outbox, which is part of `user` and so outlives the call.
   static std::shared_ptr<Call> start(grpc::GenericStub& stub, const Metadata& metadata, Outbox& outbox,
                                      std::shared_ptr<CallUser> user);
 
-  // Send what waits in the outbox, now or when what is being sent has gone.
+  // Send what waits in the outbox, now or after the message that is being sent.
   void send();
-  // Send what waits, then tell the server that no more comes: it closes the sessions and ends the call.
+  // Send what waits, then half-close the stream: the server closes the sessions and ends the call.
   void finish();
   void cancel();
-  // Whether it has ended, after at most so long: its user has heard of it, and it touches neither its user nor itself
-  // any more.
+  // Wait at most this long for the call to end. True: it has told its user, and touches neither its user nor itself any
+  // more.
   bool wait_ended(double timeout_s);
 
   void OnReadDone(bool ok) override;

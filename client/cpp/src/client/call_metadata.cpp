@@ -1,4 +1,4 @@
-// Compiled with exceptions, unlike the rest of the library: what gives the token is the application's.
+// Compiled with exceptions, unlike the rest of the library: the token source is the application's code.
 #include "client/call_metadata.hpp"
 
 #include <algorithm>
@@ -19,7 +19,7 @@ bool ends(const std::string& text, const std::string& with) {
   return text.size() >= with.size() && text.compare(text.size() - with.size(), with.size(), with) == 0;
 }
 
-// Which option a key belongs to; empty: to none.
+// Which option a key belongs to; empty: none.
 std::string owner_of(const std::string& key) {
   if (key == kAuthorization) return "which `token` and `token_source` set";
   if (key == kRoutingKey) return "which `routing_key` sets";
@@ -52,7 +52,7 @@ Status check_metadata(const std::map<std::string, std::string>& metadata) {
       given.append(", ").append(owner).append(",");
       return invalid("metadata", given, "any key of your own");
     }
-    if (!is_text(text)) {  // which may be secret
+    if (!is_text(text)) {  // not quoted: it may be secret
       return invalid("metadata", "a text of " + std::to_string(text.size()) + " bytes for " + key,
                      "1 or more characters of printable ASCII (0x20 to 0x7e)");
     }

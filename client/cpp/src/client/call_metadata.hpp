@@ -1,4 +1,4 @@
-// What goes with each call beside its messages: who calls, the words of the application, and the key for proxies.
+// The metadata of each call: the token, the application's own metadata, and the key for proxies.
 #pragma once
 
 #include <map>
@@ -13,19 +13,20 @@ namespace motiongen {
 
 using Metadata = std::vector<std::pair<std::string, std::string>>;
 
-// The reason of a call that was not made for want of a token.
+// The reason of a call that was not made because there was no token.
 inline constexpr char kTokenSource[] = "TOKEN_SOURCE";
 
-// Metadata as gRPC takes it. INVALID_ARGUMENT for keys and texts that it does not, and for keys of other options.
+// INVALID_ARGUMENT for keys and values that gRPC does not accept, and for keys of other options.
 Status check_metadata(const std::map<std::string, std::string>& metadata);
 
 // May be used from any thread.
 class CallMetadata {
  public:
-  // options: outlive this.
+  // options: must outlive this object.
   explicit CallMetadata(const ClientOptions& options) : options_(options) {}
 
-  // For one call. Asks for the token, so no lock may be held. Where there is none the reason is TOKEN_SOURCE.
+  // The metadata of one call. Calls the token source, so no lock may be held. Without a token, an error with the reason
+  // TOKEN_SOURCE.
   Result<Metadata> make(const std::string& routing_key);
 
  private:
@@ -33,7 +34,7 @@ class CallMetadata {
   Result<std::string> ask_source();
 
   const ClientOptions& options_;
-  std::mutex asking_;  // the source is asked by one thread at a time
+  std::mutex asking_;  // one thread at a time calls the source
 };
 
 }  // namespace motiongen

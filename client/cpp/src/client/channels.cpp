@@ -1,4 +1,4 @@
-// How gRPC is set up for a client: its channels, one to an address.
+// gRPC's channels of a client, one for each address, and their settings.
 #include "client/address.hpp"
 #include "client/core.hpp"
 
@@ -9,18 +9,18 @@ void set_own(const ClientOptions& options, grpc::ChannelArguments& arguments) {
   const auto set = [&](const char* name, int value) {
     if (options.channel_options.count(name) == 0) arguments.SetInt(name, value);
   };
-  set(GRPC_ARG_USE_LOCAL_SUBCHANNEL_POOL, 1);  // a connection of its own
+  set(GRPC_ARG_USE_LOCAL_SUBCHANNEL_POOL, 1);  // each channel has its own connection
   set(GRPC_ARG_KEEPALIVE_TIME_MS, 30'000);
   set(GRPC_ARG_KEEPALIVE_TIMEOUT_MS, 10'000);
   set(GRPC_ARG_INITIAL_RECONNECT_BACKOFF_MS, 100);
-  set(GRPC_ARG_MIN_RECONNECT_BACKOFF_MS, 5'000);  // in truth: how long one attempt may take
+  set(GRPC_ARG_MIN_RECONNECT_BACKOFF_MS, 5'000);  // in effect: how long one attempt may take
   set(GRPC_ARG_MAX_RECONNECT_BACKOFF_MS, 2'000);
-  // A window of fixed size: left to its own measure of the line, gRPC would take in minutes of motion unread.
+  // A window of fixed size: if gRPC sized it by its bandwidth estimate, minutes of motion would be buffered unread.
   set(GRPC_ARG_HTTP2_BDP_PROBE, 0);
   set(GRPC_ARG_HTTP2_STREAM_LOOKAHEAD_BYTES, 1 << 20);
-  set(GRPC_ARG_ENABLE_RETRIES, 0);  // a stream carries state; a call repeated behind our back carries none
+  set(GRPC_ARG_ENABLE_RETRIES, 0);  // a stream has state, which a call repeated by gRPC would lack
   set(GRPC_ARG_MAX_RECEIVE_MESSAGE_LENGTH, 64 << 20);
-  // A proxy of the environment is another machine: what says who calls stays on this one.
+  // A proxy set in the environment is another machine, and without TLS the token must stay on this one.
   if (!options.tls && has_token(options)) set(GRPC_ARG_ENABLE_HTTP_PROXY, 0);
 }
 

@@ -39,7 +39,7 @@ Result<Session> Client::open(const SessionOptions& options) {
 }
 
 Result<std::vector<Clip>> Client::generate_clip(const ClipOptions& options) {
-  const std::shared_ptr<ClientCore> core = core_;  // another thread, or a callback, may destroy the client meanwhile
+  const std::shared_ptr<ClientCore> core = core_;  // another thread or a callback may destroy the client meanwhile
   return core->generate_clip(options);
 }
 

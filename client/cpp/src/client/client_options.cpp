@@ -1,4 +1,4 @@
-// What is wrong with the options of a client.
+// Checks of a client's options.
 #include "client/address.hpp"
 #include "client/core.hpp"
 #include "client/texts.hpp"

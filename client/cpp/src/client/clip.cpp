@@ -1,4 +1,4 @@
-// Clips: one call each, its parts sorted by sample.
+// Clips: one call each, whose parts are sorted by sample.
 #include "client/clip_sample.hpp"
 #include "client/convert.hpp"
 #include "client/core.hpp"
@@ -8,7 +8,7 @@
 namespace motiongen {
 namespace {
 
-// What a session would be opened with for it.
+// The options of a session that makes the same motion.
 SessionOptions session_of(const ClipOptions& options) {
   SessionOptions session;
   session.model_id = options.model_id;
@@ -74,7 +74,7 @@ Result<std::vector<Clip>> ClientCore::generate_clip(const ClipOptions& options) 
   v1::GenerateClipResponse part;
   Status broken;
   while (broken && reader->Read(&part)) {
-    if (part.has_opened() && !knows_rig_of(part.opened())) {  // of a model that was loaded since
+    if (part.has_opened() && !knows_rig_of(part.opened())) {  // a model loaded since the catalogue was fetched
       static_cast<void>(fetch_catalog(kAskTimeoutS));
       known = catalog();
     }

@@ -8,7 +8,7 @@
 namespace motiongen {
 namespace {
 
-// The bytes of a chunk that is a message.
+// The bytes of a parsed FrameChunk.
 class ChunkBytes final : public RowSource {
  public:
   explicit ChunkBytes(const std::string& data) : data_(data) {}
@@ -33,7 +33,7 @@ Status ClipSample::take(const v1::GenerateClipResponse& part, const Catalog& cat
 }
 
 Status ClipSample::take_opened(const v1::SessionOpened& message, const Catalog& catalog, const ClipOptions& options) {
-  if (decoder) return violation("a clip was opened twice");  // the rows that it holds are of the first rig
+  if (decoder) return violation("a clip was opened twice");  // its rows have the layout of the first rig
   auto rig = convert::session_rig(catalog, message, options.outputs);
   if (!rig) return rig.status();
   clip.opened = convert::opened(message);

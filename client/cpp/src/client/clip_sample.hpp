@@ -1,4 +1,4 @@
-// One sample of a clip as it comes, part by part.
+// One sample of a clip, assembled part by part.
 #pragma once
 
 #include <optional>
@@ -11,10 +11,10 @@ namespace motiongen {
 
 struct ClipSample {
   Clip clip;
-  std::optional<FrameDecoder> decoder;  // of the rig that it was opened with; it reads that of `clip`
+  std::optional<FrameDecoder> decoder;  // holds a reference to the rig in `clip`
   bool is_whole = false;
 
-  // A violation where a part is out of order, or there is more of it than was asked for.
+  // A violation if a part is out of order or more arrives than was asked for.
   Status take(const v1::GenerateClipResponse& part, const Catalog& catalog, const ClipOptions& options);
 
  private:

@@ -26,8 +26,7 @@ struct Taken {
 
 class SessionBook {
  public:
-  static constexpr std::uint32_t kPresentPrompt =
-      1;  // the id of a prompt set without a frame; scheduled prompts have higher ids
+  static constexpr std::uint32_t kPresentPrompt = 1;  // set without a frame; scheduled prompts have higher ids
 
   // open: the first OpenSession, including prompts and constraints. backlog: counts what waits for an answer.
   SessionBook(std::uint32_t session, v1::OpenSession open, std::shared_ptr<Backlog> backlog = nullptr)

@@ -1,4 +1,4 @@
-// Connecting, what is done about a loss, and the end.
+// A client's connection: making it, recovering from its loss, and ending it.
 #include <algorithm>
 #include <iterator>
 #include <limits>
@@ -13,21 +13,21 @@
 namespace motiongen {
 namespace {
 
-constexpr double kCloseGraceS = 2;                  // for the server to end the call
-constexpr double kCancelGraceS = 5;                 // for gRPC to end it
-constexpr char kStarting[] = "STARTING";            // the reason of a server that has no engine yet
-constexpr char kExpired[] = "CREDENTIALS_EXPIRED";  // of one whose caller needs another token
+constexpr double kCloseGraceS = 2;                  // the server's time to end the call
+constexpr double kCancelGraceS = 5;                 // gRPC's time to end it once cancelled
+constexpr char kStarting[] = "STARTING";            // the reason given by a server that has no engine yet
+constexpr char kExpired[] = "CREDENTIALS_EXPIRED";  // the reason given if the caller needs another token
 constexpr char kAgent[] = "motiongen-cpp/0.1.0";
-constexpr std::size_t kMostAgentBytes = 100;  // of what the application adds
+constexpr std::size_t kMostAgentBytes = 100;  // of the application's part
 
-// Whether trying again can help: what a proxy or a lost server ends a stream with.
+// Whether retrying can help: the codes with which a stream ends if a server is lost or a proxy fails.
 bool is_loss(const Status& status) {
   const Code code = status.code();
   return code != Code::invalid_argument && code != Code::unauthenticated && code != Code::permission_denied &&
          code != Code::unimplemented && status.reason() != "PROTOCOL_VIOLATION";
 }
 
-// Whether no call was made since there was no token: no server is at fault.
+// Whether no call was made because there was no token; then no server is at fault.
 bool lacks_token(const Status& status) { return status.reason() == kTokenSource; }
 
 }  // namespace
@@ -35,7 +35,7 @@ bool lacks_token(const Status& status) { return status.reason() == kTokenSource;
 Status ClientCore::fetch_catalog(double timeout_s) {
   ShortCall call(*this, timeout_s);
   if (!call.made) return call.made;
-  call.context.set_wait_for_ready(servers_.size() == 1);  // else one that is not there is passed over at once
+  call.context.set_wait_for_ready(servers_.size() == 1);  // of several servers, skip one that is down
   v1::GetCatalogRequest request;
   v1::GetCatalogResponse response;
   const grpc::Status status =
@@ -65,7 +65,7 @@ Status ClientCore::try_connect(double deadline_s) {
   if (told) return failure_;
   lock.unlock();
   Status late(Code::deadline_exceeded, "", "no hello came in time");
-  drop_call(late);  // the next call, perhaps to another server, is the only one then
+  drop_call(late);  // so that the next call, perhaps to another server, is the only one
   lock.lock();
   changed_.wait_for(lock, std::chrono::duration<double>(kCancelGraceS), is_over);
   return late;
@@ -79,9 +79,9 @@ Status ClientCore::connect() {
   const bool has_others = servers_.size() > 1;
   Status why;
   for (double wait_s = Backoff::kFirstS;; wait_s = std::min(Backoff::kGrowth * wait_s, Backoff::kMostS)) {
-    // one that takes the call and says nothing is not waited for while others might answer
+    // while others might answer, do not wait long for a server that accepts the call but stays silent
     why = try_connect(has_others ? std::min(deadline_s, now_s() + kAskTimeoutS) : deadline_s);
-    // it is loading its model, was lost meanwhile, or is asked for too much at the moment
+    // the server is loading its model, was lost meanwhile, or is overloaded at the moment
     const bool may_pass = why.code() == Code::unavailable || why.code() == Code::resource_exhausted ||
                           (has_others && why.code() == Code::deadline_exceeded);
     const double left_s = deadline_s - now_s();
@@ -110,17 +110,17 @@ Status ClientCore::begin_call() {
   outbox_.clear();
   outbox_.put_alone(hello);
   heard_at_s_ = now_s();
-  std::vector<std::shared_ptr<Call>> ended;  // let go when the lock is
+  std::vector<std::shared_ptr<Call>> ended;  // released after the lock
   const std::lock_guard<std::mutex> lock(mutex_);
   if (closing_) return {};
-  // one whose end is still being told, as in a callback that takes its time, is used there until then
+  // a call whose end is still being reported, as inside a slow callback, is in use there until then
   const auto first =
       std::partition(ended_calls_.begin(), ended_calls_.end(), [](const auto& each) { return !each->wait_ended(0); });
   std::move(first, ended_calls_.end(), std::back_inserter(ended));
   ended_calls_.erase(first, ended_calls_.end());
   is_lost_ = false;
   goodbye_.reset();
-  drop_reason_ = Status();  // of a call that had ended already
+  drop_reason_ = Status();  // left by a call that had ended already
   backoff_.begin_call();
   next_ping_s_ = now_s();
   unanswered_since_s_ = 0;
@@ -137,14 +137,14 @@ void ClientCore::on_call_ended(const grpc::Status& status, std::shared_ptr<Call>
     if (!drop_reason_) why = drop_reason_;
     drop_reason_ = Status();
   }
-  // where the next call has no better token, it is refused for good
+  // after an expired token, the next call is final: if it has no better token, the server refuses it for good
   const bool may_pass = is_loss(why) || (connected_ && why.reason() == kExpired);
   lose(why, options_.reconnect && may_pass && !closing_);
   events_.dispatch();
 }
 
-// Choose which server is asked next, after a loss or a vain attempt. Returns for how many seconds at least the server
-// wants to be left alone. With mutex_ held.
+// Choose the server to call next after a loss or a failed attempt. Returns the least number of seconds to wait, which a
+// server asked for. With mutex_ held.
 double ClientCore::choose_server(bool was_connected, const Status& why) {
   if (!was_connected) {
     if (!lacks_token(why)) route_.pass_over(why.reason() == kStarting);
@@ -152,7 +152,7 @@ double ClientCore::choose_server(bool was_connected, const Status& why) {
   }
   const v1::Goodbye goodbye = goodbye_.value_or(v1::Goodbye());
   if (route_.follow(convert::other_servers(goodbye.other_servers()))) return 0;
-  // the server that was lost is asked first: it may have kept the sessions; one that goes away has not
+  // a server that was lost is called first, since it may have kept the sessions; one that goes away does not keep them
   const bool goes_away = goodbye_ && goodbye.reason() != v1::GOODBYE_REASON_CREDENTIALS_EXPIRING;
   if (!goes_away || servers_.size() == 1) return Backoff::bounded_s(convert::seconds(goodbye.reconnect_after()));
   route_.next();
@@ -173,7 +173,7 @@ void ClientCore::lose(const Status& status, bool will_reconnect) {
     const double jitter = std::uniform_real_distribution<double>(0.8, 1.2)(jitter_);
     const double wait_s = was_connected || all_failed ? backoff_.next_s(now_s()) * jitter : 0;
     reconnect_at_s = now_s() + std::max(wait_s, asked_s);
-    // not before all sessions have heard: one would be opened on the next call, and then take that for lost
+    // not before all sessions know of the loss: one might be opened on the next call and then count that call as lost
     reconnect_at_s_ = std::numeric_limits<double>::infinity();
     changed_.notify_all();
   }
@@ -188,7 +188,7 @@ void ClientCore::lose(const Status& status, bool will_reconnect) {
     state->lose(status, will_reconnect, events_);
   }
   forget_closed();
-  outbox_.clear();  // what has no answer is said again
+  outbox_.clear();  // unanswered events are sent again
   const std::lock_guard<std::mutex> lock(mutex_);
   reconnect_at_s_ = reconnect_at_s;
   woken_ = true;
@@ -238,7 +238,8 @@ void ClientCore::shut_down() {
     end_calls();
     if (worker.joinable()) worker.join();
   } else if (worker.joinable()) {
-    worker.detach();  // inside a callback no call can end: the thread waits for them, and holds this until then
+    worker.detach();  // no call can end inside a callback: the worker waits for the calls, and keeps this alive until
+                      // then
   }
 }
 
@@ -256,7 +257,7 @@ void ClientCore::end_call(const std::shared_ptr<Call>& call) {
   if (call->wait_ended(kCloseGraceS)) return;
   call->cancel();
   if (call->wait_ended(kCancelGraceS)) return;
-  // gRPC has not let go of the call and may still call us: rather than of memory that is gone, of memory that is lost
+  // gRPC has not released the call and may still call back: better leak this object than let gRPC use freed memory
   static_cast<void>(new std::shared_ptr<ClientCore>(shared_from_this()));
 }
 

@@ -10,7 +10,7 @@
 namespace motiongen::convert {
 namespace {
 
-constexpr std::size_t kMostOtherServers = 3;  // as the contract has it; each may be called in turn
+constexpr std::size_t kMostOtherServers = 3;  // as in the contract; each of them may be called in turn
 
 Code code_of(int number) {
   return number >= 0 && number <= static_cast<int>(Code::unauthenticated) ? static_cast<Code>(number) : Code::unknown;

@@ -1,4 +1,4 @@
-// Between the contract's messages and this library's types. Pure; the one place that knows both.
+// Conversions between the contract's messages and this library's types. Pure; only this knows both.
 #pragma once
 
 #include <memory>
@@ -14,31 +14,31 @@ namespace motiongen::convert {
 
 // INVALID_ARGUMENT for a number that is not finite, a list of the wrong length or a text that is not UTF-8.
 Status check(const Target& target);
-// INVALID_ARGUMENT for nothing, for two of text, preset and vector, and for a text that is not UTF-8.
+// INVALID_ARGUMENT if none or more than one of text, preset and vector is given, or a text is not UTF-8.
 Status check(const Prompt& prompt);
-// The same for all prompts and targets that a session is opened with, and its other texts. Not of its rows.
+// The same for all prompts, targets and other texts of a session's options, but not its rows.
 Status check(const SessionOptions& options);
-// INVALID_ARGUMENT for more than the server takes in a message. what: it is, for people.
+// INVALID_ARGUMENT for a message bigger than the server accepts. what: its name, for people.
 Status check_size(const char* what, const google::protobuf::MessageLite& message, const Limits& limits);
-// INVALID_ARGUMENT for what is no row or several.
+// INVALID_ARGUMENT unless `rows` is one whole row or several.
 Status check_rows(Span<const float> rows, std::uint32_t row_width);
 v1::Constraint constraint(std::uint32_t id, const Target& target);
-// end_frame 0: until another takes over.
+// end_frame 0: until another prompt takes over.
 v1::PromptSpan span(std::uint32_t id, const Prompt& prompt, std::uint64_t start_frame, std::uint64_t end_frame);
 // Without prompts, constraints and prior frames.
 v1::OpenSession open_session(const SessionOptions& options);
-// rows: whole rows of the rig, which are sent without their outputs.
+// rows: whole rows of the rig; their outputs are not sent.
 void set_rows(Span<const float> rows, const Rig& rig, v1::FrameChunk* frames);
 v1::SetOptions set_options(const OptionsChange& change);
 
 // ---- from the server
 
-// A violation when a rig contradicts itself.
+// A violation if a rig contradicts itself.
 Result<std::shared_ptr<const Catalog>> catalog(const v1::GetCatalogResponse& message);
-// The model with an id, or the default one for an empty id; its rig; nullptr where there is none.
+// The model with an id, or the default model for an empty id, and its rig. nullptr if there is none.
 const Model* find_model(const Catalog& catalog, const std::string& model_id);
 const Rig* find_rig(const Catalog& catalog, const std::string& model_id);
-// The rig of a session's frames, with what it asked for besides. A violation where that is something else.
+// The rig of a session's frames, with the outputs it asked for. A violation if the server's do not match.
 Result<Rig> session_rig(const Catalog& catalog, const v1::SessionOpened& message,
                         const std::vector<std::string>& outputs);
 Opened opened(const v1::SessionOpened& message);

@@ -1,4 +1,4 @@
-// What a server offers, from the contract's messages.
+// Conversion of a server's catalogue from the contract's messages.
 #include <algorithm>
 
 #include "client/convert.hpp"
@@ -6,7 +6,7 @@
 namespace motiongen::convert {
 namespace {
 
-// Whatever a server says that it takes: what is said to it is put together here first.
+// The limit on max_request_bytes, whatever the server says: requests are assembled in memory here first.
 constexpr std::uint32_t kMostRequestBytes = std::uint32_t{1} << 26;
 
 Result<Rig> rig(const v1::Rig& message) {

@@ -1,4 +1,4 @@
-// Targets: what is wrong with them, and the contract's messages of them.
+// Targets: their checks, and their conversion to the contract's messages.
 #include <cmath>
 #include <string>
 

@@ -1,4 +1,4 @@
-// Sessions of a client, and what comes for them.
+// A client's sessions, and what arrives for them.
 #include "client/core.hpp"
 
 #include <algorithm>
@@ -76,7 +76,7 @@ Result<std::shared_ptr<SessionState>> ClientCore::open(const SessionOptions& opt
   if (fits) fits = check_room();
   if (!fits) return fits;
   {
-    // looked at where the session comes in: whoever ends the client ends those that are there, and it alone
+    // checked under the lock that adds the session: whoever closes the client ends the sessions that are there by then
     const std::lock_guard<std::mutex> lock(mutex_);
     if (closing_ || (call_ == nullptr && !is_lost_)) {
       return Status(Code::failed_precondition, "CLIENT_CLOSED", "the client is closed: " + failure_.message());
@@ -118,7 +118,7 @@ void ClientCore::on_message(const wire::Piece* pieces, std::size_t size) {
   heard_at_s_ = now;
   ++num_messages_;
   num_bytes_ += size;
-  // what is said of the stream is to be taken before what is said of its sessions, wherever it lies
+  // what concerns the stream must be handled before what concerns its sessions, wherever it is in the message
   if (!take_stream_event({pieces, size})) return;
   wire::Cursor message(pieces, size);
   std::uint32_t field = 0;
@@ -135,7 +135,7 @@ void ClientCore::on_message(const wire::Piece* pieces, std::size_t size) {
       readable = message.read_message(inner) && wire::read_update(inner, update) && take_update(update, now);
     }
   }
-  // what stood in it and behind it is lost, and nobody may play on as if it had never been said
+  // this update and those after it are lost, and sessions must not go on as if they had never been sent
   if (!readable) drop_call(violation("an update of the server cannot be read"));
   flush();
   events_.dispatch();
@@ -192,7 +192,7 @@ void ClientCore::take_hello(const v1::ServerHello& hello) {
 
 void ClientCore::take_pong(std::int64_t pinged_ns) {
   const std::lock_guard<std::mutex> lock(mutex_);
-  if (pinged_ns <= ponged_ns_ || pinged_ns > pinged_ns_) return;  // it answers no ping, and says nothing of the line
+  if (pinged_ns <= ponged_ns_ || pinged_ns > pinged_ns_) return;  // it answers no outstanding ping
   ponged_ns_ = pinged_ns;
   unanswered_since_s_ = 0;
   round_trip_s_ = now_s() - static_cast<double>(pinged_ns) / 1e9;
@@ -225,7 +225,7 @@ bool ClientCore::take_update(const wire::Update& update, double now) {
   {
     const std::lock_guard<std::mutex> lock(mutex_);
     const auto found = sessions_.find(update.session);
-    if (found == sessions_.end()) return true;  // what was under way when it ended here
+    if (found == sessions_.end()) return true;  // sent before the server knew that the session had ended here
     state = found->second;
   }
   bool over = false;
@@ -236,7 +236,7 @@ bool ClientCore::take_update(const wire::Update& update, double now) {
     readable = wire::gather(update.all, scratch_) && message.ParseFromString(scratch_);
     const std::string& reason = message.outcome().reason();
     if (reason == "UNKNOWN_MODEL" || reason == "UNKNOWN_RIG") wants_catalog_ = true;
-    // models come and go while the server runs; without its rig the session cannot begin, so it is waited for here
+    // models come and go while the server runs; the session cannot begin without its rig, so fetch that first
     if (message.has_opened() && !knows_rig_of(message.opened()) && is_opening(*state)) {
       static_cast<void>(fetch_catalog(kAskTimeoutS));
     }
@@ -287,7 +287,7 @@ void ClientCore::drop_call(const Status& status) {
   {
     const std::lock_guard<std::mutex> lock(mutex_);
     call = call_;
-    if (call != nullptr) drop_reason_ = status;  // else it would be said of the next one
+    if (call != nullptr) drop_reason_ = status;  // without a call, it would be taken for the next call's reason
   }
   if (call != nullptr) call->cancel();
 }

@@ -1,4 +1,4 @@
-// All of a client: its channel, its present call, its sessions, and the thread that keeps time for them.
+// The core of a client: its channels, its present call, its sessions, and the worker thread that does what is due.
 #pragma once
 
 #include <grpcpp/generic/generic_stub.h>
@@ -29,20 +29,20 @@
 
 namespace motiongen {
 
-inline constexpr double kAskTimeoutS = 5;  // for the catalogue, once it is connected
+inline constexpr double kAskTimeoutS = 5;  // for the catalogue, and for the hello of one of several servers
 
-// Seconds of a clock that never goes back.
+// Seconds of a monotonic clock.
 double now_s();
 
-// Whether calls say who makes them.
+// Whether calls carry a token.
 bool has_token(const ClientOptions& options);
-// The client's own address and then the others.
+// The client's own address, then the other ones.
 std::vector<std::string> addresses_of(const ClientOptions& options);
 
-// The context of a short call, with deadline and metadata; closing the client cancels it.
+// The context of a short call, with deadline and metadata. Closing the client cancels it.
 class ShortCall {
  public:
-  // Asks for the token: no lock may be held. `made` is why the call cannot be made.
+  // Calls the token source, so no lock may be held. `made`: OK, or why the call cannot be made.
   ShortCall(class ClientCore& core, double timeout_s);
   ~ShortCall();
   ShortCall(const ShortCall&) = delete;
@@ -71,16 +71,16 @@ class ClientCore final : public CallUser, public std::enable_shared_from_this<Cl
 
   // ---- for Session
 
-  // Send an event of a session. FAILED_PRECONDITION where the session is closed.
+  // Send an event of a session. FAILED_PRECONDITION if the session is closed.
   Result<EditId> edit(SessionState& state, v1::SessionEvent event);
-  // The same, made while the session is locked.
+  // The same; `make` returns the event and runs while the session is locked.
   template <class Make>
   Result<EditId> edit_with(SessionState& state, Make make);
   void flush();  // send what waits in the outbox
-  void wake();   // let the thread look at what is due
+  void wake();   // let the worker look at what is due
   EventQueue& events() { return events_; }
   Outbox& outbox() { return outbox_; }
-  // RESOURCE_EXHAUSTED (OUTBOX_FULL) where no server reads, or answers, what was told before.
+  // RESOURCE_EXHAUSTED (OUTBOX_FULL) if too much still waits for the server to read or answer it.
   Status check_room() const;
   double report_period_s() const { return 1 / options_.report_hz; }
 
@@ -98,7 +98,7 @@ class ClientCore final : public CallUser, public std::enable_shared_from_this<Cl
 
   void make_channels();
 
-  // connection.cpp: calls, their loss, and another one
+  // connection.cpp: calls, their loss, and reconnecting
   Status try_connect(double deadline_s);
   Status fetch_catalog(double timeout_s);
   Status begin_call();
@@ -106,11 +106,12 @@ class ClientCore final : public CallUser, public std::enable_shared_from_this<Cl
   void lose(const Status& status, bool will_reconnect);
   double choose_server(bool was_connected, const Status& why);
   void forget_closed();
-  // Wait for the present call, and for lost ones whose end is still being told: gRPC's threads use this until then.
+  // Wait for the present call, and for lost ones whose end is still being reported: gRPC's threads use this object
+  // until then.
   void end_calls();
   void end_call(const std::shared_ptr<Call>& call);
 
-  // worker.cpp: what is done when its time has come
+  // worker.cpp: what is done by the clock
   void work();
   void tick(double now);
   void report(double now);
@@ -122,14 +123,14 @@ class ClientCore final : public CallUser, public std::enable_shared_from_this<Cl
   void take_pong(std::int64_t pinged_ns);
   void take_goodbye(const v1::Goodbye& goodbye);
   void drop_call(const Status& status);
-  // False where it cannot be read.
+  // Returns false if it cannot be read.
   bool take_update(const wire::Update& update, double now);
   static bool is_opening(const SessionState& state);
   bool knows_rig_of(const v1::SessionOpened& opened) const;
   std::vector<std::shared_ptr<SessionState>> sessions() const;
   void open_waiting(double now);
 
-  // moving.cpp: other servers, where this one has no room
+  // moving.cpp: going to another server if this one has no room
   bool move(const SessionState& refused, const std::vector<OtherServer>& servers);
   void follow(const std::shared_ptr<SessionState>& state);
 
@@ -138,7 +139,7 @@ class ClientCore final : public CallUser, public std::enable_shared_from_this<Cl
   EventQueue events_;
   Outbox outbox_;
   const std::shared_ptr<Backlog> backlog_ = std::make_shared<Backlog>();
-  // By its address; made once, and gRPC connects when it is first used.
+  // One for each address, made once; gRPC connects it at its first use.
   struct Server {
     std::shared_ptr<grpc::Channel> channel;
     std::unique_ptr<grpc::GenericStub> stub;
@@ -149,7 +150,7 @@ class ClientCore final : public CallUser, public std::enable_shared_from_this<Cl
   std::atomic<bool> connected_{false};
   std::atomic<bool> ever_connected_{false};
   std::atomic<bool> closing_{false};
-  std::atomic<bool> wants_catalog_{false};  // the server has refused a model or a rig that its catalogue has
+  std::atomic<bool> wants_catalog_{false};  // the server refused a model or a rig, so the catalogue is out of date
   std::atomic<std::uint32_t> next_session_{1};
   std::atomic<std::uint64_t> num_messages_{0};
   std::atomic<std::uint64_t> num_bytes_{0};
@@ -157,29 +158,29 @@ class ClientCore final : public CallUser, public std::enable_shared_from_this<Cl
   std::atomic<std::uint32_t> num_reconnects_{0};
   std::atomic<double> round_trip_s_{0};
   std::atomic<double> heard_at_s_{0};
-  std::string scratch_;  // of the call's reads, which come one at a time
+  std::string scratch_;  // for the call's reads, which come one at a time
 
-  // never held while another lock is taken, but for those of `outbox_`, `events_`, `route_` and calls
+  // while it is held, only the locks of `outbox_`, `events_`, `route_` and calls may be taken
   mutable std::mutex mutex_;
   std::condition_variable changed_;
   std::shared_ptr<const Catalog> catalog_;
   std::shared_ptr<Call> call_;
-  std::vector<std::shared_ptr<Call>> ended_calls_;  // once `wait_ended`, to be let go by the next one, or with this
-  std::set<grpc::ClientContext*> short_calls_;      // at work, so that closing need not wait
+  std::vector<std::shared_ptr<Call>> ended_calls_;  // released by the next call after `wait_ended`, or with this
+  std::set<grpc::ClientContext*> short_calls_;      // those under way, which closing cancels
   std::unordered_map<std::uint32_t, std::shared_ptr<SessionState>> sessions_;
   std::string replica_id_;              // of the server of the present call
   std::optional<v1::Goodbye> goodbye_;  // of the present call
-  std::set<std::string> asked_;         // servers that had no room, since a session was opened
+  std::set<std::string> asked_;         // servers that had no room since a session was last opened
   Status failure_;                      // of the last call
-  Status drop_reason_;                  // why the present call is given up here
-  bool is_lost_ = false;                // there is no call, and a time to make another
+  Status drop_reason_;                  // why the present call was cancelled here
+  bool is_lost_ = false;                // there is no call, but a time to make another
   double reconnect_at_s_ = 0;
   Backoff backoff_;
-  std::size_t num_failures_ = 0;  // to connect, since the last loss
+  std::size_t num_failures_ = 0;  // of attempts to connect since the last loss
   double next_ping_s_ = 0;
-  std::int64_t pinged_ns_ = 0;  // when the last ping was sent, and the last that was answered
+  std::int64_t pinged_ns_ = 0;  // when the last ping was sent; below: when the last one that was answered was sent
   std::int64_t ponged_ns_ = 0;
-  double unanswered_since_s_ = 0;  // when the first ping was sent that nothing was heard of; 0: none is open
+  double unanswered_since_s_ = 0;  // when the first unanswered ping was sent; 0: all are answered
   bool woken_ = false;
   std::thread worker_;
   std::minstd_rand jitter_{std::random_device{}()};

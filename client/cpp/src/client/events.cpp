@@ -1,11 +1,11 @@
-// Compiled with exceptions, unlike the rest of the library: the callback is the application's.
+// Compiled with exceptions, unlike the rest of the library: the callback is the application's code.
 #include "client/events.hpp"
 
 namespace motiongen {
 namespace {
 
-// An exception ends the program where it is thrown. Left to gRPC, whose thread this may be, it would vanish, and the
-// stream and whoever destroys the client would wait for ever.
+// noexcept: an exception ends the program where it is thrown. This may be one of gRPC's threads, which would swallow
+// it; then the stream would hang, and so would whoever destroys the client.
 void call(const std::function<void(const Event&)>& callback, const Event& event) noexcept { callback(event); }
 
 }  // namespace

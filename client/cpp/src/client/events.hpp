@@ -1,4 +1,4 @@
-// Events on their way to the application: one at a time, to its callback or to whoever asks for them.
+// The queue of events for the application: given to its callback, one at a time, or taken by `next_event`.
 #pragma once
 
 #include <condition_variable>
@@ -16,19 +16,20 @@ class EventQueue {
  public:
   explicit EventQueue(std::function<void(const Event&)> callback) : callback_(std::move(callback)) {}
 
-  // Queue an event. May be called with other locks held: it calls nobody.
+  // Queue an event. May be called with other locks held, since it runs no callback.
   void push(Event event);
 
-  // Call the callback with all that waits. While another thread does, that one does it. No locks may be held.
+  // Call the callback with all queued events, unless another thread is already doing so, which then does it. No locks
+  // may be held.
   void dispatch();
 
-  // The oldest event, where there is no callback.
+  // Take the oldest event, where there is no callback.
   bool take(Event& event);
 
-  // Whether this is the thread that a callback runs on at present.
+  // Whether this thread is running a callback.
   bool in_callback() const;
 
-  // No callback begins from now on; one that runs on another thread has ended when this returns.
+  // No callback begins from now on, and one running on another thread has ended when this returns.
   void stop();
 
   std::uint64_t num_dropped() const;
@@ -41,7 +42,7 @@ class EventQueue {
   std::condition_variable idle_;
   std::deque<Event> events_;
   std::uint64_t num_dropped_ = 0;
-  std::thread::id dispatching_;  // none: nobody is
+  std::thread::id dispatching_;  // none: no callback is running
   bool stopped_ = false;
 };
 

@@ -6,9 +6,9 @@
 namespace motiongen {
 namespace {
 
-constexpr std::uint64_t kNever = std::uint64_t{1} << 53;  // no session comes to it: the server refuses to go back there
+constexpr std::uint64_t kNever = std::uint64_t{1} << 53;  // no session reaches this frame: a Seek to it is refused
 
-// Count all from `base`, without those that have passed. Returns whether any has.
+// Make all count from `base` and remove those that have passed. Returns whether any has.
 template <class Each>
 bool shift_all(google::protobuf::RepeatedPtrField<Each>& all, std::uint64_t base) {
   const auto has_passed = [base](Each& each) { return !shift(each, base); };

@@ -1,10 +1,10 @@
-// Going to another server where this one has no room.
+// Going to another server if this one has no room.
 #include "client/core.hpp"
 
 namespace motiongen {
 namespace {
 
-constexpr std::size_t kMostAsked = 4;  // servers that are asked for one session, the first among them
+constexpr std::size_t kMostAsked = 4;  // servers asked for one session, including the first
 
 }  // namespace
 
@@ -13,11 +13,11 @@ bool ClientCore::move(const SessionState& refused, const std::vector<OtherServer
   for (const auto& state : sessions()) {
     if (state->id == refused.id) continue;
     const std::lock_guard<std::mutex> lock(state->mutex);
-    if (state->phase == Phase::open || state->phase == Phase::closing) return false;  // those that play stay
+    if (state->phase == Phase::open || state->phase == Phase::closing) return false;  // sessions that play stay here
   }
   {
     const std::lock_guard<std::mutex> lock(mutex_);
-    if (!drop_reason_) return true;  // the next session that was refused with the first
+    if (!drop_reason_) return true;  // the client is moving already: another session was refused together with this one
     if (asked_.size() + 1 >= kMostAsked || !asked_.insert(replica_id_).second) return false;
     if (!route_.go_to(servers)) return false;
   }

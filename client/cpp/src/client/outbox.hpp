@@ -1,4 +1,4 @@
-// Requests that wait for the stream: events gathered into messages that the server takes.
+// The queue of requests for the stream: events, gathered into messages no larger than the server accepts.
 #pragma once
 
 #include <chrono>
@@ -17,13 +17,13 @@ namespace motiongen {
 
 class Outbox {
  public:
-  // on_taken: hears of each message for how many seconds it waited since its first entry came.
+  // on_taken: called for each message taken, with the seconds that it waited since its first entry was put.
   explicit Outbox(std::function<void(double waited_s)> on_taken = nullptr) : on_taken_(std::move(on_taken)) {}
 
-  // Of more bytes that wait, nothing new is taken on: the server does not read.
+  // While more bytes than this wait, no new events are accepted: the server is not reading.
   static constexpr std::size_t kMostWaiting = Backlog::kMostWaiting;
 
-  // Bytes of an event that still fit into a message of the server's limit.
+  // The most bytes of an event that fit into a message of the server's limit.
   static std::size_t most_event_bytes(std::uint32_t max_request_bytes) {
     return max_request_bytes / 10 * std::size_t{9};
   }
@@ -35,12 +35,12 @@ class Outbox {
   void put(const v1::SessionEvent& event);
   // A message about the stream itself: hello or ping.
   void put_alone(const v1::StreamMotionRequest& message);
-  // A ping, which overtakes what waits, and takes the place of one that has not gone out yet.
+  // A ping. It overtakes what waits and replaces a ping that has not been sent yet.
   void put_ping(const v1::StreamMotionRequest& message);
-  // The next message; false when there is none.
+  // Take the next message; false if there is none.
   bool take(std::string& message);
   void clear();
-  // Whether so much waits that what can be refused, or left out, is to be.
+  // Whether so much waits that new edits must be refused and reports left out.
   bool is_full() const;
 
  private:

@@ -10,7 +10,7 @@ namespace {
 
 using Numbers = google::protobuf::RepeatedField<float>;
 
-// From what the character saw at its anchor into the world: a turn about the up axis, and then its place.
+// Transforms from the character at its anchor to the world: a turn about the up axis, then a translation.
 class Anchor {
  public:
   explicit Anchor(const Placement& placement)
@@ -20,7 +20,7 @@ class Anchor {
 
   float heading(float seen) const { return static_cast<float>(static_cast<double>(seen) + heading_); }
 
-  // Every `stride` numbers have an x first and a z last.
+  // Each group of `stride` numbers begins with an x and ends with a z.
   void places(int stride, Numbers* numbers) const {
     const double cosine = std::cos(heading_);
     const double sine = std::sin(heading_);
@@ -32,7 +32,7 @@ class Anchor {
     }
   }
 
-  // Quaternions w x y z; one of zeros stays.
+  // Quaternions w x y z; 0 0 0 0 stays.
   void rotations(Numbers* numbers) const {
     const double cosine = std::cos(heading_ / 2);
     const double sine = std::sin(heading_ / 2);
@@ -54,7 +54,7 @@ class Anchor {
   double z_;
 };
 
-// Something with an x, a z and perhaps a heading.
+// A message with an x, a z and an optional heading.
 template <class Message>
 void place_into_world(const Anchor& anchor, Message* message) {
   Numbers place;
@@ -103,7 +103,7 @@ v1::Constraint placed(v1::Constraint constraint, const Placement& placement) {
 
 v1::Constraint path_left(v1::Constraint constraint, const Placement& placement, std::uint64_t frame) {
   auto* positions = constraint.mutable_root_path()->mutable_positions();
-  std::vector<double> way_m;  // to each corner
+  std::vector<double> way_m;  // the distance to each corner
   double at_x = static_cast<double>(placement.anchor_x_m);
   double at_z = static_cast<double>(placement.anchor_z_m);
   double length_m = 0;

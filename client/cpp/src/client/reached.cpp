@@ -16,7 +16,7 @@ void keep(Each each, std::size_t most, std::deque<Each>& in) {
   if (in.size() > most) in.pop_front();
 }
 
-// The newest of a target; nothing where there is none.
+// The newest entry of a target, if any.
 template <class Each>
 std::optional<Each> newest(const std::deque<Each>& in, std::uint32_t target) {
   const auto found =
@@ -38,7 +38,7 @@ bool ReachedBook::note(const Reached& told) {
   keep(news, kKept, heard_);
   const auto replaced = forgotten_.find(told.target);
   if (replaced != forgotten_.end()) {
-    replaced->second.told = told;  // of the new one a server tells after its answer
+    replaced->second.told = told;  // of the old target: a server reports the new one only after its answer
   } else {
     keep(told, kKept, told_);
   }
@@ -48,7 +48,7 @@ bool ReachedBook::note(const Reached& told) {
 void ReachedBook::note(const Placement& placed) {
   const auto replaced = forgotten_.find(placed.target);
   if (replaced != forgotten_.end()) {
-    replaced->second.placed = placed;  // of one that another is to replace, which may be placed nowhere
+    replaced->second.placed = placed;  // of the old target: the one that replaces it may not have a placement
   } else {
     keep(placed, kKept, placements_);
   }

@@ -1,4 +1,5 @@
-// Where a session's targets were put and what became of them, kept for a while for whoever asks or waits.
+// A record of where a session's targets were placed and what became of them, kept for a while for later queries and
+// waits.
 #pragma once
 
 #include <cstddef>
@@ -14,26 +15,26 @@ namespace motiongen {
 
 class ReachedBook {
  public:
-  // Take what was told. False where it is known: a server repeats itself to a session that resumes.
+  // Take a result. False if it is known already: a server repeats results to a session that resumes.
   bool note(const Reached& told);
-  // Of what was answered: once that is settled.
+  // Take the placement of a target whose edit was answered, after `settle`.
   void note(const Placement& placed);
-  // No server has this target, and none will tell of it. One that was told of stays so.
+  // The server does not have this target, so no result will come. Ignored if a result has come already.
   void refuse(std::uint32_t target, const Status& why);
 
-  // Another target is to take the id: what is known of the one before does not hold for it.
+  // Another target is to take this id: what is known of the one before does not apply to it.
   void forget(std::uint32_t target);
-  // The other one was taken, or it was not and what was forgotten holds again. is_last: none that takes the id is on
-  // its way any more.
+  // The edit with the other target was answered: accepted, or refused so that what was forgotten applies again.
+  // is_last: no other unanswered edit takes this id.
   void settle(std::uint32_t target, bool was_taken, bool is_last);
 
-  // The newest that is known, if anything is.
+  // The newest that is known, if any.
   std::optional<Reached> find(std::uint32_t target) const;
   std::optional<Placement> find_placement(std::uint32_t target) const;
   std::optional<Status> find_refusal(std::uint32_t target) const;
 
  private:
-  static constexpr std::size_t kKept = 1024;  // of each
+  static constexpr std::size_t kKept = 1024;  // of each kind
 
   struct Forgotten {
     std::optional<Reached> told;
@@ -42,10 +43,10 @@ class ReachedBook {
   };
 
   std::deque<Reached> told_;
-  std::deque<std::pair<std::uint32_t, std::uint64_t>> heard_;  // target and frame of all that was told of late
+  std::deque<std::pair<std::uint32_t, std::uint64_t>> heard_;  // target and frame of the latest results
   std::deque<Placement> placements_;
   std::deque<std::pair<std::uint32_t, Status>> refused_;
-  std::map<std::uint32_t, Forgotten> forgotten_;  // by the ids that edits on their way replace
+  std::map<std::uint32_t, Forgotten> forgotten_;  // by the ids that unanswered edits replace
 };
 
 }  // namespace motiongen

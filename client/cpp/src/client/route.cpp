@@ -10,7 +10,7 @@ namespace {
 constexpr char kHexDigits[] = "0123456789abcdef";
 constexpr char kKeyCharacters[] = "0123456789abcdefghijklmnopqrstuvwxyzABCDEFGHIJKLMNOPQRSTUVWXYZ-._";
 constexpr int kKeyDigits = 16;
-constexpr std::size_t kMostKeyLength = 256;  // of one that a server names: it goes with every call
+constexpr std::size_t kMostKeyLength = 256;  // of a key named by a server, since it goes with every call
 
 std::string drawn_key() {
   std::random_device source;
@@ -62,8 +62,8 @@ void Route::pass_over(bool is_starting) {
   if (is_starting && has_drawn_key_) key_ = drawn_key();
 }
 
-// By a server's own address where that is one of the client's, else, at the client's own, by its key, unless the
-// application has chosen one.
+// A server is reached by its own address if that is one of the client's; else by its key at the client's own address,
+// unless the application has chosen a key.
 std::deque<Route::Way> Route::ways(const std::vector<OtherServer>& servers) const {
   std::deque<Way> found;
   for (const OtherServer& each : servers) {

@@ -1,4 +1,4 @@
-// The way of a client to a server: the same address and key with every call, until another server is wanted.
+// Which server a client calls: the same address and routing key with every call, until it goes to another server.
 #pragma once
 
 #include <cstddef>
@@ -11,34 +11,35 @@
 
 namespace motiongen {
 
-// Metadata by which a proxy can bring all calls of one client to one server, which has its sessions.
+// The metadata by which a proxy can route all calls of one client to the server that has its sessions.
 inline constexpr char kRoutingKey[] = "x-motiongen-key";
 
 // May be used from any thread; takes no other lock.
 class Route {
  public:
-  // addresses: the client's own, then the others that it may go to. key: the application's; empty: one is drawn.
+  // addresses: the client's own, then the others that it may go to. key: the application's; empty: a random one.
   Route(std::vector<std::string> addresses, std::string key);
 
-  // Whether a key can be sent: letters, digits, -, . and _.
+  // Whether a text can be a key: letters, digits, -, . and _.
   static bool is_key(const std::string& text);
 
-  std::size_t server() const;  // which of the addresses
+  std::size_t server() const;  // index of the address
   std::string key() const;
 
-  // To the next address.
+  // Go to the next address.
   void next();
-  // To the first of these servers that the client may go to, for want of room at its own. An application's key stays.
-  // False: there is none.
+  // Go to the first of these servers that the client may go to, because its own has no room. An application's key
+  // stays. False if there is none.
   bool go_to(const std::vector<OtherServer>& servers);
-  // The same where its own goes away, and the others are for `pass_over`.
+  // The same because its own server goes away; the rest of these servers are kept for `pass_over`.
   bool follow(const std::vector<OtherServer>& servers);
-  // To the next server that was named, since this one serves nobody; where none is left, to the next address, by
-  // another key where the server there is only starting: what it had is gone from it, and a proxy may have others.
+  // Leave a server that does not serve: go to the next of those that `follow` kept, or else to the next address. If the
+  // server is only starting (is_starting), also draw another key: it has lost its sessions anyway, and a proxy may have
+  // other servers.
   void pass_over(bool is_starting);
 
  private:
-  // key: empty leaves it.
+  // key: empty keeps the present one.
   struct Way {
     std::size_t server;
     std::string key;

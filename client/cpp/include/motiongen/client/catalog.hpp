@@ -87,8 +87,7 @@ struct Catalog {
   std::vector<Rig> rigs;
   std::vector<Model> models;
   Limits limits;
-  std::optional<float>
-      free_share;  // the share of the server's capacity that was free for new sessions; absent: unknown
+  std::optional<float> free_share;  // of the server's capacity, the share free for new sessions; absent: unknown
 };
 
 }  // namespace motiongen

@@ -48,7 +48,7 @@ void put_reached(const motiongen::Reached& reached, motiongen_event& told) {
   told.rotation_error_rad = reached.rotation_error_rad.value_or(0);
 }
 
-constexpr std::size_t kMostTokenBytes = 16384;  // with its end; those of issuers are a few thousand
+constexpr std::size_t kMostTokenBytes = 16384;  // including the NUL; issuers' tokens have a few thousand bytes
 
 motiongen::Result<std::string> token_of(const motiongen_client_options& given) {
   std::string token(kMostTokenBytes, '\0');
@@ -63,7 +63,7 @@ motiongen::Result<std::string> token_of(const motiongen_client_options& given) {
   return token;
 }
 
-// Rows of another width would be taken for as many others as their numbers make.
+// Without this check, rows of another width would be taken for a different number of rows.
 motiongen::Status check_row_floats(const motiongen::Catalog& catalog, const motiongen_session_options& given) {
   const std::string model_id = text(given.model_id);
   for (const motiongen::Model& model : catalog.models) {
@@ -76,7 +76,7 @@ motiongen::Status check_row_floats(const motiongen::Catalog& catalog, const moti
     }
     return {};
   }
-  return {};  // opening it says that there is no such model
+  return {};  // opening the session will report that there is no such model
 }
 
 }  // namespace

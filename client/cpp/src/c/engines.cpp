@@ -1,4 +1,4 @@
-// The C interface of what engines need beside a session.
+// The C interface of the helpers for game engines.
 #include <algorithm>
 
 #include "c/structs.hpp"

@@ -21,5 +21,5 @@ struct motiongen_session {
 
 struct motiongen_ground {
   motiongen::GroundFollower follower;
-  std::mutex mutex;  // its calls share what the follower computes with
+  std::mutex mutex;  // calls share the follower's working memory
 };

@@ -1,4 +1,4 @@
-// Structs of the C interface as they cross it: no more is read or written than the caller says there is.
+// Reads and writes the caller's structs: never more than the struct_size that the caller gave.
 #pragma once
 
 #include <algorithm>
@@ -12,13 +12,13 @@
 
 namespace motiongen::c {
 
-// Whether a struct of the caller can be read or written: it is not NULL and says how big it is.
+// Whether a struct of the caller can be read or written: it is not NULL and states its size.
 template <class T>
 bool has_size(const T* given) {
   return given != nullptr && given->struct_size >= sizeof given->struct_size;
 }
 
-// The caller's struct, its missing end as zeros. false where it is NULL or has no size.
+// Read the caller's struct, with zeros for fields beyond its size. False if it is NULL or has no size.
 template <class T>
 bool read(const T* given, T& known) {
   std::memset(&known, 0, sizeof known);
@@ -27,7 +27,7 @@ bool read(const T* given, T& known) {
   return true;
 }
 
-// As much of ours as the caller's struct has room for; its struct_size stays.
+// Write as much as the caller's struct has room for; its struct_size stays.
 template <class T>
 void write(T known, T* given) {
   if (!has_size(given)) return;
@@ -35,7 +35,7 @@ void write(T known, T* given) {
   std::memcpy(given, &known, std::min<std::size_t>(given->struct_size, sizeof known));
 }
 
-// Cut off where it is longer, never in the middle of a character of UTF-8.
+// Copy a text, truncated to fit but never in the middle of a UTF-8 character.
 template <std::size_t N>
 void copy_text(const std::string& text, char (&to)[N]) {
   std::size_t size = std::min(text.size(), N - 1);
@@ -44,7 +44,7 @@ void copy_text(const std::string& text, char (&to)[N]) {
   to[size] = '\0';
 }
 
-// What a call returns; tells the caller more where it may.
+// A call's return value; fills in `error` if the caller gave one.
 inline motiongen_code answer(const Status& status, motiongen_error* error) {
   motiongen_error told;
   std::memset(&told, 0, sizeof told);

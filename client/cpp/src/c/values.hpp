@@ -1,4 +1,4 @@
-// Values of the C interface as the library has them.
+// Conversion of the C interface's structs to the library's values.
 #pragma once
 
 #include "motiongen/client/types.hpp"
@@ -6,7 +6,7 @@
 
 namespace motiongen::c {
 
-// INVALID_ARGUMENT for a NULL, a form that nobody knows, or numbers that are missing.
+// INVALID_ARGUMENT for NULL, an unknown form, or missing numbers.
 Result<Target> target_of(const motiongen_target* given);
 Result<Prompt> prompt_of(const motiongen_prompt* given);
 Result<OptionsChange> change_of(const motiongen_options_change* given);

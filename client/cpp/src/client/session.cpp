@@ -1,4 +1,4 @@
-// A session: made, moved, closed.
+// A session: constructed, moved, closed.
 #include "motiongen/client/session.hpp"
 
 #include "client/core.hpp"

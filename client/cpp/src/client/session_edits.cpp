@@ -1,4 +1,4 @@
-// What a session is told: locks it, makes the event, and lets it go out.
+// A session's edits: each locks the session, makes the event, and has it sent.
 #include <cmath>
 
 #include "client/convert.hpp"
@@ -8,7 +8,7 @@
 namespace motiongen {
 namespace {
 
-constexpr double kUsualFrameRateHz = 20;  // where the server will refuse the model
+constexpr double kUsualFrameRateHz = 20;  // for an unknown model, which the server will refuse
 
 Status check_span(const Prompt& prompt, std::uint64_t start_frame, std::uint64_t end_frame) {
   Status checked = convert::check(prompt);
@@ -165,7 +165,7 @@ Result<EditId> Session::set_velocity(float x_mps, float z_mps, double seconds, s
   });
 }
 
-// Before it has opened: of the rig that it will have. With the state's mutex held.
+// Before the session has opened, that of the rig it will have. With the state's mutex held.
 double Session::frame_rate_hz() const {
   if (state_->timeline) return state_->timeline->frame_rate_hz();
   const auto known = core_->catalog();

@@ -1,4 +1,4 @@
-// The frames of a session, as its timeline holds them.
+// Reading and playing a session's frames, which its timeline holds.
 #include <algorithm>
 #include <cmath>
 
@@ -17,7 +17,7 @@ Status too_short(Span<float> out, const Rig& rig) {
 const Rig& Session::rig() const {
   static const Rig none;
   const std::lock_guard<std::mutex> lock(state_->mutex);
-  return state_->timeline ? state_->rig : none;  // which does not change any more
+  return state_->timeline ? state_->rig : none;  // never changes once set
 }
 
 bool Session::is_open() const {
@@ -57,7 +57,7 @@ Result<bool> Session::show(GroundFollower* ground, Span<float> out) {
     began = began && shown;
     if (began) state_->report(now_s(), core_->report_period_s(), core_->outbox());
   }
-  if (began) core_->flush();  // the server's idea of our clock begins here
+  if (began) core_->flush();  // the server starts its estimate of our clock at this report
   if (!raised) return raised;
   return shown;
 }

@@ -1,4 +1,4 @@
-// How a session begins: for the first time, resumed, or anew from the frames held; and what ends it or its stream.
+// How a session begins: for the first time, resumed, or anew from the frames held; and how it or its stream ends.
 #include <algorithm>
 
 #include "client/convert.hpp"
@@ -8,7 +8,7 @@
 namespace motiongen {
 namespace {
 
-constexpr double kRetryS = 1.0;                    // after the server has given a session up
+constexpr double kRetryS = 1.0;                    // after the server has ended a session that can continue
 constexpr std::uint32_t kMostLookahead = 1 << 16;  // frames; servers grant 10,000 at most
 
 bool same_rows(const Rig& a, const Rig& b) {
@@ -27,13 +27,13 @@ std::uint32_t SessionState::prior_rows(const Catalog& catalog, std::uint64_t end
   if (!timeline || model == nullptr || end <= timeline->first_kept() || end > timeline->buffered_to()) return 0;
   const std::uint64_t patch = std::max<std::uint64_t>(model->patch_frames, 1);
   const std::uint64_t asked = book.history_frames() != 0 ? book.history_frames() : model->default_history_frames;
-  // as many as a window sees, in a message that the server takes
+  // as many as a window sees, but not more than fit into a message
   const std::uint64_t row_bytes = rig.own_width * sizeof(float);
   const std::uint64_t most = Outbox::most_event_bytes(catalog.limits.max_request_bytes) / row_bytes / patch;
   const std::uint64_t wanted = std::min(std::max<std::uint64_t>(asked / patch, 1), most) * patch;
   if (wanted == 0) return 0;
   std::uint64_t first = std::max(timeline->first_kept(), end < wanted ? 0 : end - wanted);
-  const auto cut = timeline->cut_before(end);  // what was before it is elsewhere
+  const auto cut = timeline->cut_before(end);  // frames before the cut are from another place
   if (cut) first = std::max(first, *cut);
   const auto put = [&](std::uint64_t frame) {
     const auto row = timeline->row(frame);
@@ -73,7 +73,7 @@ v1::SessionEvent SessionState::resuming_event() {
   point->set_plan(timeline->plan());
   point->set_answered_seq(book.answered_seq());
   point->set_attempt(++attempt_);
-  // for another server, which may not know
+  // for another server, which may not know these
   point->set_playhead(timeline->playhead() > base_ ? timeline->playhead() - base_ : 0);
   point->set_committed_to(timeline->committed_to() > base_ ? timeline->committed_to() - base_ : 0);
   return event;
@@ -90,7 +90,7 @@ void SessionState::send_open(Outbox& outbox, const Catalog& catalog, EventQueue&
   send_all(said, outbox, catalog, events);
 }
 
-// Said again, they would be asked for at the first frame of the new session.
+// Sent again, edits that have passed would take effect at the first frame of the new session.
 void SessionState::settle_passed(EventQueue& events) {
   for (const SessionBook::Passed& each : book.take_passed(base_)) {
     if (each.is_all) {
@@ -101,7 +101,7 @@ void SessionState::settle_passed(EventQueue& events) {
   }
 }
 
-// Those of an edit whose rest is said.
+// The targets that have passed, of an edit whose other part is sent.
 void SessionState::leave_out(const std::vector<std::uint32_t>& targets) {
   for (const std::uint32_t target : targets) reached_book.refuse(target, passed());
   if (!targets.empty()) changed.notify_all();
@@ -156,7 +156,7 @@ void SessionState::take_closed(const v1::SessionClosed& message, double now_s, E
   const bool gone_on_with = message.reason() == v1::CLOSE_REASON_DRAINED || why.code() == Code::unavailable;
   if (!gone_on_with || !recovers_ || !was_open_ || phase == Phase::closing) return end(why, events);
   if (is_durable) {
-    phase = Phase::waiting;  // another server, or this one where it was only the model that was lost, goes on with it
+    phase = Phase::waiting;  // it can be resumed at another server, or at this one if only the model was lost
   } else {
     open_anew(events);
   }
@@ -173,7 +173,7 @@ void SessionState::take_resumed(const v1::SessionOpened& message, const Catalog&
                                 Outbox& outbox) {
   resuming_ = false;
   token_ = message.session_token();
-  if (phase == Phase::closing) {  // its number is behind those of what was not answered
+  if (phase == Phase::closing) {  // the close is numbered after the unanswered events
     send_all(book.repetitions(base_), outbox, catalog, events);
     if (phase == Phase::closing) send_close(outbox);
     return;
@@ -185,7 +185,7 @@ void SessionState::take_resumed(const v1::SessionOpened& message, const Catalog&
   event.exact = true;
   events.push(std::move(event));
   serve_in_full(message.denoise_steps(), events);
-  report_before_edit(outbox);  // it may have gone on meanwhile
+  report_before_edit(outbox);  // the playhead may have moved meanwhile
   send_all(book.repetitions(base_), outbox, catalog, events);
 }
 
@@ -222,18 +222,18 @@ void SessionState::take_opened(const v1::SessionOpened& message, const Catalog& 
     if (!begun) return break_off(begun, events, outbox);
   }
   events.push(std::move(event));
-  // one that has just begun has told nobody anything else
+  // for a session that has just opened, no other level has been reported
   if (!was_reopened) level_ = {v1::SERVICE_TIER_FULL, opened.denoise_steps};
   serve_in_full(opened.denoise_steps, events);
 }
 
-// As a session is that goes on or begins: where that is not so another level follows.
+// A session opens and resumes at the full level; if that does not hold, the server sends another level.
 void SessionState::serve_in_full(std::uint32_t denoise_steps, EventQueue& events) {
   const ServiceLevel full = {v1::SERVICE_TIER_FULL, denoise_steps};
   if (level_.tier != full.tier || level_.denoise_steps != full.denoise_steps) set_level(full, events);
 }
 
-// Who waits for a target that the new session is not told of hears that none will be told of it.
+// Ends the waits for targets that the new session is not told of: no result will come for them.
 void SessionState::take_placements_anew() {
   for (const std::uint32_t target : book.passed_at(base_)) {
     if (!book.is_being_set(target)) reached_book.refuse(target, passed());

@@ -10,7 +10,7 @@
 namespace motiongen {
 namespace {
 
-constexpr double kRetryS = 1.0;  // after a refusal that names no time
+constexpr double kRetryS = 1.0;  // after a refusal without a retry time
 
 Status closed_here() { return {Code::cancelled, "CLIENT", "the session was closed here"}; }
 
@@ -33,9 +33,9 @@ EditId SessionState::send_edit(v1::SessionEvent event, Outbox& outbox, EventQueu
 }
 
 void SessionState::report_before_edit(Outbox& outbox) {
-  // Where a caller moves the playhead, the server cannot know how far: it is told before it chooses what to change.
+  // If the caller moves the playhead, the server cannot estimate it, so it is told before it chooses what to change.
   if (options.clock != Clock::manual) return;
-  // The regular reports come as ever: another one behind each edit would use up what a session may say in a second.
+  // The regular reports keep their times: another report after each edit would use up the session's rate limit.
   const double regular_s = next_report_s;
   report(0, 0, outbox);
   next_report_s = regular_s;
@@ -49,7 +49,7 @@ void SessionState::set_playing(bool is_playing) {
 void SessionState::send_close(Outbox& outbox) {
   phase = Phase::closing;
   ended = closed_here();
-  if (resuming_) return;  // behind what was not answered, which goes out once the session is resumed
+  if (resuming_) return;  // the close follows the unanswered events, which are sent once the session is resumed
   v1::SessionEvent event;
   event.set_session(id);
   event.set_event_seq(book.take_seq());
@@ -60,16 +60,17 @@ void SessionState::send_close(Outbox& outbox) {
 void SessionState::report(double now_s, double period_s, Outbox& outbox) {
   if (phase != Phase::open || !timeline) return;
   if (options.clock == Clock::real_time) timeline->advance(now_s);
-  if (outbox.is_full()) return;  // the next says it all
-  // What plays on towards what a new session has made is not told: the server would count on from there. What stands
-  // still is, or the session would be closed for its silence; and so is what was told once.
+  if (outbox.is_full()) return;  // the next report says it all
+  // While playback has not reached the frames of a session opened anew, it is not reported: the server would count on
+  // from there. A playhead that stands still is reported, or the session would be closed as idle; so is one that was
+  // reported once on this stream.
   const bool stands = !timeline->started() || !timeline->playing();
   if (!stands && !can_report && timeline->playhead() < base_) return;
   std::string entry;
   wire::put_playhead(id, std::max(timeline->playhead(), base_) - base_, timeline->buffered_to() - base_,
                      timeline->underruns(), book.answered_seq(), entry);
   outbox.put(entry);
-  // those that open together are spread over the period, so that the server need not hear them all at once
+  // sessions that open together report at different times of the period, so that the server does not get all at once
   next_report_s = now_s + (can_report ? period_s : period_s * (1 + id % 10) / 10);
   can_report = true;
 }
@@ -94,7 +95,7 @@ Status SessionState::advance_to(std::uint64_t frame) {
   const bool began = !timeline->started();
   const auto reached = timeline->advance_to(frame);
   if (!reached) return reached.status();
-  // nothing left to show: more credit at once, or with the next tick where it was just asked for
+  // nothing is left to show: ask for more frames with the next report, at once
   if (began || frame + 1 == showable_to()) next_report_s = 0;
   return {};
 }
@@ -102,7 +103,7 @@ Status SessionState::advance_to(std::uint64_t frame) {
 // ---- from the server
 
 void SessionState::take_plan(const wire::Plan& plan, EventQueue& events, Outbox& outbox) {
-  if (phase != Phase::open || !timeline) return;  // what was under way when it ended here
+  if (phase != Phase::open || !timeline) return;  // sent before the server knew that the session had ended here
   const Status taken = timeline->announce_plan(plan.plan, plan.valid_from + base_, plan.is_cut);
   if (!taken) return break_off(taken, events, outbox);
   ++stats.plans;
@@ -158,17 +159,17 @@ void SessionState::take_outcome(const v1::EditOutcome& message, double now_s, Ev
   shift_placements(outcome.placements);
   if (message.event_seq() == 1) {
     if (outcome.status.ok()) return;
-    if (phase == Phase::closing) return end_as_wished(events);  // nothing else comes: there is no session to close
+    if (phase == Phase::closing) return end_as_wished(events);  // nothing else will come: there is no session to close
     if (phase != Phase::opening) return;
     const Code code = outcome.status.code();
     if (resuming_ && code != Code::unavailable && code != Code::resource_exhausted) {
-      open_anew(events);  // it was not kept
+      open_anew(events);  // the server has not kept it
       retry_at_s = 0;     // with the next tick
       return;
     }
     const bool has_no_room = code == Code::unavailable || code == Code::resource_exhausted;
     if (!was_open_ && recovers_ && outcome.status.reason() == "DRAINING") {
-      phase = Phase::waiting;  // this stream ends soon; the next one, here or elsewhere, is asked
+      phase = Phase::waiting;  // this stream ends soon; ask on the next one
       retry_at_s = std::numeric_limits<double>::infinity();
       return;
     }
@@ -178,7 +179,8 @@ void SessionState::take_outcome(const v1::EditOutcome& message, double now_s, Ev
     refusal = std::move(outcome);
     return;
   }
-  // It crossed the session's end: what has no answer by then is said again where the session goes on.
+  // This answer crossed the session's end: events that had no answer by then are sent again where the session
+  // continues.
   if (phase == Phase::opening && was_open_) return;
   std::optional<Taken> taken;
   if (outcome.status) {
@@ -198,7 +200,7 @@ void SessionState::take_outcome(const v1::EditOutcome& message, double now_s, Ev
 }
 
 void SessionState::give_up_opening(EventQueue& events) {
-  // where its time came meanwhile it has been asked for again, and the answer to that counts
+  // if its retry time came meanwhile, the session was asked for again, and only the answer to that counts
   if (!was_open_ && phase == Phase::waiting) end(std::move(*refusal), events);
 }
 
@@ -262,7 +264,7 @@ void SessionState::settle_targets(const std::vector<std::uint32_t>& targets, con
   for (const std::uint32_t target : targets) {
     const bool was_taken = answer.ok();
     const bool is_last = !book.is_being_set(target);
-    if (!was_taken && !is_last) continue;  // what was before it is known once the other is answered
+    if (!was_taken && !is_last) continue;  // what applies is known once the other edit is answered
     reached_book.settle(target, was_taken, is_last);
     if (!was_taken && !book.expects(target)) reached_book.refuse(target, answer);
   }
@@ -270,7 +272,7 @@ void SessionState::settle_targets(const std::vector<std::uint32_t>& targets, con
 
 void SessionState::break_off(const Status& status, EventQueue& events, Outbox& outbox) {
   send_close(outbox);
-  phase = Phase::open;  // it does not end as its user wished: that is told
+  phase = Phase::open;  // the application did not ask for this end, so it gets the event
   end(status, events);
 }
 

@@ -1,4 +1,4 @@
-// One character as the client knows it: its timeline, its book, and where it stands with the server.
+// The state of one session: its timeline, its book, and its phase with the server.
 #pragma once
 
 #include <condition_variable>
@@ -18,19 +18,19 @@
 
 namespace motiongen {
 
-// What a session does about its connection.
+// The phase of a session with the server.
 enum class Phase {
-  waiting,  // for a stream: it was never opened, or its stream was lost
-  opening,  // OpenSession is on its way: the first time, or again after a loss
+  waiting,  // for a stream: it has not been opened yet, or its stream was lost
+  opening,  // OpenSession was sent: for the first time, or again after a loss
   open,
-  closing,  // CloseSession is on its way
+  closing,  // CloseSession was sent
   closed,
 };
 
-// `mutex` guards all of it; whoever calls a method holds it. Lock order: this, then those of Outbox and EventQueue.
+// `mutex` guards all of it; callers of its methods hold it. Lock order: this one, then those of Outbox and EventQueue.
 class SessionState {
  public:
-  // recovers: whether it goes on on another stream when its own is lost. backlog: as a book has it.
+  // recovers: whether the session continues on another stream if its own is lost. backlog: as for SessionBook.
   SessionState(std::uint32_t given_id, SessionOptions given, v1::OpenSession open, bool recovers,
                std::shared_ptr<Backlog> backlog = nullptr)
       : id(given_id),
@@ -46,63 +46,64 @@ class SessionState {
   SessionBook book;
   ReachedBook reached_book;
   Phase phase = Phase::waiting;
-  Rig rig;  // set when it first opens, and never changed
+  Rig rig;  // set when the session first opens, and never changed
   std::optional<Timeline> timeline;
-  std::optional<FrameDecoder> decoder;  // of frames that are not stored as float32
+  std::optional<FrameDecoder> decoder;  // for frames that are not sent as float32
   Opened opened;
-  Status ended;  // why it is closed, or is closing
+  Status ended;  // why the session is closed, or is closing
   SessionStats stats;
   double next_report_s = 0;
-  double retry_at_s = 0;           // a refused reopening is tried again then
-  std::optional<Outcome> refusal;  // of its opening for want of room, until it is known whether another server is asked
-  bool can_report = false;         // it has reported on the present stream
+  double retry_at_s = 0;           // when a refused reopening is tried again
+  std::optional<Outcome> refusal;  // of its opening for lack of room, until it is decided whether to ask another server
+  bool can_report = false;         // it has sent a report on the present stream
   std::uint64_t last_seq = 0;      // the highest applied_seq
-  bool is_durable = false;         // its server saves it, so that another can go on with it
+  bool is_durable = false;         // the server saves it, so that another server can continue it
 
   // ---- to the server
 
-  // Put its OpenSession into the outbox: its first, one that resumes it where the server may have kept it, else one
-  // that goes on from the frames held, with what was not answered. Where that is more than the server takes in a
-  // message the session ends: the server would end the stream with all sessions.
+  // Put OpenSession into the outbox: the first one; after a loss, one that resumes the session if the server may have
+  // kept it; else one that continues from the frames held, followed by the unanswered events. If one of these is bigger
+  // than the server accepts, the session ends, since the server would otherwise end the stream and with it all
+  // sessions.
   void send_open(Outbox& outbox, const Catalog& catalog, EventQueue& events);
-  // What has it go on from a frame of its own: by number, or by the rows where the session at the server has another
-  // count since it was opened anew.
+  // The event that continues from one of the session's own frames: by number, or by rows if the session was opened anew
+  // after that frame, so that the server does not have it.
   v1::SessionEvent seek_event(std::uint64_t frame, const Catalog& catalog) const;
-  // Take an edit. Returns its number. One for frames before those of the session at the server is refused here; of one
-  // that is so in part the rest is sent.
+  // Take an edit and return its number. An edit for frames before the first of the server's session is refused here; if
+  // only a part is, the rest is sent.
   EditId send_edit(v1::SessionEvent event, Outbox& outbox, EventQueue& events);
   void send_close(Outbox& outbox);
-  // Whether its playhead shall move, from now on or from when it has opened.
+  // Whether the playhead should move, from now on or once the session has opened.
   void set_playing(bool is_playing);
-  // A report where it plays; moves the playhead to the present where the clock is the library's.
+  // Report the playhead. If the clock is the library's, moves it to the present first.
   void report(double now_s, double period_s, Outbox& outbox);
 
   // ---- frames
 
-  // The first frame that may not be shown yet. Where a caller moves the playhead it goes as fast as the caller likes,
-  // and the server puts an edit where nobody can be who plays in real time: until the edit is answered, only frames
-  // that it cannot change are shown.
+  // The first frame that may not be shown yet. The server lets an edit take effect where a playhead in real time cannot
+  // be yet, but a caller may move the playhead faster than that. So with a manual clock only frames that an edit cannot
+  // change are shown until it is answered.
   std::uint64_t showable_to() const;
-  // Clock::manual: show a frame. Once it has opened.
+  // Clock::manual: show a frame. Only once the session has opened.
   Status advance_to(std::uint64_t frame);
 
-  // ---- from the server. Where it broke a rule the session is closed, and the others go on
+  // ---- from the server. If it broke a rule, this session is closed and the others go on
 
   void take_plan(const wire::Plan& plan, EventQueue& events, Outbox& outbox);
   void take_chunk(const wire::Chunk& chunk, EventQueue& events, Outbox& outbox);
   void take(const v1::SessionUpdate& update, const Catalog& catalog, double now_s, EventQueue& events, Outbox& outbox);
 
-  // The stream is gone. It waits for another one, or ends with `status` where there will be none.
+  // The stream is lost. The session waits for another one, or ends with `status` if there will be none.
   void lose(const Status& status, bool will_reconnect, EventQueue& events);
-  // It was closed here.
+  // End a session that was closed here.
   void end_as_wished(EventQueue& events);
   void end(Status status, EventQueue& events);
   void end(Outcome outcome, EventQueue& events);
 
-  // No other server is asked: it waits for this one where it was open before, else that is its end.
+  // No other server will be asked: a session that was open before waits for this one, any other ends.
   void give_up_opening(EventQueue& events);
 
-  // The answer to an edit, if it has come.
+  // The answer to an edit, if it has arrived.
   std::optional<Outcome> find_answer(EditId edit) const;
 
  private:
@@ -118,23 +119,23 @@ class SessionState {
   void take_closed(const v1::SessionClosed& message, double now_s, EventQueue& events);
   v1::SessionEvent resuming_event();
   v1::SessionEvent opening_event(const Catalog& catalog);
-  // Send them, or end where one of them is too big.
+  // Send all of them, or end the session if one of them is too big.
   void send_all(const std::vector<v1::SessionEvent>& said, Outbox& outbox, const Catalog& catalog, EventQueue& events);
   void set_level(const ServiceLevel& level, EventQueue& events);
   void serve_in_full(std::uint32_t denoise_steps, EventQueue& events);
   void take_outcome(const v1::EditOutcome& message, double now_s, EventQueue& events);
   void break_off(const Status& status, EventQueue& events, Outbox& outbox);
   void note_reached(const v1::ConstraintReached& message, EventQueue& events);
-  // One about this session; what it tells is to be filled in.
+  // An event of this session, without its contents.
   Event event_of(EventKind kind) const;
   void note_answer(EditId edit, Outcome outcome, EventQueue& events);
   void set_durable(bool is_kept, EventQueue& events);
   void open_anew(EventQueue& events);
-  // Turns them into the timeline's frames.
+  // Converts them to the timeline's frames.
   void shift_placements(std::vector<Placement>& placements) const;
-  // What is known of the targets of an edit now that it is answered: by OK where it was taken.
+  // Settle what is known of an edit's targets, now that it is answered. answer: OK if it was accepted.
   void settle_targets(const std::vector<std::uint32_t>& targets, const Status& answer);
-  // The rows before `end`, as many as a window sees; none where they are not held. Returns how many.
+  // The rows before `end`, as many as a window sees. Returns how many; none if they are not held.
   std::uint32_t prior_rows(const Catalog& catalog, std::uint64_t end, std::string& rows) const;
   void say_as_rows(v1::Seek& seek, const Catalog& catalog) const;
 
@@ -143,11 +144,11 @@ class SessionState {
   std::uint64_t base_ = 0;  // the timeline's frame that is frame 0 of the present session on the server
   const bool recovers_;
   bool was_open_ = false;
-  bool is_playing_ = true;  // as it was wished
+  bool is_playing_ = true;  // as the caller wants it
   ServiceLevel level_;
-  bool resuming_ = false;      // OpenSession with the token is on its way
+  bool resuming_ = false;      // OpenSession with the token was sent
   std::string token_;          // of the present session on the server; empty: it cannot be resumed
-  std::uint32_t attempt_ = 0;  // to resume it
+  std::uint32_t attempt_ = 0;  // the number of the last attempt to resume it
   std::deque<std::pair<EditId, Outcome>> answers_;
 };
 

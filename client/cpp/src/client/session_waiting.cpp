@@ -1,4 +1,4 @@
-// Waiting for what a session hears.
+// Waiting for answers, results and frames of a session.
 #include <chrono>
 
 #include "client/core.hpp"
@@ -19,7 +19,7 @@ Status too_long(const char* what, double timeout_s) {
           std::string(what) + " took longer than " + std::to_string(timeout_s) + " s"};
 }
 
-// Why nothing can be waited for, for so long.
+// Why this call cannot wait, or not for so long.
 Status check_wait(const EventQueue& events, double timeout_s) {
   if (events.in_callback()) return in_callback();
   return check_timeout(timeout_s);

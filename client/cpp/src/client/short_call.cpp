@@ -1,4 +1,4 @@
-// Calls beside the stream that last a moment.
+// Short calls beside the stream.
 #include <chrono>
 
 #include "client/core.hpp"

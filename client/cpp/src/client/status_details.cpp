@@ -11,7 +11,7 @@ constexpr std::uint32_t kTypeUrl = 1;
 constexpr std::uint32_t kValue = 2;
 constexpr std::uint32_t kReason = 1;
 
-// The last length-delimited field with a number; an empty cursor where there is none.
+// The last length-delimited field with a number; an empty cursor if there is none.
 wire::Cursor find(wire::Cursor message, std::uint32_t wanted) {
   wire::Cursor found;
   std::uint32_t field = 0;

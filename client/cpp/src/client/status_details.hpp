@@ -1,4 +1,4 @@
-// gRPC's status as this library's.
+// Conversion of gRPC's status to this library's.
 #pragma once
 
 #include <grpcpp/grpcpp.h>
@@ -7,8 +7,8 @@
 
 namespace motiongen {
 
-// Code and message, and the reason of its ErrorInfo where the server has sent one (google/rpc/error_details.proto). Its
-// details are read by hand: linking google.rpc's generated code twice would end the program at its start.
+// Code and message, and the reason of an ErrorInfo if the server sent one (google/rpc/error_details.proto). The details
+// are parsed by hand: if google.rpc's generated code were linked twice, the program would abort at its start.
 Status status_of(const grpc::Status& status);
 
 }  // namespace motiongen

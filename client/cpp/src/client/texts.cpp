@@ -13,12 +13,12 @@ std::uint32_t byte_at(const std::string& text, std::size_t at) {
 
 bool continues(std::uint32_t byte) { return (byte & 0xC0U) == 0x80U; }
 
-// Bytes of the character that begins there, as Unicode has it (table 3-7); 0 where none does.
+// The length in bytes of the character that begins at `at` (Unicode, table 3-7); 0 if it is not well-formed.
 std::size_t character_bytes(const std::string& text, std::size_t at) {
   const std::uint32_t first = byte_at(text, at);
   if (first < 0x80) return 1;
   if (first < 0xC2 || first > 0xF4) return 0;
-  // the second byte tells forms that are too long, halves of UTF-16 and what lies above U+10FFFF
+  // the second byte reveals overlong forms, UTF-16 surrogates and code points above U+10FFFF
   const std::uint32_t second = byte_at(text, at + 1);
   const std::uint32_t low = first == 0xE0 ? 0xA0 : first == 0xF0 ? 0x90 : 0x80;
   const std::uint32_t high = first == 0xED ? 0x9F : first == 0xF4 ? 0x8F : 0xBF;

@@ -1,4 +1,4 @@
-// Texts on their way to the server: what is wrong with them is told here, where it costs one call alone.
+// Checks of texts before they are sent to the server, so that an error fails one call only.
 #pragma once
 
 #include <cstddef>
@@ -8,14 +8,15 @@
 
 namespace motiongen {
 
-// INVALID_ARGUMENT for what is not UTF-8. No server can read a message with such a text: it ends the stream, and with
-// it all sessions.
+// INVALID_ARGUMENT if the text is not UTF-8. No server can parse a message with such a text: it ends the stream, and
+// with it all sessions.
 Status check_utf8(const std::string& field, const std::string& text);
 
-// INVALID_ARGUMENT for what no header may have, since gRPC ends the program over it. The token itself stays secret.
+// INVALID_ARGUMENT for characters that a header must not have, for which gRPC would abort the program. The message does
+// not contain the token.
 Status check_token(const std::string& token);
 
-// As much of a UTF-8 text as so many bytes hold, never half a character.
+// The longest beginning of a UTF-8 text that fits into `most` bytes without splitting a character.
 std::string first_bytes(const std::string& text, std::size_t most);
 
 }  // namespace motiongen

@@ -21,7 +21,7 @@ constexpr std::uint64_t kCauseCut = 7;
 
 constexpr std::uint64_t kMost32 = 0xFFFFFFFF;
 
-// FrameChunk.root_origin_m, packed or one by one.
+// FrameChunk.root_origin_m, packed or not.
 bool read_origin(Cursor& cursor, std::uint32_t type, Chunk& chunk) {
   Cursor numbers = cursor;
   if (type == kLength ? !cursor.read_message(numbers) : !cursor.skip(sizeof(float))) return false;
@@ -190,7 +190,7 @@ void put_bytes(std::uint32_t field, const std::string& content, std::string& to)
 
 void put_playhead(std::uint32_t session, std::uint64_t frame, std::uint64_t buffered_to, std::uint32_t underruns,
                   std::uint64_t answered_seq, std::string& to) {
-  // a report is so short that each length is one byte, to be filled in behind
+  // a report is so short that each length takes one byte, which is filled in afterwards
   put_varint(kEvents << 3 | kLength, to);
   const std::size_t event = to.size();
   to.push_back(0);

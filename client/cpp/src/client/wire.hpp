@@ -1,4 +1,4 @@
-// Protobuf's bytes read where they lie, so that frames go from gRPC's buffers into timelines with one copy.
+// Reads protobuf's encoding in place, so that frames go from gRPC's buffers into timelines with a single copy.
 #pragma once
 
 #include <cstddef>
@@ -9,29 +9,29 @@
 
 namespace motiongen::wire {
 
-// A run of bytes; a message is several of them.
+// Consecutive bytes; a message may consist of several pieces.
 struct Piece {
   const std::uint8_t* data = nullptr;
   std::size_t size = 0;
 };
 
-// A place in a message and how far one may read from it. A copy of it is a bookmark. Reading past the end fails.
+// A position in a message and how many bytes may be read from it. A copy is a bookmark. Reading past the end fails.
 class Cursor {
  public:
   Cursor() = default;
-  // The pieces stay as they are while this is used; `size` is theirs together.
+  // The pieces must stay valid while this is used; `size` is their total in bytes.
   Cursor(const Piece* pieces, std::size_t size) : piece_(pieces), left_(size) {}
 
   std::size_t left() const { return left_; }
   bool read_varint(std::uint64_t& value);
-  // The next `count` bytes to `to`, or passed over.
+  // Copy the next `count` bytes to `to`, or skip them if it is nullptr.
   bool copy(std::size_t count, void* to);
   bool skip(std::size_t count) { return copy(count, nullptr); }
-  // A cursor over the next bytes alone, which this one passes over. Their number comes first.
+  // Read a length-delimited field: `inner` covers its bytes, and this cursor skips them.
   bool read_message(Cursor& inner);
-  // A field's number and wire type; false at the end too.
+  // A field's number and wire type; also false at the end.
   bool read_tag(std::uint32_t& field, std::uint32_t& type);
-  // Pass over the value of a field of some wire type.
+  // Skip the value of a field of a wire type.
   bool skip_value(std::uint32_t type);
 
  private:
@@ -45,7 +45,7 @@ constexpr std::uint32_t kFixed64 = 1;
 constexpr std::uint32_t kLength = 2;
 constexpr std::uint32_t kFixed32 = 5;
 
-// Rows of a chunk where they lie in the message.
+// Rows of a chunk, read in place from the message.
 class ChunkRows final : public RowSource {
  public:
   explicit ChunkRows(Cursor data) : data_(data) {}
@@ -61,7 +61,7 @@ struct Chunk {
   std::uint64_t scalar_type = 0;
   Cursor data;
   float origin_m[3] = {0, 0, 0};
-  std::size_t num_origin = 0;  // of them that are there; 4: more than may be
+  std::size_t num_origin = 0;  // how many there are; 4: too many
 };
 
 struct Plan {
@@ -70,7 +70,7 @@ struct Plan {
   bool is_cut = false;
 };
 
-// A SessionUpdate: whose it is and what is in it. Plans and chunks are read from `body`, all else as messages from
+// A SessionUpdate: its session and what it contains. Plans and chunks are read from `body`, all else is parsed from
 // `all`.
 struct Update {
   enum class Kind { plan, chunk, other };

@@ -1,4 +1,4 @@
-// What a client does by the clock: reports, pings, connecting again.
+// What a client does by the clock: reports, pings, reconnecting.
 #include <chrono>
 
 #include "client/convert.hpp"
@@ -7,8 +7,8 @@
 namespace motiongen {
 namespace {
 
-constexpr double kTickS = 0.025;        // reports of a moment go together; a session has at most 40 a second
-constexpr double kSilentPeriods = 2.5;  // of pings, without a message or a pong, after which a server is given up
+constexpr double kTickS = 0.025;        // reports due in one tick share a message; at most 40 a second for each session
+constexpr double kSilentPeriods = 2.5;  // ping periods without a message or a pong after which a server counts as lost
 
 }  // namespace
 
@@ -41,7 +41,7 @@ void ClientCore::work() {
   end_calls();
 }
 
-// One that speaks, but answers no ping, does not read what it is told. Once it is found the call ends by itself.
+// A server that sends but answers no ping is not reading. Resets the times, since the call is about to be ended.
 bool ClientCore::is_silent(double now) {
   const double most_s = kSilentPeriods * options_.ping_period_s;
   const std::lock_guard<std::mutex> lock(mutex_);

@@ -6,7 +6,7 @@
 namespace motiongen::load {
 namespace {
 
-constexpr double kStartGraceS = 1;  // a character that shows nothing so long after its intended open misses frames
+constexpr double kStartGraceS = 1;  // after its intended open; a character that shows nothing by then misses frames
 
 }  // namespace
 
@@ -27,7 +27,7 @@ std::uint64_t PlayedCharacter::playhead(double now_s) const {
 
 void PlayedCharacter::put_report(double now_s, std::string& to) const {
   const double past_s = (now_s - epoch_s_) / run_.frame_s() - static_cast<double>(buffered_to_) + 1;
-  const auto held_now = static_cast<std::uint32_t>(std::max(past_s, 0.0));  // and not counted yet
+  const auto held_now = static_cast<std::uint32_t>(std::max(past_s, 0.0));  // not counted yet
   wire::put_playhead(handle_, playhead(now_s), buffered_to_, missed_ + held_now, 0, to);
 }
 
@@ -55,7 +55,7 @@ void PlayedCharacter::take_chunk(const ChunkHeader& chunk, double now_s) {
   const std::uint64_t first = chunk.first_frame;
   const std::uint64_t end = first + chunk.num_frames;
   if (chunk.plan != plan_number_ || first != buffered_to_) {
-    run_.recorder.count("protocol_breaches");  // of another plan, or with a gap or overlap
+    run_.recorder.count("protocol_breaches");  // a chunk of another plan, or with a gap or overlap
     if (chunk.plan != plan_number_) return;
   }
   run_.recorder.add(Figure::frames, plan_.group(), now_s, chunk.num_frames);
@@ -77,7 +77,7 @@ void PlayedCharacter::take_outcome(const v1::EditOutcome& outcome, double now_s)
     run_.recorder.count("edits_that_changed_nothing");
   } else if (outcome.code() == 0 && !edit.changed) {
     if (edit.first_frame) return;
-    run_.recorder.count("edits_beyond_the_plan");  // when their frames come says nothing of the server
+    run_.recorder.count("edits_beyond_the_plan");  // the arrival of their frames says nothing about the server
   }
   edits_.erase(found);
 }
@@ -106,7 +106,7 @@ void PlayedCharacter::end(double now_s, bool as_planned) {
   run_.recorder.add_span(Figure::due, plan_.group(), due_from_s_, end_s, run_.load.frame_rate());
   if (started_) return;
   run_.recorder.count("characters_without_a_frame");
-  run_.recorder.record(Latency::open, plan_.group(), end_s - plan_.open_s());  // it has waited at least so long
+  run_.recorder.record(Latency::open, plan_.group(), end_s - plan_.open_s());  // it waited at least so long
 }
 
 void PlayedCharacter::give_up_edits(double now_s) {
@@ -128,7 +128,7 @@ void PlayedCharacter::drop_edits() {
 
 // ---- arithmetic
 
-// When the loop comes to ask for a frame.
+// When the game's loop asks for a frame.
 double PlayedCharacter::due_s(std::uint64_t frame) const {
   const auto period = static_cast<std::uint64_t>(run_.load.jitter_s_size());
   const double jitter_s = run_.load.jitter_s(static_cast<int>((handle_ * std::uint64_t{31} + frame) % period));
@@ -159,7 +159,7 @@ void PlayedCharacter::meet_deadline(std::uint64_t frame, double now_s) {
   epoch_s_ += held * run_.frame_s();
 }
 
-// Whole frame times from due_s until now in which there was nothing new to show: one underrun.
+// Count one underrun: the whole frame times from due_s until now with no new frame to show. Returns their number.
 std::uint32_t PlayedCharacter::count_missed(double due_s, double now_s) {
   if (now_s <= due_s) return 0;
   const auto held = static_cast<std::uint32_t>((now_s - due_s) / run_.frame_s()) + 1;

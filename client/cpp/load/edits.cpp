@@ -7,7 +7,7 @@ namespace motiongen::load {
 namespace {
 
 constexpr std::uint32_t kPromptId = 1;
-constexpr double kTurnPeriodS = 7;  // of a stick that is swung from side to side
+constexpr double kTurnPeriodS = 7;  // the period of a stick swung from side to side
 constexpr double kTurnRad = 1.2;
 constexpr double kPi = 3.14159265358979323846;
 
@@ -18,10 +18,10 @@ v1::PromptSpan span(const Group& group, std::uint32_t prompt) {
   return span;
 }
 
-// Each character swings at a phase of its own.
+// Each character has its own phase.
 double phase_rad(std::uint64_t seed) { return static_cast<double>(seed % 1009) / 1009 * 2 * kPi; }
 
-// A path that goes on at rule.speed_m_s and winds, in place of the one before.
+// A winding path at rule.speed_m_s, which replaces the one before.
 void put_waypoints(std::uint64_t seed, const Rule& rule, std::uint32_t number, std::uint64_t first, double frame_rate,
                    v1::EditConstraints& edit) {
   edit.set_clear(true);
@@ -37,7 +37,7 @@ void put_waypoints(std::uint64_t seed, const Rule& rule, std::uint32_t number, s
   }
 }
 
-// A stick that is swung from side to side.
+// The velocity of a stick swung from side to side.
 void put_velocity(std::uint64_t seed, const Rule& rule, std::uint32_t number, double frame_rate,
                   v1::SetVelocity& velocity) {
   const double heading = kTurnRad * std::sin(phase_rad(seed) + 2 * kPi * number * rule.every_s() / kTurnPeriodS);

@@ -1,4 +1,4 @@
-// The messages of what is intended: opens, edits, closes, as motiongen_tools.bench.edits makes them.
+// The messages for planned opens, edits and closes; the same as motiongen_tools.bench.edits makes.
 #pragma once
 
 #include "character.hpp"

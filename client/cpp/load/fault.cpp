@@ -1,4 +1,4 @@
-// What makes a load unplayable.
+// Validation of a load.
 #include <string>
 
 #include "client/address.hpp"

@@ -1,5 +1,5 @@
-// motiongen-load: characters by the thousand, played in real time from one core. `motiongen bench --program` starts it,
-// draws what is played, and makes the report of what this has measured; load.proto is what they say to each other.
+// motiongen-load: plays thousands of characters in real time on one core. `motiongen bench --program` starts it, draws
+// what to play, and makes the report from what this measured; load.proto defines their messages.
 #include <google/protobuf/util/json_util.h>
 
 #include <csignal>
@@ -37,7 +37,7 @@ int fail(const std::string& why) {
   return 1;
 }
 
-// The next line as a message. False where there is none, or another is there.
+// Read the next line as a message. False if there is none, or it is another message.
 template <class Message>
 bool read(Message& message) {
   std::string line;
@@ -52,7 +52,7 @@ int main(int argc, char**) {
     std::fprintf(stderr, "motiongen-load takes no arguments: motiongen bench --program PATH starts it\n");
     return 2;
   }
-  std::signal(SIGINT, SIG_IGN);  // a Ctrl-C goes to all processes; the one that started this decides
+  std::signal(SIGINT, SIG_IGN);  // Ctrl-C goes to all processes; the one that started this decides
   Load load;
   if (!read(load)) return fail("the first line is no load; motiongen bench --program PATH writes one");
   const std::string fault = motiongen::load::find_fault(load);
@@ -79,6 +79,6 @@ int main(int argc, char**) {
   });
   *told.mutable_book() = player.book();
   tell(told);
-  player.stop();  // afterwards: nobody who waits for the book waits for a server that does not end its calls
+  player.stop();  // only now, so that the reader of the book need not wait for a server that does not end its calls
   return 0;
 }

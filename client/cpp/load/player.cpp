@@ -16,14 +16,14 @@ namespace motiongen::load {
 namespace {
 
 constexpr double kTickS = 0.025;
-constexpr std::size_t kMostTurns = 25;  // of a tick: streams have it in turns, as clients do that know of no other
-constexpr double kLeastSleepS = 0.001;  // several events of one millisecond share a wake-up
-constexpr double kProbeS = 0.01;        // how often the loop looks at how late it wakes
-constexpr std::size_t kPingTicks = 80;  // a stream is pinged every so many ticks, each in its own: 2 s
+constexpr std::size_t kMostTurns = 25;  // parts of a tick: streams report at different times, as separate clients do
+constexpr double kLeastSleepS = 0.001;  // events within a millisecond share a wake-up
+constexpr double kProbeS = 0.01;        // how often the loop checks how late it wakes
+constexpr std::size_t kPingTicks = 80;  // a stream is pinged every 80 ticks (2 s), each in a tick of its own
 constexpr double kProgressPeriodS = 1;
 constexpr double kHelloTimeoutS = 15;
-constexpr double kCloseGraceS = 5;   // for the server to end the calls, all of them
-constexpr double kCancelGraceS = 5;  // for gRPC to end those that are left
+constexpr double kCloseGraceS = 5;   // the server's time to end all calls
+constexpr double kCancelGraceS = 5;  // gRPC's time to end those that are left, once cancelled
 constexpr std::uint32_t kHandlesFrom = 1;
 
 double monotonic_s() {
@@ -86,7 +86,7 @@ void Player::take_turns() {
   reports_.resize(num_slices * num_turns_);
   pings_.resize(kPingTicks * num_turns_);
   for (std::size_t index = 0; index < streams_.size(); ++index) {
-    // Seven: in all turns, and of one stream not always in that in which it reports.
+    // Times seven spreads the pings over all turns, and does not tie a stream's pings to the turn in which it reports.
     pings_[index * 7 % pings_.size()].push_back(streams_[index].get());
   }
   for (std::uint32_t number = 0; number < by_number_.size(); ++number) {
@@ -129,7 +129,7 @@ void Player::play(double start_at_s, const std::function<void(const Progress&)>&
     std::this_thread::sleep_for(std::chrono::duration<double>(pause_s));
   }
   const std::lock_guard<std::mutex> lock(stage_.mutex);
-  probe(now_s());  // all may have stood still until the end
+  probe(now_s());  // the process may have been stalled until the end
 }
 
 double Player::act(double now) {
@@ -140,7 +140,7 @@ double Player::act(double now) {
   const double turn_s = kTickS / static_cast<double>(num_turns_);
   if (now >= static_cast<double>(next_turn_) * turn_s) {
     const std::size_t last = std::max(next_turn_, static_cast<std::size_t>(now / turn_s));
-    // A tick that was missed is not made up for.
+    // A missed tick is skipped.
     for (std::size_t turn = std::max(next_turn_ + num_turns_, last + 1) - num_turns_; turn <= last; ++turn) {
       report(reports_[turn % reports_.size()], now);
       for (Stream* stream : pings_[turn % pings_.size()]) stream->put_ping();
@@ -153,12 +153,12 @@ double Player::act(double now) {
   return next_s;
 }
 
-// How late the loop wakes, once every so often whatever else wakes it: of many streams, whose turns come faster, as of
-// one. Of all probes that would have been due until it woke, or a time in which all stood still would be one sample
-// among a hundred a second, however long it was.
+// Samples how late the loop wakes, at a fixed interval whatever else wakes it, so that the number of streams and turns
+// does not matter. After a stall it records every probe that was due meanwhile; otherwise a stall of any length would
+// be a single sample among a hundred a second.
 void Player::probe(double now) {
   if (probe_due_s_ != kNoProbe && now < probe_due_s_) {
-    probe_due_s_ = std::max(probe_due_s_, now + kLeastSleepS);  // the loop sleeps no shorter
+    probe_due_s_ = std::max(probe_due_s_, now + kLeastSleepS);  // the loop sleeps at least so long
     return;
   }
   if (probe_due_s_ != kNoProbe) {
@@ -168,13 +168,13 @@ void Player::probe(double now) {
 }
 
 void Player::act_on(const Intent& intent) {
-  const double now = now_s();  // what was done before it in this turn has made it late
+  const double now = now_s();  // earlier work in this turn may have delayed it
   PlayedCharacter& character = *by_number_[intent.character];
   Stream& stream = stream_of(intent.character);
   const std::uint32_t group = character.plan().group();
   if (intent.rule == kOpen) {
     character.note_open_sent();
-    if (stream.lost()) {  // to its player it is like one that was lost
+    if (stream.lost()) {  // its player sees a lost session
       character.end(now, false);
       return recorder_.count("opens_not_sent");
     }
@@ -203,7 +203,7 @@ void Player::report(const std::vector<std::uint32_t>& numbers, double now) {
   }
 }
 
-// By when it was due, as latencies are by when edits were meant: a stall may last until all is measured.
+// Selected by when it was due, as latencies are by when edits were intended: a stall may last beyond the measured time.
 void Player::note_lag(Lag what, double due_s, double lag_s) {
   if (run_.measures(due_s)) recorder_.record(what, std::max(lag_s, 0.0));
 }

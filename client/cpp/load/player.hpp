@@ -1,4 +1,4 @@
-// Plays one process's part of a load: its streams, what is due when, and the watch over its own punctuality.
+// Plays one process's part of a load: runs its streams, does what is due, and measures its own punctuality.
 #pragma once
 
 #include <atomic>
@@ -17,20 +17,20 @@ namespace motiongen::load {
 
 class Player {
  public:
-  // load: checked, and there as long as this.
+  // load: checked by find_fault; must outlive this.
   explicit Player(const Load& load);
 
-  // Open the streams. Returns why they cannot be, or nothing.
+  // Open the streams. Returns an error, or an empty string.
   std::string connect();
-  // From the moment start_at_s of CLOCK_MONOTONIC on. tell: called once a second, without locks.
+  // Play from start_at_s of CLOCK_MONOTONIC on. tell: called once a second, without locks held.
   void play(double start_at_s, const std::function<void(const Progress&)>& tell);
-  // The run is over. Returns what was measured.
+  // End the run and return what was measured.
   Book book();
-  // End the streams, all at once. It may take some seconds where a server does not.
+  // End all streams at once. May take some seconds if a server does not end its calls.
   void stop();
 
  private:
-  struct Intent {  // what is to be sent; rule: of the group, or one of those below
+  struct Intent {  // an event to send; rule: the group's, or one of the two below
     double at_s = 0;
     std::uint32_t character = 0;
     int rule = 0;
@@ -46,7 +46,7 @@ class Player {
   Stream& stream_of(std::uint32_t character) { return *streams_[stream_index(character)]; }
   std::size_t stream_index(std::uint32_t character) const;
   double now_s() const;
-  // Do what is due. Returns when something is again.
+  // Do what is due. Returns when something is due next.
   double act(double now_s);
   void act_on(const Intent& intent);
   void probe(double now_s);
@@ -61,11 +61,11 @@ class Player {
   Stage stage_;
   std::vector<std::shared_ptr<Stream>> streams_;
   std::deque<PlayedCharacter> characters_;
-  std::vector<PlayedCharacter*> by_number_;  // nullptr: another process's
+  std::vector<PlayedCharacter*> by_number_;  // nullptr: played by another process
   std::vector<Intent> intents_;
   std::size_t next_intent_ = 0;
-  std::size_t num_turns_ = 1;                        // of a tick, which streams have in turns
-  std::vector<std::vector<std::uint32_t>> reports_;  // which playheads are reported in which turn
+  std::size_t num_turns_ = 1;                        // parts of a tick, among which streams are distributed
+  std::vector<std::vector<std::uint32_t>> reports_;  // by turn: the characters whose playheads are reported
   std::vector<std::vector<Stream*>> pings_;
   std::atomic<double> start_at_s_{0};
   std::size_t next_turn_ = 0;
@@ -74,7 +74,7 @@ class Player {
   double cpu_to_s_ = -1;
 };
 
-// What makes a load unplayable, or nothing.
+// Why a load cannot be played; empty if it can.
 std::string find_fault(const Load& load);
 
 }  // namespace motiongen::load

@@ -1,4 +1,4 @@
-// What a run measured: latencies, counts, and figures by the second, under the names that `motiongen bench` reads.
+// What a run measured: latencies, counts, and figures for each second, under the names that `motiongen bench` reads.
 #pragma once
 
 #include <cstdint>
@@ -10,7 +10,7 @@
 
 namespace motiongen::load {
 
-// How often which latency was seen, in the buckets of an HdrHistogram from 1 us to 10 min with three digits.
+// Counts of latencies, in the buckets of an HdrHistogram from 1 us to 10 min with three digits.
 class Histogram {
  public:
   void record(double seconds);
@@ -18,7 +18,7 @@ class Histogram {
   void write(Latencies& to) const;
 
  private:
-  std::map<std::uint32_t, std::uint64_t> counts_;  // by the least value of a bucket, microseconds
+  std::map<std::uint32_t, std::uint64_t> counts_;  // by the lowest value of each bucket, microseconds
 };
 
 enum class Latency { open, event, screen, answer, lateness, slack };
@@ -32,14 +32,14 @@ class Recorder {
 
   void record(Latency what, std::size_t group, double seconds);
   void record(Lag what, double seconds);
-  // From a ping to its pong.
+  // The time from a ping to its pong.
   void record_round_trip(double seconds) { round_trips_.record(seconds); }
   void add_lags(Lag what, const Histogram& lags);
-  // Something that happened at a moment.
+  // Add something that happened at a moment.
   void add(Figure what, std::size_t group, double at_s, double amount = 1);
-  // Something that went on at a rate.
+  // Add something that went on at a rate.
   void add_span(Figure what, std::size_t group, double from_s, double to_s, double rate_hz);
-  // Something that has a name in the report only once it has happened.
+  // Count something that is named in the report only once it has happened.
   void count(const std::string& name, std::uint64_t amount = 1) { counts_[name] += amount; }
 
   // The sum over all groups of seconds from_s up to to_s - 1.

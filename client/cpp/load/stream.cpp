@@ -9,12 +9,13 @@ namespace {
 
 grpc::ChannelArguments channel_arguments(const std::string& address, const Access& access) {
   grpc::ChannelArguments arguments;
-  arguments.SetInt(GRPC_ARG_USE_LOCAL_SUBCHANNEL_POOL, 1);  // a connection for each stream, as separate clients have
+  arguments.SetInt(GRPC_ARG_USE_LOCAL_SUBCHANNEL_POOL,
+                   1);  // a connection for each stream, as separate clients have
   arguments.SetInt(GRPC_ARG_HTTP2_BDP_PROBE, 0);
   arguments.SetInt(GRPC_ARG_HTTP2_STREAM_LOOKAHEAD_BYTES, 1 << 20);
   arguments.SetInt(GRPC_ARG_ENABLE_RETRIES, 0);
   arguments.SetMaxReceiveMessageSize(64 << 20);
-  // a proxy of the environment is another machine: what says who calls stays on this one
+  // a proxy set in the environment is another machine, and without TLS the token must stay on this one
   if (!access.tls() && !access.token().empty()) arguments.SetInt(GRPC_ARG_ENABLE_HTTP_PROXY, 0);
   const std::string name = access.tls() ? name_for_tls(address) : "";
   if (!name.empty()) arguments.SetString(GRPC_ARG_DEFAULT_AUTHORITY, name);
@@ -26,7 +27,7 @@ std::shared_ptr<grpc::ChannelCredentials> credentials(const Access& access) {
   return grpc::SslCredentials({access.root_certificates(), access.private_key(), access.certificate_chain()});
 }
 
-// A name of an enum's value without what all of them begin with; of a value of a later version, the number.
+// The name of an enum's value without the common prefix; the number, if the value is of a later version.
 std::string short_name(const std::string& name, const std::string& prefix, int number) {
   if (name.empty()) return std::to_string(number);
   return name.compare(0, prefix.size(), prefix) == 0 ? name.substr(prefix.size()) : name;
@@ -38,7 +39,7 @@ Stream::Stream(Stage& stage, Run& run)
     : stage_(stage), run_(run), outbox_([this](double waited_s) {
         const std::lock_guard<std::mutex> lock(waits_mutex_);
         if (hello_taken_) waits_.record(waited_s);
-        hello_taken_ = true;  // the first of all, which waits for the connection
+        hello_taken_ = true;  // the first message, whose wait is that for the connection
       }) {
   outbox_.set_limit(run.load.max_request_bytes());
 }
@@ -149,7 +150,7 @@ bool Stream::take_stream_event(std::uint32_t field, double now_s) {
 
 bool Stream::take_update(const wire::Update& update, double now_s, bool& must_flush) {
   const auto found = characters_.find(update.session);
-  if (found == characters_.end() || found->second->ended()) return true;  // what was under way when it ended here
+  if (found == characters_.end() || found->second->ended()) return true;  // sent before the server knew of its end
   PlayedCharacter& character = *found->second;
   if (update.kind == wire::Update::Kind::chunk) {
     wire::Chunk chunk;
@@ -157,7 +158,7 @@ bool Stream::take_update(const wire::Update& update, double now_s, bool& must_fl
     const bool begins = !character.started();
     character.take_chunk(chunk.header, now_s);
     if (begins && character.started()) {
-      put_report(character, now_s);  // the server's idea of its clock begins here
+      put_report(character, now_s);  // the server starts its estimate of the playhead at this report
       must_flush = true;
     }
     return true;

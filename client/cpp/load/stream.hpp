@@ -1,4 +1,4 @@
-// One stream with its characters: what it sends, and what it does with what comes.
+// One stream with its characters: sends their events and handles the server's messages.
 #pragma once
 
 #include <grpcpp/generic/generic_stub.h>
@@ -17,8 +17,8 @@
 
 namespace motiongen::load {
 
-// What streams and the loop that drives them share: whoever uses characters, the recorder or a stream's `put` has it
-// locked.
+// Shared by the streams and the loop that drives them. Locked while characters, the recorder or a stream's `put` are
+// used.
 struct Stage {
   std::mutex mutex;
   std::function<double()> now_s;  // seconds from the start of the run
@@ -29,13 +29,13 @@ class Stream final : public CallUser, public std::enable_shared_from_this<Stream
   Stream(Stage& stage, Run& run);
 
   void adopt(PlayedCharacter& character) { characters_.emplace(character.handle(), &character); }
-  // Connect and say hello.
+  // Connect and send the hello.
   void start();
-  // Whether the server has said hello; false when the call ended first, or it took longer.
+  // Wait for the server's hello; false if the call ended first or it took longer.
   bool wait_hello(double timeout_s);
-  // Say that no more comes: the server closes what is open and ends the call.
+  // Half-close the stream: the server closes the open sessions and ends the call.
   void begin_end();
-  // Whether the call has ended, after at most so long.
+  // Wait at most so long for the call to end; whether it has.
   bool wait_ended(double timeout_s) { return call_->wait_ended(timeout_s); }
   void cancel() { call_->cancel(); }
 
@@ -45,12 +45,12 @@ class Stream final : public CallUser, public std::enable_shared_from_this<Stream
   const std::string& why_lost() const { return lost_; }
   void put(const v1::SessionEvent& event) { outbox_.put(event); }
   void put_report(const PlayedCharacter& character, double now_s);
-  // Ask for a pong, and tell the server the last round trip.
+  // Send a ping that tells the server the last round trip.
   void put_ping();
-  // How long messages waited for gRPC to take them.
+  // Record how long messages waited for gRPC to take them.
   void write_waits(Recorder& to);
 
-  // Send what was put.
+  // Send what was put in the outbox.
   void flush() { call_->send(); }
 
   void on_message(const wire::Piece* pieces, std::size_t size) override;

@@ -1,4 +1,4 @@
-// The C interface of what a session is told.
+// The C interface of a session's edits.
 #include <optional>
 #include <vector>
 

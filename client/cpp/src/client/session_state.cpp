@@ -61,9 +61,8 @@ void SessionState::report(double now_s, double period_s, Outbox& outbox) {
   if (phase != Phase::open || !timeline) return;
   if (options.clock == Clock::real_time) timeline->advance(now_s);
   if (outbox.is_full()) return;  // the next report says it all
-  // While playback has not reached the frames of a session opened anew, it is not reported: the server would count on
-  // from there. A playhead that stands still is reported, or the session would be closed as idle; so is one that was
-  // reported once on this stream.
+  // Not while playback is short of a session opened anew: the server would count on from its start. But a playhead that
+  // stands still is reported, or the session would be closed as idle, and so is one reported before on this stream.
   const bool stands = !timeline->started() || !timeline->playing();
   if (!stands && !can_report && timeline->playhead() < base_) return;
   std::string entry;
@@ -179,8 +178,7 @@ void SessionState::take_outcome(const v1::EditOutcome& message, double now_s, Ev
     refusal = std::move(outcome);
     return;
   }
-  // This answer crossed the session's end: events that had no answer by then are sent again where the session
-  // continues.
+  // The answer crossed the session's end: events without an answer by then are sent again where the session continues.
   if (phase == Phase::opening && was_open_) return;
   std::optional<Taken> taken;
   if (outcome.status) {

@@ -1,6 +1,5 @@
-// What a client costs: client_cost HOST:PORT CHARACTERS SECONDS POSES_HZ. Prints one line of JSON.
-// All characters are on one stream; each is drawn POSES_HZ times a second (0: never) and gets a prompt every five
-// seconds.
+// Measures the cost of a client: client_cost HOST:PORT CHARACTERS SECONDS POSES_HZ. Prints one line of JSON. All
+// characters are on one stream; each is drawn POSES_HZ times a second (0: never) and gets a prompt every five seconds.
 #include <chrono>
 #include <cstdio>
 #include <cstdlib>
@@ -19,7 +18,7 @@ int failed(const char* what, const motiongen::Status& status) {
 }
 
 constexpr double kEditPeriodS = 5;
-constexpr int kTicksPerSecond = 20;  // where nothing is drawn
+constexpr int kTicksPerSecond = 20;  // if nothing is drawn
 
 }  // namespace
 
@@ -40,7 +39,7 @@ int main(int argc, char** argv) {
     auto session = client->open(character);
     if (!session) return failed("open", session.status());
     crowd.push_back(std::move(session).value());
-    // Not all at once: a server that makes frames in no time would have more of them waiting than a stream may.
+    // Not all at once: with a server that generates frames instantly, more would wait than a stream may have.
     if (number % 50 != 49) continue;
     const motiongen::Status there = crowd.back().wait_frame(0, 60);
     if (!there) return failed("the first frame", there);
@@ -49,7 +48,7 @@ int main(int argc, char** argv) {
     const motiongen::Status there = each.wait_frame(0, 60);
     if (!there) return failed("the first frame", there);
   }
-  std::this_thread::sleep_for(std::chrono::seconds(2));  // to where chunks come evenly
+  std::this_thread::sleep_for(std::chrono::seconds(2));  // until chunks arrive evenly
   std::vector<float> pose(crowd.front().rig().row_width);
   const double cpu_before_s = processor_time_s();
   const motiongen::ClientStats before = client->stats();

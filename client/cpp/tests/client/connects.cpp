@@ -1,4 +1,4 @@
-// Connects and goes again, so many times: connects HOST:PORT COUNT. Every other time with a character.
+// Connects and disconnects COUNT times: connects HOST:PORT COUNT. Every other time with a character.
 #include <cstdio>
 #include <cstdlib>
 #include <fstream>
@@ -8,7 +8,7 @@
 
 namespace {
 
-// Kilobytes of memory that this process has at present.
+// The resident memory of this process in kilobytes.
 long resident_kb() {
   std::ifstream status("/proc/self/status");
   for (std::string line; std::getline(status, line);) {

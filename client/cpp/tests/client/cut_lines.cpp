@@ -1,7 +1,8 @@
-// Plays characters over a line that is cut again and again, and tells what each was told and has shown:
+// Plays characters over a connection that is cut again and again, and prints each one's edits and shown frames:
 //   cut_lines HOST:PORT CHARACTERS SEED FRAME_COLUMN PROMPT_COLUMN
-// Says "playing"; prompts of 1, 2, 3 ... letters are given one after another until a line comes in. Then, a line each:
-//   session NUMBER RECOVERIES | edit NUMBER LETTERS FRAME PLAYHEAD (when its answer came) | fault WORDS
+// Prints "playing", then sets prompts of 1, 2, 3 ... letters one after another until a line of input arrives. Then
+// prints lines:
+//   session NUMBER RECOVERIES | edit NUMBER LETTERS FRAME PLAYHEAD (the one when its answer arrived) | fault WORDS
 //   shown NUMBER FRAME VALUE VALUE (of the two columns)
 #include <array>
 #include <atomic>
@@ -29,9 +30,9 @@ struct Edit {
 
 struct Character {
   motiongen::Session session;
-  std::vector<Edit> edits;  // the edit n is the prompt of n + 1 letters
+  std::vector<Edit> edits;  // edit n is the prompt of n + 1 letters
   std::vector<std::array<float, 2>> shown;
-  bool waits = true;  // for the answer of the last edit; else for the next frame
+  bool waits = true;  // for the answer to the last edit; else for the next frame
   std::uint64_t edited_at = 0;
 
   void look(std::size_t frame_column, std::size_t prompt_column) {

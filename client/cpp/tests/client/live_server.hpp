@@ -1,4 +1,4 @@
-// What tests against a real server begin with; MOTIONGEN_ADDRESS says where it is.
+// Options for tests against a real server, whose address is in MOTIONGEN_ADDRESS.
 #pragma once
 
 #include <cstdlib>

@@ -1,8 +1,8 @@
-// Has clients lose their lines, so many times, and does at the news what may be done:
+// Lets COUNT clients lose their connections, and destroys or blocks them when they report it:
 //   lost_clients HOST:PORT COUNT SESSIONS callback|events|slowly
-// callback: the callback destroys the client. events: this thread does, which asks for events. slowly: the callback
-// takes until the client has another line, or for a while where it holds up the thread that connects. The server ends
-// the stream of each client at the last of its sessions. Ends with 1 where a client is not lost or not wholly gone.
+// callback: the callback destroys the client. events: this thread does, which polls for events. slowly: the callback
+// blocks until the client has reconnected, or for a while if it blocks the connecting thread. The server ends each
+// client's stream at its last session. Exits with 1 if a client is not lost or not completely destroyed.
 #include <chrono>
 #include <cstdio>
 #include <cstdlib>
@@ -23,9 +23,9 @@ using motiongen::Event;
 using motiongen::EventKind;
 
 constexpr std::chrono::seconds kLimit(60);
-constexpr std::chrono::milliseconds kAWhile(300);  // a line is there again after 50 ms and two calls
+constexpr std::chrono::milliseconds kAWhile(300);  // reconnecting takes 50 ms and two calls
 
-// Tells when the last copy of the options is gone, and with it all of a client.
+// Signals when the last copy of the options is destroyed, and with it all of a client.
 struct Witness {
   std::promise<void> gone;
 
@@ -35,13 +35,13 @@ struct Witness {
   ~Witness() { gone.set_value(); }
 };
 
-// What the callback destroys or asks, once it is there.
+// What the callback destroys or asks, once it exists.
 struct Held {
   std::promise<void> there;
   std::optional<Client> client;
 };
 
-// Sessions that nobody holds, each of which hears of the loss between the news of it and the end of the call.
+// Open sessions without keeping their handles. Each is told of the loss between its report and the end of the call.
 bool open(Client& client, int sessions) {
   for (int number = 0; number < sessions; ++number) {
     if (!client.open({})) return false;
@@ -58,7 +58,7 @@ bool lose_in_callback(const ClientOptions& given, int sessions) {
     if (event.kind != EventKind::connection_lost) return;
     there.wait();
     held->client.reset();
-    std::this_thread::sleep_for(std::chrono::milliseconds(50));  // longer than all else that is left to do
+    std::this_thread::sleep_for(std::chrono::milliseconds(50));  // longer than everything else that is left to do
   };
   auto client = Client::connect(options);
   options.on_event = nullptr;

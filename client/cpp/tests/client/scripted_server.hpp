@@ -1,5 +1,4 @@
-// A server in the test's own process that says what the test wants, for what happens at a moment that only it can
-// choose.
+// A server in the test's own process, which sends what the test wants at moments that the test chooses.
 #pragma once
 
 #include <grpcpp/grpcpp.h>
@@ -18,19 +17,19 @@
 
 namespace motiongen {
 
-// Says hello, answers pings, and hands every event to `hear`, which may say something on the stream.
+// Sends its hello, answers pings, and passes every event to `hear`, which may write to the stream.
 class ScriptedServer final : public v1::MotionService::Service {
  public:
   using Stream = grpc::ServerReaderWriter<v1::StreamMotionResponse, v1::StreamMotionRequest>;
 
-  // Called on the thread of a stream; set before there is one.
+  // Called on a stream's thread; set it before the first stream.
   std::function<void(const v1::SessionEvent& event, Stream& stream)> hear;
-  // Makes the parts of a clip, and what the catalogue has besides; set before they are asked for.
+  // Write the parts of a clip, and add to the catalogue; set them before they are used.
   std::function<void(grpc::ServerWriter<v1::GenerateClipResponse>& parts)> make_clip;
   std::function<void(v1::GetCatalogResponse& catalog)> add_to_catalog;
   std::atomic<int> num_catalogs{0};
   std::atomic<int> num_pings{0};
-  std::atomic<bool> is_frozen{false};  // takes calls and says nothing
+  std::atomic<bool> is_frozen{false};  // accepts calls but sends nothing
   std::atomic<bool> says_hello{true};
   std::atomic<bool> answers_pings{true};
 
@@ -75,7 +74,7 @@ class ScriptedServer final : public v1::MotionService::Service {
     return made;
   }
 
-  // Break off the streams there are and those that come.
+  // End the present streams and all later ones.
   void end() {
     const std::lock_guard<std::mutex> lock(mutex_);
     ended_ = true;
@@ -107,9 +106,9 @@ class ScriptedServer final : public v1::MotionService::Service {
     });
     std::unique_lock<std::mutex> lock(mutex_);
     changed_.wait(lock, [this, &is_read] { return ended_ || is_read; });
-    const bool has_finished = is_read;  // its client has said all, and waits for the end
+    const bool has_finished = is_read;  // the client has half-closed the stream and waits for its end
     lock.unlock();
-    if (!has_finished) context->TryCancel();  // else the reader waits for what the client says next
+    if (!has_finished) context->TryCancel();  // otherwise the reader would wait for the client's next message
     reader.join();
     return has_finished ? grpc::Status::OK : grpc::Status::CANCELLED;
   }

@@ -1,4 +1,4 @@
-// A session of the client on its own, for unit tests: what the server says is said to it, what it would send is read.
+// A session without a client, for unit tests: it is given the server's messages, and what it would send is read.
 #pragma once
 
 #include <gtest/gtest.h>
@@ -29,7 +29,7 @@ inline Catalog catalog() {
   return made;
 }
 
-// One session and what it meets, without a client.
+// One session with its outbox and events.
 struct Stage {
   Catalog known = catalog();
   EventQueue events{nullptr};
@@ -56,7 +56,7 @@ struct Stage {
 
   void lose() { state.lose(Status(Code::unavailable, "", "cut"), true, events); }
 
-  // Frames up to one, as if they had come; those below `committed_to` for good.
+  // Give it the frames below `end`, as if they had arrived, committed up to `committed_to`.
   void hold(std::uint64_t end, std::uint64_t committed_to = 0) {
     const std::vector<float> rows(end * state.rig.row_width);
     RowSpan stored({rows.data(), rows.size()});
@@ -64,7 +64,7 @@ struct Stage {
     ASSERT_TRUE(state.timeline->add_chunk({1, 0, static_cast<std::uint32_t>(end), committed_to}, stored));
   }
 
-  // The events that wait to be sent, taken out.
+  // Takes all events that wait to be sent.
   std::vector<v1::SessionEvent> sent() {
     std::vector<v1::SessionEvent> all;
     for (std::string text; outbox.take(text);) {
@@ -75,7 +75,7 @@ struct Stage {
     return all;
   }
 
-  // Those of a kind, which takes all out.
+  // Takes all of them and returns those of one kind.
   std::vector<v1::SessionEvent> sent(v1::SessionEvent::EventCase kind) {
     std::vector<v1::SessionEvent> found;
     for (const v1::SessionEvent& each : sent()) {
@@ -84,7 +84,7 @@ struct Stage {
     return found;
   }
 
-  // The answer to its open.
+  // A refusal of its open.
   void hear_refused(Code code) {
     v1::SessionUpdate update;
     auto* outcome = update.mutable_outcome();

@@ -17,7 +17,7 @@ using motiongen::Session;
 using motiongen::Status;
 using motiongen::Target;
 
-// The words of a line: those in order, and those with a name.
+// The words of a line: the plain ones in order, and the named ones.
 struct Words {
   std::vector<std::string> plain;
   std::map<std::string, std::string> named;
@@ -98,7 +98,7 @@ motiongen::OptionsChange change_of(const Words& words) {
   return change;
 }
 
-// What is left of a line after so many words.
+// The rest of a line after so many words.
 std::string rest(const std::string& line, std::size_t words) {
   std::istringstream in(line);
   std::string text;
@@ -133,7 +133,7 @@ void say_row(const Session& session, std::uint64_t frame, std::size_t width) {
   std::printf("%s\n", status ? "" : (" " + status.reason()).c_str());
 }
 
-// What is asked of what has come.
+// The commands that read what has arrived.
 bool look(const std::string& name, const Words& words, Session& session) {
   const auto frame = static_cast<std::uint64_t>(words.number(1));
   if (name == "wait") {

@@ -1,4 +1,4 @@
-// What `told_events` is told: a line is a command, and some of its words are NAME=VALUE.
+// The commands of `told_events`: one for each line; some of its words are NAME=VALUE.
 #pragma once
 
 #include <string>
@@ -7,7 +7,7 @@
 
 namespace told {
 
-// Do what a line says. False for one that nobody knows, or that the library refuses at once, which it prints.
+// Execute a line. False if the command is unknown, or refused by the library at once; the refusal is printed.
 bool obey(const std::string& line, motiongen::Session& session);
 
 }  // namespace told

@@ -1,14 +1,14 @@
-// Plays one character and tells what happens to it, a line each, until it is told to quit: told_events HOST:PORT
-// What it takes is in told_commands.cpp, and `another`, which opens another character in its place. What it tells:
+// Plays one character and prints what happens to it, one line each, until it is told to quit: told_events HOST:PORT Its
+// commands are those of told_commands.cpp, and `another`, which opens another character in its place. It prints:
 //   opened | edit ID CODE FRAME | placed TARGET FIRST LAST ARRIVAL ANCHOR | reached TARGET MET FRAME METRES RADIANS
 //   lost REASON | connected | recovered FRAME EXACT | closed REASON | draining | durability KEPT | refused WORDS
 //   frame FRAME CODE | at FRAME CODE | x FRAME X Y Z | row FRAME NUMBERS | stats PLANS UNDERRUNS LATE RECOVERIES
-//   held FIRST Z Z ... (where the root is at each frame that is held) | no_token (the file has none)
-// By variables: MOTIONGEN_TOKEN, MOTIONGEN_TOKEN_FILE (read for every call), MOTIONGEN_METADATA and
-// MOTIONGEN_CHANNEL_OPTIONS (NAME=VALUE, with commas; numbers are whole numbers), the files MOTIONGEN_CA,
-// MOTIONGEN_CERTIFICATE and MOTIONGEN_KEY, MOTIONGEN_OTHER (more addresses, with commas), MOTIONGEN_FORMAT (1 to 3),
-// MOTIONGEN_LOOKAHEAD (frames), MOTIONGEN_CLOCK=manual, MOTIONGEN_PING_S (0.4: a server that is silent for a second is
-// given up).
+//   held FIRST Z Z ... (the root's z at each frame held) | no_token (the file has none)
+// Environment variables: MOTIONGEN_TOKEN, MOTIONGEN_TOKEN_FILE (read for every call), MOTIONGEN_METADATA and
+// MOTIONGEN_CHANNEL_OPTIONS (NAME=VALUE, comma-separated; numbers are whole), the files MOTIONGEN_CA,
+// MOTIONGEN_CERTIFICATE and MOTIONGEN_KEY, MOTIONGEN_OTHER (more addresses, comma-separated), MOTIONGEN_FORMAT (1 to
+// 3), MOTIONGEN_LOOKAHEAD (frames), MOTIONGEN_CLOCK=manual, MOTIONGEN_PING_S (0.4: a server that is silent for a second
+// counts as lost).
 #include <cstdio>
 #include <cstdlib>
 #include <fstream>
@@ -89,7 +89,7 @@ std::string content_of(const std::string& path) {
   return content.str();
 }
 
-// What the file has now. Throws where it has nothing, as an application might.
+// The file's present token. Throws if it has none, as an application might.
 std::string token_of(const std::string& path) {
   std::string token = content_of(path);
   if (!token.empty()) return token;
@@ -147,7 +147,7 @@ int main(int argc, char** argv) {
   motiongen::SessionOptions character;
   character.prompt = "a person walks forward";
   character.seed = 1;
-  character.keep_frames = 4000;  // who asks what a frame was may ask late, on a busy machine
+  character.keep_frames = 4000;  // on a busy machine, a test may ask for a frame late
   character.lookahead_frames = static_cast<std::uint32_t>(std::atoi(variable("MOTIONGEN_LOOKAHEAD").c_str()));
   const std::string format = variable("MOTIONGEN_FORMAT");
   if (!format.empty()) character.frame_format = static_cast<motiongen::FrameFormat>(std::atoi(format.c_str()));
@@ -155,7 +155,7 @@ int main(int argc, char** argv) {
   auto session = client->open(character);
   if (!session) return 1;
   for (std::string line; std::getline(std::cin, line) && line != "quit";) {
-    if (line == "another") {  // in place of the one before, which is closed
+    if (line == "another") {  // replaces the one before, which is closed
       session = client->open(character);
       if (session) continue;
     } else if (told::obey(line, *session)) {

@@ -1,11 +1,11 @@
-// How often this program has asked for memory.
+// Counts this program's allocations.
 #pragma once
 
 #include <cstdint>
 
 namespace motiongen::testing {
 
-// Calls of operator new so far, of all threads.
+// Calls of operator new so far, in all threads.
 std::uint64_t num_allocations();
 
 }  // namespace motiongen::testing

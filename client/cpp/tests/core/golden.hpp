@@ -1,4 +1,4 @@
-// The vectors that this client and the one in Python are held to: tests/client/golden_vectors.py makes them.
+// The vectors that this client and the Python client must both reproduce; tests/client/golden_vectors.py makes them.
 #pragma once
 
 #include <string>
@@ -16,17 +16,17 @@ struct GoldenLine {
   std::vector<float> expected;
 
   double number(std::size_t place) const { return std::stod(words.at(place)); }
-  // The words from a place on.
+  // The words from an index on, as numbers.
   std::vector<float> numbers(std::size_t from) const;
 };
 
-// The lines of tests/data/client/NAME.txt; none where it cannot be read.
+// The lines of tests/data/client/NAME.txt; none if it cannot be read.
 std::vector<GoldenLine> read_golden(const std::string& name);
 
-// The chain of three joints that the vectors are about, perhaps with outputs; checked.
+// The vectors' rig, a chain of three joints, with outputs if given; checked.
 Rig golden_rig(std::vector<Block> outputs = {});
 
-// Every number within 2e-5 of what is expected.
+// Expect every number to be within 2e-5 of its expected value.
 void expect_near(Span<const float> made, Span<const float> expected, const std::string& what);
 
 }  // namespace motiongen::testing

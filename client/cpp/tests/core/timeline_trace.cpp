@@ -1,4 +1,4 @@
-// Plays a trace of calls on a timeline, one a line of the input, and prints what came of each:
+// Plays a trace of calls on a timeline, one call for each line of input, and prints the result of each:
 //   new RATE WIDTH START KEEP | plan NUMBER VALID_FROM | chunk PLAN FIRST COUNT COMMITTED | advance NOW_S
 //   to FRAME | pause | resume
 // KEEP -1 keeps all. The numbers of a row are plan * 1000 + frame. After each call: its answer ("-" a refusal), then

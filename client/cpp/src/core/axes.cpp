@@ -6,7 +6,7 @@
 namespace motiongen {
 namespace {
 
-// Our x lies to the left, our y up and our z forward.
+// Our x points left, our y up and our z forward.
 void turn(const Axes& axes, float x, float y, float z, float scale, float* to) {
   for (std::size_t axis = 0; axis < 3; ++axis) {
     to[axis] = scale * (axes.left[axis] * x + axes.up[axis] * y + axes.forward[axis] * z);

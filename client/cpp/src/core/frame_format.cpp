@@ -9,8 +9,8 @@
 namespace motiongen {
 namespace {
 
-constexpr std::size_t kPlaceBytes = 12;  // of a quantised root: three int32 of millimetres
-constexpr std::size_t kTurnBytes = 4;    // of a quantised rotation
+constexpr std::size_t kPlaceBytes = 12;  // a quantised root: three int32 of millimetres
+constexpr std::size_t kTurnBytes = 4;    // a quantised rotation
 constexpr char kPositions[] = "joint_positions_m";
 constexpr char kGlobalRotations[] = "joint_global_rotation_quat_wxyz";
 constexpr char kRobotPose[] = "g1_qpos";
@@ -39,12 +39,12 @@ std::uint32_t number(const std::uint8_t* from) {
   return value;
 }
 
-// Four numbers of a rotation are four bytes, any other is two.
+// Four numbers of a rotation take four bytes, any other number two.
 std::size_t quantised_bytes(const Block& output) {
   return output.name == kGlobalRotations ? output.width : 2 * std::size_t{output.width};
 }
 
-// The greatest of w, x, y, z follows from the three others, since the length is 1.
+// The greatest of w, x, y, z follows from the other three, since the length is 1.
 Quaternion unpacked(std::uint32_t packed) {
   const std::uint32_t greatest = packed >> 30;
   double values[4] = {0, 0, 0, 0};
@@ -117,7 +117,7 @@ void FrameDecoder::decode_halves() {
   std::size_t column = rig_.own_width;
   for (const Block& output : rig_.outputs) {
     const std::size_t wanted = output.name == kPositions ? output.width : output.name == kRobotPose ? 3 : 0;
-    const std::size_t places = std::min<std::size_t>(wanted, output.width);  // of a rig that nobody has checked
+    const std::size_t places = std::min<std::size_t>(wanted, output.width);  // the rig may be unchecked
     // forward, left and up of the robot are our z, x and y
     const std::size_t turned = output.name == kRobotPose ? 2 : 0;
     for (std::size_t place = 0; place < places; ++place) row_[column + place] += origin_m_[(place + turned) % 3];

@@ -11,20 +11,20 @@
 namespace motiongen {
 namespace {
 
-constexpr double kSoleM = 0.0152;      // from the lowest joint of a foot that stands to the floor
-constexpr std::size_t kHipFrames = 5;  // to each side: what the hips' height is averaged over
+constexpr double kSoleM = 0.0152;      // height of a standing foot's lowest joint above the floor
+constexpr std::size_t kHipFrames = 5;  // to each side, over which the hips' height is averaged
 constexpr double kStretch = 0.995;
 constexpr int kRounds = 3;
 constexpr const char* kFeet[] = {"LeftFoot", "RightFoot"};
 
-// Joints from the hip to the toes, and which two numbers of foot_contact are of this foot.
+// A leg's joints from hip to toes, and the index of its two numbers in foot_contact.
 struct Leg {
   std::size_t hip;
   std::size_t knee;
   std::size_t ankle;
   std::size_t toes;
   std::size_t contact;
-  double stands_at;  // the ankle above the floor
+  double stands_at;  // the ankle's height above the floor when standing
   double bones_m;    // thigh and shin
 };
 
@@ -66,7 +66,7 @@ Result<Leg> leg_of(const Rig& rig, std::size_t foot) {
 struct Ground::State {
   using Numbers = GroundLifts::Numbers;
 
-  // Of one leg, frame by frame.
+  // One leg's values for each frame.
   struct Step {
     GroundLifts::Flags planted;
     std::vector<Place> goal;  // of the ankle
@@ -77,10 +77,10 @@ struct Ground::State {
   Heights heights;
   std::array<Leg, 2> legs;
   std::array<Step, 2> steps;
-  // of the motion at hand
+  // for the present motion
   std::size_t num_frames = 0;
   std::vector<Place> places;        // (T, J)
-  std::vector<Rotation> rotations;  // (T, J), of the world
+  std::vector<Rotation> rotations;  // (T, J), in the world
   GroundLifts lifts;
   Numbers below;
   Numbers under;
@@ -100,7 +100,7 @@ struct Ground::State {
   bool step(std::size_t side, Span<const float> rows);
   void lift_hips();
   void bend(std::size_t side, Span<float> rows) const;
-  // Whether a height was told. The application is not asked for the height of no place.
+  // Whether a finite height was found. The application is not called for a place that is not finite.
   bool look(const Place& at, double& height) const {
     if (!std::isfinite(at.x) || !std::isfinite(at.y) || !std::isfinite(at.z)) return false;
     height = heights(at.x, at.z);
@@ -131,7 +131,7 @@ void Ground::State::pose(Span<const float> rows) {
   }
 }
 
-// Where the ankle shall be, and how the foot lies. Whether all places and heights were finite.
+// Find where the ankle should be and how the foot lies. False if a place or a height was not finite.
 bool Ground::State::step(std::size_t side, Span<const float> rows) {
   const Leg& leg = legs[side];
   Step& made = steps[side];
@@ -173,7 +173,7 @@ bool Ground::State::step(std::size_t side, Span<const float> rows) {
   return true;
 }
 
-// As the feet on average, less where a leg would be too short.
+// Lift the hips as much as the feet on average, but less where a leg would be too short.
 void Ground::State::lift_hips() {
   hips.resize(num_frames);
   missing.assign(num_frames, 0.0);
@@ -200,7 +200,7 @@ void Ground::State::lift_hips() {
   for (std::size_t frame = 0; frame < num_frames; ++frame) hips[frame] -= missing[frame];
 }
 
-// Turn a leg so that its ankle and foot are as asked for.
+// Turn a leg so that ankle and foot reach their goal.
 void Ground::State::bend(std::size_t side, Span<float> rows) const {
   const Leg& leg = legs[side];
   const std::size_t joints[] = {leg.hip, leg.knee, leg.ankle};

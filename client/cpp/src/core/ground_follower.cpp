@@ -1,5 +1,5 @@
-// The frames that a timeline plays, on the ground: what is changed of each is kept as what turns it, so that a moment
-// between two frames has a part of both.
+// Puts the frames that a timeline plays on the ground. The change to each frame is kept as a lift and rotations, so
+// that a moment between two frames can use a share of both.
 #include <algorithm>
 #include <array>
 #include <utility>
@@ -13,16 +13,16 @@ namespace {
 
 constexpr std::uint64_t kRunFrames = 8;
 constexpr std::uint64_t kFadeFrames = 4;
-constexpr std::size_t kTurned = 6;  // joints: both hips, knees and ankles
+constexpr std::size_t kTurned = 6;  // joints changed: both hips, knees and ankles
 constexpr Quaternion kNoTurn = {1, 0, 0, 0};
 
-// What the ground makes of a frame: how far the root goes up, and what turns each joint of the legs.
+// How the ground changes a frame: the lift of the root, and a rotation of each leg joint.
 struct Change {
   float up_m = 0;
   std::array<Quaternion, kTurned> turns = {kNoTurn, kNoTurn, kNoTurn, kNoTurn, kNoTurn, kNoTurn};
 };
 
-// A share of a change, and after it another one.
+// A share of one change, followed by another.
 Change after(const Change& first, float share, const Change& second) {
   Change both = second;
   both.up_m += share * first.up_m;
@@ -32,7 +32,7 @@ Change after(const Change& first, float share, const Change& second) {
   return both;
 }
 
-// What leads from one to the other.
+// The change that leads from `due` to `shown`.
 Change apart(const Change& shown, const Change& due) {
   Change gap;
   gap.up_m = shown.up_m - due.up_m;
@@ -60,7 +60,7 @@ struct GroundFollower::State {
     for (const char* name : {"LeftFoot", "RightFoot"}) {
       const auto limb =
           std::find_if(rig.limbs.begin(), rig.limbs.end(), [name](const Limb& each) { return each.name == name; });
-      std::size_t joint = limb->joints[0];  // a Ground has feet
+      std::size_t joint = limb->joints[0];  // exists: a Ground's rig has feet
       for (int above = 0; above < 3; ++above) {
         columns[count++] = rig.rotation_column + 4 * joint;
         joint = static_cast<std::size_t>(rig.parents[joint]);
@@ -74,17 +74,17 @@ struct GroundFollower::State {
 
   Ground ground;
   std::array<std::size_t, kTurned> columns = {};
-  std::vector<float> level;   // the rows that the run was made of, from window_first on
-  std::vector<float> raised;  // the same on the ground
+  std::vector<float> level;   // the rows that the run was made from, from window_first on
+  std::vector<float> raised;  // the same rows on the ground
   std::uint64_t window_first = 0;
-  std::vector<Change> run;  // from first on; one more than is followed, for what is on the way there
+  std::vector<Change> run;  // from `first` on; one more than is followed, for moments before it
   std::uint64_t first = 0;
   bool has_shown = false;
   std::uint64_t shown_frame = 0;
   Change shown;
   bool has_gap = false;
-  std::uint64_t gap_frame = 0;  // of the change
-  Change gap;                   // what was shown, seen from what was due
+  std::uint64_t gap_frame = 0;  // the frame at which the change was made
+  Change gap;                   // what was shown, relative to what was due
 
   std::size_t width() const { return ground.rig().row_width; }
 
@@ -107,7 +107,7 @@ struct GroundFollower::State {
     return found;
   }
 
-  // The frames about one that motion leads to and from: none on the other side of a cut.
+  // The frames around one that are continuous with it: none beyond a cut.
   FrameRange window(const Timeline& timeline, std::uint64_t frame) const {
     FrameRange found = {frame, frame + 1};
     const std::uint64_t kept = timeline.first_kept();
@@ -138,7 +138,7 @@ struct GroundFollower::State {
     return {};
   }
 
-  // What is due at a frame of the run, with what is left of a gap.
+  // The change due at a frame of the run, with what is left of a gap.
   Change faded(std::uint64_t frame) const {
     const Change& due = run[frame - first];
     if (!has_gap || frame - gap_frame >= kFadeFrames) return due;

@@ -6,12 +6,12 @@
 namespace motiongen {
 namespace {
 
-// Ground that rises by more than this from one frame of a foot that stands to the next is a step, not a slope.
+// If the ground under a standing foot rises by more than this from frame to frame, it is a step, not a slope.
 constexpr double kStepM = 0.04;
 constexpr std::size_t kTaper = 1;
 constexpr std::size_t kSwingReach = 2;
 
-// The place of a frame that may lie before the first or behind the last: those go on.
+// The index of a frame, clamped to the first and the last.
 std::size_t within(std::size_t place, std::size_t back, std::size_t ahead, std::size_t count) {
   return std::min(place + ahead < back ? 0 : place + ahead - back, count - 1);
 }

@@ -1,4 +1,4 @@
-// How far feet and hips of motion on a level floor are lifted for ground of other heights, frame by frame.
+// By how much the feet and hips of motion on a level floor must be lifted at each frame to fit uneven ground.
 #pragma once
 
 #include <cstddef>
@@ -7,29 +7,30 @@
 
 namespace motiongen {
 
-// Numbers of consecutive frames. Asks for memory only for more frames than before.
+// Works on one number for each of consecutive frames. Allocates memory only if there are more frames than ever before.
 class GroundLifts {
  public:
   using Numbers = std::vector<double>;
   using Flags = std::vector<char>;
 
-  // The ground's height under a point of a foot while it stands, 0 elsewhere. A foot that stands on the edge of a step
-  // stands on the upper side all the while.
+  // The ground's height under a point of a foot while it stands, 0 elsewhere. A foot on the edge of a step stands on
+  // the upper side throughout.
   void standing(const Numbers& heights, const Flags& planted, Numbers& lift);
 
-  // What `standing` gave, with what a foot in the air is lifted by: from where it stood to where it will stand.
-  // heights, clearance: of the ground under it, and how far it is above the level floor: it is lifted more where it
-  // would go through the ground. Before the first and after the last stand it goes from or to the ground below it.
+  // Adds to the result of `standing` the lift of a foot in the air, from where it stood to where it will stand.
+  // heights: the ground under it; clearance: its height above the level floor; it is lifted more where it would go
+  // through the ground. Before its first stand it has that stand's lift; after the last it moves to the ground below
+  // it.
   void swinging(const Numbers& heights, const Flags& planted, const Numbers& clearance, Numbers& lift);
 
-  // Smooth, and nowhere below what they were: the mean of the greatest within `reach` frames to each side.
+  // Smooths values without lowering any: the mean of the maxima within `reach` frames to each side.
   void cover(Numbers& values, std::size_t reach);
 
-  // The mean within `reach` frames to each side; the ends go on as they are.
+  // The mean within `reach` frames to each side; the ends are repeated.
   void average(Numbers& values, std::size_t reach);
 
  private:
-  // The stretches, first and one past the last, in which the flags hold.
+  // The intervals, first and one past the last, in which the flags are set.
   void find_stands(const Flags& planted);
   void swing(const Numbers& heights, const Numbers& clearance, std::size_t begin, std::size_t end, Numbers& lift);
 

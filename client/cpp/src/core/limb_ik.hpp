@@ -1,7 +1,7 @@
-// Two-bone inverse kinematics: a leg's joints turned so that its end is where it shall be.
+// Two-bone inverse kinematics: turns a leg's joints so that its end reaches a goal.
 //
-// The knee's place follows from the two bones' lengths and the way from hip to ankle (the law of cosines); it stays in
-// the plane in which the leg is bent already.
+// The knee's place follows from the lengths of the two bones and the vector from hip to ankle (the law of cosines); it
+// stays in the plane in which the leg is bent.
 #pragma once
 
 #include <algorithm>
@@ -23,10 +23,10 @@ inline Place operator*(double factor, const Place& a) { return {factor * a.x, fa
 inline double dot(const Place& a, const Place& b) { return a.x * b.x + a.y * b.y + a.z * b.z; }
 inline double length(const Place& a) { return std::sqrt(dot(a, a)); }
 
-// Of length 1, or nothing of nothing.
+// The unit vector in a direction; zero for a zero vector.
 inline Place direction(const Place& a) { return 1 / std::max(length(a), kTiny) * a; }
 
-// The least rotation that turns one vector to where another points; they are not opposite.
+// The smallest rotation that turns one vector to the direction of another. They must not be opposite.
 inline Rotation rotation_between(const Place& start, const Place& end) {
   const Place a = direction(start);
   const Place b = direction(end);
@@ -34,8 +34,8 @@ inline Rotation rotation_between(const Place& start, const Place& end) {
   return normalized(half, Rotation{1, 0, 0, 0});
 }
 
-// World rotations to put before those of thigh and shin, so that the ankle comes to `goal`. Where that is farther than
-// the leg is long, the leg points to it. ahead: where the knee bends to if the leg is straight.
+// World rotations to apply after those of thigh and shin so that the ankle reaches `goal`. If that is farther away than
+// the leg is long, the leg points to it. ahead: the direction in which a straight leg's knee bends.
 inline std::pair<Rotation, Rotation> two_bone(const Place& hip, const Place& knee, const Place& ankle,
                                               const Place& goal, const Place& ahead) {
   const Place thigh = knee - hip;
@@ -43,7 +43,7 @@ inline std::pair<Rotation, Rotation> two_bone(const Place& hip, const Place& kne
   const double upper = length(thigh);
   const double lower = length(shin);
   const Place reach = goal - hip;
-  // of a leg of no length the lower bound is above the upper one, which std::clamp must not be given
+  // for a leg of no length the lower bound exceeds the upper one, so std::clamp cannot be used
   const double distance = std::max(std::min(length(reach), upper + lower - kTiny), std::abs(upper - lower) + kTiny);
   const Place toward = direction(reach);
   const Rotation swung = rotation_between(ankle - hip, reach);

@@ -1,4 +1,4 @@
-// Unit quaternions w x y z, and what they turn.
+// Unit quaternions w x y z, and the vectors that they rotate.
 #pragma once
 
 #include <cmath>
@@ -32,20 +32,20 @@ T dot(const BasicQuaternion<T>& a, const BasicQuaternion<T>& b) {
   return a.w * b.w + a.x * b.x + a.y * b.y + a.z * b.z;
 }
 
-// The rotation b and after it a.
+// The rotation b, followed by a.
 template <class T>
 BasicQuaternion<T> multiply(const BasicQuaternion<T>& a, const BasicQuaternion<T>& b) {
   return {a.w * b.w - a.x * b.x - a.y * b.y - a.z * b.z, a.w * b.x + a.x * b.w + a.y * b.z - a.z * b.y,
           a.w * b.y - a.x * b.z + a.y * b.w + a.z * b.x, a.w * b.z + a.x * b.y - a.y * b.x + a.z * b.w};
 }
 
-// The rotation back.
+// The inverse rotation.
 template <class T>
 BasicQuaternion<T> inverse(const BasicQuaternion<T>& q) {
   return {q.w, -q.x, -q.y, -q.z};
 }
 
-// Of length 1; `otherwise` where it has none.
+// Scaled to length 1; `otherwise` if its length is 0.
 template <class T>
 BasicQuaternion<T> normalized(const BasicQuaternion<T>& q, const BasicQuaternion<T>& otherwise) {
   const T length = std::sqrt(dot(q, q));
@@ -61,7 +61,7 @@ BasicVector<T> rotate(const BasicQuaternion<T>& q, const BasicVector<T>& v) {
           v.z + q.w * t.z + (q.x * t.y - q.y * t.x)};
 }
 
-// Shoemake 1985, eq. for slerp; nearly equal rotations are mixed in a straight line, where the sines say nothing.
+// Shoemake 1985, eq. for slerp; nearly equal rotations are interpolated linearly, since the sines vanish.
 inline Quaternion slerp(const Quaternion& a, const Quaternion& b, float blend) {
   constexpr float kNearlyEqual = 0.9995F;
   const float cosine = dot(a, b);

@@ -37,7 +37,7 @@ Result<std::vector<std::size_t>> indices_of(const std::vector<std::string>& name
   return found;
 }
 
-// The lengths of the bones that lead to each joint but the first of each chain, on the average of the chains.
+// The average length of the chains: for each, the bones that lead to all its joints but the first.
 Result<float> chain_length(const std::vector<std::string>& names, const std::vector<float>& offsets,
                            const std::vector<std::vector<std::string>>& chains) {
   if (chains.empty()) return invalid("scale", "0 without chains", "a number above 0, or chains of joints of both");
@@ -65,25 +65,25 @@ struct Retargeter::State {
 
   Rig rig;
   UserSkeleton skeleton;
-  std::vector<Driven> driven;  // one a joint of the skeleton
+  std::vector<Driven> driven;  // one for each joint of the skeleton
   std::vector<std::size_t> middle_theirs;
   std::vector<std::size_t> middle_ours;
   float metres_per_unit = 1;
   float scale = 1;
   float lift_m = 0;
   bool has_before = false;
-  // of the frame at hand
+  // for the present frame
   std::vector<float> our_places;
   std::vector<float> our_rotations;
   std::vector<Quaternion> world;
-  std::vector<Vector> places;  // from the root, in their units
+  std::vector<Vector> places;  // relative to the root, in their units
   std::vector<float> before;
 
   Quaternion rest(std::size_t joint) const {
     return skeleton.rest_wxyz.empty() ? kNoTurn : load(&skeleton.rest_wxyz[4 * joint]);
   }
 
-  // Local rotations, and where joints are from the root; `our_rotations` are there.
+  // Finds local rotations and the joints' places relative to the root, from `our_rotations`.
   void pose(Span<float> local_wxyz) {
     for (std::size_t joint = 0; joint < driven.size(); ++joint) {
       const bool is_root = joint == 0;
@@ -158,7 +158,7 @@ Status Retargeter::State::take_scale(const JointMap& map) {
   return has_length ? Status() : invalid("chains", "bones without length", "bones of both that are longer than 0");
 }
 
-// How much the middle of theirs is above that of ours, scaled.
+// Finds the height of their root joints' midpoint above the scaled one of ours.
 Status Retargeter::State::take_ground(const JointMap& map) {
   if (!map.on_feet) {
     lift_m = map.ground_theirs * metres_per_unit - map.ground_ours_m / scale;
@@ -175,7 +175,7 @@ Status Retargeter::State::take_ground(const JointMap& map) {
   const auto is_foot = [&](std::size_t joint) {
     return std::count(feet.value().begin(), feet.value().end(), driven[joint].ours) != 0;
   };
-  // theirs at rest, from the root
+  // theirs at rest, relative to the root
   std::vector<Quaternion> turned(driven.size(), kNoTurn);
   std::vector<Vector> rest_places(driven.size(), Vector{0, 0, 0});
   float lowest = HUGE_VALF;

@@ -19,7 +19,7 @@ bool all_finite(const Numbers& numbers) {
 
 bool is_turn(const float* wxyz) {
   const Quaternion turn = load(wxyz);
-  return std::abs(std::sqrt(dot(turn, turn)) - 1) <= kUnitTolerance;  // false for what is no number
+  return std::abs(std::sqrt(dot(turn, turn)) - 1) <= kUnitTolerance;  // false for NaN
 }
 
 }  // namespace

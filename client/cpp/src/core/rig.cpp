@@ -7,9 +7,9 @@
 namespace motiongen {
 namespace {
 
-constexpr std::uint32_t kWidestRow = 1 << 14;  // of kMostJoints, with every output there is, 7246
+constexpr std::uint32_t kWidestRow = 1 << 14;  // with kMostJoints and all outputs a row has 7246
 
-// The column at which a block of a width begins, or a violation.
+// The column at which a block begins; a violation if it is missing or has another width.
 Result<std::uint32_t> find_column(const Rig& rig, const char* name, std::uint32_t width) {
   std::uint32_t column = 0;
   for (const Block& block : rig.blocks) {

@@ -1,4 +1,4 @@
-// Consecutive frame rows in a ring: pushed at the back, dropped at both ends, without asking for memory each time.
+// Consecutive frame rows in a ring buffer: pushed at the back, dropped at both ends, without an allocation for each.
 #pragma once
 
 #include <cstddef>
@@ -15,10 +15,10 @@ class RowStore {
 
   std::size_t size() const { return size_; }
 
-  // The row at a place counted from the oldest one, which must be there.
+  // The row at an index counted from the oldest; it must exist.
   const float* row(std::size_t index) const { return rows_.data() + slot(index) * row_width_; }
 
-  // Room for one more row at the back, to be filled. Doubles the ring where it is full.
+  // Room for one more row at the back, for the caller to fill. Doubles the ring if it is full.
   float* push() {
     if (size_ == capacity_) grow();
     return rows_.data() + slot(size_++) * row_width_;

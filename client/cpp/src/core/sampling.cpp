@@ -1,4 +1,4 @@
-// The pose of a moment between two frames; jumps of what is shown are faded out.
+// The pose at a moment between two frames; jumps in what is shown are faded out.
 #include <algorithm>
 
 #include "motiongen/core/pose.hpp"
@@ -10,18 +10,18 @@ namespace {
 
 constexpr Quaternion kNoTurn = {1, 0, 0, 0};
 
-// Whether the frame that was being approached is another now, or came only after the last pose had to be held.
+// Whether the frame being approached has been replaced since, or arrived only after the last pose had to be held.
 bool has_jumped(Timeline::State& s, bool is_there) {
   const bool same_next = s.approached && s.replaced_from > s.shown_frame + 1;
   if (s.playhead == s.shown_frame) return is_there ? !same_next : s.approached;
   if (s.is_cut(s.playhead)) {
-    s.fading = false;  // what was fading belongs to where the character was
+    s.fading = false;  // the fading gap belongs to the place before the cut
     return false;
   }
   return s.playhead == s.shown_frame + 1 && !same_next;
 }
 
-// Keep how far what was shown is from what is due.
+// Keep the gap between what was shown and what is due.
 void keep_gap(Timeline::State& s, const Rig& rig, Span<const float> due) {
   for (std::size_t axis = 0; axis < 3; ++axis) {
     s.apart[axis] = s.shown[rig.root_column + axis] - due[rig.root_column + axis];
@@ -72,7 +72,7 @@ bool Timeline::sample_here(double now_s, const Rig& rig, Span<float> out) {
   }
   const double left = s.fading && blend_s > 0 ? (s.faded_at_s - now_s) / blend_s : 0;
   s.fading = left > 0;
-  // begins and ends without a jolt
+  // smoothstep: begins and ends smoothly
   if (s.fading) bridge(s, rig, static_cast<float>(left * left * (3 - 2 * left)), out);
   std::copy(out.begin(), out.begin() + s.options.row_width, s.shown.begin());
   s.has_shown = true;

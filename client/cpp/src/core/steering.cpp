@@ -11,7 +11,7 @@ namespace {
 
 constexpr std::size_t kMostCorners = 256;  // of one RootPath
 
-// How far a point is from the way between two others.
+// The distance of a point from the line segment between two others.
 double off(Span<const float> points, std::size_t first, std::size_t last, std::size_t at) {
   const double along_x = static_cast<double>(points[2 * last]) - static_cast<double>(points[2 * first]);
   const double along_z = static_cast<double>(points[2 * last + 1]) - static_cast<double>(points[2 * first + 1]);
@@ -22,7 +22,7 @@ double off(Span<const float> points, std::size_t first, std::size_t last, std::s
   return std::hypot(away_x - share * along_x, away_z - share * along_z);
 }
 
-// The ends, and of every span the point that is farthest from its line, if it is too far.
+// Keeps both ends, and of every span the point farthest from its line if that is too far.
 std::vector<bool> kept(Span<const float> points, double within_m) {
   const std::size_t count = points.size() / 2;
   std::vector<bool> keep(count, false);
@@ -53,7 +53,7 @@ std::vector<bool> kept(Span<const float> points, double within_m) {
 GroundVector camera_relative(float right_m, float forward_m, float camera_heading_rad) {
   const float sine = std::sin(camera_heading_rad);
   const float cosine = std::cos(camera_heading_rad);
-  // +X is to the left of who looks along +Z
+  // +X is to the left when looking along +Z
   return {forward_m * sine - right_m * cosine, forward_m * cosine + right_m * sine};
 }
 

@@ -1,4 +1,4 @@
-// What comes from the server, and what is held of it.
+// The timeline's part that takes what arrives from the server and holds it.
 #include <algorithm>
 #include <cmath>
 #include <cstddef>
@@ -12,8 +12,8 @@ namespace motiongen {
 namespace {
 
 constexpr std::uint32_t kMostReserved = 1 << 20;
-constexpr std::ptrdiff_t kMostCutsAhead = 64;                     // whose frames are still to come
-constexpr std::size_t kMostReservedBytes = std::size_t{1} << 26;  // more is asked for as frames come
+constexpr std::ptrdiff_t kMostCutsAhead = 64;                     // cuts whose frames are still to come
+constexpr std::size_t kMostReservedBytes = std::size_t{1} << 26;  // more is allocated as frames arrive
 
 #if defined(__BYTE_ORDER__) && __BYTE_ORDER__ != __ORDER_LITTLE_ENDIAN__
 #error "rows are copied from the wire as they are, and the wire is little endian"
@@ -130,7 +130,7 @@ void Timeline::continue_with_new_plans() {
   State& s = *state_;
   s.plan = 0;
   s.received_to = s.buffered_to();
-  s.committed_to = s.received_to;  // what is held will be shown: the other session begins after it
+  s.committed_to = s.received_to;  // all frames held will be shown: the new session begins after them
 }
 
 Result<Span<const float>> Timeline::row(std::uint64_t frame) const {

@@ -1,4 +1,4 @@
-// The playhead of a timeline: by the clock, or by hand.
+// Moves the playhead of a timeline, by the clock or by hand.
 #include "timeline_state.hpp"
 
 namespace motiongen {

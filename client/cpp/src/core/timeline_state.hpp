@@ -1,4 +1,4 @@
-// What a timeline holds: its rows, the playhead and the clock that moves it, and what was shown last.
+// The state of a timeline: its rows, the playhead and the clock that moves it, and what was shown last.
 #pragma once
 
 #include <algorithm>
@@ -12,7 +12,7 @@
 
 namespace motiongen {
 
-// Playback works in multiples of a frame time that no binary fraction holds: a frame due at 0.15 s is due at 0.1499999.
+// A frame counts as due this share of a frame time early, since frame times are not exact binary fractions.
 constexpr double kEarlyFrames = 1e-6;
 constexpr double kNever = std::numeric_limits<double>::quiet_NaN();
 constexpr std::uint64_t kNoFrame = std::numeric_limits<std::uint64_t>::max();
@@ -44,16 +44,16 @@ struct Timeline::State {
   double due_s = kNever;  // when the frame after the playhead is due; unset: the clock starts anew
   double held_since_s = kNever;
   std::uint64_t held_frames = 0;
-  std::vector<std::uint64_t> cuts;  // kept frames that do not continue the one before, rising
+  std::vector<std::uint64_t> cuts;  // kept frames that do not continue the one before, ascending
 
   // ---- what `sample` showed last
-  float blend = 0;  // of the frame after the playhead
+  float blend = 0;  // the share of the frame after the playhead
   bool has_shown = false;
-  std::uint64_t shown_frame = 0;           // the playhead then
-  bool approached = false;                 // the frame after it was there
+  std::uint64_t shown_frame = 0;           // the playhead at that time
+  bool approached = false;                 // the frame after it had arrived
   std::uint64_t replaced_from = kNoFrame;  // the first frame that was replaced since
-  std::vector<float> shown;                // the row
-  std::vector<float> apart;                // what was shown, seen from what was due: 3 of the root, 4 a joint
+  std::vector<float> shown;                // the row shown
+  std::vector<float> apart;                // what was shown, relative to what was due: 3 for the root, 4 a joint
   bool fading = false;
   double faded_at_s = 0;
 
@@ -77,7 +77,7 @@ struct Timeline::State {
     return {first, playhead + 1};
   }
 
-  // Raise the count of the present hold.
+  // Raise the frame count of the present hold, and underruns with it.
   void count_held(std::uint64_t frames) {
     if (frames <= held_frames) return;
     underruns += static_cast<std::uint32_t>(frames - held_frames);

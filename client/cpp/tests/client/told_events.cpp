@@ -1,5 +1,5 @@
-// Plays one character and prints what happens to it, one line each, until it is told to quit: told_events HOST:PORT Its
-// commands are those of told_commands.cpp, and `another`, which opens another character in its place. It prints:
+// Plays one character and prints what happens to it, one line each, until it is told to quit: told_events HOST:PORT
+// Its commands are those of told_commands.cpp, and `another`, which opens another character in its place. It prints:
 //   opened | edit ID CODE FRAME | placed TARGET FIRST LAST ARRIVAL ANCHOR | reached TARGET MET FRAME METRES RADIANS
 //   lost REASON | connected | recovered FRAME EXACT | closed REASON | draining | durability KEPT | refused WORDS
 //   frame FRAME CODE | at FRAME CODE | x FRAME X Y Z | row FRAME NUMBERS | stats PLANS UNDERRUNS LATE RECOVERIES

@@ -13,7 +13,7 @@ constexpr double kStartGraceS = 1;  // after its intended open; a character that
 PlayedCharacter::PlayedCharacter(Run& run, std::uint32_t handle, const Character& plan)
     : run_(run), handle_(handle), plan_(plan), due_from_s_(plan.open_s() + kStartGraceS) {}
 
-// ---- what is sent
+// ---- sending
 
 std::uint64_t PlayedCharacter::take_seq(std::optional<double> intended_s) {
   if (intended_s) edits_[next_seq_].intended_s = *intended_s;
@@ -31,7 +31,7 @@ void PlayedCharacter::put_report(double now_s, std::string& to) const {
   wire::put_playhead(handle_, playhead(now_s), buffered_to_, missed_ + held_now, 0, to);
 }
 
-// ---- what comes
+// ---- receiving
 
 void PlayedCharacter::take_plan(const v1::PlanNotice& notice, double now_s) {
   plan_number_ = notice.plan();
@@ -82,7 +82,7 @@ void PlayedCharacter::take_outcome(const v1::EditOutcome& outcome, double now_s)
   edits_.erase(found);
 }
 
-// ---- what is found out
+// ---- measuring
 
 void PlayedCharacter::look(double now_s) {
   if (showing_.empty()) return;

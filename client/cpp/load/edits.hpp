@@ -9,7 +9,7 @@ namespace motiongen::load {
 
 v1::SessionEvent open_event(PlayedCharacter& character, const Load& load);
 
-// value: which prompt, or the number of the edit by its rule.
+// value: the index of the prompt, or the edit's number within its rule.
 v1::SessionEvent edit_event(PlayedCharacter& character, const Load& load, const Rule& rule, std::uint32_t value,
                             double intended_s, double now_s);
 

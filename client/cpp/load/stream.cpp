@@ -70,7 +70,7 @@ void Stream::begin_end() {
   call_->finish();
 }
 
-// ---- out
+// ---- sending
 
 void Stream::put_report(const PlayedCharacter& character, double now_s) {
   entry_.clear();
@@ -92,7 +92,7 @@ void Stream::write_waits(Recorder& to) {
   to.add_lags(Lag::write, waits_);
 }
 
-// ---- in
+// ---- receiving
 
 void Stream::on_message(const wire::Piece* pieces, std::size_t size) {
   const double now_s = stage_.now_s();

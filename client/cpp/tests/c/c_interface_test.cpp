@@ -1,4 +1,4 @@
-// The C interface without a server: sizes of structs, missing pointers, texts that are cut off.
+// The C interface without a server: struct sizes, missing pointers, truncated texts.
 #include <gtest/gtest.h>
 
 #include <cstddef>
@@ -20,7 +20,7 @@ motiongen_client_options options_for(const char* address) {
   return options;
 }
 
-// What a client is refused with whose options have no meaning.
+// The refusal of a client with meaningless options.
 motiongen_error refusal_of(const motiongen_client_options& options) {
   motiongen_error error{};
   error.struct_size = sizeof error;
@@ -97,7 +97,7 @@ TEST(CInterface, ReadsNoFurtherThanTheCallersStructGoes) {
   motiongen_client_options options{};
   options.struct_size = offsetof(motiongen_client_options, token);
   options.address = "nowhere";
-  options.token = reinterpret_cast<const char*>(1);  // would be read otherwise
+  options.token = reinterpret_cast<const char*>(1);  // would be read if the size were ignored
   motiongen_client_options known;
   ASSERT_TRUE(motiongen::c::read(&options, known));
   EXPECT_STREQ(known.address, "nowhere");

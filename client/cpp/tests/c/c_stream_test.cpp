@@ -1,4 +1,4 @@
-// The C interface and a real server, whose address MOTIONGEN_ADDRESS says.
+// The C interface and a real server, whose address is in MOTIONGEN_ADDRESS.
 #include <gtest/gtest.h>
 
 #include <atomic>
@@ -131,7 +131,7 @@ TEST(CStream, WhatHasNoRoomIsRefusedAndNothingIsLost) {
   motiongen_client_destroy(client);
 }
 
-// Two threads that put motion on one ground, and whether the second was at it while the first was.
+// Two threads that adapt motion to one ground, and whether the second did so during the first.
 struct Meeting {
   motiongen_ground* ground = nullptr;
   std::vector<float> rows;

@@ -9,7 +9,7 @@ namespace {
 
 const std::vector<std::string> kLocal = {"localhost:50051", "127.0.0.1:1",      "127.8.9.255:1",
                                          "[::1]:1",         "unix:motion.sock", "unix:/run/motion.sock"};
-// Those that only look as if they were of this machine among them.
+// Includes addresses that only look like this machine's.
 const std::vector<std::string> kFar = {"motion.example:50051",
                                        "10.0.0.7:1",
                                        "127.0.0.1.example:1",
@@ -51,7 +51,7 @@ TEST(Address, ASocketOfThisMachineIsLocalhostToTls) {
   EXPECT_EQ(name_for_tls("motion.example:50051"), "");
 }
 
-// What connecting with these options is refused by; empty where it is not for what they say.
+// The message with which `connect` refuses these options; empty if it fails for another reason.
 std::string refusal(ClientOptions options) {
   options.connect_timeout_s = 0.01;  // nobody is there
   const Status refused = Client::connect(options).status();

@@ -1,4 +1,4 @@
-// What is told while nobody answers: it is kept until somebody does, and bounded for all sessions together.
+// Edits while no server answers: they are kept until one does, up to a bound for all sessions together.
 #include "client/backlog.hpp"
 
 #include <gtest/gtest.h>

@@ -13,7 +13,7 @@ TEST(Backoff, GrowsWhileCallsComeToNothingHoweverOftenTheServerSaysHello) {
   double before_s = 0;
   for (int call = 0; call < 30; ++call) {
     backoff.begin_call();
-    backoff.note_pong();  // it has lived so long at most
+    backoff.note_pong();  // the call lasted this long at most
     const double wait_s = backoff.next_s(now_s);
     EXPECT_GE(wait_s, before_s);
     EXPECT_LE(wait_s, now_s - 100 < Backoff::kSoonS ? Backoff::kMostSoonS : Backoff::kMostS);

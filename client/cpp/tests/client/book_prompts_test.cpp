@@ -1,4 +1,4 @@
-// Prompts of a session that is opened anew: one that has begun holds until the one that replaces it begins.
+// Prompts of a session that is opened anew: one that has begun stays in force until its replacement begins.
 #include <gtest/gtest.h>
 
 #include <string>
@@ -12,7 +12,7 @@ namespace {
 
 constexpr std::size_t kMostPrompts = 16;
 
-// A book that was opened with "walk", and what a session that begins at some frame is told by it.
+// A book opened with "walk", and the prompts that it gives a session opened anew at a frame.
 struct Told {
   SessionBook book;
 

@@ -1,4 +1,4 @@
-// A client that has several addresses, or a catalogue that is not the newest.
+// A client with several addresses, or with an outdated catalogue.
 #include <gtest/gtest.h>
 
 #include <atomic>

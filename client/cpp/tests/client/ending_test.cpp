@@ -1,4 +1,4 @@
-// What ends while something else begins, on a server that chooses the moment.
+// Ending a client or a session while something else begins, on a server that chooses the moment.
 #include <gtest/gtest.h>
 
 #include <atomic>
@@ -18,7 +18,7 @@ namespace {
 
 constexpr double kLimitS = 60;
 
-// So many targets take a while to be made into a message.
+// So many targets that converting them to a message takes a while.
 SessionOptions big() {
   SessionOptions options;
   for (std::uint64_t frame = 0; frame < 5000; ++frame) options.targets.emplace_back(Waypoint{frame, 0, 0, {}, {}});
@@ -89,7 +89,7 @@ TEST(Ending, AClientMayBeDestroyedWhileItReconnectsAndOthersWaitOnItsSessions) {
   }
 }
 
-// Gives a token, and where it is asked for one by a thread that waits for that, not before the client was destroyed.
+// A token source. While `waits` is set, it returns only after the client was destroyed.
 struct Moment {
   std::promise<void> asked;
   std::promise<void> destroyed;

@@ -1,4 +1,4 @@
-// What a server may say that no honest one does: the session ends or nothing comes of it, and the application lives on.
+// Messages that only a faulty or hostile server sends: the session ends or ignores them, and the application goes on.
 #include <gtest/gtest.h>
 
 #include <cmath>
@@ -48,12 +48,12 @@ TEST(HostileServer, ASessionIsOpenedOnceForEachTimeThatItAsks) {
   stage.open();
   stage.hear_opened();
   ASSERT_EQ(stage.state.phase, Phase::open);
-  stage.hear_opened("another");  // with another lookahead and another name, say, which nobody would take
+  stage.hear_opened("another");  // perhaps with another look-ahead and another name, which must not be applied
   EXPECT_EQ(stage.state.phase, Phase::closed);
   EXPECT_EQ(stage.state.ended.reason(), "PROTOCOL_VIOLATION");
   EXPECT_EQ(stage.num_closed(), 1) << "it is told";
   EXPECT_EQ(stage.sent(v1::SessionEvent::kClose).size(), 1U);
-  stage.hear_opened();  // which crossed its end
+  stage.hear_opened();  // crossed the session's end
   EXPECT_EQ(stage.num_closed(), 0);
 }
 
@@ -126,7 +126,7 @@ TEST(HostileServer, AnUpdateThatCannotBeReadEndsTheStreamAndIsNotPassedOver) {
   ScriptedServer server;
   server.hear = [](const v1::SessionEvent& event, ScriptedServer::Stream& stream) {
     if (!event.has_open()) return;
-    v1::StreamMotionResponse said;  // with an update whose first number has no end
+    v1::StreamMotionResponse said;  // with an update whose first varint does not end
     said.GetReflection()->MutableUnknownFields(&said)->AddLengthDelimited(v1::StreamMotionResponse::kUpdatesFieldNumber,
                                                                           "\xFF\xFF");
     stream.Write(said);

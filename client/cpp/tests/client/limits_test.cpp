@@ -1,4 +1,5 @@
-// What is refused here, since a server could only end the whole stream for it, and what waits as long as it is told to.
+// Edits that the client refuses, since a server could only end the stream because of them, and waits with their
+// timeouts.
 #include <gtest/gtest.h>
 
 #include <cmath>

@@ -1,4 +1,4 @@
-// What is done in which order when a call is lost.
+// The order of events when a call is lost.
 #include <gtest/gtest.h>
 
 #include <chrono>
@@ -14,11 +14,11 @@
 namespace motiongen {
 namespace {
 
-constexpr double kPingPeriodS = 0.1;  // of a client that is not lost; another call is made after half of that or so
+constexpr double kPingPeriodS = 0.1;  // of a connected client; another call is made after about half of that
 constexpr int kPings = 4;
 constexpr auto kLimit = std::chrono::seconds(60);
 
-// Whether a call is asked for once the line is lost: its token is.
+// Whether another call is made after the connection was lost, seen by its request for a token.
 struct Asked {
   std::mutex mutex;
   std::condition_variable changed;
@@ -48,7 +48,7 @@ struct Asked {
   }
 };
 
-// Goes by the same clock, and tells when another call would have been made long ago.
+// A second client on the same clock. After its wait, another call would have been made long ago.
 class Beside {
  public:
   Beside() : client_(Client::connect(options())) {}
@@ -83,7 +83,7 @@ TEST(LostCall, NoOtherIsMadeBeforeAllSessionsHaveHeard) {
   ASSERT_TRUE(opened) << opened.status().message();
   SessionState& state = *opened.value();
   {
-    const std::lock_guard<std::mutex> lock(state.mutex);  // so that it cannot hear yet
+    const std::lock_guard<std::mutex> lock(state.mutex);  // so that the session cannot learn of the loss yet
     asked.begin();
     server.end();
     while (core->is_connected()) std::this_thread::yield();

@@ -1,4 +1,4 @@
-// Targets of a session that is opened anew, more than once: they are where the newest session has put them.
+// Targets of a session that is opened anew more than once are where the newest session has placed them.
 #include <gtest/gtest.h>
 
 #include "client/book.hpp"

@@ -1,4 +1,4 @@
-// What becomes of targets: who waits for one hears of it, or why nobody will ever tell.
+// Results of targets: a wait ends with the result, or with the reason why there will be none.
 #include "client/reached.hpp"
 
 #include "client/convert.hpp"
@@ -10,7 +10,7 @@ namespace {
 
 constexpr std::uint32_t kTarget = 1;
 
-// A session that is open and is told targets.
+// An open session whose targets are set.
 struct Walking : Stage {
   explicit Walking(const char* token = "t") {
     open();
@@ -18,7 +18,7 @@ struct Walking : Stage {
     static_cast<void>(sent());
   }
 
-  // Set a target, or put another in its place. Returns the number of the event.
+  // Set or replace a target. Returns the number of the event.
   std::uint64_t set(std::uint32_t target, std::uint64_t frame) {
     v1::SessionEvent event;
     auto* constraint = event.mutable_edit_constraints()->add_upsert();
@@ -30,7 +30,7 @@ struct Walking : Stage {
     return sent().back().event_seq();
   }
 
-  // placed_at: the last frame of where the server has put it; 0: it did not have to.
+  // placed_at: the last frame of the placement; 0: the answer has no placement.
   void hear_answer(std::uint64_t seq, Code code = Code::ok, std::uint64_t placed_at = 0) {
     v1::SessionUpdate update;
     update.mutable_outcome()->set_event_seq(seq);
@@ -43,7 +43,7 @@ struct Walking : Stage {
     hear(update);
   }
 
-  // Where it is as far as is known; 0: nothing is.
+  // The last frame of the placement that is known; 0: none is.
   std::uint64_t placed_at() const {
     return state.reached_book.find_placement(kTarget).value_or(Placement()).last_frame;
   }
@@ -152,7 +152,7 @@ TEST(Reached, WhereAReplacementWasPutThatIsReplacedItselfIsNotWhereTheLastOneIs)
     EXPECT_EQ(stage.placed_at(), 0U);
     stage.hear_answer(first, Code::ok, 40);
     EXPECT_EQ(stage.placed_at(), 0U) << "the second is still on its way";
-    stage.hear_answer(second, code);  // whose frame was given, so that it is put nowhere
+    stage.hear_answer(second, code);  // its frame was given, so it has no placement
     EXPECT_EQ(stage.placed_at(), code == Code::ok ? 0U : 40U);
   }
 }
@@ -209,7 +209,7 @@ TEST(Reached, WhatPassedBeforeItWasAnsweredIsRefusedHereAndNotAskedForAtOnce) {
   EXPECT_EQ(stage.state.find_answer(edit)->status.reason(), "FRAME_COMMITTED");
 }
 
-// Targets 1 and 2, the first of which is at a frame that is held when the line is lost.
+// Targets 1 and 2; the first is at a frame that is held when the connection is lost.
 v1::SessionEvent two_targets() {
   v1::SessionEvent event;
   for (const std::uint32_t id : {1U, 2U}) {

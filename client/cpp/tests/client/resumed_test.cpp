@@ -1,4 +1,4 @@
-// A session that was resumed: what happened to it while its line was lost is known by what it hears then.
+// A resumed session: what it is told then shows what happened while its connection was lost.
 #include <vector>
 
 #include "session_stage.hpp"
@@ -6,7 +6,7 @@
 namespace motiongen {
 namespace {
 
-constexpr std::uint64_t kSeqOfEdit = 2;  // behind the opening
+constexpr std::uint64_t kSeqOfEdit = 2;  // follows the opening
 constexpr std::uint64_t kCutAt = 20;
 
 v1::SessionEvent teleport() {
@@ -15,7 +15,7 @@ v1::SessionEvent teleport() {
   return event;
 }
 
-// One that is open and was told of a cut.
+// An open session with a requested cut.
 struct Cutting : Stage {
   Cutting() {
     open();
@@ -32,7 +32,7 @@ struct Cutting : Stage {
   }
 };
 
-// Those that `timeline` has below a frame.
+// The cuts that the timeline has below a frame.
 std::vector<std::uint64_t> cuts(const Timeline& timeline, std::uint64_t end) {
   std::vector<std::uint64_t> found;
   for (std::uint64_t frame = 0; frame < end; ++frame) {
@@ -48,8 +48,8 @@ TEST(Resumed, ACutThatWasMadeWhileTheLineWasLostIsKnownByItsAnswer) {
   stage.open();
   stage.hear_opened();
   ASSERT_EQ(stage.state.phase, Phase::open);
-  ASSERT_TRUE(stage.state.timeline->announce_plan(3, 0));    // one for all: its cause is the resume
-  for (int time = 0; time < 2; ++time) stage.hear_answer();  // told again to whoever resumes again
+  ASSERT_TRUE(stage.state.timeline->announce_plan(3, 0));    // one plan for all: its cause is RESUME
+  for (int time = 0; time < 2; ++time) stage.hear_answer();  // repeated at each resume
   EXPECT_EQ(cuts(*stage.state.timeline, 40), (std::vector<std::uint64_t>{kCutAt})) << "or it would be blended over";
   EXPECT_EQ(stage.state.timeline->cut_before(30), kCutAt) << "or frames from before it would be history of after it";
 }

@@ -1,4 +1,4 @@
-// A server that says anything in any order, drawn from fixed seeds: no number ends the application.
+// A server that sends random messages in random order, drawn from fixed seeds: no number ends the application.
 #include <cmath>
 #include <iterator>
 #include <random>
@@ -30,7 +30,7 @@ class Talk {
  public:
   explicit Talk(std::uint32_t seed) : random_(seed), stage_({}, options_of(seed)) { stage_.open(); }
 
-  // One thing that the server says, or that the application does meanwhile.
+  // One message of the server, or one action of the application.
   void go_on() {
     const std::lock_guard<std::mutex> lock(stage_.state.mutex);
     switch (below(12)) {
@@ -70,12 +70,12 @@ class Talk {
   std::uint32_t below(std::uint32_t end) { return static_cast<std::uint32_t>(random_() % end); }
   std::uint64_t number() { return kNumbers[below(std::size(kNumbers))]; }
   std::uint32_t small() { return static_cast<std::uint32_t>(number()); }
-  // Mostly what an honest server would say.
+  // Mostly what a correct server would send.
   std::uint64_t near(std::uint64_t honest) { return below(60) == 0 ? number() : honest; }
   const Timeline* timeline() const { return stage_.state.timeline ? &*stage_.state.timeline : nullptr; }
 
   void say_opened() {
-    if (stage_.state.phase == Phase::open && below(60) != 0) return;  // it has not asked
+    if (stage_.state.phase == Phase::open && below(60) != 0) return;  // the session has not asked for it
     v1::SessionUpdate update;
     auto* opened = update.mutable_opened();
     opened->set_rig_id("r");
@@ -158,7 +158,7 @@ class Talk {
     placement->set_anchor_heading(below(4) == 0 ? NAN : 1);
   }
 
-  // The line, and then another with another catalogue.
+  // Lose the connection, then get another one with another catalogue.
   void lose() {
     stage_.lose();
     stage_.known.models[0].default_history_frames = small();

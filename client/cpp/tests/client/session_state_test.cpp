@@ -95,7 +95,7 @@ TEST(SessionState, ThatHasGrownTooBigToBeOpenedAnewEndsAlone) {
   stage.hear_opened("");
   ASSERT_EQ(stage.state.phase, Phase::open);
   stage.lose();
-  stage.known.limits.max_request_bytes = 2048;  // of another server
+  stage.known.limits.max_request_bytes = 2048;  // as another server has it
   static_cast<void>(stage.sent(v1::SessionEvent::kOpen));
   stage.open();
   EXPECT_EQ(stage.state.phase, Phase::closed);

@@ -1,4 +1,4 @@
-// The client and a real server, whose address MOTIONGEN_ADDRESS says. Nothing here knows how fast either is.
+// The client and a real server, whose address is in MOTIONGEN_ADDRESS. No test depends on how fast either is.
 #include <gtest/gtest.h>
 
 #include <cmath>

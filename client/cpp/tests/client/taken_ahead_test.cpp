@@ -1,4 +1,4 @@
-// A playhead that its caller moves sooner than in real time, and what is told meanwhile.
+// A playhead that its caller moves faster than in real time, and edits meanwhile.
 #include "session_stage.hpp"
 
 namespace motiongen {
@@ -6,7 +6,7 @@ namespace {
 
 constexpr std::uint64_t kHeldTo = 40;
 constexpr std::uint64_t kCommittedTo = 12;
-constexpr std::uint64_t kSeqOfEdit = 2;  // behind the opening
+constexpr std::uint64_t kSeqOfEdit = 2;  // follows the opening
 
 SessionOptions played_by(Clock clock) {
   SessionOptions options;
@@ -14,7 +14,7 @@ SessionOptions played_by(Clock clock) {
   return options;
 }
 
-// One that was opened and holds frames.
+// An open session that holds frames.
 struct Playing : Stage {
   explicit Playing(Clock clock = Clock::manual) : Stage({}, played_by(clock)) {
     open();
@@ -35,7 +35,7 @@ struct Playing : Stage {
     hear(update);
   }
 
-  // What has been sent must be a report of this frame, and the edit right behind it.
+  // Expects that a report of this frame was sent, directly followed by the edit.
   void expect_told_at(std::uint64_t frame) {
     const auto said = sent();
     ASSERT_GE(said.size(), 2U);

@@ -20,12 +20,12 @@ TEST(Texts, TakesUtf8AndNothingElse) {
   EXPECT_TRUE(check_utf8("text", std::string("a\0b", 3)));
   const std::vector<std::pair<std::string, std::string>> wrong = {
       {kLatin1, "0xe9 at position 3 of 4"},
-      {"\x80", "0x80 at position 0"},              // what only continues
+      {"\x80", "0x80 at position 0"},              // a continuation byte
       {"ab\xC3", "0xc3 at position 2"},            // cut off
-      {"\xC0\xAF", "0xc0 at position 0"},          // longer than need be, as the next two
+      {"\xC0\xAF", "0xc0 at position 0"},          // overlong, as are the next two
       {"\xE0\x9F\xBF", "0xe0 at position 0"},      //
       {"\xF0\x8F\xBF\xBF", "0xf0 at position 0"},  //
-      {"\xED\xA0\x80", "0xed at position 0"},      // half of a pair of UTF-16
+      {"\xED\xA0\x80", "0xed at position 0"},      // half of a UTF-16 surrogate pair
       {"\xF4\x90\x80\x80", "0xf4 at position 0"},  // above U+10FFFF
       {"\xE2\x82 ", "0xe2 at position 0"},
       {"\xF0\x9F\x95", "0xf0 at position 0"},
@@ -56,7 +56,7 @@ TEST(Texts, AreCutBetweenCharacters) {
   EXPECT_EQ(first_bytes("a\xF0\x9F\x95\xBA", 4), "a");
 }
 
-// Whether it is refused, by the name of the field that is at fault.
+// Whether the status is a refusal that names the field.
 bool names(const Status& refused, const std::string& field) {
   return refused.code() == Code::invalid_argument && refused.message().rfind(field + ": ", 0) == 0;
 }

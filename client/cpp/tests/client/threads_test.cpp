@@ -1,4 +1,4 @@
-// Callbacks, and what is used from many threads or destroyed meanwhile, on a real server.
+// Callbacks, and objects used from many threads or destroyed meanwhile, on a real server.
 #include <gtest/gtest.h>
 
 #include <atomic>
@@ -80,7 +80,7 @@ TEST(Threads, NoCallbackRunsOnceTheClientIsDestroyed) {
       sessions.push_back(std::move(session).value());
     }
     client.value() = std::move(Client::connect(server())).value();
-    alive.reset();  // a callback from now on would write to what is gone, which the sanitizers see
+    alive.reset();  // a later callback would write to freed memory, which the sanitizers detect
     EXPECT_TRUE(sessions[0].is_closed());
   }
 }

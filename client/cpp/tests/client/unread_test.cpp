@@ -1,4 +1,4 @@
-// A server that does not read what it is told, whatever else it says.
+// A server that does not read its stream, whatever it sends.
 #include <gtest/gtest.h>
 
 #include <atomic>
@@ -23,7 +23,7 @@ TEST(Unread, AServerThatSpeaksAndAnswersNoPingIsGivenUp) {
   ScriptedServer server;
   server.answers_pings = false;
   server.hear = [](const v1::SessionEvent& event, ScriptedServer::Stream& stream) {
-    v1::StreamMotionResponse said;  // to each report, which come more often than pings
+    v1::StreamMotionResponse said;  // sent for each report too; reports come more often than pings
     if (event.has_open()) {
       said.add_updates()->set_session(event.session());
       said.mutable_updates(0)->mutable_opened()->set_rig_id("r");
@@ -77,7 +77,7 @@ TEST(Unread, APingOvertakesWhatWaitsAndTheNewestCounts) {
 void fill(Outbox& outbox) {
   const std::string big(Outbox::kMostWaiting / 8, 'x');
   outbox.set_limit(1 << 20);                              // each is a message of its own
-  for (int part = 0; part < 10; ++part) outbox.put(big);  // of which one may be on its way
+  for (int part = 0; part < 10; ++part) outbox.put(big);  // one of them may be on its way
 }
 
 TEST(Unread, AnOutboxIsFullUntilItIsRead) {
@@ -109,7 +109,7 @@ TEST(Unread, ReportsAreLeftOutWhereNobodyReads) {
   EXPECT_EQ(stage.sent(v1::SessionEvent::kPlayhead).size(), 1U);
 }
 
-// Opens sessions, and reads nothing behind the first event until it is let go.
+// A server that opens sessions, and reads nothing after the first event until it is released.
 struct Unreading {
   ScriptedServer server;
   std::promise<void> release;
@@ -135,7 +135,7 @@ struct Unreading {
     core->shut_down();
   }
 
-  // Returns whether there is a session that plays.
+  // Returns whether a session plays.
   bool connect() {
     if (!core->connect()) return false;
     auto opened = core->open({});

@@ -14,7 +14,7 @@ namespace {
 using wire::Cursor;
 using wire::Piece;
 
-// The bytes of a message in two pieces, cut at `at`, with an empty one between them.
+// The bytes of a message in two pieces, cut at `at`, with an empty piece between them.
 struct Cut {
   Cut(const std::string& encoded, std::size_t at)
       : pieces{piece(encoded, 0, at), Piece{}, piece(encoded, at, encoded.size())}, size(encoded.size()) {}

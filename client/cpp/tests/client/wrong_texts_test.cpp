@@ -1,4 +1,4 @@
-// Texts that no message or header may have, on a real server: they cost the one call that they were given to.
+// Texts that no message or header may contain, on a real server: only the call that they were given to fails.
 #include <gtest/gtest.h>
 
 #include <string>

@@ -31,7 +31,7 @@ class Bytes final : public RowSource {
 const std::vector<Block> kOutputs = {
     {"joint_positions_m", 9}, {"joint_global_rotation_quat_wxyz", 12}, {"joint_velocities_mps", 9}};
 
-// One session of the vectors: a decoder, and the row before.
+// One session of the vectors: a decoder and the previous row.
 class Session {
  public:
   Session(FrameFormat format, std::vector<Block> outputs)

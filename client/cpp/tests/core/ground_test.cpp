@@ -1,4 +1,4 @@
-// The ground, held to what the Python client makes of the same walk.
+// The ground, compared with the Python client's result for the same walk.
 #include "motiongen/core/ground.hpp"
 
 #include <gtest/gtest.h>

@@ -124,7 +124,7 @@ TEST(Retarget, NumbersThatMeanNothingAreRefused) {
   EXPECT_EQ(Body().made(), Code::ok);
   using Spoil = void (*)(Body&);
   const Spoil spoilt[] = {
-      [](Body& body) { body.map.chains_theirs = {{"tip"}}; },  // without a bone: all would be drawn at one place
+      [](Body& body) { body.map.chains_theirs = {{"tip"}}; },  // no bone: the scale would be infinite
       [](Body& body) { body.map.chains_ours = {{"root"}}; },
       [](Body& body) { body.skeleton.offsets[4] = NAN; },
       [](Body& body) { body.skeleton.rest_wxyz[0] = 2; },

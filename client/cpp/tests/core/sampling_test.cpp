@@ -1,4 +1,4 @@
-// What is shown of sessions in which much happens, held to what the Python client shows of them.
+// What is shown of eventful sessions, compared with what the Python client shows.
 #include <gtest/gtest.h>
 
 #include <optional>

@@ -1,4 +1,4 @@
-// No memory is asked for while motion plays, however long: a game's frame must not wait for an allocator.
+// Nothing is allocated while motion plays, however long: a game's frame must not wait for an allocator.
 #include <gtest/gtest.h>
 
 #include "core/counting_allocator.hpp"

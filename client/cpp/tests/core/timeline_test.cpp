@@ -207,7 +207,7 @@ TEST(Timeline, AnotherSessionGoesOnAfterWhatIsHeld) {
   EXPECT_EQ(first_number(timeline, 10), 1010);
 }
 
-// So many bytes that nobody takes.
+// A source of so many bytes, which are never taken.
 class Nothing final : public RowSource {
  public:
   explicit Nothing(std::size_t bytes) : bytes_(bytes) {}

@@ -33,7 +33,7 @@ class MOTIONGEN_API Session {
 
   std::uint32_t id() const;  // as in Event::session
 
-  // ---- what it is told
+  // ---- edits
 
   // Set the present prompt. It replaces the one before and all scheduled prompts without an end that have begun.
   [[nodiscard]] Result<EditId> set_prompt(const Prompt& prompt);

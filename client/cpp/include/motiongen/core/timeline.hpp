@@ -88,7 +88,7 @@ class MOTIONGEN_API Timeline {
   Timeline& operator=(Timeline&&) noexcept;
   ~Timeline();
 
-  // ---- what comes from the server
+  // ---- from the server
 
   // Take a plan notice and drop the frames that it replaces. A violation if the plan would replace committed frames or
   // is not newer; nothing has changed then. is_cut: the plan's first frame does not continue the one before.

@@ -238,8 +238,7 @@ void ClientCore::shut_down() {
     end_calls();
     if (worker.joinable()) worker.join();
   } else if (worker.joinable()) {
-    worker.detach();  // no call can end inside a callback: the worker waits for the calls, and keeps this alive until
-                      // then
+    worker.detach();  // no call can end inside a callback: the worker waits for them, and keeps this alive
   }
 }
 

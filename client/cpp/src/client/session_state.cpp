@@ -61,8 +61,9 @@ void SessionState::report(double now_s, double period_s, Outbox& outbox) {
   if (phase != Phase::open || !timeline) return;
   if (options.clock == Clock::real_time) timeline->advance(now_s);
   if (outbox.is_full()) return;  // the next report says it all
-  // Not while playback is short of a session opened anew: the server would count on from its start. But a playhead that
-  // stands still is reported, or the session would be closed as idle, and so is one reported before on this stream.
+  // Not reported while playback has not reached the frames of a session opened anew, since the server would count on
+  // from there. But a playhead that stands still is reported, or the session would be closed as idle, and so is one
+  // that was reported before on this stream.
   const bool stands = !timeline->started() || !timeline->playing();
   if (!stands && !can_report && timeline->playhead() < base_) return;
   std::string entry;

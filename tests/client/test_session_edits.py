@@ -137,6 +137,18 @@ async def test_a_refusal_says_when_to_ask_again(client: MotionClient, server: Fa
     assert refused.value.retry_after_s == 1.5
 
 
+async def test_what_was_refused_is_named_in_the_singular(client: MotionClient, server: FakeServer) -> None:
+    session = await client.open("one")
+    server.refuse = lambda _: "OVERLOADED"  # type: ignore[method-assign]
+    for edit, name in (
+        (session.add_constraints([Waypoint(60, 1.0, 1.0), Waypoint(80, 1.0, 1.0)]), "the addition of constraints"),
+        (session.set_constraints([]), "the replacement of all constraints"),
+        (session.set_options(denoise_steps=4), "the change of options"),
+    ):
+        with pytest.raises(EventRefused, match=f"^{name} was refused with OVERLOADED"):
+            await edit
+
+
 async def test_an_edit_beyond_everything_planned_is_timed_by_its_effective_frame(
     client: MotionClient, server: FakeServer
 ) -> None:

@@ -151,7 +151,7 @@ class Direction(Cuts):
 
     def add_constraints(self, constraints: Iterable[Constraint]) -> Edit:
         """Add constraints to those there are. `Edit.constraint_ids` are their ids, in the order given."""
-        return self._edit_constraints("constraints", constraints)
+        return self._edit_constraints("the addition of constraints", constraints)
 
     def replace_constraint(self, constraint_id: int, constraint: Constraint) -> Edit:
         """Put a constraint in the place of one that `Edit.constraint_ids` named; it keeps the id."""
@@ -169,7 +169,7 @@ class Direction(Cuts):
 
     def set_constraints(self, constraints: Iterable[Constraint]) -> Edit:
         """Put these constraints in place of all there are."""
-        return self._edit_constraints("constraints in place of all others", constraints, clear=True)
+        return self._edit_constraints("the replacement of all constraints", constraints, clear=True)
 
     def remove_constraints(self, constraint_ids: Iterable[int]) -> Edit:
         """Drop constraints by the ids that `Edit.constraint_ids` gave."""

@@ -106,7 +106,7 @@ class Recovery(Direction):
             given["text_guidance"], given["constraint_guidance"] = guidance
         replace(self._options, **given)  # raises InvalidInput where one has no meaning
         message = convert.set_options(priority, lookahead_frames, denoise_steps, guidance, history_frames)
-        sent = self._send_edit("the options", session_pb2.SessionEvent(set_options=message))
+        sent = self._send_edit("the change of options", session_pb2.SessionEvent(set_options=message))
         # Others may have been accepted by then: to those of that moment.
         sent.when_accepted(lambda: setattr(self, "_options", replace(self._options, **given)))
         return sent

@@ -95,8 +95,20 @@ async def test_a_refusal_raises_where_awaited_and_the_session_goes_on(
         await session.set_prompt("  ")
     assert (refusal.value.code, refusal.value.field) == ("INVALID_ARGUMENT", "edit_prompts.x")
     assert refusal.value.allowed == "other things"
-    assert "BLANK_PROMPT" in caplog.text
+    assert caplog.text == "", "who awaits it has been told"
     assert len([frame async for frame in session.frames(seconds=0.2)]) == 20
+
+
+async def test_a_refusal_that_nobody_awaits_is_logged(
+    client: MotionClient, server: FakeServer, caplog: pytest.LogCaptureFixture
+) -> None:
+    server.refuse = lambda event: "BLANK_PROMPT" if event.WhichOneof("event") == "edit_prompts" else ""
+    session = await client.open("a person walks")
+    edit = session.set_prompt("  ")
+    async for _ in session.frames(seconds=0.2):
+        pass
+    assert edit.done()
+    assert "the prompt '  ' was refused with BLANK_PROMPT" in caplog.text
 
 
 async def test_a_velocity_is_sent_in_metres_a_second_and_frames(client: MotionClient, server: FakeServer) -> None:

@@ -16,8 +16,8 @@ class Edit:
     """A change on its way to the server: `await` it for its Outcome, or leave it and go on.
 
     Awaiting raises EventRefused when the server refused the change and SessionEnded or StreamLost when it can no
-    longer be answered. A refusal that nobody awaits is logged as a warning. The server answers when the plan that
-    holds the change is made; for a prompt scheduled far ahead that is only when its frames are generated.
+    longer be answered. A refusal that comes while nobody awaits it is logged as a warning. The server answers when the
+    plan that holds the change is made; for a prompt scheduled far ahead that is only when its frames are generated.
 
     event_seq: its number in the session; another one where the session had to be opened anew. constraint_ids: ids given
     to the constraints it adds; prompt_id: the id of the prompt it sets.
@@ -36,10 +36,13 @@ class Edit:
         self.constraint_ids = constraint_ids
         self.prompt_id = prompt_id
         self._sent_at_s = sent_at_s
+        self.is_awaited = False
+        """For the session: whether someone waits, or has waited, for the answer, and hears of a refusal by it."""
         self._first_frame_at_s: float | None = None
         self._answer: asyncio.Future[Outcome] = asyncio.get_running_loop().create_future()
 
     def __await__(self) -> Generator[Any, None, Outcome]:
+        self.is_awaited = True
         return asyncio.shield(self._answer).__await__()  # one awaiter that gives up must not cancel it for the others
 
     def done(self) -> bool:

@@ -59,7 +59,12 @@ def is_ready(url: str) -> bool:
 
 def main(arguments: Sequence[str] | None = None, environment: Mapping[str, str] | None = None) -> int:
     """Returns the exit code."""
-    parser = argparse.ArgumentParser(prog="motiongen-server-ready", description="Whether the server here is ready.")
+    parser = argparse.ArgumentParser(
+        prog="motiongen-server-ready",
+        description="Tell by the exit code whether the server on this machine is ready.",
+        epilog="It takes no other settings: it reads the environment variables of the program that it checks, such as "
+        "MOTIONGEN_OPS_PORT. Exit code 0: ready; 1: not ready; 2: an invalid setting.",
+    )
     parser.add_argument("--encoder", action="store_true", help="check the text encoder, with its own settings")
     options = parser.parse_args(arguments)
     parse = ENCODER.parse if options.encoder else SERVER.parse

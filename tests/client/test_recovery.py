@@ -72,6 +72,17 @@ async def test_where_no_session_is_resumed_it_is_opened_anew_with_what_was_held(
         session.add_waypoint(1, 2, frame=frame - 10)
 
 
+async def test_a_lost_connection_is_logged_once_with_its_cause(
+    client: MotionClient, server: FakeServer, caplog: pytest.LogCaptureFixture
+) -> None:
+    session = await client.open("one")
+    server.stream.end()
+    await until(lambda: session.reopenings or None)
+    said = [record.getMessage() for record in caplog.records if record.name == "motiongen_client.calls"]
+    cause = "OK: the server ended the stream"
+    assert said == [f"the connection to {server.address} was lost ({cause}); connecting again"]
+
+
 async def test_a_session_opened_anew_has_all_options_that_were_accepted(
     client: MotionClient, server: FakeServer
 ) -> None:

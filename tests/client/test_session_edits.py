@@ -95,8 +95,20 @@ async def test_a_refusal_raises_where_awaited_and_the_session_goes_on(
         await session.set_prompt("  ")
     assert (refusal.value.code, refusal.value.field) == ("INVALID_ARGUMENT", "edit_prompts.x")
     assert refusal.value.allowed == "other things"
-    assert "BLANK_PROMPT" in caplog.text
+    assert caplog.text == "", "who awaits it has been told"
     assert len([frame async for frame in session.frames(seconds=0.2)]) == 20
+
+
+async def test_a_refusal_that_nobody_awaits_is_logged(
+    client: MotionClient, server: FakeServer, caplog: pytest.LogCaptureFixture
+) -> None:
+    server.refuse = lambda event: "BLANK_PROMPT" if event.WhichOneof("event") == "edit_prompts" else ""
+    session = await client.open("a person walks")
+    edit = session.set_prompt("  ")
+    async for _ in session.frames(seconds=0.2):
+        pass
+    assert edit.done()
+    assert "the prompt '  ' was refused with BLANK_PROMPT" in caplog.text
 
 
 async def test_a_velocity_is_sent_in_metres_a_second_and_frames(client: MotionClient, server: FakeServer) -> None:
@@ -135,6 +147,18 @@ async def test_a_refusal_says_when_to_ask_again(client: MotionClient, server: Fa
     with pytest.raises(EventRefused, match=r"try again in 1\.5 s") as refused:
         await session.set_prompt("a person runs")
     assert refused.value.retry_after_s == 1.5
+
+
+async def test_what_was_refused_is_named_in_the_singular(client: MotionClient, server: FakeServer) -> None:
+    session = await client.open("one")
+    server.refuse = lambda _: "OVERLOADED"  # type: ignore[method-assign]
+    for edit, name in (
+        (session.add_constraints([Waypoint(60, 1.0, 1.0), Waypoint(80, 1.0, 1.0)]), "the addition of constraints"),
+        (session.set_constraints([]), "the replacement of all constraints"),
+        (session.set_options(denoise_steps=4), "the change of options"),
+    ):
+        with pytest.raises(EventRefused, match=f"^{name} was refused with OVERLOADED"):
+            await edit
 
 
 async def test_an_edit_beyond_everything_planned_is_timed_by_its_effective_frame(

@@ -93,8 +93,14 @@ async def test_a_full_send_queue_is_split_over_messages(client: MotionClient, se
 
 
 async def test_no_server_is_said_with_the_address() -> None:
-    with pytest.raises(ServerUnavailable, match=r"127\.0\.0\.1:1: .*after 0\.2 s"):
+    with pytest.raises(ServerUnavailable, match=r"127\.0\.0\.1:1: no answer within 0\.2 s\. Is it running"):
         await MotionClient("127.0.0.1:1", connect_timeout_s=0.2).connect()
+
+
+async def test_no_server_over_tls_is_said_with_what_a_certificate_needs() -> None:
+    client = MotionClient("127.0.0.1:1", credentials=grpc.ssl_channel_credentials(), connect_timeout_s=0.2)
+    with pytest.raises(ServerUnavailable, match="its certificate must name this address"):
+        await client.connect()
 
 
 @pytest.mark.parametrize("address", ["", "localhost", "localhost:", "localhost:0", "localhost:x", ":50051"])

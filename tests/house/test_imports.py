@@ -163,7 +163,7 @@ ROOMS = (
         "google.rpc grpc grpc_status motiongen numpy pytest motiongen_compliance",
     ),
     room("compliance/conftest.py", "pytest motiongen_server tests"),
-    room("client/python/examples", "numpy matplotlib motiongen_client motiongen_tools"),
+    room("client/python/examples", "numpy motiongen_client"),
 )
 
 

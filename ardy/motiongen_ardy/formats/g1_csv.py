@@ -113,7 +113,9 @@ def _write_rows(path: Path, table: Tensor, header: str = "") -> None:
 def _qpos(path: Path, stored: StoredMotion) -> Tensor:
     robot = load_g1().skeleton
     if stored.skeleton.joint_names != robot.joint_names:
-        raise FormatError(path, f"a motion of {stored.skeleton.name}", f"this file holds motion of {robot.name}")
+        raise FormatError(
+            path, f"a motion of {stored.skeleton.name}", f"this format holds motion of {robot.name} alone"
+        )
     return motion_to_qpos(stored.motion)
 
 

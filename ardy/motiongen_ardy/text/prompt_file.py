@@ -62,7 +62,7 @@ def check_prompts(ids: Sequence[str], texts: Sequence[str]) -> None:
     for what, values in (("id", ids), ("text", texts)):
         if len(set(values)) < len(values):
             twice = next(value for value, count in Counter(values).items() if count > 1)
-            raise PromptFileError(f"a {what} is there twice: {twice[:80]!r}")
+            raise PromptFileError(f"the {what} {twice[:80]!r} is there twice")
     for identifier in ids:
         if not 0 < len(identifier) <= MAX_ID_CHARACTERS:
             raise PromptFileError(f"the id {identifier[:80]!r} must have 1 to {MAX_ID_CHARACTERS} characters")

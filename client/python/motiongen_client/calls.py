@@ -200,7 +200,8 @@ class Calls:
         if is_final or not self.recovers:
             self._end(failure, call)
             return
-        _log.warning("the connection to %s was lost (%s); reconnecting", self._address, failure)
+        why = f"{failure.code}: {failure.detail or 'no detail'}" if isinstance(failure, StreamLost) else str(failure)
+        _log.warning("the connection to %s was lost (%s); reconnecting", self._address, why)
         self._wanted.clear()
         if self._events.lost():
             self._wanted.set()

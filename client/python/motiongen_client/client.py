@@ -101,9 +101,18 @@ class MotionClient:
                 raise error_of(failure, "connecting", self.address) from None
             wait_s = backoff.next_s()
             if failure.code() is not grpc.StatusCode.UNAVAILABLE or time() + wait_s > ends_s:
-                waited = f"{failure.code().name}, {failure.details()}, after {self._connect_timeout_s:g} s"
-                raise ServerUnavailable(self.address, waited) from None
+                raise ServerUnavailable(self.address, self._why_unavailable(failure)) from None
             await asyncio.sleep(wait_s)
+
+    def _why_unavailable(self, failure: grpc.aio.AioRpcError) -> str:
+        """What kept `connect` from its catalogue. gRPC tells nobody why a handshake failed: what to check is named."""
+        if failure.code() is not grpc.StatusCode.DEADLINE_EXCEEDED:
+            return f"{failure.code().name}, {failure.details()}"
+        why = f"no answer within {self._connect_timeout_s:g} s"
+        if self._settings.credentials is not None:
+            why += "; its certificate must name this address and come from an authority that is trusted here, and it "
+            why += "may require one of the client"
+        return why
 
     async def _renew_catalog(self) -> None:
         """Fetch the catalogue again, since models may have been loaded or unloaded. Raises ServerUnavailable."""

@@ -234,7 +234,8 @@ class Conversation(Recovery):
         edit = self._edits.find(message.event_seq)
         answer = convert.outcome(message, edit.what if edit is not None else "an event", self._offset)
         if isinstance(answer, EventRefused):
-            _log.warning("session %d: %s", self.handle, answer)
+            if edit is None or not edit.is_awaited:
+                _log.warning("session %d: %s", self.handle, answer)
         else:
             self._log_warnings(answer.warnings)
             if event is not None:

@@ -142,7 +142,7 @@ class Direction(Sending):
 
     def add_constraints(self, constraints: Iterable[Constraint]) -> Edit:
         """Add constraints to the present ones. `Edit.constraint_ids` are their ids, in the order given."""
-        return self._edit_constraints("constraints", constraints)
+        return self._edit_constraints("the addition of constraints", constraints)
 
     def replace_constraint(self, constraint_id: int, constraint: Constraint) -> Edit:
         """Replace a constraint by its id (`Edit.constraint_ids`); the new one has the same id."""
@@ -161,7 +161,7 @@ class Direction(Sending):
 
     def set_constraints(self, constraints: Iterable[Constraint]) -> Edit:
         """Replace all constraints with these."""
-        return self._edit_constraints("constraints in place of all others", constraints, clear=True)
+        return self._edit_constraints("the replacement of all constraints", constraints, clear=True)
 
     def remove_constraints(self, constraint_ids: Iterable[int]) -> Edit:
         """Remove constraints by their ids (`Edit.constraint_ids`)."""

@@ -17,8 +17,8 @@ class Edit:
     """A change that was sent to the server: `await` it for its Outcome, or ignore it.
 
     Awaiting raises EventRefused if the server refused the change, and SessionEnded or StreamLost if it can no longer be
-    answered. Refusals are also logged as warnings. The server answers when it makes the plan that contains the change;
-    for a prompt scheduled far ahead that is only when its frames are generated.
+    answered. A refusal that comes while nobody awaits it is logged as a warning. The server answers when it makes the
+    plan that contains the change; for a prompt scheduled far ahead that is only when its frames are generated.
 
     event_seq: its number in the session; it changes if the session has to be opened anew, and is 0 if the client did
     not accept the change (OUTBOX_FULL). constraint_ids: the ids of the constraints it adds, or the id of the one that
@@ -39,6 +39,8 @@ class Edit:
         self.prompt_id = prompt_id
         self.is_replacement = False
         self._sent_at_s = sent_at_s
+        self.is_awaited = False
+        """For the session: whether someone waits, or has waited, for the answer, and hears of a refusal by it."""
         self._first_frame_at_s: float | None = None
         self._answer: asyncio.Future[Outcome] = asyncio.get_running_loop().create_future()
         self._settled: Outcome | MotiongenError | None = None
@@ -46,6 +48,7 @@ class Edit:
         self._alike: WeakSet[asyncio.Future[Outcome]] = WeakSet()  # futures of the edits that it replaced
 
     def __await__(self) -> Generator[Any, None, Outcome]:
+        self.is_awaited = True
         return asyncio.shield(self._answer).__await__()  # a cancelled awaiter must not cancel it for the others
 
     def done(self) -> bool:

@@ -101,7 +101,7 @@ class Reopening(Direction):
             given["text_guidance"], given["constraint_guidance"] = guidance
         replace(self._options, **given)  # raises InvalidInput if one is invalid
         message = convert.set_options(priority, lookahead_frames, denoise_steps, guidance, history_frames)
-        sent = self._send_edit("the options", session_pb2.SessionEvent(set_options=message))
+        sent = self._send_edit("the change of options", session_pb2.SessionEvent(set_options=message))
         # Applied to the options of that moment, since others may have been accepted by then.
         sent.when_accepted(lambda: setattr(self, "_options", replace(self._options, **given)))
         return sent

@@ -14,13 +14,16 @@ async def catalog(options: argparse.Namespace) -> int:
     console = make_console()
     async with client_of(options, options.server) as client:
         offered = client.catalog
-    models = make_table("models", "name", "rig", "window", "steps", "parameters", "text encoder", "licence")
+    models = make_table("models", "name", "rig", "window", "steps", "parameters")
+    # a table of their own: beside the rest they would not fit into a terminal of 80 columns
+    origins = make_table("their text encoders and licences", "model", "text encoder", "licence")
     for model in offered.models:
         rig = offered.rig(model.rig_id)
         window = f"{model.horizon_frames} frames, {model.horizon_frames / rig.frame_rate_hz:g} s"
         steps = f"{model.default_denoise_steps} ({model.min_denoise_steps} to {model.max_denoise_steps})"
         size = f"{model.num_parameters / 1e6:.1f} M"
-        models.add_row(model.model_id, model.rig_id, window, steps, size, model.text_encoder, model.licence)
+        models.add_row(model.model_id, model.rig_id, window, steps, size)
+        origins.add_row(model.model_id, model.text_encoder, model.licence)
     trained = make_table("what the models were trained for", "model", "knows", "with a warning", "refused")
     for model in offered.models:
         if model.known_motions or model.constraint_forms:
@@ -40,7 +43,7 @@ async def catalog(options: argparse.Namespace) -> int:
     limits = make_table("limits", "name", "value")
     for name, value in vars(offered.limits).items():
         limits.add_row(name, f"{value:g}" if isinstance(value, float) else str(value))
-    for table in (models, trained, prompts, rigs, limits):
+    for table in (models, origins, trained, prompts, rigs, limits):
         if table.row_count:
             console.print(table)
     return 0

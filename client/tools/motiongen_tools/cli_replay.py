@@ -55,7 +55,8 @@ async def replay(options: argparse.Namespace) -> int:
         else:
             console.print("\n".join([f"wrote {path}", *lines]), soft_wrap=True)
     others = [f"{edit.message['op']} at frame {edit.at_frame}: {said}" for edit, said in answers if said]
-    console.print(f"{len(answers)} edits, {len(others)} of them took effect otherwise than recorded", soft_wrap=True)
+    as_recorded = len(answers) - len(others)
+    console.print(f"edits that took effect as recorded: {as_recorded} of {len(answers)}", soft_wrap=True)
     for line in others:
         console.print(f"  {line}", soft_wrap=True)
     for one in failures:

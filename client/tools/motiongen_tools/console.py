@@ -57,11 +57,14 @@ def starting(console: Console, what: str) -> Iterator[Callable[[str], None]]:
 
 
 def make_table(title: str, *columns: str) -> Table:
-    """An empty table. Columns after the first are right-aligned."""
+    """An empty table. Columns after the first are right-aligned.
+
+    Where the terminal is narrow, texts continue on the next line; a name that was cut short could not be used.
+    """
     from rich.box import SIMPLE_HEAD
     from rich.table import Table
 
     table = Table(title=title, title_justify="left", box=SIMPLE_HEAD, pad_edge=False)
     for index, column in enumerate(columns):
-        table.add_column(column, justify="right" if index else "left")
+        table.add_column(column, justify="right" if index else "left", overflow="fold")
     return table

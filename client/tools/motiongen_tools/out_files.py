@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import argparse
+from collections.abc import Sequence
 from pathlib import Path
 
 from motiongen_tools.arguments import check_file_to_write
@@ -14,18 +15,19 @@ MOST_CHECKED = 1000  # any number of samples can be asked for: the limit is the 
 
 def out_path(text: str) -> Path:
     """A path whose name ends in a known format. Raises ArgumentTypeError, which argparse prints."""
-    path = Path(text)
-    if not suffix_of(path) or not path.name.removesuffix(suffix_of(path)):
-        raise argparse.ArgumentTypeError(f"{text!r} was given; allowed is a name that ends in {', '.join(SUFFIXES)}")
-    return path
+    return _path_in(text, SUFFIXES)
 
 
 def motion_path(text: str) -> Path:
     """As out_path, for formats that hold motion, so not JSON."""
-    path = out_path(text)
-    if suffix_of(path) == ".json":
-        motion = ", ".join(suffix for suffix in SUFFIXES if suffix != ".json")
-        raise argparse.ArgumentTypeError(f"{text!r} was given; allowed is a name that ends in {motion}")
+    return _path_in(text, [suffix for suffix in SUFFIXES if suffix != ".json"])
+
+
+def _path_in(text: str, suffixes: Sequence[str]) -> Path:
+    path = Path(text)
+    suffix = suffix_of(path)
+    if suffix not in suffixes or not path.name.removesuffix(suffix):
+        raise argparse.ArgumentTypeError(f"{text!r} was given; allowed is a name that ends in {', '.join(suffixes)}")
     return path
 
 

@@ -171,7 +171,7 @@ class ModelManager:
     def _check_free(kept: LoadedModel, grace_s: float | None) -> None:
         if grace_s is None and kept.engine.num_sessions:
             message = (
-                f"{kept.engine.num_sessions} sessions of {kept.model_id} are open; give a grace, after which they are "
+                f"{kept.model_id} has open sessions ({kept.engine.num_sessions}); give a grace, after which they are "
                 "closed"
             )
             raise CannotKeep(Code.FAILED_PRECONDITION, "SESSIONS_OPEN", message)

@@ -112,7 +112,7 @@ def test_the_quaternion_never_changes_its_sign(tmp_path: Path) -> None:
 def test_a_motion_of_people_is_refused_before_the_file_is_opened(tmp_path: Path) -> None:
     stored = random_motion(load_skeleton("core27"), 4, seed=1)
     for write in (write_qpos_csv, write_controller_csv):
-        with pytest.raises(FormatError, match="a motion of core27; this file holds motion of g134"):
+        with pytest.raises(FormatError, match="a motion of core27; this format holds motion of g134 alone"):
             write(tmp_path / "people.csv", stored)
     assert not (tmp_path / "people.csv").exists()
 

@@ -115,7 +115,7 @@ class NeverAsked(HashedTextEncoder):
     ("lines", "out", "said"),
     [
         ("a person waves\na person waves\n", "out", "there twice"),
-        ("wave\ta person waves\nwalk\ta person waves\n", "out", "a text is there twice"),
+        ("wave\ta person waves\nwalk\ta person waves\n", "out", "the text 'a person waves' is there twice"),
         ("wave\t \n", "out", "blank"),
         ("x" * 65 + "\ta person waves\n", "out", "1 to 64 characters"),
         ("\ta person waves\n", "out", "1 to 64 characters"),

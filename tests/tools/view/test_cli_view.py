@@ -50,7 +50,7 @@ def test_a_session_file_is_replayed_to_a_motion(
     motion = read_npz(out)
     assert len(motion) == 70
     np.testing.assert_array_equal(np.unique(motion.rows[50:, 0]) > motion.rows[0, 0], True)
-    assert "1 edits, 0 of them took effect otherwise" in capsys.readouterr().out
+    assert "edits that took effect as recorded: 1 of 1" in capsys.readouterr().out
 
 
 def test_what_can_be_written_of_a_replay_is(
@@ -62,7 +62,7 @@ def test_what_can_be_written_of_a_replay_is(
     assert run(asked) == 1
     assert len(read_npz(outs[1])) == 4
     told = capsys.readouterr()
-    assert "0 edits" in told.out
+    assert "as recorded: 0 of 0" in told.out
     assert "error: no_robot.csv: the converter failed" in told.err
 
 

@@ -146,7 +146,8 @@ class Room:
         """The character of a number. Raises InvalidInput."""
         found = self.characters.get(number)
         if found is None:
-            raise InvalidInput("character", number, f"one of {', '.join(map(str, self.characters)) or 'none, add one'}")
+            known = ", ".join(map(str, self.characters))
+            raise InvalidInput("character", number, f"one of {known}" if known else "none: the room is empty; add one")
         return found
 
     def tick(self) -> None:

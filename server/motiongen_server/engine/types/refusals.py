@@ -58,13 +58,13 @@ def prior_frames_failed(field: str) -> EventRefused:
 def session_closed() -> EventRefused:
     """The session closed before the event took effect."""
     given = "the session closed before the event took effect"
-    return EventRefused(Code.CANCELLED, "SESSION_CLOSED", given, "session", "open a new session after SessionClosed")
+    return EventRefused(Code.CANCELLED, "SESSION_CLOSED", given, "session", "a new session, opened after SessionClosed")
 
 
 def draining() -> EventRefused:
     """The server shuts down and takes no more sessions."""
     given = "the server is shutting down and opens no more sessions"
-    allowed = "open on another server, or here after a restart"
+    allowed = "a session on another server, or here after a restart"
     return EventRefused(Code.UNAVAILABLE, "DRAINING", given, "open", allowed)
 
 

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Collection, Iterator, Mapping, Sequence
 from dataclasses import replace
 
 import numpy as np
@@ -37,6 +37,8 @@ class _Unencoded(Mapping[str, Float32Array]):
         return 0
 
 
+MOST_PRESETS_NAMED = 16
+"""Most presets that a refusal names; `Model.presets` of the catalogue has all."""
 UNENCODED: Embeddings = _Unencoded()
 """For events that are checked before their prompts are encoded."""
 MAX_ABSOLUTE_VALUE = 1e4
@@ -120,11 +122,18 @@ def _meaning(
     if span.preset_id:
         preset = catalog.presets.get(span.preset_id)
         if preset is None:
-            known = ", ".join(list(catalog.presets)[:8]) or "none: this server has no presets"
-            given = f"no preset {span.preset_id[:80]!r}"
-            raise refuse("UNKNOWN_PRESET", f"{field}.preset_id", given, f"as in Model.presets: {known}", Code.NOT_FOUND)
+            given, allowed = f"no preset {span.preset_id[:80]!r}", f"an id of Model.presets: {_named(catalog.presets)}"
+            raise refuse("UNKNOWN_PRESET", f"{field}.preset_id", given, allowed, Code.NOT_FOUND)
         return preset.text, preset.embedding
     return span.text, embeddings[span.text]
+
+
+def _named(presets: Collection[str]) -> str:
+    names = list(presets)[:MOST_PRESETS_NAMED]
+    if not names:
+        return "none, this model has no presets"
+    rest = len(presets) - len(names)
+    return ", ".join(names) + (f", and {rest} more" if rest else "")
 
 
 def _vector(embedding: motion_pb2.TextEmbedding, field: str, catalog: Catalog) -> Float32Array:

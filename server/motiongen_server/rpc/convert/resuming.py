@@ -13,7 +13,7 @@ def check_resume(message: session_pb2.OpenSession) -> None:
     for descriptor, _ in message.ListFields():
         if descriptor.name not in OF_A_RESUME:
             given = f"{descriptor.name} is set, but the session has been opened already"
-            raise refuse("NOT_FOR_RESUMING", f"open.{descriptor.name}", given, "leave it out")
+            raise refuse("NOT_FOR_RESUMING", f"open.{descriptor.name}", given, "to leave it out")
 
 
 def check_no_resume(message: session_pb2.OpenSession) -> None:

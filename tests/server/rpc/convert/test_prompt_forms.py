@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+from dataclasses import replace
 
 import numpy as np
 import pytest
@@ -17,9 +18,14 @@ from motiongen_server.text.presets import Preset
 from tests.server.engine.fakes import FACTS
 
 WAVE = Preset("wave", "a person waves", np.array([3, 4], np.float32))
-CATALOG = Catalog(
-    FACTS, Limits(), Guidance(1.5, 2.5), "CC0-1.0", text_encoder="hashed-2", history_frames=16, presets=(WAVE,)
-)
+
+
+def catalog_of(*presets: Preset) -> Catalog:
+    guidance = Guidance(1.5, 2.5)
+    return Catalog(FACTS, Limits(), guidance, "CC0-1.0", text_encoder="hashed-2", history_frames=16, presets=presets)
+
+
+CATALOG = catalog_of(WAVE)
 KEY = SessionKey(3, 9)
 
 
@@ -102,3 +108,18 @@ def test_what_does_not_fit_is_refused_with_what_would(
     assert caught.value.reason == reason
     assert caught.value.field == f"edit_prompts.upsert[0].{field}"
     assert allowed in caught.value.allowed
+
+
+@pytest.mark.parametrize(
+    ("count", "allowed"),
+    [
+        (0, "an id of Model.presets: none, this model has no presets"),
+        (2, "an id of Model.presets: p0, p1"),
+        (18, "an id of Model.presets: " + ", ".join(f"p{number}" for number in range(16)) + ", and 2 more"),
+    ],
+)
+def test_a_refusal_names_the_presets_and_how_many_it_leaves_out(count: int, allowed: str) -> None:
+    catalog = catalog_of(*(replace(WAVE, preset_id=f"p{number}") for number in range(count)))
+    with pytest.raises(EventRefused) as caught:
+        engine_event(edit(preset_id="jump"), KEY, 1.0, {}, catalog)
+    assert caught.value.allowed == allowed

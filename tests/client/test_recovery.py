@@ -80,7 +80,7 @@ async def test_a_lost_connection_is_logged_once_with_its_cause(
     await until(lambda: session.reopenings or None)
     said = [record.getMessage() for record in caplog.records if record.name == "motiongen_client.calls"]
     cause = "OK: the server ended the stream"
-    assert said == [f"the connection to {server.address} was lost ({cause}); connecting again"]
+    assert said == [f"the connection to {server.address} was lost ({cause}); reconnecting"]
 
 
 async def test_a_session_opened_anew_has_all_options_that_were_accepted(

@@ -14,18 +14,23 @@ from motiongen_ardy.robot.g1 import RobotError
 
 
 def parser() -> argparse.ArgumentParser:
-    listed = "; ".join(f"*{one.suffix} {one.about}{'' if one.read else ' (only written)'}" for one in MOTION_FORMATS)
-    arguments = argparse.ArgumentParser(
-        prog="python -m motiongen_ardy.formats", description=f"{__doc__} Formats: {listed}."
+    listed = "\n".join(
+        f"  {one.name:<18}*{one.suffix:<16}{one.about}{'' if one.read else ' (only written)'}" for one in MOTION_FORMATS
     )
-    arguments.add_argument("source", type=Path, metavar="IN")
-    arguments.add_argument("target", type=Path, metavar="OUT")
+    arguments = argparse.ArgumentParser(
+        prog="python -m motiongen_ardy.formats",
+        description="Convert a motion file to another format.",
+        epilog=f"formats, by name and ending:\n{listed}",
+        formatter_class=argparse.RawDescriptionHelpFormatter,
+    )
+    arguments.add_argument("source", type=Path, metavar="IN", help="the file to read; its ending names its format")
+    arguments.add_argument("target", type=Path, metavar="OUT", help="the file to write, likewise")
     names = [one.name for one in MOTION_FORMATS]
-    arguments.add_argument("--from", dest="source_format", choices=names, help="what IN is, if its name does not tell")
-    arguments.add_argument("--to", dest="target_format", choices=names, help="what OUT is, if its name does not tell")
-    arguments.add_argument("--skeleton", choices=skeleton_names(), help="of IN, if not clear from the file")
-    arguments.add_argument("--fps", type=float, help=f"rows a second of a g1-csv IN ({QPOS_FPS})")
-    arguments.add_argument("--rate-hz", type=float, help="rows a second of a g1-controller-csv OUT (those of IN)")
+    arguments.add_argument("--from", dest="source_format", choices=names, help="format of IN, if its ending names none")
+    arguments.add_argument("--to", dest="target_format", choices=names, help="format of OUT, likewise")
+    arguments.add_argument("--skeleton", choices=skeleton_names(), help="skeleton of IN, if the file does not name it")
+    arguments.add_argument("--fps", type=float, help=f"rows per second of a g1-csv IN (default {QPOS_FPS:g})")
+    arguments.add_argument("--rate-hz", type=float, help="rows per second of a g1-controller-csv OUT (default IN's)")
     return arguments
 
 

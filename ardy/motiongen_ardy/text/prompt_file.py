@@ -159,5 +159,5 @@ class PromptFileEncoder(EachTextEncoder):
 
     def encode_one(self, text: str) -> Vectors:
         if text not in self._known:
-            raise PromptNotEncoded("it is none of the prompts that were encoded beforehand")
+            raise PromptNotEncoded("the prompt is not among those that were encoded in advance")
         return self._known[text]

@@ -140,6 +140,16 @@ bool SessionBook::expects(std::uint32_t target) const {
   return is_being_set(target) || std::any_of(constraints_.begin(), constraints_.end(), has_id);
 }
 
+bool SessionBook::begins_after(std::uint32_t target, std::uint64_t frame) const {
+  const auto has_id = [target](const v1::Constraint& each) { return each.constraint_id() == target; };
+  const auto found = std::find_if(constraints_.begin(), constraints_.end(), has_id);
+  if (found == constraints_.end()) return false;
+  const auto placement = placements_.find(target);
+  if (placement != placements_.end()) return frame < placement->second.first_frame;
+  if (found->at_any_frame() || found->frames_from_effect() || found->has_root_path()) return false;
+  return frame < found->frame();
+}
+
 std::vector<std::uint32_t> SessionBook::passed_at(std::uint64_t frame) const {
   std::vector<std::uint32_t> ids;
   for (const v1::Constraint& each : constraints_) {

@@ -114,6 +114,8 @@ class SessionBook {
   bool is_being_set(std::uint32_t target) const;
   // Whether a result for a target may still arrive: it is being set, or was accepted and is not over.
   bool expects(std::uint32_t target) const;
+  // Whether the accepted target with this id asks for nothing at a frame, or before it.
+  bool begins_after(std::uint32_t target, std::uint64_t frame) const;
   // The targets of which nothing is left at a frame; a session that is opened anew there does not get them.
   std::vector<std::uint32_t> passed_at(std::uint64_t frame) const;
 

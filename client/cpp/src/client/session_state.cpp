@@ -184,8 +184,10 @@ void SessionState::note_reached(const v1::ConstraintReached& message, EventQueue
   Event event = event_of(EventKind::reached);
   event.reached = convert::reached(message);
   event.reached.frame += base_;
-  if (!reached_book.note(event.reached)) return;
-  book.end_target(event.reached.target);
+  // to a session that resumes, what became of its targets is told behind the answers, replacements' too
+  const bool is_former = book.begins_after(event.reached.target, event.reached.frame);
+  if (!reached_book.note(event.reached, is_former)) return;
+  if (!is_former) book.end_target(event.reached.target);
   events.push(std::move(event));
 }
 

@@ -55,6 +55,7 @@ add_library(motiongen_client
   src/client/session_edits.cpp
   src/client/session_frames.cpp
   src/client/session_opening.cpp
+  src/client/session_saying.cpp
   src/client/session_state.cpp
   src/client/session_waiting.cpp
   src/client/short_call.cpp

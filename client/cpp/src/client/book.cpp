@@ -10,7 +10,18 @@ namespace motiongen {
 
 EditId SessionBook::add(v1::SessionEvent& event) {
   event.set_event_seq(take_seq());
-  pending_.push_back({next_edit_, event, BacklogShare(backlog_, event.SpaceUsedLong())});
+  pending_.push_back({next_edit_, event, BacklogShare(backlog_, event.SpaceUsedLong()), 0});
+  return next_edit_++;
+}
+
+std::optional<EditId> SessionBook::overtake(const v1::SessionEvent& event, std::uint64_t said_to) {
+  if (pending_.empty() || !event.has_set_velocity()) return std::nullopt;
+  Pending& newest = pending_.back();
+  const bool is_unsaid = newest.event.event_seq() > said_to;
+  if (!is_unsaid || !newest.event.has_set_velocity() || newest.edit + 1 != next_edit_) return std::nullopt;
+  *newest.event.mutable_set_velocity() = event.set_velocity();
+  ++newest.num_overtaken;
+  newest.edit = next_edit_;
   return next_edit_++;
 }
 
@@ -35,9 +46,12 @@ v1::OpenSession SessionBook::reopening(std::uint64_t base, std::uint32_t num_pri
   return message;
 }
 
-std::vector<v1::SessionEvent> SessionBook::repetitions(std::uint64_t base) const {
+std::vector<v1::SessionEvent> SessionBook::repetitions(std::uint64_t base, std::uint64_t first_seq,
+                                                       std::size_t most) const {
   std::vector<v1::SessionEvent> events;
   for (const Pending& each : pending_) {
+    if (each.event.event_seq() < first_seq) continue;
+    if (events.size() == most) break;
     auto said = shifted(each.event, base);
     if (said) events.push_back(std::move(*said));
   }
@@ -48,7 +62,7 @@ std::vector<v1::SessionEvent> SessionBook::unanswered(std::uint64_t base) {
   while (!pending_.empty() && pending_.front().edit == 0) pending_.pop_front();  // what an earlier reopening added
   const auto put_first = [this](v1::SessionEvent event) {
     event.set_session(session_);
-    pending_.push_front({0, std::move(event), {}});
+    pending_.push_front({0, std::move(event), {}, 0});
   };
   if (paused_) {
     v1::SessionEvent pause;
@@ -101,6 +115,12 @@ std::vector<std::uint32_t> SessionBook::targets_of(std::uint64_t event_seq) cons
   return {};
 }
 
+EditId SessionBook::num_overtaken(std::uint64_t event_seq) const {
+  const auto has_number = [event_seq](const Pending& each) { return each.event.event_seq() == event_seq; };
+  const auto found = std::find_if(pending_.begin(), pending_.end(), has_number);
+  return found == pending_.end() ? 0 : found->num_overtaken;
+}
+
 bool SessionBook::is_cut(std::uint64_t event_seq) const {
   return std::any_of(pending_.begin(), pending_.end(), [event_seq](const Pending& each) {
     return each.event.event_seq() == event_seq && each.event.has_seek();
@@ -118,6 +138,16 @@ bool SessionBook::is_being_set(std::uint32_t target) const {
 bool SessionBook::expects(std::uint32_t target) const {
   const auto has_id = [target](const v1::Constraint& each) { return each.constraint_id() == target; };
   return is_being_set(target) || std::any_of(constraints_.begin(), constraints_.end(), has_id);
+}
+
+bool SessionBook::begins_after(std::uint32_t target, std::uint64_t frame) const {
+  const auto has_id = [target](const v1::Constraint& each) { return each.constraint_id() == target; };
+  const auto found = std::find_if(constraints_.begin(), constraints_.end(), has_id);
+  if (found == constraints_.end()) return false;
+  const auto placement = placements_.find(target);
+  if (placement != placements_.end()) return frame < placement->second.first_frame;
+  if (found->at_any_frame() || found->frames_from_effect() || found->has_root_path()) return false;
+  return frame < found->frame();
 }
 
 std::vector<std::uint32_t> SessionBook::passed_at(std::uint64_t frame) const {

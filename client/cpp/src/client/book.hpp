@@ -5,6 +5,7 @@
 #include <cstddef>
 #include <cstdint>
 #include <deque>
+#include <limits>
 #include <map>
 #include <memory>
 #include <optional>
@@ -49,6 +50,9 @@ class SessionBook {
 
   // Add an edit, with frames of the timeline. Returns its number and sets the event's `event_seq`.
   EditId add(v1::SessionEvent& event);
+  // If both this edit and the newest are velocities, and the newest has a number above `said_to`, so that no server has
+  // received it: put this one in its place. Returns the number of the edit, or nothing if it has to be added.
+  std::optional<EditId> overtake(const v1::SessionEvent& event, std::uint64_t said_to);
   // Number an edit that is never sent.
   EditId add_unsent() { return next_edit_++; }
 
@@ -70,9 +74,13 @@ class SessionBook {
     return pending_.empty() ? next_seq_ - 1 : pending_.front().event.event_seq() - 1;
   }
 
-  // The events without an answer, as they were sent, to be repeated. The server recognises by their numbers those that
-  // it has received.
-  std::vector<v1::SessionEvent> repetitions(std::uint64_t base) const;
+  // The events without an answer, as they were sent, to be repeated: at most `most`, from the number `first_seq` on.
+  // The server recognises by their numbers those that it has received.
+  std::vector<v1::SessionEvent> repetitions(std::uint64_t base, std::uint64_t first_seq = 0,
+                                            std::size_t most = std::numeric_limits<std::size_t>::max()) const;
+
+  // The number of the newest event without an answer; 0 if there is none.
+  std::uint64_t newest_seq() const { return pending_.empty() ? 0 : pending_.back().event.event_seq(); }
 
   // The same for a session that is opened anew: renumbered in order. The state that an opening cannot express comes
   // first: a cut that has not been played yet, the velocity, a pause.
@@ -98,12 +106,16 @@ class SessionBook {
 
   // The targets that an unanswered event sets.
   std::vector<std::uint32_t> targets_of(std::uint64_t event_seq) const;
+  // How many edits, those numbered just before its own, an unanswered event has taken the place of.
+  EditId num_overtaken(std::uint64_t event_seq) const;
   // Whether an unanswered event asks for a cut.
   bool is_cut(std::uint64_t event_seq) const;
   // Whether an unanswered event sets a target.
   bool is_being_set(std::uint32_t target) const;
   // Whether a result for a target may still arrive: it is being set, or was accepted and is not over.
   bool expects(std::uint32_t target) const;
+  // Whether the accepted target with this id asks for nothing at a frame, or before it.
+  bool begins_after(std::uint32_t target, std::uint64_t frame) const;
   // The targets of which nothing is left at a frame; a session that is opened anew there does not get them.
   std::vector<std::uint32_t> passed_at(std::uint64_t frame) const;
 
@@ -139,6 +151,7 @@ class SessionBook {
     EditId edit = 0;
     v1::SessionEvent event;
     BacklogShare share;
+    EditId num_overtaken = 0;  // edits before `edit` that it has taken the place of
   };
   struct Held {
     v1::SessionEvent event;

@@ -32,10 +32,11 @@ void erase(std::deque<Each>& in, std::uint32_t target) {
 
 }  // namespace
 
-bool ReachedBook::note(const Reached& told) {
+bool ReachedBook::note(const Reached& told, bool is_former) {
   const std::pair<std::uint32_t, std::uint64_t> news(told.target, told.frame);
   if (std::find(heard_.begin(), heard_.end(), news) != heard_.end()) return false;
   keep(news, kKept, heard_);
+  if (is_former) return true;
   const auto replaced = forgotten_.find(told.target);
   if (replaced != forgotten_.end()) {
     replaced->second.told = told;  // of the old target: a server reports the new one only after its answer

@@ -15,8 +15,9 @@ namespace motiongen {
 
 class ReachedBook {
  public:
-  // Take a result. False if it is known already: a server repeats results to a session that resumes.
-  bool note(const Reached& told);
+  // Take a result. False if it is known already: a server repeats results to a session that resumes. is_former: it is
+  // of a target whose id has been taken by another since.
+  bool note(const Reached& told, bool is_former = false);
   // Take the placement of a target whose edit was answered, after `settle`.
   void note(const Placement& placed);
   // The server does not have this target, so no result will come. Ignored if a result has come already.

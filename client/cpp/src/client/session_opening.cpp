@@ -83,11 +83,19 @@ void SessionState::send_open(Outbox& outbox, const Catalog& catalog, EventQueue&
   can_report = false;
   resuming_ = was_open_ && !token_.empty();
   phase = Phase::opening;
-  if (resuming_) return send_all({resuming_event()}, outbox, catalog, events);
+  repeating_.stop();
+  if (resuming_) {
+    const v1::SessionEvent resuming = resuming_event();
+    if (check_sizes({resuming}, catalog, outbox, events)) outbox.put(resuming);
+    return;
+  }
   std::vector<v1::SessionEvent> said = {opening_event(catalog)};
   settle_passed(events);
   for (v1::SessionEvent& each : book.unanswered(base_)) said.push_back(std::move(each));
-  send_all(said, outbox, catalog, events);
+  said_to_ = 0;
+  if (!check_sizes(said, catalog, outbox, events)) return;
+  say(said.front(), outbox);
+  say_again(static_cast<double>(catalog.limits.max_events_per_second), outbox);
 }
 
 // Sent again, edits that have passed would take effect at the first frame of the new session.
@@ -117,17 +125,8 @@ void SessionState::refuse_passed(EditId edit, const std::vector<std::uint32_t>& 
   settle_targets(targets, passed());
   Outcome outcome;
   outcome.status = passed();
-  note_answer(edit, std::move(outcome), events);
+  note_answer(edit, edit, std::move(outcome), events);
   changed.notify_all();
-}
-
-void SessionState::send_all(const std::vector<v1::SessionEvent>& said, Outbox& outbox, const Catalog& catalog,
-                            EventQueue& events) {
-  for (const v1::SessionEvent& each : said) {
-    Status fits = convert::check_size(each.has_open() ? "the session" : "edit", each, catalog.limits);
-    if (!fits) return phase == Phase::open ? break_off(fits, events, outbox) : end(std::move(fits), events);
-  }
-  for (const v1::SessionEvent& each : said) outbox.put(each);
 }
 
 v1::SessionEvent SessionState::opening_event(const Catalog& catalog) {
@@ -174,9 +173,9 @@ void SessionState::take_resumed(const v1::SessionOpened& message, const Catalog&
   resuming_ = false;
   token_ = message.session_token();
   if (phase == Phase::closing) {  // the close is numbered after the unanswered events
-    send_all(book.repetitions(base_), outbox, catalog, events);
-    if (phase == Phase::closing) send_close(outbox);
-    return;
+    if (!check_sizes(book.repetitions(base_), catalog, outbox, events)) return;
+    say_again(0, outbox);
+    return send_close(outbox);
   }
   phase = Phase::open;
   ++stats.recoveries;
@@ -186,7 +185,8 @@ void SessionState::take_resumed(const v1::SessionOpened& message, const Catalog&
   events.push(std::move(event));
   serve_in_full(message.denoise_steps(), events);
   report_before_edit(outbox);  // the playhead may have moved meanwhile
-  send_all(book.repetitions(base_), outbox, catalog, events);
+  if (!check_sizes(book.repetitions(base_), catalog, outbox, events)) return;
+  say_again(static_cast<double>(catalog.limits.max_events_per_second), outbox);
 }
 
 void SessionState::take_opened(const v1::SessionOpened& message, const Catalog& catalog, EventQueue& events,

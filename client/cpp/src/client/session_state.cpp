@@ -5,7 +5,6 @@
 
 #include "client/backoff.hpp"
 #include "client/convert.hpp"
-#include "client/frame_shift.hpp"
 
 namespace motiongen {
 namespace {
@@ -18,61 +17,16 @@ Status closed_here() { return {Code::cancelled, "CLIENT", "the session was close
 
 // ---- to the server
 
-EditId SessionState::send_edit(v1::SessionEvent event, Outbox& outbox, EventQueue& events) {
-  event.set_session(id);
-  auto said = shifted(event, base_);
-  if (!said) return refuse_unsent(event, events);
-  leave_out(passed_targets_of(event, base_));
-  report_before_edit(outbox);
-  if (event.has_set_play_state()) set_playing(event.set_play_state().state() == v1::PLAY_STATE_PLAYING);
-  const EditId edit = book.add(event);
-  said->set_event_seq(event.event_seq());
-  const bool can_send = phase == Phase::open || (phase == Phase::opening && !resuming_);
-  if (can_send) outbox.put(*said);
-  return edit;
-}
-
-void SessionState::report_before_edit(Outbox& outbox) {
-  // If the caller moves the playhead, the server cannot estimate it, so it is told before it chooses what to change.
-  if (options.clock != Clock::manual) return;
-  // The regular reports keep their times: another report after each edit would use up the session's rate limit.
-  const double regular_s = next_report_s;
-  report(0, 0, outbox);
-  next_report_s = regular_s;
-}
-
-void SessionState::set_playing(bool is_playing) {
-  is_playing_ = is_playing;
-  if (timeline) is_playing ? timeline->resume() : timeline->pause();
-}
-
 void SessionState::send_close(Outbox& outbox) {
   phase = Phase::closing;
   ended = closed_here();
   if (resuming_) return;  // the close follows the unanswered events, which are sent once the session is resumed
+  if (repeating_.is_under_way()) say_next(Repeating::kAll, outbox);  // whatever becomes of them: it follows them
   v1::SessionEvent event;
   event.set_session(id);
   event.set_event_seq(book.take_seq());
   event.mutable_close();
   outbox.put(event);
-}
-
-void SessionState::report(double now_s, double period_s, Outbox& outbox) {
-  if (phase != Phase::open || !timeline) return;
-  if (options.clock == Clock::real_time) timeline->advance(now_s);
-  if (outbox.is_full()) return;  // the next report says it all
-  // Not reported while playback has not reached the frames of a session opened anew, since the server would count on
-  // from there. But a playhead that stands still is reported, or the session would be closed as idle, and so is one
-  // that was reported before on this stream.
-  const bool stands = !timeline->started() || !timeline->playing();
-  if (!stands && !can_report && timeline->playhead() < base_) return;
-  std::string entry;
-  wire::put_playhead(id, std::max(timeline->playhead(), base_) - base_, timeline->buffered_to() - base_,
-                     timeline->underruns(), book.answered_seq(), entry);
-  outbox.put(entry);
-  // sessions that open together report at different times of the period, so that the server does not get all at once
-  next_report_s = now_s + (can_report ? period_s : period_s * (1 + id % 10) / 10);
-  can_report = true;
 }
 
 // ---- frames
@@ -190,12 +144,13 @@ void SessionState::take_outcome(const v1::EditOutcome& message, double now_s, Ev
     timeline->note_cut(*outcome.effective_frame);
   }
   const std::vector<std::uint32_t> targets = book.targets_of(message.event_seq());
+  const EditId num_others = book.num_overtaken(message.event_seq());
   const auto edit = book.answer(message.event_seq(), taken);
   settle_targets(targets, outcome.status);
   if (!edit || *edit == 0) return;
   for (const Placement& each : outcome.placements) reached_book.note(each);
   if (timeline) book.forget_before(timeline->first_kept());
-  note_answer(*edit, std::move(outcome), events);
+  note_answer(*edit - num_others, *edit, std::move(outcome), events);
 }
 
 void SessionState::give_up_opening(EventQueue& events) {
@@ -210,18 +165,17 @@ Event SessionState::event_of(EventKind kind) const {
   return event;
 }
 
-void SessionState::note_answer(EditId edit, Outcome outcome, EventQueue& events) {
+void SessionState::note_answer(EditId first, EditId last, Outcome outcome, EventQueue& events) {
   Event event = event_of(EventKind::edit);
-  event.edit = edit;
   event.outcome = outcome;
-  answers_.emplace_back(edit, std::move(outcome));
+  answers_.push_back({first, last, std::move(outcome)});
   if (answers_.size() > kAnswersKept) answers_.pop_front();
-  events.push(std::move(event));
+  for (event.edit = first; event.edit <= last; ++event.edit) events.push(event);
 }
 
 std::optional<Outcome> SessionState::find_answer(EditId edit) const {
   for (const auto& each : answers_) {
-    if (each.first == edit) return each.second;
+    if (each.first <= edit && edit <= each.last) return each.outcome;
   }
   return std::nullopt;
 }
@@ -230,8 +184,10 @@ void SessionState::note_reached(const v1::ConstraintReached& message, EventQueue
   Event event = event_of(EventKind::reached);
   event.reached = convert::reached(message);
   event.reached.frame += base_;
-  if (!reached_book.note(event.reached)) return;
-  book.end_target(event.reached.target);
+  // to a session that resumes, what became of its targets is told behind the answers, replacements' too
+  const bool is_former = book.begins_after(event.reached.target, event.reached.frame);
+  if (!reached_book.note(event.reached, is_former)) return;
+  if (!is_former) book.end_target(event.reached.target);
   events.push(std::move(event));
 }
 

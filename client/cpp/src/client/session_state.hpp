@@ -11,6 +11,7 @@
 #include "client/events.hpp"
 #include "client/outbox.hpp"
 #include "client/reached.hpp"
+#include "client/repeating.hpp"
 #include "client/wire.hpp"
 #include "motiongen/client/session.hpp"
 #include "motiongen/core/frame_format.hpp"
@@ -62,17 +63,19 @@ class SessionState {
   // ---- to the server
 
   // Put OpenSession into the outbox: the first one; after a loss, one that resumes the session if the server may have
-  // kept it; else one that continues from the frames held, followed by the unanswered events. If one of these is bigger
-  // than the server accepts, the session ends, since the server would otherwise end the stream and with it all
-  // sessions.
+  // kept it; else one that continues from the frames held, followed by the unanswered events, as many as the server
+  // takes at once. If one of these is bigger than the server accepts, the session ends, since the server would
+  // otherwise end the stream and with it all sessions.
   void send_open(Outbox& outbox, const Catalog& catalog, EventQueue& events);
   // The event that continues from one of the session's own frames: by number, or by rows if the session was opened anew
   // after that frame, so that the server does not have it.
   v1::SessionEvent seek_event(std::uint64_t frame, const Catalog& catalog) const;
   // Take an edit and return its number. An edit for frames before the first of the server's session is refused here; if
-  // only a part is, the rest is sent.
+  // only a part is, the rest is sent. While older ones are said again, it waits behind them.
   EditId send_edit(v1::SessionEvent event, Outbox& outbox, EventQueue& events);
   void send_close(Outbox& outbox);
+  // Say the next of the unanswered events again, if they are due.
+  void say_more(double now_s, Outbox& outbox);
   // Whether the playhead should move, from now on or once the session has opened.
   void set_playing(bool is_playing);
   // Report the playhead. If the clock is the library's, moves it to the present first.
@@ -119,8 +122,15 @@ class SessionState {
   void take_closed(const v1::SessionClosed& message, double now_s, EventQueue& events);
   v1::SessionEvent resuming_event();
   v1::SessionEvent opening_event(const Catalog& catalog);
-  // Send all of them, or end the session if one of them is too big.
-  void send_all(const std::vector<v1::SessionEvent>& said, Outbox& outbox, const Catalog& catalog, EventQueue& events);
+  // Whether a server has the session, or is about to have it, so that it hears what is said now.
+  bool is_heard() const;
+  void say(const v1::SessionEvent& event, Outbox& outbox);
+  // Say the unanswered events again: the first of them now, the others by and by. per_second: as for Repeating.
+  void say_again(double per_second, Outbox& outbox);
+  void say_next(std::size_t most, Outbox& outbox);
+  // Whether the server accepts events of this size; if not, the session ends.
+  bool check_sizes(const std::vector<v1::SessionEvent>& said, const Catalog& catalog, Outbox& outbox,
+                   EventQueue& events);
   void set_level(const ServiceLevel& level, EventQueue& events);
   void serve_in_full(std::uint32_t denoise_steps, EventQueue& events);
   void take_outcome(const v1::EditOutcome& message, double now_s, EventQueue& events);
@@ -128,7 +138,8 @@ class SessionState {
   void note_reached(const v1::ConstraintReached& message, EventQueue& events);
   // An event of this session, without its contents.
   Event event_of(EventKind kind) const;
-  void note_answer(EditId edit, Outcome outcome, EventQueue& events);
+  // The answer to the edits from `first` to `last`: all but the last were never said, since it took their place.
+  void note_answer(EditId first, EditId last, Outcome outcome, EventQueue& events);
   void set_durable(bool is_kept, EventQueue& events);
   void open_anew(EventQueue& events);
   // Converts them to the timeline's frames.
@@ -141,6 +152,12 @@ class SessionState {
 
   static constexpr std::size_t kAnswersKept = 1024;
 
+  struct Answer {
+    EditId first = 0;
+    EditId last = 0;
+    Outcome outcome;
+  };
+
   std::uint64_t base_ = 0;  // the timeline's frame that is frame 0 of the present session on the server
   const bool recovers_;
   bool was_open_ = false;
@@ -149,7 +166,9 @@ class SessionState {
   bool resuming_ = false;      // OpenSession with the token was sent
   std::string token_;          // of the present session on the server; empty: it cannot be resumed
   std::uint32_t attempt_ = 0;  // the number of the last attempt to resume it
-  std::deque<std::pair<EditId, Outcome>> answers_;
+  Repeating repeating_;
+  std::uint64_t said_to_ = 0;  // the highest event number that the present session on the server may have received
+  std::deque<Answer> answers_;
 };
 
 }  // namespace motiongen

@@ -1,4 +1,4 @@
-// What a client does by the clock: reports, pings, reconnecting.
+// What a client does by the clock: reports, what is said again, pings, reconnecting.
 #include <chrono>
 
 #include "client/convert.hpp"
@@ -69,6 +69,7 @@ void ClientCore::report(double now) {
   for (const auto& state : sessions()) {
     const std::lock_guard<std::mutex> lock(state->mutex);
     if (now >= state->next_report_s) state->report(now, report_period_s(), outbox_);
+    state->say_more(now, outbox_);
     const bool again = state->phase == Phase::waiting && now >= state->retry_at_s;
     if (again && connected_) state->send_open(outbox_, *catalog(), events_);
     ended = ended || state->phase == Phase::closed;

@@ -61,6 +61,93 @@ TEST(Resumed, ACutThatIsRefusedIsNone) {
   EXPECT_TRUE(cuts(*stage.state.timeline, 40).empty());
 }
 
+// An open session with target 1, which is set, and replaced.
+struct Replacing : Stage {
+  static constexpr std::uint32_t kTarget = 1;
+
+  Replacing() {
+    open();
+    hear_opened();
+    hold(10);
+    set(30);
+    hear_answer(kSeqOfEdit);
+  }
+
+  void set(std::uint64_t frame, bool at_any_frame = false) {
+    v1::SessionEvent event;
+    auto* constraint = event.mutable_edit_constraints()->add_upsert();
+    constraint->set_constraint_id(kTarget);
+    constraint->set_frame(frame);
+    constraint->set_at_any_frame(at_any_frame);
+    constraint->mutable_waypoint();
+    state.reached_book.forget(kTarget);
+    state.send_edit(std::move(event), outbox, events);
+  }
+
+  // first_frame: of its placement; 0: the answer has none.
+  void hear_answer(std::uint64_t seq, Code code = Code::ok, std::uint64_t first_frame = 0) {
+    v1::SessionUpdate update;
+    update.mutable_outcome()->set_event_seq(seq);
+    update.mutable_outcome()->set_code(static_cast<int>(code));
+    if (first_frame != 0) {
+      auto* placement = update.mutable_outcome()->add_placements();
+      placement->set_constraint_id(kTarget);
+      placement->set_first_frame(first_frame);
+      placement->set_last_frame(first_frame + 100);
+    }
+    hear(update);
+  }
+
+  void hear_reached(std::uint64_t frame) {
+    v1::SessionUpdate update;
+    update.mutable_constraint_reached()->set_constraint_id(kTarget);
+    update.mutable_constraint_reached()->set_frame(frame);
+    hear(update);
+  }
+
+  std::vector<std::uint64_t> reported() {
+    std::vector<std::uint64_t> frames;
+    for (Event event; events.take(event);) {
+      if (event.kind == EventKind::reached) frames.push_back(event.reached.frame);
+    }
+    return frames;
+  }
+};
+
+TEST(Resumed, NewsThatIsToldBehindTheAnswerOfAReplacementIsOfTheTargetBefore) {
+  for (const std::uint64_t placed_at : {0U, 40U}) {
+    Replacing stage;
+    const std::lock_guard<std::mutex> lock(stage.state.mutex);
+    stage.set(placed_at == 0 ? 900 : 0, placed_at != 0);
+    stage.lose();  // with the news of the first, and the answer of the second, under way
+    stage.open();
+    stage.hear_opened();
+    stage.hear_answer(kSeqOfEdit + 1, Code::ok, placed_at);
+    stage.hear_reached(30);
+    EXPECT_FALSE(stage.state.reached_book.find(Replacing::kTarget));
+    EXPECT_TRUE(stage.state.book.expects(Replacing::kTarget)) << "a session opened anew must be told of it";
+    stage.hear_reached(900);
+    ASSERT_TRUE(stage.state.reached_book.find(Replacing::kTarget));
+    EXPECT_FALSE(stage.state.book.expects(Replacing::kTarget));
+    EXPECT_EQ(stage.reported(), (std::vector<std::uint64_t>{30, 900})) << "the application hears both";
+  }
+}
+
+TEST(Resumed, NewsOfTheOneBeforeIsOfNoneWhoseReplacementIsRefused) {
+  Replacing stage;
+  const std::lock_guard<std::mutex> lock(stage.state.mutex);
+  stage.set(900);
+  stage.lose();
+  stage.open();
+  stage.hear_opened();
+  stage.hear_answer(kSeqOfEdit + 1);
+  stage.set(50);
+  stage.hear_reached(30);
+  stage.hear_answer(kSeqOfEdit + 2, Code::failed_precondition);
+  EXPECT_FALSE(stage.state.reached_book.find(Replacing::kTarget)) << "the second applies, and is ahead";
+  EXPECT_TRUE(stage.state.book.expects(Replacing::kTarget));
+}
+
 TEST(Resumed, ItIsServedInFullUntilItIsTold) {
   Stage stage;
   const std::lock_guard<std::mutex> lock(stage.state.mutex);

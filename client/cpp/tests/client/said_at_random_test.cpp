@@ -164,6 +164,7 @@ class Talk {
     stage_.known.models[0].default_history_frames = small();
     stage_.known.models[0].patch_frames = small();
     stage_.known.models[0].horizon_frames = small();
+    stage_.known.limits.max_events_per_second = static_cast<float>(stage_.known.models[0].horizon_frames);
     if (stage_.state.phase == Phase::waiting) stage_.open();
   }
 
@@ -189,6 +190,7 @@ class Talk {
   void look() {
     now_s_ += 0.1 * below(20);
     stage_.state.report(now_s_, 0.25, stage_.outbox);
+    stage_.state.say_more(now_s_, stage_.outbox);
     static_cast<void>(stage_.sent());
     if (timeline() == nullptr) return;
     std::vector<float> row(stage_.state.rig.row_width);

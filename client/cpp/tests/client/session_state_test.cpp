@@ -247,7 +247,9 @@ TEST(SessionState, OpenedAnewItIsNotAskedForATargetThatWasMetEarly) {
   stage.hold(40);
   v1::SessionEvent event;
   for (const std::uint32_t id : {1U, 2U}) {
-    *event.mutable_edit_constraints()->add_upsert() = convert::constraint(id, Waypoint{200, 1, 2, {}, {}});
+    auto* constraint = event.mutable_edit_constraints()->add_upsert();
+    *constraint = convert::constraint(id, Waypoint{20, 1, 2, {}, {}});
+    constraint->set_last_frame(200);  // at any frame up to there
   }
   stage.state.send_edit(std::move(event), stage.outbox, stage.events);
   v1::SessionUpdate taken;

@@ -63,7 +63,8 @@ class MOTIONGEN_API Session {
                                            std::uint32_t* id = nullptr);
   [[nodiscard]] Result<EditId> remove_targets(Span<const std::uint32_t> ids);
   // Move over the ground at a velocity, for so many seconds or until the next call. 0, 0: stand. keep_prompt: the
-  // session's prompts stay in force meanwhile, else a gait's is.
+  // session's prompts stay in force meanwhile, else a gait's is. Of calls that follow one another while the stream is
+  // lost, only the last is sent; its answer is that of the others too.
   [[nodiscard]] Result<EditId> set_velocity(float x_mps, float z_mps, double seconds,
                                             std::optional<float> heading_rad = std::nullopt, bool keep_prompt = false);
   // Stand at another place from the first frame that can still change: a cut, without blending.

@@ -1,0 +1,278 @@
+// What has no answer is said again at a pace that the server takes, and behind it what is said meanwhile.
+#include "client/repeating.hpp"
+
+#include <chrono>
+#include <condition_variable>
+#include <limits>
+#include <memory>
+#include <mutex>
+#include <numeric>
+#include <utility>
+#include <vector>
+
+#include "client/convert.hpp"
+#include "client/core.hpp"
+#include "scripted_server.hpp"
+#include "session_stage.hpp"
+
+namespace motiongen {
+namespace {
+
+using Numbers = std::vector<std::uint64_t>;
+
+v1::SessionEvent prompt() {
+  v1::SessionEvent event;
+  *event.mutable_edit_prompts()->add_upsert() = convert::span(2, Prompt("wave"), 0, 0);
+  return event;
+}
+
+v1::SessionEvent velocity(float x_mps) {
+  v1::SessionEvent event;
+  event.mutable_set_velocity()->set_x(x_mps);
+  return event;
+}
+
+Numbers from_to(std::uint64_t first, std::uint64_t last) {
+  Numbers numbers(last - first + 1);
+  std::iota(numbers.begin(), numbers.end(), first);
+  return numbers;
+}
+
+// An open session, at a server that takes so many events in a second.
+struct Talking : Stage {
+  explicit Talking(float per_second, const char* token = "t", SessionOptions options = {})
+      : Stage({}, std::move(options)), token_(token) {
+    known.limits.max_events_per_second = per_second;
+    open();
+    hear_opened(token_);
+    static_cast<void>(sent());
+  }
+
+  EditId edit(v1::SessionEvent event) { return state.send_edit(std::move(event), outbox, events); }
+
+  // The session is resumed, or opened anew if it has no token.
+  void come_back() {
+    open();
+    hear_opened(token_);
+  }
+
+  // The numbers of the edits, and of the close, that have been said since this was last asked.
+  Numbers numbers() {
+    Numbers found;
+    for (const v1::SessionEvent& each : sent()) {
+      if (!each.has_open() && !each.has_playhead()) found.push_back(each.event_seq());
+    }
+    return found;
+  }
+
+  Numbers numbers_at(double now_s) {
+    state.say_more(now_s, outbox);
+    return numbers();
+  }
+
+  void hear_answer(std::uint64_t seq, std::uint64_t effective_frame = 0) {
+    v1::SessionUpdate update;
+    update.mutable_outcome()->set_event_seq(seq);
+    update.mutable_outcome()->set_effective_frame(effective_frame);
+    hear(update);
+  }
+
+ private:
+  const char* token_;
+};
+
+TEST(Repeating, HalfOfASecondIsSaidAtOnceAndTheRestByAndBy) {
+  for (const char* token : {"t", ""}) {
+    Talking stage(24, token);
+    const std::lock_guard<std::mutex> lock(stage.state.mutex);
+    stage.lose();
+    for (int time = 0; time < 20; ++time) stage.edit(prompt());
+    stage.come_back();
+    EXPECT_EQ(stage.numbers(), from_to(2, 13));
+    stage.edit(prompt());
+    EXPECT_TRUE(stage.numbers().empty()) << "it waits behind them";
+    EXPECT_TRUE(stage.numbers_at(10).empty());
+    EXPECT_TRUE(stage.numbers_at(10.125).empty());
+    std::uint64_t said_to = 13;
+    for (double now_s = 10.25; said_to < 21; now_s += Repeating::kPeriodS, said_to += 2) {
+      EXPECT_EQ(stage.numbers_at(now_s), from_to(said_to + 1, said_to + 2));
+      EXPECT_TRUE(stage.numbers_at(now_s).empty());
+    }
+    EXPECT_EQ(stage.numbers_at(20), Numbers{22});
+    stage.edit(prompt());
+    EXPECT_EQ(stage.numbers(), Numbers{23}) << "at once";
+  }
+}
+
+TEST(Repeating, AnyNumberIsSaidAtOnceToAServerThatNamesNone) {
+  Talking stage(0);
+  const std::lock_guard<std::mutex> lock(stage.state.mutex);
+  stage.lose();
+  for (int time = 0; time < 20; ++time) stage.edit(prompt());
+  stage.come_back();
+  EXPECT_EQ(stage.numbers(), from_to(2, 21));
+}
+
+TEST(Repeating, WhereTheLineIsLostMeanwhileItIsBegunAnewWithWhatHasNoAnswer) {
+  Talking stage(6);
+  const std::lock_guard<std::mutex> lock(stage.state.mutex);
+  stage.lose();
+  for (int time = 0; time < 6; ++time) stage.edit(prompt());
+  stage.come_back();
+  EXPECT_EQ(stage.numbers(), from_to(2, 4));
+  stage.hear_answer(2);
+  stage.lose();
+  for (const double now_s : {10.0, 20.0, 30.0}) EXPECT_TRUE(stage.numbers_at(now_s).empty()) << "nobody hears it";
+  stage.open();
+  EXPECT_TRUE(stage.numbers_at(40).empty()) << "the server has not said yet that it has the session";
+  stage.hear_opened();
+  EXPECT_EQ(stage.numbers(), from_to(3, 5));
+}
+
+TEST(Repeating, OneThatIsClosedSaysWhatIsLeftAndEnds) {
+  Talking stage(6);
+  const std::lock_guard<std::mutex> lock(stage.state.mutex);
+  stage.lose();
+  for (int time = 0; time < 6; ++time) stage.edit(prompt());
+  stage.come_back();
+  stage.state.send_close(stage.outbox);
+  EXPECT_EQ(stage.numbers(), from_to(2, 8)) << "a server refuses a close before its turn";
+  EXPECT_TRUE(stage.numbers_at(10).empty());
+}
+
+TEST(Repeating, OfVelocitiesThatNoServerHasHeardTheNewestIsSaid) {
+  Talking stage(60);
+  const std::lock_guard<std::mutex> lock(stage.state.mutex);
+  stage.edit(velocity(0.5F));
+  stage.lose();
+  Numbers edits;
+  for (const float x_mps : {1.0F, 1.5F, 2.0F}) edits.push_back(stage.edit(velocity(x_mps)));
+  stage.edit(prompt());
+  const EditId last = stage.edit(velocity(2.5F));
+  static_cast<void>(stage.sent());
+  stage.come_back();
+  std::vector<float> said;
+  for (const v1::SessionEvent& each : stage.sent()) {
+    if (!each.has_open()) said.push_back(each.set_velocity().x());
+  }
+  EXPECT_EQ(said, (std::vector<float>{0.5F, 2, 0, 2.5F})) << "the first was heard, so it is said as it was";
+  for (Event event; stage.events.take(event);) continue;
+  stage.hear_answer(3, 10);
+  Numbers answered;
+  for (Event event; stage.events.take(event);) answered.push_back(event.edit);
+  EXPECT_EQ(answered, edits);
+  for (const EditId edit : edits) {
+    ASSERT_TRUE(stage.state.find_answer(edit));
+    EXPECT_EQ(stage.state.find_answer(edit)->effective_frame, std::optional<std::uint64_t>(10));
+  }
+  EXPECT_FALSE(stage.state.find_answer(last));
+  stage.edit(velocity(3));
+  EXPECT_EQ(stage.numbers(), Numbers{6}) << "the one before was heard";
+}
+
+TEST(Repeating, AnEditThatIsRefusedHereIsNotAnsweredAsTheVelocitiesBesideIt) {
+  Talking stage(60, "");
+  const std::lock_guard<std::mutex> lock(stage.state.mutex);
+  stage.hold(20);
+  stage.lose();
+  stage.come_back();
+  stage.lose();
+  stage.edit(velocity(1));
+  v1::SessionEvent late;
+  *late.mutable_edit_prompts()->add_upsert() = convert::span(2, Prompt("wave"), 5, 15);
+  const EditId refused = stage.edit(std::move(late));
+  stage.edit(velocity(2));
+  static_cast<void>(stage.sent());
+  stage.come_back();
+  EXPECT_EQ(stage.numbers(), from_to(2, 3));
+  stage.hear_answer(2);
+  stage.hear_answer(3);
+  int num_answers = 0;
+  for (Event event; stage.events.take(event);) num_answers += event.edit == refused ? 1 : 0;
+  EXPECT_EQ(num_answers, 1);
+}
+
+TEST(Repeating, ManyVelocitiesWithOneAnswerLeaveTheAnswersOfOtherEdits) {
+  Talking stage(60);
+  const std::lock_guard<std::mutex> lock(stage.state.mutex);
+  const EditId before = stage.edit(prompt());
+  stage.lose();
+  const EditId first = stage.edit(velocity(1));
+  for (int time = 0; time < 5000; ++time) stage.edit(velocity(2));
+  stage.come_back();
+  stage.hear_answer(2);
+  stage.hear_answer(3);
+  for (const EditId edit : {before, first, first + 5000}) EXPECT_TRUE(stage.state.find_answer(edit)) << edit;
+}
+
+TEST(Repeating, APlayheadThatTheApplicationMovesIsReportedWithWhatIsSaid) {
+  SessionOptions options;
+  options.clock = Clock::manual;
+  Talking stage(6, "t", options);
+  const std::lock_guard<std::mutex> lock(stage.state.mutex);
+  stage.lose();
+  for (int time = 0; time < 6; ++time) stage.edit(prompt());
+  stage.come_back();
+  static_cast<void>(stage.sent());
+  for (int time = 0; time < 20; ++time) stage.edit(prompt());
+  EXPECT_TRUE(stage.sent().empty()) << "reports count as edits do";
+  static_cast<void>(stage.numbers_at(10));
+  stage.state.say_more(11, stage.outbox);
+  const auto said = stage.sent();
+  ASSERT_EQ(said.size(), 2U);
+  EXPECT_TRUE(said[0].has_playhead());
+  EXPECT_EQ(said[1].event_seq(), 5U);
+}
+
+TEST(Repeating, NoRateOfAServerIsTooHighOrTooLow) {
+  for (const double per_second : {1e-300, 1e300, std::numeric_limits<double>::infinity()}) {
+    Repeating repeating;
+    EXPECT_GE(repeating.begin(per_second), 1U);
+    EXPECT_EQ(repeating.part_due(0), 0U);
+    EXPECT_GE(repeating.part_due(std::numeric_limits<double>::max()), 1U);
+  }
+  Repeating repeating;
+  EXPECT_EQ(repeating.begin(std::numeric_limits<double>::quiet_NaN()), Repeating::kAll);
+}
+
+TEST(Repeating, AClientSaysTheRestByItsClock) {
+  ScriptedServer server;
+  std::mutex mutex;
+  std::condition_variable changed;
+  Numbers heard;
+  server.add_to_catalog = [](v1::GetCatalogResponse& told) { told.mutable_limits()->set_max_events_per_second(40); };
+  server.hear = [&](const v1::SessionEvent& event, ScriptedServer::Stream& stream) {
+    if (event.has_open()) {
+      v1::StreamMotionResponse said;
+      said.add_updates()->set_session(event.session());
+      said.mutable_updates(0)->mutable_opened()->set_rig_id("r");
+      said.mutable_updates(0)->mutable_opened()->set_model_id("m");
+      stream.Write(said);
+    } else if (event.has_edit_prompts()) {
+      const std::lock_guard<std::mutex> lock(mutex);
+      heard.push_back(event.event_seq());
+      changed.notify_all();
+    }
+  };
+  const auto core = std::make_shared<ClientCore>(server.options());
+  ASSERT_TRUE(core->connect());
+  const auto opened = core->open({});
+  ASSERT_TRUE(opened) << opened.status().message();
+  {
+    SessionState& state = *opened.value();
+    std::unique_lock<std::mutex> lock(state.mutex);
+    const auto is_open = [&state] { return state.phase == Phase::open; };
+    ASSERT_TRUE(state.changed.wait_for(lock, std::chrono::seconds(60), is_open));
+    state.lose(Status(Code::unavailable, "", "cut"), true, core->events());
+    for (int time = 0; time < 25; ++time) state.send_edit(prompt(), core->outbox(), core->events());
+  }
+  {
+    std::unique_lock<std::mutex> lock(mutex);
+    EXPECT_TRUE(changed.wait_for(lock, std::chrono::seconds(60), [&] { return heard.size() >= 25; }));
+    EXPECT_EQ(heard, from_to(2, 26));
+  }
+  core->shut_down();
+}
+
+}  // namespace
+}  // namespace motiongen

@@ -123,7 +123,7 @@ def test_make_says_why_it_makes_nothing_of_prompts_without_capabilities(tmp_path
     lines, done = made(tmp_path, 0, "RECIPE=mine.yaml")
     assert done.returncode == 0, done.stderr
     assert [line[0] for line in lines] == ["tokenizer", "denoiser"]
-    assert "the files of mine.yaml have no capabilities.yaml" in done.stdout
+    assert "they need a capabilities.yaml, and mine.yaml lists none under files" in done.stdout
 
 
 @pytest.mark.usefixtures("claims")

@@ -90,6 +90,20 @@ async def open_session(line: Line, token: str = TOKEN) -> Session:
     return session
 
 
+async def open_with_frames(line: Line) -> Session:
+    """A session of a server that keeps none, with frames up to HORIZON."""
+    session = await open_session(line, token="")
+    for update in frames(1):
+        session.hear(update)
+    return session
+
+
+def said_since_opened(line: Line) -> list[session_pb2.SessionEvent]:
+    """What followed the newest OpenSession, which may be one that resumes."""
+    (*_, opening) = [number for number, event in enumerate(line.said) if event.HasField("open")]
+    return line.said[opening + 1 :]
+
+
 def open_anew(session: Session, line: Line, *placements: motion_pb2.ConstraintPlacement) -> None:
     """The line is lost, and the next server has not kept the session, which goes on behind the frames that it holds."""
     session.interrupt()

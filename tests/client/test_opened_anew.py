@@ -6,7 +6,7 @@ import pytest
 
 from motiongen.v1 import motion_pb2, session_pb2
 from motiongen_client import Session, SessionEnded, convert
-from tests.client.line import Line, answer, frames, open_anew, open_session, opened
+from tests.client.line import Line, answer, frames, open_anew, open_with_frames, opened, said_since_opened
 from tests.client.synthetic import HORIZON, catalog
 
 
@@ -17,17 +17,7 @@ async def line() -> Line:
 
 @pytest.fixture
 async def session(line: Line) -> Session:
-    """Of a server that keeps none, with frames up to HORIZON."""
-    session = await open_session(line, token="")
-    for update in frames(1):
-        session.hear(update)
-    return session
-
-
-def said_since_opened(line: Line) -> list[session_pb2.SessionEvent]:
-    """What the newest session was told behind its opening."""
-    (*_, opening) = [number for number, event in enumerate(line.said) if event.HasField("open")]
-    return line.said[opening + 1 :]
+    return await open_with_frames(line)
 
 
 async def test_what_holds_is_said_once_where_the_line_is_lost_again_before_an_answer(

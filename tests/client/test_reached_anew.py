@@ -7,7 +7,7 @@ import asyncio
 import pytest
 
 from motiongen_client import EventRefused, InvalidInput, Session, Waypoint, convert
-from tests.client.line import TOKEN, Line, answer, frames, open_anew, open_session, opened, told
+from tests.client.line import TOKEN, Line, answer, frames, open_anew, open_session, open_with_frames, opened, told
 from tests.client.synthetic import HORIZON, catalog
 
 
@@ -18,11 +18,7 @@ async def line() -> Line:
 
 @pytest.fixture
 async def session(line: Line) -> Session:
-    """Of a server that keeps none, with frames up to HORIZON."""
-    session = await open_session(line, token="")
-    for update in frames(1):
-        session.hear(update)
-    return session
+    return await open_with_frames(line)
 
 
 async def test_of_an_edit_without_an_answer_what_has_passed_is_refused_and_the_rest_asked_for(

@@ -9,7 +9,7 @@ import pytest
 from motiongen_client import Session, SessionEnded, convert
 from motiongen_client.repeating import PERIOD_S
 from tests.client.conftest import ManualClock
-from tests.client.line import Line, answer, open_session, opened
+from tests.client.line import Line, answer, open_session, opened, said_since_opened
 from tests.client.synthetic import catalog
 from tests.client.waiting import until
 
@@ -32,18 +32,22 @@ def come_back(session: Session, per_second: float) -> None:
     session.hear(opened())
 
 
+def ask_while_lost(session: Session, count: int) -> None:
+    """The line is lost, and that many prompts are set meanwhile."""
+    session.interrupt()
+    for number in range(count):
+        session.set_prompt(f"prompt {number}")
+
+
 def numbers(line: Line) -> list[int]:
     """Of what was said since the session was resumed."""
-    (*_, opening) = [number for number, event in enumerate(line.said) if event.HasField("open")]
-    return [event.event_seq for event in line.said[opening + 1 :]]
+    return [event.event_seq for event in said_since_opened(line)]
 
 
 async def test_half_of_a_second_is_said_at_once_and_the_rest_by_and_by(
     session: Session, line: Line, clock: ManualClock
 ) -> None:
-    session.interrupt()
-    for number in range(20):
-        session.set_prompt(f"prompt {number}")
+    ask_while_lost(session, 20)
     come_back(session, 24.0)
     assert numbers(line) == list(range(2, 14))
     later = session.set_prompt("behind them")
@@ -56,9 +60,7 @@ async def test_half_of_a_second_is_said_at_once_and_the_rest_by_and_by(
 
 
 async def test_any_number_is_said_at_once_to_a_server_that_names_none(session: Session, line: Line) -> None:
-    session.interrupt()
-    for number in range(20):
-        session.set_prompt(f"prompt {number}")
+    ask_while_lost(session, 20)
     come_back(session, 0.0)
     assert numbers(line) == list(range(2, 22))
 
@@ -66,9 +68,7 @@ async def test_any_number_is_said_at_once_to_a_server_that_names_none(session: S
 async def test_where_the_line_is_lost_meanwhile_it_is_begun_anew_with_what_has_no_answer(
     session: Session, line: Line, clock: ManualClock
 ) -> None:
-    session.interrupt()
-    for number in range(6):
-        session.set_prompt(f"prompt {number}")
+    ask_while_lost(session, 6)
     come_back(session, 6.0)
     assert numbers(line) == [2, 3, 4]
     session.hear(answer(2, effective_frame=10))

@@ -50,6 +50,11 @@ struct Talking : Stage {
 
   EditId edit(v1::SessionEvent event) { return state.send_edit(std::move(event), outbox, events); }
 
+  void ask_while_lost(int count) {
+    lose();
+    for (int time = 0; time < count; ++time) edit(prompt());
+  }
+
   // The session is resumed, or opened anew if it has no token.
   void come_back() {
     open();
@@ -85,8 +90,7 @@ TEST(Repeating, HalfOfASecondIsSaidAtOnceAndTheRestByAndBy) {
   for (const char* token : {"t", ""}) {
     Talking stage(24, token);
     const std::lock_guard<std::mutex> lock(stage.state.mutex);
-    stage.lose();
-    for (int time = 0; time < 20; ++time) stage.edit(prompt());
+    stage.ask_while_lost(20);
     stage.come_back();
     EXPECT_EQ(stage.numbers(), from_to(2, 13));
     stage.edit(prompt());
@@ -107,8 +111,7 @@ TEST(Repeating, HalfOfASecondIsSaidAtOnceAndTheRestByAndBy) {
 TEST(Repeating, AnyNumberIsSaidAtOnceToAServerThatNamesNone) {
   Talking stage(0);
   const std::lock_guard<std::mutex> lock(stage.state.mutex);
-  stage.lose();
-  for (int time = 0; time < 20; ++time) stage.edit(prompt());
+  stage.ask_while_lost(20);
   stage.come_back();
   EXPECT_EQ(stage.numbers(), from_to(2, 21));
 }
@@ -116,8 +119,7 @@ TEST(Repeating, AnyNumberIsSaidAtOnceToAServerThatNamesNone) {
 TEST(Repeating, WhereTheLineIsLostMeanwhileItIsBegunAnewWithWhatHasNoAnswer) {
   Talking stage(6);
   const std::lock_guard<std::mutex> lock(stage.state.mutex);
-  stage.lose();
-  for (int time = 0; time < 6; ++time) stage.edit(prompt());
+  stage.ask_while_lost(6);
   stage.come_back();
   EXPECT_EQ(stage.numbers(), from_to(2, 4));
   stage.hear_answer(2);
@@ -132,8 +134,7 @@ TEST(Repeating, WhereTheLineIsLostMeanwhileItIsBegunAnewWithWhatHasNoAnswer) {
 TEST(Repeating, OneThatIsClosedSaysWhatIsLeftAndEnds) {
   Talking stage(6);
   const std::lock_guard<std::mutex> lock(stage.state.mutex);
-  stage.lose();
-  for (int time = 0; time < 6; ++time) stage.edit(prompt());
+  stage.ask_while_lost(6);
   stage.come_back();
   stage.state.send_close(stage.outbox);
   EXPECT_EQ(stage.numbers(), from_to(2, 8)) << "a server refuses a close before its turn";
@@ -210,8 +211,7 @@ TEST(Repeating, APlayheadThatTheApplicationMovesIsReportedWithWhatIsSaid) {
   options.clock = Clock::manual;
   Talking stage(6, "t", options);
   const std::lock_guard<std::mutex> lock(stage.state.mutex);
-  stage.lose();
-  for (int time = 0; time < 6; ++time) stage.edit(prompt());
+  stage.ask_while_lost(6);
   stage.come_back();
   static_cast<void>(stage.sent());
   for (int time = 0; time < 20; ++time) stage.edit(prompt());

@@ -163,7 +163,15 @@ def test_what_cannot_be_written_is_told_before_the_work(
     assert run([*command, "--server", "127.0.0.1:1", "--connect-timeout", "0.2"]) == 1
     error = capsys.readouterr().err
     assert error.startswith("error: --out: ")
-    assert "a folder that can be made and written" in error
+    assert error.endswith(f"allowed is a folder: {tmp_path / 'file'} is not one\n")
+
+
+@pytest.mark.parametrize(
+    "asked", ["stream --prompt walk --out {}/a/b.bvh", "generate walk --out {}/a/b.npz --samples 2"]
+)
+def test_failed_command_leaves_no_folder_behind(asked: str, tmp_path: Path) -> None:
+    assert run([*asked.format(tmp_path).split(), "--server", "127.0.0.1:1", "--connect-timeout", "0.2"]) == 1
+    assert not any(tmp_path.iterdir())
 
 
 def test_a_file_that_goes_wrong_is_one_line(
@@ -199,6 +207,15 @@ async def test_a_model_that_is_not_there_lists_those_that_are(
 ) -> None:
     assert await command("stream", "--server", server.address, "--prompt", "walk", "--model", "big") == 1
     assert "no model is called 'big'; known are: synthetic" in capsys.readouterr().err
+
+
+async def test_clip_longer_than_the_limit_is_refused_in_seconds(
+    server: FakeServer, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    out = ["--out", str(tmp_path / "walk.npz")]
+    assert await command("generate", "walk", "--server", server.address, "--seconds", "100000", *out) == 1
+    error = capsys.readouterr().err
+    assert error.startswith("error: --seconds: 100000.0 was given; allowed is at most ")
 
 
 async def test_a_server_that_stays_away_ends_the_command(

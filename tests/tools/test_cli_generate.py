@@ -106,7 +106,7 @@ async def test_a_file_that_cannot_be_written_does_not_cost_the_others(
     monkeypatch.setattr(cli_generate, "convert_file", refuse)
     clip, rig = Clip("fake", 1, 4, stick_motion, ()), stick_motion.rig
     model = argparse.Namespace(model_id="fake", rig_id=rig.rig_id, licence="CC0-1.0", patch_frames=4)
-    limits = argparse.Namespace(max_trajectory_frames=100)
+    limits = argparse.Namespace(max_trajectory_frames=100, max_clip_frames=200)
     catalog = argparse.Namespace(models=[model], rig=lambda _: rig, limits=limits)
 
     class Client:

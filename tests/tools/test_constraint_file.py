@@ -143,9 +143,9 @@ ROOT: dict[str, Any] = {"type": "root2d", "frame_indices": [3], "root_2d": [[1, 
 @pytest.mark.parametrize(
     ("content", "named"),
     [
-        ("{", "path"),
-        ('"no list"', "path"),
-        ("[1]", "path"),
+        ("{", "constraint file"),
+        ('"no list"', "constraint file"),
+        ("[1]", "constraint file"),
         (json.dumps([ROOT, {"type": "jump"}]), "constraint 1, type"),
         (json.dumps([{**ROOT, "frame_indices": [20]}]), "constraint 0, frame_indices"),
         (json.dumps([{**ROOT, "frame_indices": [True]}]), "constraint 0, frame_indices"),
@@ -156,7 +156,7 @@ ROOT: dict[str, Any] = {"type": "root2d", "frame_indices": [3], "root_2d": [[1, 
         (json.dumps([{"type": "fullbody", "frame_indices": [1]}]), "constraint 0, local_joints_rot"),
         ('[{"type": "root2d", "frame_indices": [1], "root_2d": [[NaN, 1]]}]', "constraint 0, root_2d"),
         (json.dumps([{**ROOT, "root_2d": [[1, 10**400]]}]), "constraint 0, root_2d"),
-        (json.dumps([ROOT]).replace("[1, 2]", f"[1, {'9' * 5000}]"), "path"),
+        (json.dumps([ROOT]).replace("[1, 2]", f"[1, {'9' * 5000}]"), "constraint file"),
     ],
 )
 def test_a_mistake_names_entry_and_field(content: str, named: str, tmp_path: Path) -> None:

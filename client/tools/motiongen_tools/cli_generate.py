@@ -92,6 +92,9 @@ async def generate(options: argparse.Namespace) -> int:
             model = catalog.model(options.model) if options.model else catalog.models[0]
             rig = catalog.rig(model.rig_id)
             num_frames = max(1, rig.frames_in(options.seconds))
+            longest_s = catalog.limits.max_clip_frames / rig.frame_rate_hz
+            if options.seconds > longest_s:
+                raise InvalidInput("--seconds", options.seconds, f"at most {longest_s:g}")
             constraints: list[Constraint] = [waypoint.in_frames(rig, num_frames) for waypoint in options.waypoint]
             if options.constraints is not None:
                 longest = catalog.limits.max_trajectory_frames

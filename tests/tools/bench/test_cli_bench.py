@@ -133,7 +133,7 @@ def test_a_report_that_could_not_be_written_is_found_out_before_the_run(
 ) -> None:
     (tmp_path / "file").write_text("in the way")
     assert run(["bench", "--server", "localhost:1", "--out", str(tmp_path / "file")]) == 1
-    assert "a folder that can be made and written (File exists)" in capsys.readouterr().err
+    assert f"allowed is a folder: {tmp_path / 'file'} is not one" in capsys.readouterr().err
     monkeypatch.setattr("importlib.util.find_spec", lambda name: None if name == "hdrh" else object())
     assert run(["bench", "--server", "localhost:1", "--out", str(tmp_path)]) == 1
     assert "motiongen bench needs hdrhistogram: install it with `pip install" in capsys.readouterr().err

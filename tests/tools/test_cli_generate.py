@@ -100,7 +100,7 @@ def test_any_number_of_samples_may_be_asked_for(tmp_path: Path, monkeypatch: pyt
 async def test_a_file_that_cannot_be_written_does_not_cost_the_others(
     stick_motion: Motion, tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
 ) -> None:
-    def refuse(source: Path, target: Path, *options: str) -> list[str]:
+    def refuse(source: Path, target: Path, *options: str, source_name: str) -> list[str]:
         raise ConversionFailed(f"{target.name}: the converter failed")
 
     monkeypatch.setattr(cli_generate, "convert_file", refuse)

@@ -12,7 +12,7 @@ import pytest
 
 from motiongen_client import Motion
 from motiongen_tools import ardy_npz, bvh, npz
-from motiongen_tools.conversion import ConversionFailed, convert_file
+from motiongen_tools.conversion import ConversionFailed, convert_file, convert_to_npz
 from motiongen_tools.whole_file import whole_file
 
 
@@ -51,6 +51,27 @@ def test_a_converter_that_fails_leaves_what_was_there(tmp_path: Path, monkeypatc
         convert_file(tmp_path / "walk.npz", target)
     assert str(failure.value) == f"walk.glb: the converter failed: {target}: full"
     assert target.read_text() == "of yesterday"
+
+
+@pytest.mark.parametrize(
+    ("said", "told"),
+    [
+        ("error: $source: line 1: expected HIERARCHY", "walk.bvh: line 1: expected HIERARCHY"),
+        ("No module named motiongen_ardy", "walk.bvh: the converter failed: it is not installed here"),
+    ],
+)
+def test_failed_reading_names_the_uploaded_file_and_no_temporary_one(
+    said: str, told: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    pretended = tmp_path / "python"
+    pretended.write_text(f'#!/bin/sh\nfor each; do source="$target"; target="$each"; done\necho "{said}" >&2; exit 1\n')
+    pretended.chmod(0o755)
+    monkeypatch.setattr(sys, "executable", str(pretended))
+    with pytest.raises(ConversionFailed) as failure:
+        convert_to_npz(tmp_path / "motion.bvh", tmp_path / "converted.npz", source_name="walk.bvh")
+    assert str(failure.value).startswith(told)
+    assert str(tmp_path) not in str(failure.value)
+    assert "converted" not in str(failure.value)
 
 
 @pytest.mark.parametrize("name", ["-walk.bvh", "--fps.bvh", "日本 walk.bvh"])

@@ -11,6 +11,7 @@ from pathlib import Path
 
 import pytest
 import torch
+from huggingface_hub import constants
 from hypothesis import given
 from hypothesis import strategies as st
 from safetensors import SafetensorError
@@ -73,6 +74,18 @@ def test_one_long_word_is_left_for_the_tokenizer_to_cut() -> None:
 def test_the_folders_are_found_where_the_variable_says(home: Path) -> None:
     folders = find_folders()
     assert folders == Llm2VecFolders(home / LLAMA, (home / FIRST_ADAPTER, home / SECOND_ADAPTER))
+
+
+def test_unreachable_hub_is_answered_with_where_to_put_the_files(
+    monkeypatch: pytest.MonkeyPatch, tmp_path: Path
+) -> None:
+    monkeypatch.setenv("TEXT_ENCODERS_DIR", str(tmp_path))
+    monkeypatch.setattr(constants, "HF_HUB_OFFLINE", True)
+    monkeypatch.setattr(constants, "HF_HUB_CACHE", str(tmp_path / "cache"))
+    with pytest.raises(UnknownTextEncoder) as failure:
+        find_folders()
+    assert f"put the files into $TEXT_ENCODERS_DIR/{FIRST_ADAPTER}" in str(failure.value)
+    assert "CHECKPOINTS_DIR" not in str(failure.value)
 
 
 def test_an_adapter_that_names_no_model_is_refused(home: Path) -> None:

@@ -261,9 +261,10 @@ async def test_what_is_wrong_with_a_file_is_said_by_its_own_name(bridge: Bridge,
     while not room.character(number).session.playback.started:
         await bridge.beat()
     async with await site_of(bridge, three) as site:
-        assert "failed: a walk.glb: " in (await site.post("/motion?name=a walk.glb", content=b"glTF")).text
+        refused = await site.post("/motion?name=a walk.glb", content=b"glTF")
+        assert refused.json()["error"].startswith("a walk.glb: gltf is only written")
         listed = await site.post(f"/constraints/main/{number}?name=list.json", content=b"{")
-        assert listed.json()["error"].startswith("path: 'list.json' was given")
+        assert listed.json()["error"].startswith("constraint file: 'list.json' was given")
         assert "failed: the motion: " in (await site.get(f"/take/main/{number}/a.csv")).text
 
 

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import asyncio
+import sys
 from collections.abc import AsyncIterator
 from pathlib import Path
 
@@ -51,3 +52,19 @@ def test_a_file_that_is_no_pem_is_named(name: str, content: bytes, tmp_path: Pat
     connection = Connection(tls=True, **{name: tmp_path / "given"})
     with pytest.raises(InvalidInput, match=r"tls-.*given' was given; allowed is a PEM file"):
         connection.client("localhost:1")
+
+
+async def test_failed_handshake_is_reported_once_by_the_command() -> None:
+    async def answer_in_plain_text(_reader: asyncio.StreamReader, writer: asyncio.StreamWriter) -> None:
+        writer.write(b"HTTP/1.1 400 Bad Request\r\n\r\n")
+        writer.close()
+
+    server = await asyncio.start_server(answer_in_plain_text, "127.0.0.1", 0)
+    async with server:
+        address = f"127.0.0.1:{server.sockets[0].getsockname()[1]}"
+        command = ["-m", "motiongen_tools", "catalog", "--server", address, "--tls", "--connect-timeout", "1"]
+        process = await asyncio.create_subprocess_exec(sys.executable, *command, stderr=asyncio.subprocess.PIPE)
+        _, said = await process.communicate()
+    assert process.returncode == 1
+    assert said.decode().startswith(f"error: no motiongen server answers at {address}")
+    assert said.count(b"\n") == 1

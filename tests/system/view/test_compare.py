@@ -88,6 +88,29 @@ def test_what_was_saved_is_opened_again(page: Page, tmp_path: Path) -> None:
     assert page.complaints() == []
 
 
+def test_file_of_another_frame_rate_is_compared_at_the_same_time(page: Page, tmp_path: Path) -> None:
+    page.until("motiongen.cast.one.track.playhead() > 40")
+    joints = page.run("return motiongen.cast.one.rig.joints.length")
+    saved = tmp_path / "slow.npz"
+    rotations = np.tile(np.eye(3, dtype=np.float32), (4, joints, 1, 1))
+    root = np.array([[0, 1, second / 2] for second in range(4)], np.float32)
+    np.savez(saved, local_rot_mats=rotations, root_positions=root, fps=2.0)  # two frames a second
+    page.driver.find_element(By.ID, "open-file").send_keys(str(saved))
+    page.until("motiongen.takes.opened.length === 1")
+    page.run("const [file] = motiongen.takes.opened; file.draw = (_bodies, place) => { file.drawn = place; }")
+    page.run("document.getElementById('compare-panel').open = true")
+    page.run("document.getElementById('compare').click()")
+    rate = page.run("return motiongen.cast.one.rig.frameRate")
+    page.until("motiongen.compare.frame >= arguments[0]", rate)  # the file's frame 2, of 4
+    page.run("motiongen.timeline.lookAt(arguments[0])", rate)
+    page.until("motiongen.compare.frame === arguments[0]", rate)
+    page.until_drawn()
+    assert page.run("return motiongen.takes.opened[0].drawn") == 2
+    page.run("motiongen.timeline.lookAt(arguments[0])", 10 * rate)
+    page.until("motiongen.compare.frame === 1.5 * arguments[0]", rate)  # where the file ends
+    assert page.complaints() == []
+
+
 @pytest.fixture(scope="module")
 def with_and_without(tmp_path_factory: pytest.TempPathFactory) -> Iterator[str]:
     """The address of a page on a server that holds the built-in model twice: its feet cleaned up, and as they come."""

@@ -17,7 +17,7 @@ Lie = Callable[[Viewer, float, random.Random], int]
 LIES: dict[str, Lie] = {
     "the end of what it holds": lambda viewer, now, chance: viewer.buffered_to,
     "the last frame that it holds": lambda viewer, now, chance: max(0, viewer.buffered_to - 1),
-    "a frame that nobody has made": lambda viewer, now, chance: 2**53,
+    "a frame that does not exist": lambda viewer, now, chance: 2**53,
     "anywhere": lambda viewer, now, chance: chance.randrange(viewer.buffered_to + 100),
     "three times as fast": lambda viewer, now, chance: int(60 * (now - 100.0)),
 }

@@ -39,7 +39,7 @@ def test_simulation_catches_a_scheduler_whose_rows_are_out_of_order(monkeypatch:
 
 
 def test_simulation_catches_a_starved_priority_class(monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr(OwedRows, "settle", lambda *given: None)  # nobody is ever owed a row
+    monkeypatch.setattr(OwedRows, "settle", lambda *given: None)  # no class is ever owed a row
     with pytest.raises(PromiseBroken, match="has waited"):
         _live(range(20))
 

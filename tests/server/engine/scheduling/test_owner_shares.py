@@ -48,12 +48,12 @@ def test_owner_gets_the_fractions_of_rows_in_its_share_too(max_rows: int, weight
     rows, num_steps = _rows_by_owner(scheduler, 60), 60
     for number, weight in enumerate(weights):
         of_share = weight / sum(weights) * max_rows * num_steps
-        assert rows[f"o{number}"] >= of_share - max_rows - 2, "in the first step nobody is owed anything yet"
+        assert rows[f"o{number}"] >= of_share - max_rows - 2, "in the first step no owner is owed anything yet"
 
 
 def test_owner_below_its_share_gets_all_it_asks_for_and_others_the_rest() -> None:
     assert _rows_by_owner(_scheduler(12, large=(100, HERO, 1.0), small=(3, CROWD, 1.0)), 101) == {
-        "large": 909 + 3,  # in the first step nobody is owed anything yet
+        "large": 909 + 3,  # in the first step no owner is owed anything yet
         "small": 300,
     }
 

@@ -31,7 +31,7 @@ class Group:
         (1.0, 1, 1.0, 1.0, 1.0),  # nothing but the engine
         (4.0, 1, 0.225, 0.85, 0.265),  # of four cores, an engine of one thread; or of sixteen, one of four
         (4.0, 1, 0.175, 0.85, 0.25),  # no less than what the engine took itself
-        (0.2, 1, 0.8, 0.15, 5.0),  # neither with a small quota, of which a second is five times as much
+        (0.2, 1, 0.8, 0.15, 5.0),  # nor with a small quota, of which a second of calls is five times as much
         (1.0, 1, 0.9, 0.1, 4.0),  # other processes work not only for the sessions of this engine
     ],
 )

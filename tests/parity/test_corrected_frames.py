@@ -44,9 +44,7 @@ def hand_targets(model: Model) -> tuple[Targets, tuple[JointTargets, ...]]:
 
 
 @pytest.mark.parametrize("reuse_tokens", [False, True])
-def test_session_streams_the_frames_of_the_rollout(
-    correcting: Model, embedding: np.ndarray, reuse_tokens: bool
-) -> None:
+def test_session_streams_what_the_rollout_makes(correcting: Model, embedding: np.ndarray, reuse_tokens: bool) -> None:
     features = expected(correcting, embedding, None, reuse_tokens)
     compare(correcting, stream(correcting, embedding, (), reuse_tokens), features)
 

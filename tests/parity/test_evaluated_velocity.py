@@ -40,9 +40,7 @@ FIRST = 20
 
 @pytest.mark.parametrize("stride", [1, 5])
 @pytest.mark.parametrize("seed", range(24))
-def test_evaluation_and_server_derive_equal_targets_from_a_velocity(
-    model: Model, monkeypatch: pytest.MonkeyPatch, seed: int, stride: int
-) -> None:
+def test_targets_are_those_of_the_server(model: Model, monkeypatch: pytest.MonkeyPatch, seed: int, stride: int) -> None:
     random = np.random.default_rng(seed)
     options = SamplingOptions(
         GuidanceOptions("joint", 1.0, 1.0), plan_root=True, plan=PlanOptions(stride_frames=stride)

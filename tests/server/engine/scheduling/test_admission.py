@@ -191,9 +191,7 @@ def test_draining_server_admits_no_session() -> None:
 
 
 @given(st.integers(0, 60), st.sampled_from(Priority), st.floats(0.0, 1.1))
-def test_reported_places_equal_the_number_of_sessions_then_admitted(
-    sessions: int, priority: Priority, measured: float
-) -> None:
+def test_reported_places_equal_the_sessions_then_admitted(sessions: int, priority: Priority, measured: float) -> None:
     admission = _admission(measured=measured)
     for number in range(sessions):
         admission.reserve(spec(SessionKey(1, number), num_steps=4), 1)

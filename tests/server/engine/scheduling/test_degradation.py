@@ -158,9 +158,7 @@ def test_slightly_late_windows_degrade_no_class() -> None:
     day = Day()
     for _ in range(40):
         day.now += EVERY_S
-        day.degradation.note_windows(
-            day.now, 20, 3 * 0.05
-        )  # three of twenty windows, by a twentieth of their time each
+        day.degradation.note_windows(day.now, 20, 3 * 0.05)  # three of twenty, each by a twentieth of its time
         assert day.degradation.update(day.now, 0.7, ALL) == ()
 
 
@@ -204,9 +202,7 @@ def test_class_goes_down_at_once_by_as_many_levels_as_its_demand_needs() -> None
         day.pass_time(2.0, load=0.99, demand=Demand({CROWD: asked}, SAVING))
         assert day.levels()[CROWD - 1] == deep
         assert asked * SAVING[deep] <= 0.9 < asked * SAVING[deep - 1]
-        assert day.pass_time(1.75, load=0.99, demand=Demand({CROWD: asked}, SAVING)) == [], (
-            "the effect has to show first"
-        )
+        assert day.pass_time(1.75, load=0.99, demand=Demand({CROWD: asked}, SAVING)) == [], "this has to show first"
 
 
 def test_load_from_elsewhere_counts_when_levels_are_chosen() -> None:

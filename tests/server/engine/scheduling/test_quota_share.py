@@ -44,9 +44,7 @@ def test_factor_is_the_quota_used_per_second_of_calls_within_bounds(
 @pytest.mark.parametrize(
     ("cores", "engines", "factor"), [(1.0, 1, 1.1), (1.5, 2, 1.47), (0.7, 1, 1.57), (2.0, 1, 0.55)]
 )
-def test_engines_are_assumed_to_be_equally_busy_before_any_measurement(
-    cores: float, engines: int, factor: float
-) -> None:
+def test_engines_are_assumed_equally_busy_before_any_measurement(cores: float, engines: int, factor: float) -> None:
     group = Group(cores, engines)
     assert group.pass_by(60.0, used=0.2, spent=0.01) == pytest.approx(factor, rel=0.01)
 

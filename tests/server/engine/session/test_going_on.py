@@ -77,9 +77,7 @@ def test_snapshot_of_a_restored_session_equals_that_it_was_restored_from(paused:
     assert before.velocity is not None
     assert 0 < before.measured_to < before.constraints[0].last_frame
     again = restored(stage, viewer, before)
-    assert written(replace(snapshot_of(again), lost_from=before.lost_from)) == written(before), (
-        "apart from lost_from, as no character is lost"
-    )
+    assert written(replace(snapshot_of(again), lost_from=before.lost_from)) == written(before), "no character is lost"
     assert again.saved == (before.plan, before.last_seq - len(before.unanswered)), "nothing of it is new"
     assert again.replan_wanted
 

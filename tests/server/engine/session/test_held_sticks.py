@@ -122,9 +122,7 @@ def test_velocity_repeated_just_before_a_window_lands_holds_its_full_time(
     state = stage.engine.sessions[viewer.key]
     stage.set_velocity(viewer, *HELD, hold_frames=10)
     stage.run_until(lambda: state.running is not None and state.running.steps_done == 2)
-    stage.runner.step_s = lambda rows: (
-        slow_s
-    )  # so that frames pass between its start and the first frame that can still change
+    stage.runner.step_s = lambda rows: slow_s  # so that frames pass between its start and what can still change
     stage.run_until(lambda: state.running is not None and state.running.steps_done == 3)
     floor = state.replaceable_from(stage.clock.now(), state.delivery.commit_s)
     stage.set_velocity(viewer, *HELD, hold_frames=10)

@@ -56,9 +56,7 @@ def test_plan_is_dropped_once_a_frame_sent_after_it_is_shown() -> None:
         st.tuples(st.integers(0, 30), st.integers(0, 40), st.integers(0, 40), st.booleans()), min_size=1, max_size=40
     )
 )
-def test_client_disconnected_at_any_plan_drops_exactly_the_replaced_frames(
-    moves: list[tuple[int, int, int, bool]],
-) -> None:
+def test_client_cut_off_at_any_plan_drops_exactly_the_replaced_frames(moves: list[tuple[int, int, int, bool]]) -> None:
     log = PlanLog()
     sent_to = playhead = 0
     heard, held_to, void_from = 0, 0, None

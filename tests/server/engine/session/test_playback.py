@@ -142,9 +142,7 @@ def test_jump_during_or_after_a_pause_does_not_advance_the_pace(paused_s: float,
     clock.set_state(PlayState.PLAYING, 1.0 + paused_s, 60)
     clock.report(60, 1.1 + paused_s, 60)
     assert clock.estimate(1.1 + paused_s, 60) == 60
-    assert clock.paced(1.1 + paused_s, 60) == pytest.approx(20 + 0.1 * 20 * 1.05), (
-        "where a client that has not jumped would be"
-    )
+    assert clock.paced(1.1 + paused_s, 60) == pytest.approx(20 + 0.1 * 20 * 1.05), "where it is without a jump"
 
 
 def test_client_that_pauses_gets_its_full_credit_and_pace() -> None:

@@ -55,9 +55,7 @@ def test_of_prompts_with_equal_starts_the_one_set_last_is_in_force() -> None:
 
 
 @given(st.lists(SPANS, max_size=4), st.lists(SPANS, max_size=3), st.integers(0, 50))
-def test_prompt_edit_returns_the_first_frame_that_it_changes(
-    before: list[Prompt], edit: list[Prompt], floor: int
-) -> None:
+def test_edit_returns_the_first_frame_that_it_changes(before: list[Prompt], edit: list[Prompt], floor: int) -> None:
     held = Conditions(tuple({span.prompt_id: span for span in before}.values()))
     allowed = [span for span in edit if span.end_frame is None or span.end_frame > floor]
     edited, dirty_from = edit_prompts(held, _prompts(*allowed), floor, limit=16)
@@ -75,9 +73,7 @@ def test_rest_of_a_replaced_prompt_outranks_an_equal_start_set_earlier() -> None
     st.lists(SPANS, max_size=4),
     st.lists(st.tuples(st.integers(0, 50), SPANS | st.integers(1, 4)), max_size=5),
 )
-def test_prompt_edit_changes_no_frame_before_its_floor(
-    before: list[Prompt], edits: list[tuple[int, Prompt | int]]
-) -> None:
+def test_edit_changes_no_frame_before_its_floor(before: list[Prompt], edits: list[tuple[int, Prompt | int]]) -> None:
     held = Conditions(tuple({span.prompt_id: span for span in before}.values()))
     for floor, edit in edits:
         event = _prompts(remove=(edit,)) if isinstance(edit, int) else _prompts(edit)

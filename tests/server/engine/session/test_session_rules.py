@@ -240,9 +240,7 @@ class SessionRules(RuleBasedStateMachine):
                 assert state.running.first_frame < state.running.accept_to
                 assert state.running.first_frame <= state.planned_to
             due = planning.window_due(state, self.stage.clock.now())
-            assert due or planning.wake_at(state) > -math.inf, (
-                "nothing is due, yet the session is looked at again and again"
-            )
+            assert due or planning.wake_at(state) > -math.inf, "nothing is due, yet the session wakes at once"
 
     def teardown(self) -> None:
         if not hasattr(self, "stage"):

@@ -62,9 +62,7 @@ async def test_none_or_more_than_one_request_is_refused(sends: tuple[Any, ...]) 
 async def test_request_that_is_too_long_is_refused_at_once() -> None:
     requests, most = Requests(ENDLESS_S), SMALL_REQUEST_BYTES
     async with asyncio.timeout(LIMIT_S):
-        assert await reason_of(requests, Client(b"a" * (most + 1))) == "REQUEST_TOO_LONG", (
-            "the half-close is not awaited"
-        )
+        assert await reason_of(requests, Client(b"a" * (most + 1))) == "REQUEST_TOO_LONG", "no half-close is needed"
     longest = b"a" * most
     assert await requests.only(Client(longest, END)) == longest  # type: ignore[arg-type]
     assert await requests.only(Client(longest + b"a", END), None) == longest + b"a"  # type: ignore[arg-type]

@@ -57,7 +57,7 @@ def test_model_that_does_not_come_back_is_tolerated_while_another_is_served(
     served.come()
     for _ in range(60):
         watch.look_for(LOAD_AGAIN_S / 30)
-        served.silent_s = 0.0  # as it goes on talking
+        served.silent_s = 0.0  # as it keeps sending reports
     assert watch.silence.missing_s > LOAD_AGAIN_S
 
 
@@ -68,7 +68,7 @@ def test_every_model_that_comes_back_gives_the_others_more_time(monkeypatch: pyt
     first.come()
     for _ in range(27):
         watch.look_for(LOAD_AGAIN_S / 30)
-        first.silent_s = 0.0  # as it goes on talking
+        first.silent_s = 0.0  # as it keeps sending reports
     second.come()
     watch.look_for(20.0)
     with pytest.raises(EngineLost, match="said nothing for 3"):

@@ -57,7 +57,7 @@ for sizes in (range(1, 17), range(16, 0, -1)):
 """
 
 
-# Layers of many widths in every size that products are filled up to, twice over: bytes in use after each half.
+# Layers of many widths, with every size that products are padded to, twice: bytes in use after each half.
 KEEPING = """
 import ctypes
 import torch

@@ -142,7 +142,7 @@ def test_samples_of_clips_count_while_they_are_made() -> None:
     peer.begin_clip(4)
 
 
-def test_a_peer_is_its_address_and_not_its_port() -> None:
+def test_name_of_a_peer_is_its_address_without_the_port() -> None:
     assert address_of("ipv4:10.0.0.7:1234") == address_of("ipv4:10.0.0.7:4321") == "ipv4:10.0.0.7"
     assert address_of("unix:") == address_of("unix:/run/x") == "unix"
 

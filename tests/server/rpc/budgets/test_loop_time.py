@@ -153,7 +153,7 @@ def test_peers_have_equal_parts_however_many_their_streams() -> None:
     assert many.loop.num_peers == 0
 
 
-def test_without_a_limit_nobody_waits() -> None:
+def test_streams_never_wait_without_a_limit() -> None:
     budget = StreamBudget(1e9, Peer(PeerLimits(), 0.0), 0.0)
     for _ in range(1000):
         budget.charge_loop(1.0, 0.0)

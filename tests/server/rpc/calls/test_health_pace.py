@@ -145,7 +145,7 @@ async def test_forgotten_connections_do_not_reduce_the_part_of_others(monkeypatc
     await _assert_answered_during_a_flood(pace, time)
 
 
-async def test_an_address_that_owes_is_not_forgotten_with_its_connections(monkeypatch: pytest.MonkeyPatch) -> None:
+async def test_address_in_debt_is_not_forgotten_with_its_connections(monkeypatch: pytest.MonkeyPatch) -> None:
     time = Time(monkeypatch)
     pace = HealthPace(lambda: time.now)
     tasks = [asyncio.create_task(pace.wait(f"ipv4:10.0.0.7:{port}")) for port in range(400)]

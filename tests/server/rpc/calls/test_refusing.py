@@ -43,7 +43,7 @@ async def test_no_status_is_sent_if_the_call_is_cancelled_first() -> None:
     context = Context(grpc.aio.AbortError())
     refusing = asyncio.ensure_future(refuse(context, REFUSAL))  # type: ignore[arg-type]
     await asyncio.sleep(0)  # the refusal has begun
-    refusing.cancel()  # as gRPC does some rounds of the event loop later
+    refusing.cancel()  # as gRPC does some iterations of the event loop later
     with pytest.raises(asyncio.CancelledError):
         await refusing
     assert context.told == []

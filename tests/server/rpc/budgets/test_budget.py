@@ -279,7 +279,7 @@ def test_rounding_errors_of_steps_vanish_with_the_last_session() -> None:
     peer.place(Priority.NEAR, 0.0).begin_steps(0.7)
 
 
-def test_peer_is_idle_only_after_its_streams_ended_and_its_debt_is_paid() -> None:
+def test_open_streams_share_equally_and_the_peer_is_idle_once_all_is_paid() -> None:
     peer = peer_of(events_per_second=100.0)
     for _ in range(3):
         peer.begin_stream()

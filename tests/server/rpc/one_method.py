@@ -1,4 +1,4 @@
-"""A gRPC server with one method, for tests of what clients may do with any."""
+"""A gRPC server with one method, for tests of what clients can do to any server."""
 
 from __future__ import annotations
 
@@ -18,7 +18,7 @@ SERVED = b"/motiongen.test.Echo/Say"
 
 @asynccontextmanager
 async def serving(say: Callable[[object, Any], Awaitable[None]]) -> AsyncIterator[int]:
-    """The port of a server with the method `SERVED`. say: its handler."""
+    """Serves the method `SERVED` and yields the port. say: the method's handler."""
     async with asyncio.timeout(LIMIT_S):
         server = make_server()
         serve_methods(server, "motiongen.test.Echo", {"Say": grpc.stream_stream_rpc_method_handler(say)})

@@ -1,4 +1,4 @@
-"""Calls that come faster than one address may begin them: gRPC ends them, and others' are begun."""
+"""Calls that begin faster than one address may begin them: gRPC ends them, and those of other addresses begin."""
 
 from __future__ import annotations
 
@@ -28,7 +28,7 @@ def pace(clock: list[float]) -> CallPace:
     return CallPace(lambda: clock[0])
 
 
-def test_an_address_begins_so_many_a_second_over_however_many_connections(pace: CallPace, clock: list[float]) -> None:
+def test_calls_a_second_of_an_address_are_limited_across_its_connections(pace: CallPace, clock: list[float]) -> None:
     begun = [pace.allows(f"{HERE}:{port}") for port in range(3 * CALLS_A_SECOND)]
     assert begun == [True] * CALLS_A_SECOND + [False] * (2 * CALLS_A_SECOND)
     assert pace.allows(f"{ELSEWHERE}:55000")
@@ -36,9 +36,9 @@ def test_an_address_begins_so_many_a_second_over_however_many_connections(pace: 
     assert sum(pace.allows(f"{HERE}:55000") for _ in range(CALLS_A_SECOND)) == CALLS_A_SECOND // 4
 
 
-def test_headers_beyond_those_of_a_caller_count_as_calls(pace: CallPace, clock: list[float]) -> None:
+def test_headers_beyond_those_of_an_ordinary_call_count_as_calls(pace: CallPace, clock: list[float]) -> None:
     def begin(num_headers: int) -> int:
-        """How many of them are begun at once."""
+        """How many calls with that many headers may begin at once."""
         clock[0] += 1e6
         num_begun = 0
         while pace.allows(f"{HERE}:1"):
@@ -51,18 +51,18 @@ def test_headers_beyond_those_of_a_caller_count_as_calls(pace: CallPace, clock: 
     assert begin(7 * HEADERS_A_CALL) == CALLS_A_SECOND // 8
 
 
-def test_who_has_not_called_of_late_is_forgotten_once_there_are_many(pace: CallPace, clock: list[float]) -> None:
+def test_idle_addresses_are_forgotten_once_there_are_many(pace: CallPace, clock: list[float]) -> None:
     for number in range(1, MOST_IDLE):
         pace.allows(f"ipv4:10.1.{number // 256}.{number % 256}:1")
     for _ in range(CALLS_A_SECOND):
         pace.allows(f"{HERE}:1")
     clock[0] += 0.5
     pace.allows(f"{ELSEWHERE}:1")
-    assert pace.num_addresses == 2, "who has begun as many as he may is remembered"
+    assert pace.num_addresses == 2, "an address that has used up its calls is remembered"
     assert sum(pace.allows(f"{HERE}:1") for _ in range(CALLS_A_SECOND)) == CALLS_A_SECOND // 2
 
 
-async def test_what_is_more_is_ended_and_reaches_no_method_and_other_services_are_as_before(
+async def test_calls_over_the_limit_are_cancelled_and_reach_no_method(
     monkeypatch: pytest.MonkeyPatch, caplog: pytest.LogCaptureFixture
 ) -> None:
     monkeypatch.setattr(call_pace, "CALLS_A_SECOND", 3)

@@ -1,4 +1,4 @@
-"""How much a flooding client is allowed, in tokens of the rate limit: every message of the flood carries a ping.
+"""How much of its rate limit a flooding client is granted, in tokens. Every message of the flood carries a ping.
 
 A message is charged before its ping is answered, and a stream in debt is not read. So an answered ping stands for an
 accepted message, and the cost of these messages divided by the time is the rate that the server really granted: a busy

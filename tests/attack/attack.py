@@ -36,7 +36,7 @@ class Attack:
 
     kind: of `tests.attack.hostile`, "" for none. missed: share of frames; edit_ms: 95th percentile; newcomer_s: how
     soon a session opened during the attack has frames; health_s: how soon a health check is answered; grown_mib: memory
-    of all server processes; log_mib: growth of the log. at_ops: attacks the port of operations. after: a kind of
+    of all server processes; log_mib: growth of the log. at_ops: attacks the operations port. after: a kind of
     well-behaved clients that come and go first, so that memory that an engine needs for full batches is not counted.
     to_the_end: the attack goes on while the server is asked to end. takes_places: the hostile clients open as many
     sessions as they get, so that there may be no room for newcomers. slow_encoder: the text encoder is slow, and each

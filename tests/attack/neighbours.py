@@ -1,4 +1,4 @@
-"""Neighbours: good clients' sessions that play in real time with some edits, and what they notice of an attack."""
+"""Neighbours: sessions of good clients that play in real time with some edits, and what they notice of an attack."""
 
 from __future__ import annotations
 

@@ -34,7 +34,7 @@ class Told:
     token: str = ""
     attempt: int = 0
     end: int = 0  # of the frames sent to the client
-    cuts: list[Cut] = field(default_factory=list)  # that the client may not have received
+    cuts: list[Cut] = field(default_factory=list)  # plans that the client may not have received
     playhead: int = 0
     answered: set[int] = field(default_factory=set)
     kinds: list[str] = field(default_factory=list)

@@ -1,4 +1,4 @@
-"""Prompts, options, cuts and opens that ask for the impossible: the answer names the field, and nothing changes."""
+"""Invalid prompts, options, cuts and opens: the answer names the field, and nothing changes."""
 
 from __future__ import annotations
 
@@ -199,7 +199,7 @@ OPENINGS = [
 ]  # fmt: skip
 
 
-async def test_prompts_that_mean_nothing_are_refused(scene: Scene) -> None:
+async def test_invalid_prompts_are_refused(scene: Scene) -> None:
     await refuse_all(scene, PROMPTS)
 
 
@@ -207,18 +207,18 @@ async def test_options_out_of_range_are_refused(scene: Scene) -> None:
     await refuse_all(scene, OPTIONS)
 
 
-async def test_cuts_to_nowhere_are_refused(scene: Scene) -> None:
+async def test_invalid_cuts_are_refused(scene: Scene) -> None:
     await refuse_all(scene, CUTS)
 
 
-async def test_what_is_not_served_is_refused_by_its_name(scene: Scene) -> None:
+async def test_snapshots_are_refused_as_not_served(scene: Scene) -> None:
     snapshot = Event(take_snapshot=session_pb2.TakeSnapshot())
     await refuse_all(
         scene, [Mistake("snapshot", lambda c: snapshot, "NOT_SERVED", "take_snapshot", code=Status.UNIMPLEMENTED)]
     )
 
 
-async def test_openings_that_cannot_be_are_refused_whole(scene: Scene) -> None:
+async def test_invalid_opens_are_refused(scene: Scene) -> None:
     talk = scene.talk
     for handle, mistake in enumerate(OPENINGS, 20):
         await talk.send(addressed(mistake.make(talk.catalog), handle, 1))
@@ -227,7 +227,7 @@ async def test_openings_that_cannot_be_are_refused_whole(scene: Scene) -> None:
     await scene.others_play_on()
 
 
-async def test_a_session_goes_on_from_frames_of_another_by_its_opening_or_a_cut(scene: Scene) -> None:
+async def test_open_or_cut_may_continue_from_frames_of_another_session(scene: Scene) -> None:
     talk, num_frames = scene.talk, patch(scene.talk.catalog)
     held = b"".join(talk.sessions[2].frames[frame] for frame in range(num_frames))
     others = motion_pb2.FrameChunk(frame_count=num_frames, data=held)
@@ -240,7 +240,7 @@ async def test_a_session_goes_on_from_frames_of_another_by_its_opening_or_a_cut(
     await scene.others_play_on()
 
 
-async def test_a_prompt_may_come_as_numbers(scene: Scene) -> None:
+async def test_prompt_may_be_an_embedding_or_a_preset(scene: Scene) -> None:
     talk = scene.talk
     outcome = await talk.edit(1, prompt(embedding=encoded(talk.catalog), text="what the numbers say, for people"))
     assert outcome.code == 0, outcome

@@ -220,7 +220,7 @@ REFUSED_EDITS = [
 
 
 @pytest.mark.parametrize("mistake", REFUSED_EDITS, ids=lambda mistake: mistake.name)
-async def test_a_wrong_edit_changes_nothing(scene: Scene, mistake: Mistake) -> None:
+async def test_invalid_edit_is_refused_and_changes_nothing(scene: Scene, mistake: Mistake) -> None:
     talk = scene.talk
     check(await talk.edit(1, mistake.make(talk.catalog)), mistake)
     assert talk.sessions[1].applied_seq == 2, "its number is used up"

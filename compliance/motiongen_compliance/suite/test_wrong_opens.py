@@ -99,7 +99,7 @@ REFUSED_OPENS = [
 
 
 @pytest.mark.parametrize("mistake", REFUSED_OPENS, ids=lambda mistake: mistake.name)
-async def test_a_wrong_open_is_refused_whole(scene: Scene, mistake: Mistake) -> None:
+async def test_invalid_open_is_refused_and_its_handle_stays_free(scene: Scene, mistake: Mistake) -> None:
     talk = scene.talk
     await talk.send(addressed(mistake.make(talk.catalog), 9, 1))
     await talk.until(lambda: 9 in talk.sessions and talk.sessions[9].outcome(1))

@@ -113,7 +113,7 @@ VELOCITIES = [
 ]  # fmt: skip
 
 
-async def test_frames_that_contradict_each_other_are_refused(scene: Scene) -> None:
+async def test_contradictory_frames_are_refused(scene: Scene) -> None:
     await refuse_all(scene, FRAMES)
 
 
@@ -121,16 +121,16 @@ async def test_weights_out_of_range_are_refused(scene: Scene) -> None:
     await refuse_all(scene, WEIGHTS)
 
 
-async def test_paths_that_cannot_be_walked_are_refused(scene: Scene) -> None:
+async def test_invalid_paths_are_refused(scene: Scene) -> None:
     await refuse_all(scene, PATHS)
 
 
-async def test_velocities_that_cannot_be_are_refused(scene: Scene) -> None:
+async def test_invalid_velocities_are_refused(scene: Scene) -> None:
     await refuse_all(scene, VELOCITIES)
 
 
-async def test_trajectories_that_are_too_long_together_are_refused(scene: Scene) -> None:
-    if not scene.talk.catalog.limits.max_held_trajectory_frames:  # a server without this limit
+async def test_trajectories_too_long_in_total_are_refused(scene: Scene) -> None:
+    if not scene.talk.catalog.limits.max_held_trajectory_frames:  # this server has no such limit
         return
     outcome = await scene.talk.edit(1, many_trajectories(scene.talk.catalog))
     if outcome.reason != "UNSUPPORTED_CONSTRAINT":
@@ -140,7 +140,7 @@ async def test_trajectories_that_are_too_long_together_are_refused(scene: Scene)
     await scene.others_play_on()
 
 
-async def test_a_velocity_makes_a_plan_that_names_it_and_the_next_one_takes_its_place(scene: Scene) -> None:
+async def test_velocities_are_accepted_and_named_by_their_plans(scene: Scene) -> None:
     talk, heard = scene.talk, scene.talk.sessions[1]
     for event in (
         velocity(z=1.0, hold_frames=40),

@@ -26,7 +26,7 @@ def until(condition: Callable[[], T]) -> T:
 
 
 async def until_true(condition: Callable[[], T]) -> T:
-    """The same for tests with an event loop, which keeps running meanwhile."""
+    """`until` for tests with an event loop, which keeps running meanwhile."""
     while not (found := condition()):  # noqa: ASYNC110  there is no event for it
         await asyncio.sleep(AGAIN_S)
     return found

@@ -50,10 +50,10 @@ def paths(count: int, number: int) -> list[session_pb2.SessionEvent]:
 
 
 FLOODS = (
-    Flood("nothing but pings", lambda number: (), cost=1.0),
+    Flood("pings only", lambda number: (), cost=1.0),
     Flood("100 playheads", lambda number: playheads(100), cost=100.0),
-    Flood("500 playheads, counted on the wire", lambda number: playheads(500), cost=500.0),
-    Flood("20 empty events, which are refused", lambda number: [Event(session=NO_SESSION)] * 20, cost=20 * (1.0 + 9.0)),
+    Flood("500 playheads, counted before parsing", lambda number: playheads(500), cost=500.0),
+    Flood("20 empty events, refused", lambda number: [Event(session=NO_SESSION)] * 20, cost=20 * (1.0 + 9.0)),
     Flood("an edit of 5 paths", lambda number: paths(5, number), cost=1.0 + 5 * (3.0 + 50.0), opens=True),
 )
 

@@ -1,7 +1,7 @@
 """Waiting by polling, for conditions of other processes and threads that have no event.
 
-No result depends on how long it takes. A wait in vain is ended by the test's own time limit, which is far beyond what a
-busy machine needs. Tests prefer an event, a clock that they move, or the end of a process, where there is one.
+No result depends on how long it takes. A test's own time limit, which is far beyond what a busy
+machine needs, ends a wait that never succeeds. Tests prefer an event, a clock that they move, or the end of a process, where there is one.
 """
 
 from __future__ import annotations
@@ -14,7 +14,7 @@ from typing import TypeVar
 T = TypeVar("T")
 
 LIMIT_S = 240.0
-"""For waits with a limit: after this time a wait is in vain. A test's own limit, in pyproject.toml, is longer."""
+"""For waits with a limit: after this time a wait has failed. A test's own limit, in pyproject.toml, is longer."""
 AGAIN_S = 0.01  # leaves the core to the other process
 
 

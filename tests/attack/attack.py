@@ -142,7 +142,7 @@ def hostile(attack: Attack, server: Attacked, token: str = "") -> Iterator[Clien
 async def health_ms(server: Attacked, by_http: bool, within_s: float = HEALTH_S) -> float:
     """How long a health check takes over a new connection; more than within_s if it is not answered.
 
-    by_http: ask on the port of operations, as orchestrators do; for attacks that use up the connections of the other.
+    by_http: ask on the operations port, as orchestrators do; for attacks that use up the gRPC port's connections.
     """
     begun_s, address = time.perf_counter(), server.address
     if by_http:

@@ -1,6 +1,6 @@
 """Hostile clients, each a process of its own at the usual niceness: `python -m tests.attack.hostile KIND ADDRESS SEED`.
 
-They go on until they are killed. Messages are serialized beforehand, so that an attack costs them little.
+They run until they are killed. Messages are serialized beforehand, so that an attack costs them little.
 """
 
 from __future__ import annotations

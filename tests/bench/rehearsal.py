@@ -31,7 +31,7 @@ _OPENED_S = 1.0  # from so long after its open on, a character without frames co
 
 @dataclass
 class Rehearsal:
-    """The results of all engines together, for the characters that were let in.
+    """The results of all engines together, for the characters that were admitted.
 
     waste: the share of denoising steps whose results were discarded.
     """

@@ -1,7 +1,7 @@
-"""Does admission let in as much as a CPU quota can serve? `python -m tests.bench.throttled --cores 0.7 1 1.5`.
+"""Does admission admit as many as a CPU quota can serve? `python -m tests.bench.throttled --cores 0.7 1 1.5`.
 
 A server with its engines runs under a quota of CPU time (`tests.bench.cpu_quota`); the load is not limited. First, the
-most characters that the server serves in full if it refuses nobody; then, with default settings, how many of a multiple
+most characters that the server serves in full if it refuses none; then, with default settings, how many of a multiple
 of them are let in, and what they get. Both arrive over the same time, because a rush leaves a backlog of windows due to
 which sessions miss frames long after. In full means under 1 % of frames missed and no session degraded; with
 `--undegraded` the search runs without degradation, and only missed frames count. `tests.bench.admission` does the same
@@ -102,7 +102,7 @@ def times_told_of_less(result: Result) -> int:
 
 
 async def most_servable(machine: Machine, effort: Effort, guess: int) -> Most:
-    """The most characters that are served in full when all are let in."""
+    """The most characters that are served in full when all are admitted."""
 
     def passes(result: Result) -> bool:
         return result.figures().miss_ratio < Standard.max_miss_ratio and not times_told_of_less(result)

@@ -81,7 +81,7 @@ def address(shared: EncoderProcess, folder: Path) -> Iterator[str]:
 
 
 async def move(session: Session, num_frames: int) -> None:
-    """Take so many more frames."""
+    """Play so many more frames."""
     async for _ in session.frames(seconds=num_frames / session.rig.frame_rate_hz, realtime=False):
         pass
 

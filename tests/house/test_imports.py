@@ -86,7 +86,7 @@ ROOMS = (
     room(f"{SERVER}/rpc/catalog.py", "motiongen ~.rpc.abilities ~.engine.types ~.rpc.limits ~.text.presets"),
     room(f"{SERVER}/rpc/abilities.py", "numpy ~.engine.types"),
     room(f"{SERVER}/rpc/send_queue.py {SERVER}/rpc/budgets/token_bucket.py {SERVER}/rpc/limits.py", "~.engine.types"),
-    # errors know nobody, budgets errors, calls and sessions budgets, streams sessions; the servicer all of them
+    # errors import none of these, budgets errors, calls and sessions budgets, streams sessions, the servicer all
     room(f"{SERVER}/rpc/errors", "grpc ~.errors ~.engine.types ~.rpc.errors"),
     room(
         f"{SERVER}/rpc/budgets",

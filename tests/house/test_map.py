@@ -11,7 +11,7 @@ import pytest
 
 LINE = re.compile(r"^(?P<indent> *)(?P<name>\S+)(?: {2,}(?P<meaning>\S.*))?$")
 ROOMS = ("ardy", "server", "client", "compliance", "proto", "tests/bench")
-# protoc's output says nothing of itself
+# protoc's output has no description
 GENERATED = re.compile(r"_pb2(_grpc)?\.pyi?$")
 README_LINES = 120
 

@@ -41,7 +41,7 @@ def test_each_server_learns_the_current_state_of_the_others(url: str) -> None:
     other.close()
 
 
-def test_changing_selection_is_told_of_many_servers(url: str) -> None:
+def test_varying_selection_of_many_servers_is_returned(url: str) -> None:
     directory = RedisDirectory(url)
     for number in range(40):
         directory.exchange(replica(f"s{number}"))

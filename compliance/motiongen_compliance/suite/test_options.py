@@ -44,7 +44,7 @@ async def test_option_out_of_range_is_refused_and_the_next_event_accepted(target
     assert (await talk.edit(1, edit_constraints(waypoint(900)))).code == 0
 
 
-async def test_placement_of_a_constraint_is_told(target: Target) -> None:
+async def test_placement_of_a_constraint_is_reported(target: Target) -> None:
     talk = await target.talk()
     await talk.open(1)
     there = waypoint(0, 5, x=0.5)

@@ -114,7 +114,7 @@ def test_garbage_among_settled_objects_is_freed_on_demand() -> None:
         assert held() is None
 
 
-def test_resident_memory_is_told_and_is_0_for_an_ended_process() -> None:
+def test_resident_memory_is_reported_and_is_0_for_an_ended_process() -> None:
     ended = subprocess.Popen([sys.executable, "-c", ""])
     ended.wait()
     assert resident_bytes(os.getpid()) > 1 << 20

@@ -193,7 +193,7 @@ def test_tier_of_every_class_is_set_from_the_start_and_follows_reports() -> None
     assert value("motiongen_service_tier", **{"class": "CROWD"}) == ServiceTier.HOLD.value
 
 
-def test_resident_memory_of_the_process_is_told() -> None:
+def test_resident_memory_of_the_process_is_reported() -> None:
     assert (Metrics().registry.get_sample_value("process_resident_memory_bytes") or 0) > 1 << 20
 
 

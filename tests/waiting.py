@@ -1,7 +1,7 @@
 """Waiting by polling, for conditions of other processes and threads that have no event.
 
-No result depends on how long it takes. A test's own time limit, which is far beyond what a busy
-machine needs, ends a wait that never succeeds. Tests prefer an event, a clock that they move, or the end of a process, where there is one.
+No result depends on how long it takes. A test's own time limit, which is far beyond what a busy machine needs, ends a
+wait that never succeeds. Tests prefer an event, a clock that they move, or the end of a process, where there is one.
 """
 
 from __future__ import annotations

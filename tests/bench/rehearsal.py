@@ -114,7 +114,7 @@ def main() -> int:
     parser.add_argument("--slower", type=float, default=1.25, help="factor on the time of calls, 1: idle machine")
     parser.add_argument(
         "--slows", type=float, nargs=2, default=(math.inf, 1.0), metavar=("SECONDS", "TIMES"),
-        help="from this second on, calls take longer by a further factor, after sessions have been let in",
+        help="from this second on, calls take longer by a further factor, after sessions have been admitted",
     )  # fmt: skip
     options = parser.parse_args()
     logging.disable(logging.CRITICAL)

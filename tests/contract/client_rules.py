@@ -114,7 +114,7 @@ class StreamRules:
         require(request.HasField("hello") != self._is_greeted, "hello is in the first message, and only there")
         if not self._is_greeted:
             agent = request.hello.client_agent
-            require(0 < len(agent) <= MOST_AGENT_CHARACTERS, f"a client says who it is: {agent!r}")
+            require(0 < len(agent) <= MOST_AGENT_CHARACTERS, f"a client gives its client_agent: {agent!r}")
             self._is_greeted = True
         for event in request.events:
             if event.HasField("open"):

@@ -135,7 +135,7 @@ async def test_connections_cut_at_two_hundred_moments_lose_nothing(
     async with asyncio.timeout(LIMIT_S), a_server() as server:
         taken.watch(server, monkeypatch)
         resumes = await asyncio.gather(*(one_client(server) for _ in range(NUM_CLIENTS)))
-        assert len(taken.numbers) == 2 * NUM_CLIENTS, "a session was opened anew"
+        assert len(taken.numbers) == 2 * NUM_CLIENTS, "a session was reopened"
         for numbers in taken.numbers.values():
             assert numbers == list(range(1, len(numbers) + 1)), "every event arrives once, in order"
         assert sum(resumes) > NUM_CLIENTS * CUTS_EACH // 2

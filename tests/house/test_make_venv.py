@@ -49,7 +49,7 @@ def make(folder: Path) -> subprocess.CompletedProcess[str]:
 
 
 @pytest.mark.parametrize("before", [None, "", "pyvenv.cfg", "lib/python3.12/site-packages/pip/__init__.py", ".ready"])
-def test_missing_unfinished_and_own_environments_are_created_anew(folder: Path, before: str | None) -> None:
+def test_missing_unfinished_and_own_environments_are_created(folder: Path, before: str | None) -> None:
     if before is not None:
         (folder / before).parent.mkdir(parents=True, exist_ok=True)
         folder.mkdir(exist_ok=True)

@@ -129,7 +129,7 @@ def write_folder(folder: Path, changes: dict[str, bytes | None]) -> Path:
 
 
 def loads_or_refuses(load: Callable[[], Any], refusals: type[Exception] | tuple[type[Exception], ...]) -> str:
-    """ "loaded", or the text of the refusal; any other exception is the reader's fault, and passes through."""
+    """Return "loaded" or the text of the refusal; any other exception is a bug in the reader and is raised."""
     try:
         load()
     except refusals as refusal:

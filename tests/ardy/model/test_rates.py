@@ -33,7 +33,7 @@ def make_model(fps: int, patch: int, positions: PositionMode) -> Model:
 def test_motion_is_generated_with_a_goal_at_the_end_of_the_longest_window(
     fps: int, patch: int, longest: int, positions: PositionMode
 ) -> None:
-    """A window covers ten seconds, or as far as positions reach; a goal further away is ignored until it is in sight."""
+    """A window covers ten seconds, or as far as positions reach; goals further away are ignored until in sight."""
     model = make_model(fps, patch, positions)
     assert model.config.max_window_frames == longest
     targets = Targets(model.skeleton)

@@ -115,7 +115,7 @@ def broken_file(name: str) -> st.SearchStrategy[bytes]:
 BROKEN_FOLDERS = st.dictionaries(st.sampled_from(list(FILES)), st.none(), min_size=1, max_size=3).flatmap(
     lambda names: st.fixed_dictionaries({name: st.one_of(st.none(), broken_file(name)) for name in names})
 )
-"""Changes to a sound folder: a file's name -> its broken content, None where it is missing."""
+"""Changes to a valid folder: a file's name -> its broken content, None where it is missing."""
 
 
 def write_folder(folder: Path, changes: dict[str, bytes | None]) -> Path:

@@ -31,7 +31,7 @@ TINY = GOLDEN / "tiny-core27" / "checkpoint"
 
 @pytest.fixture
 def folder(tmp_path: Path) -> Path:
-    """A copy of a sound checkpoint, to be broken."""
+    """A copy of a valid checkpoint, to be broken."""
     return Path(shutil.copytree(TINY, tmp_path / "model"))
 
 

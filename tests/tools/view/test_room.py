@@ -187,7 +187,7 @@ async def test_a_bridge_without_a_server_keeps_connecting() -> None:
             await bridge.beat()
     with pytest.raises(ServerUnavailable) as waiting:
         await bridge.room("main").add({})
-    assert str(waiting.value) == line.shown(0)["detail"], "it is said once"
+    assert str(waiting.value) == line.shown(0)["detail"], "the reason is not repeated"
     assert line.shown(0)["state"] == "connecting"
     running.cancel()
     await asyncio.gather(running, return_exceptions=True)

@@ -51,7 +51,7 @@ def test_a_target_out_of_reach_leaves_the_limb_bent() -> None:
     assert float(ankle[1]) == pytest.approx(-float(ankle.norm()), abs=1e-6)
 
 
-def test_reach_is_flattened_without_a_kink() -> None:
+def test_the_reach_of_a_limb_saturates_smoothly() -> None:
     distances = torch.linspace(0.9, 1.2, 400)
     slopes = soft_reach(distances, 1.0).diff() / distances.diff()
     assert slopes.diff().abs().max() < 0.1

@@ -1,4 +1,4 @@
-"""The short name of a model's weights: the same wherever the same are loaded, another for others."""
+"""The fingerprint of a model: equal for equal weights and options, different for others."""
 
 from __future__ import annotations
 
@@ -11,12 +11,12 @@ from motiongen_ardy.model.fingerprint import fingerprint
 from tests.ardy.conftest import GoldenModel
 
 
-def test_the_same_weights_have_the_same_name(golden: GoldenModel) -> None:
+def test_the_same_weights_have_the_same_fingerprint(golden: GoldenModel) -> None:
     one, other = (load_checkpoint(golden.folder / "checkpoint") for _ in range(2))
     assert fingerprint(one) == fingerprint(other)
 
 
-def test_weights_that_were_trained_on_have_another_and_so_has_another_way_of_sampling(golden: GoldenModel) -> None:
+def test_other_weights_or_sampling_options_have_another_fingerprint(golden: GoldenModel) -> None:
     model = load_checkpoint(golden.folder / "checkpoint")
     before = fingerprint(model)
     with torch.no_grad():

@@ -157,3 +157,26 @@ async def test_what_is_told_again_behind_the_answer_of_a_replacement_is_of_the_o
     session.hear(told(key, 900 - HORIZON))
     assert (await waiting).frame == 900
     assert called == [30, 900]
+
+
+async def test_what_is_told_again_of_one_before_is_not_of_the_one_in_force_when_the_next_is_refused(line: Line) -> None:
+    session = await open_session(line, TOKEN)
+    for update in frames(1):
+        session.hear(update)
+    adding = session.add_waypoint(1.0, 2.0, frame=30)
+    session.hear(answer(2, effective_frame=10))
+    (key,) = adding.constraint_ids
+    session.replace_constraint(key, Waypoint(900, 3.0, 4.0))
+    session.interrupt()  # with the news of the first, and the answer of the second, under way
+    session.reattach(convert.catalog(catalog(100)))
+    for update in (opened(), answer(3, effective_frame=40)):
+        session.hear(update)
+    session.replace_constraint(key, Waypoint(50, 5.0, 6.0))
+    waiting = asyncio.ensure_future(session.constraint_reached(key))
+    await asyncio.sleep(0)
+    session.hear(told(key, 30))
+    session.hear(answer(4, code=9, reason="FRAME_COMMITTED"))
+    await asyncio.sleep(0)
+    assert not waiting.done(), "the second is in force, and still ahead"
+    session.hear(told(key, 900))
+    assert (await waiting).frame == 900

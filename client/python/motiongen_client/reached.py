@@ -28,7 +28,7 @@ class ReachedBook:
     def note(self, reached: ConstraintReached, *, is_former: bool = False) -> bool:
         """Take a report. Returns False if it is already known: a server repeats reports to a session that resumes.
 
-        is_former: it concerns a constraint that has since been replaced.
+        is_former: it concerns a constraint that has since been replaced, so it is the outcome of none that has the id.
         """
         key = reached.constraint_id
         if (key, reached.frame) in self._heard:
@@ -36,9 +36,11 @@ class ReachedBook:
         self._heard[key, reached.frame] = None
         if len(self._heard) > MOST_KEPT:
             del self._heard[next(iter(self._heard))]
+        if is_former:
+            return True
         if key in self._replacing:
             self._before[key] = reached  # a server reports on the new one only after accepting it
-        elif not is_former:
+        else:
             self._tell(reached)
         return True
 

@@ -93,7 +93,8 @@ class Conversation(Recovery):
         """What became of a constraint, by an id of `Edit.constraint_ids`, once its last frame can no longer change.
 
         Raises EventRefused if it was refused or its frames passed while the connection was lost. If the session ends
-        first, raises what ended it; for a constraint that was removed, it waits for that.
+        first, raises what ended it; for a constraint that was removed, it waits for that. The last 256 outcomes and the
+        last 256 refusals are kept; raises InvalidInput for an earlier one.
         """
         return await self._reached.of(constraint_id)
 

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from abc import abstractmethod
 from collections.abc import Callable, Iterable
 
 from numpy.typing import ArrayLike
@@ -43,7 +44,7 @@ class Direction(Sending):
         self._next_constraint_id = 1
         self._next_prompt_id = PRESENT_PROMPT_ID + 1
         self._scheduled_prompts: dict[int, int] = {}  # prompt id -> start frame, once the server has accepted it
-        self._reached = ReachedBook()
+        self._reached = ReachedBook(self._expects)
         self._changed = Changes()  # set when something has arrived, or is due now
 
     def set_prompt(
@@ -222,6 +223,10 @@ class Direction(Sending):
             self.playback.resume()
             self._changed.set()
         return sent
+
+    @abstractmethod
+    def _expects(self, constraint_id: int) -> bool:
+        """Whether the constraint with this id is being set, or was accepted and is not over."""
 
     def _edit_constraints(
         self, what: str, constraints: Iterable[Constraint], *, remove: tuple[int, ...] = (), clear: bool = False

@@ -214,7 +214,9 @@ class Reopening(Direction):
             self._unanswered.add(event, is_kept=is_kept)
             self._next_seq += 1
         self._edits.renumber(numbers)
-        self._reached.refuse(self._wishes.passed_at(self._offset), passed)
+        for key in self._wishes.passed_at(self._offset):
+            self._reached.refuse([key], passed)
+            self._wishes.end(key)
         self._wishes.take_reopening(self._offset, opened.placements)
         self._send_unanswered()
         if self._failure is not None:
@@ -223,6 +225,11 @@ class Reopening(Direction):
         self.reopenings = (*self.reopenings, told)
         _log.warning("session %d was opened anew at frame %d: %s", self.handle, told.frame, told.reason)
         call_back(self.on_reopened, told)
+
+    def _expects(self, constraint_id: int) -> bool:
+        """Whether the constraint with this id is being set, or was accepted and is not over."""
+        being_set = (target for event in self._unanswered for target in event.edit_constraints.upsert)
+        return self._wishes.holds(constraint_id) or any(each.constraint_id == constraint_id for each in being_set)
 
     def _is_asked(self, event: session_pb2.SessionEvent) -> bool:
         """Whether an application asked for the event, as opposed to wishes sent again at the last reopening."""

@@ -200,18 +200,18 @@ class Reopening(Direction):
             self._break_off(SessionEnded("model_unloaded", f"its rig, {self.opened.rig_id}, is not served any more"))
             return
         self.opened = opened
-        wished = [(event, False) for event in self._wishes.events_from(self._offset)]
-        held = [(event, is_kept) for event, is_kept in self._unanswered.take_all() if self._is_asked(event)]
+        wished = self._wishes.events_from(self._offset)
+        held = [event for event in self._unanswered.take_all() if self._is_asked(event)]
         numbers = {}
         passed = EventRefused("a constraint", "FAILED_PRECONDITION", "FRAME_COMMITTED", LOST_MEANWHILE)
-        for event, is_kept in (*wished, *held):
+        for event in (*wished, *held):
             self._say_as_frames(event)
             if shifted(event, self._offset) is None:
                 continue
             self._reached.refuse(passed_targets(event, self._offset), passed)
             numbers[event.event_seq] = self._next_seq
             event.session, event.event_seq = self.handle, self._next_seq
-            self._unanswered.add(event, is_kept=is_kept)
+            self._unanswered.add(event)
             self._next_seq += 1
         self._edits.renumber(numbers)
         for key in self._wishes.passed_at(self._offset):

@@ -92,7 +92,7 @@ def test_the_image_has_no_root_and_copies_what_there_is(repository: Any) -> None
 
 @pytest.mark.parametrize("name", ["haproxy.cfg", "nginx.conf", "envoy.yaml"])
 def test_every_proxy_brings_a_client_back_by_its_key(repository: Any, name: str) -> None:
-    from motiongen_client.client import REPLICA_KEY
+    from motiongen_client.channel import REPLICA_KEY
 
     text = (repository.root / "deploy" / "proxies" / name).read_text(encoding="utf-8")
     assert REPLICA_KEY in text or REPLICA_KEY.replace("-", "_") in text

@@ -20,6 +20,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from motiongen_client.errors import InvalidInput, ProtocolViolation
+from motiongen_client.types import check_frame, check_number, check_whole
 
 Rows = NDArray[np.float32]
 
@@ -42,10 +43,12 @@ class Playback:
     def __init__(
         self, frame_rate_hz: float, row_width: int, *, start_frame: int = 0, keep_frames: int | None = None
     ) -> None:
-        if frame_rate_hz <= 0:
-            raise InvalidInput("frame_rate_hz", frame_rate_hz, "a number above 0")
-        if keep_frames is not None and keep_frames < 0:
-            raise InvalidInput("keep_frames", keep_frames, "a whole number of 0 or more, or None to keep all frames")
+        check_number("frame_rate_hz", frame_rate_hz, "a number above 0", lambda each: 0 < each < math.inf)
+        check_whole("row_width", row_width, "a whole number of 1 or more", least=1)
+        check_frame("start_frame", start_frame)
+        if keep_frames is not None:
+            allowed = "a whole number of 0 or more, or None to keep all frames"
+            check_number("keep_frames", keep_frames, allowed, lambda each: each >= 0)
         self.frame_rate_hz = frame_rate_hz
         self.row_width = row_width
         self.playhead = start_frame
@@ -219,8 +222,7 @@ class Playback:
 
     def set_time_scale(self, scale: float) -> None:
         """Play at another pace from the next `advance` on: 0.5 is half as fast. Raises InvalidInput if not positive."""
-        if not 0 < scale < math.inf:
-            raise InvalidInput("scale", scale, "a number above 0; pause to stand still")
+        check_number("scale", scale, "a number above 0; pause to stand still", lambda each: 0 < each < math.inf)
         self._pace_hz = self.frame_rate_hz * scale
         self._due_s = self._held_since_s = None
 

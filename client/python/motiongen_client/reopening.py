@@ -23,7 +23,7 @@ from motiongen_client.edit import LOST_MEANWHILE, Edit
 from motiongen_client.errors import EventRefused, InvalidInput, MotiongenError, SessionEnded, UnknownName
 from motiongen_client.frame_shift import passed_targets, shifted
 from motiongen_client.motion import Motion
-from motiongen_client.types import Catalog, Opened, Priority, Reopened, SessionOptions, StartPose
+from motiongen_client.types import Catalog, Opened, Priority, Reopened, SessionOptions, StartPose, as_tuple
 from motiongen_client.wishes import Wishes
 
 _log = logging.getLogger(__name__)
@@ -98,6 +98,10 @@ class Reopening(Direction):
         if priority is not None:
             given["priority"] = priority
         if guidance is not None:
+            allowed = "a pair: the weights of text and of constraints"
+            guidance = as_tuple("guidance", guidance, allowed)  # type: ignore[assignment]
+            if len(guidance) != 2:
+                raise InvalidInput("guidance", guidance, allowed)
             given["text_guidance"], given["constraint_guidance"] = guidance
         replace(self._options, **given)  # raises InvalidInput if one is invalid
         message = convert.set_options(priority, lookahead_frames, denoise_steps, guidance, history_frames)

@@ -2,15 +2,19 @@
 
 from __future__ import annotations
 
+import asyncio
+import math
+
 import grpc
 import pytest
 
 from motiongen.v1 import service_pb2
-from motiongen_client import MotionClient, Session
+from motiongen_client import LinePolicy, MotionClient, Session
 from motiongen_client.admin import AdminClient
 from tests.client.fake_server import FakeServer
 from tests.client.line import Line, open_with_frames
 from tests.client.synthetic import catalog
+from tests.client.waiting import until
 from tests.client.wrong_values import (
     ABOVE_0,
     FINE,
@@ -29,6 +33,7 @@ from tests.client.wrong_values import (
     taken,
     wrong,
 )
+from tests.waiting import LIMIT_S
 
 PATH = {"corners_m": set(), "speed_mps": NUMBER | NONE, "smoothing_m": NUMBER | NONE}
 CALLS = [
@@ -155,3 +160,22 @@ async def test_nothing_is_asked_of_an_administrator() -> None:
         for name, label, arguments in wrong(made):
             assert await is_refused_when_awaited(lambda: made.of(**arguments)), f"{name} takes {label}"  # noqa: B023
     await admin.close()
+
+
+async def test_more_waits_than_a_report_can_tell_do_not_end_the_reports() -> None:
+    """At a great time scale each moment without frames counts as very many."""
+    session = await open_with_frames(Line())
+    session.playback.advance(0.0)
+    session.set_time_scale(1e15)
+    session.playback.advance(1.0)
+    session.playback.advance(2.0)
+    assert session.stats.underruns > 2**32
+    assert session.report().playhead.underruns == 2**32 - 1
+
+
+async def test_one_who_waits_for_a_hello_without_end_is_connected_again(server: FakeServer) -> None:
+    async with MotionClient(server.address, policy=LinePolicy(hello_timeout_s=math.inf)) as client:
+        session = await client.open("a person walks")
+        server.stream.fail(grpc.StatusCode.UNAVAILABLE)
+        async with asyncio.timeout(LIMIT_S):
+            await until(lambda: session.reopenings)

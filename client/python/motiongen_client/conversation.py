@@ -33,6 +33,7 @@ from motiongen_client.types import (
     check_type,
     check_whole,
 )
+from motiongen_client.types.checks import MOST_UINT32
 
 _log = logging.getLogger(__name__)
 _WARNINGS_REMEMBERED = 16
@@ -132,7 +133,7 @@ class Conversation(Recovery):
         report = session_pb2.Playhead(
             frame=max(playback.playhead - offset, 0),
             buffered_to=max(playback.buffered_to - offset, 0),
-            underruns=playback.underruns,
+            underruns=min(playback.underruns, MOST_UINT32),
             answered_seq=self._answered_seq,
         )
         return session_pb2.SessionEvent(session=self.handle, playhead=report)

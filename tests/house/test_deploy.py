@@ -92,7 +92,7 @@ def test_image_runs_as_a_user_and_copies_existing_files(repository: Any) -> None
 
 @pytest.mark.parametrize("name", ["haproxy.cfg", "nginx.conf", "envoy.yaml"])
 def test_every_proxy_routes_by_the_clients_key(repository: Any, name: str) -> None:
-    from motiongen_client.client import REPLICA_KEY
+    from motiongen_client.channel import REPLICA_KEY
 
     text = (repository.root / "deploy" / "proxies" / name).read_text(encoding="utf-8")
     assert REPLICA_KEY in text or REPLICA_KEY.replace("-", "_") in text

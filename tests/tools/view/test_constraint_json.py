@@ -59,7 +59,7 @@ def test_every_kind_of_constraint_round_trips(constraint: Constraint) -> None:
         ({"kind": "waypoint", "frame": 3}, "waypoint"),
         ({"kind": "keyframe", "frame": -1, "positions_m": [[0, 0, 0]]}, "frame"),
         ({"kind": "joint_targets", "frame": 1, "joints": [0], "positions_m": [[0, 0]]}, "positions_m"),
-        ({"kind": "joint_targets", "frame": 1, "joints": 3, "positions_m": []}, "joint_targets"),
+        ({"kind": "joint_targets", "frame": 1, "joints": 3, "positions_m": []}, "joints"),
     ],
 )
 def test_a_mistake_is_reported_with_its_field(given: dict[str, Any], field: str) -> None:

@@ -14,7 +14,7 @@ from motiongen_server.rpc.request_parts import (
     SMALL_EVENT_BYTES,
     RequestParts,
 )
-from motiongen_server.rpc.wire_fields import CLIP, Malformed, num_fields
+from motiongen_server.rpc.wire_fields import CLIP, EVENT, Malformed, num_fields
 
 MOST = 500
 """Fields of one event."""
@@ -49,6 +49,20 @@ def test_the_parts_are_the_message(events: list[session_pb2.SessionEvent], unkno
     given_back = [part for part, _ in parts.events()]
     assert [event for part in given_back for event in part.events] == events
     assert all(len(part.events) <= EVENTS_A_PART for part in given_back)
+
+
+def sizes_of(events: list[session_pb2.SessionEvent], **control: object) -> list[int]:
+    """How many events there are in each part of their message."""
+    parts, _ = walked(service_pb2.StreamMotionRequest(events=events, **control).SerializeToString())  # type: ignore[arg-type]
+    return [len(part.events) for part, _ in parts.events()]
+
+
+def test_parts_are_full_except_the_last_and_hold_nothing_but_events() -> None:
+    playhead = session_pb2.SessionEvent(session=7, playhead=session_pb2.Playhead(frame=5))
+    assert sizes_of([playhead] * (3 * EVENTS_A_PART + 8)) == [EVENTS_A_PART] * 3 + [8]
+    whole = service_pb2.StreamMotionRequest(events=[playhead] * 5).SerializeToString()
+    parts, _ = walked(whole + service_pb2.StreamMotionRequest(hello=HELLO).SerializeToString() + whole)
+    assert [part.WhichOneof("stream_event") for part, _ in parts.events()] == [None, None]
 
 
 def test_no_more_is_walked_over_than_was_asked_for() -> None:
@@ -125,8 +139,20 @@ def test_what_is_parsed_at_once_has_so_many_fields_at_most() -> None:
         edit_constraints=session_pb2.EditConstraints(upsert=[motion_pb2.Constraint()] * 400)
     )
     assert SMALL_EVENT_BYTES // 2 < small.ByteSize() < SMALL_EVENT_BYTES
-    parts, _ = walked(service_pb2.StreamMotionRequest(events=[small] * 100).SerializeToString())
-    assert max(len(part.events) for part, _ in parts.events()) <= FIELDS_A_PART // 400
+    assert sizes_of([small] * 100) == [FIELDS_A_PART // (small.ByteSize() // 2)] * 10
+
+
+def test_an_event_may_have_as_many_fields_as_fit_into_a_small_one_or_as_many_as_any() -> None:
+    small = b"\x6a\x00" * (SMALL_EVENT_BYTES // 2)
+    assert len(small) == SMALL_EVENT_BYTES > 2 * MOST
+    ((part, is_overgrown),) = walked(wrapped(small))[0].events()
+    assert (list(part.events), is_overgrown) == ([session_pb2.SessionEvent.FromString(small)], False)
+    full = edit((MOST - 2) // 3, 0).SerializeToString()
+    assert num_fields(full, 0, len(full), EVENT, MOST) == MOST
+    ((_, is_overgrown),) = walked(wrapped(full))[0].events()
+    assert not is_overgrown
+    ((_, is_overgrown),) = walked(wrapped(full + b"\x08\x07"))[0].events()
+    assert is_overgrown
 
 
 def test_a_clip_is_counted_through_all_that_holds_messages() -> None:
@@ -135,14 +161,21 @@ def test_a_clip_is_counted_through_all_that_holds_messages() -> None:
     assert num_fields(data, 0, len(data), CLIP, MOST) == 2 + 9 * 2
 
 
+def test_a_message_may_say_so_much_of_the_stream_itself() -> None:
+    said = service_pb2.StreamMotionRequest(hello=HELLO).SerializeToString()
+    parts, count = walked(said * MOST_CONTROL_FIELDS)
+    assert (parts.control().hello, count) == (HELLO, 0)
+
+
 @pytest.mark.parametrize(
     "data",
     [
         b"\x12\x00" * (MOST_CONTROL_FIELDS + 1),
         wrapped(b"\x6a\x00" * (MOST + 100)),
         wrapped(b"\x6a\x05\x0a\x7f" + bytes(1100)),
+        wrapped(edit(MOST // 3 + 1).SerializeToString() + b"\x00\x00"),
     ],
-    ids=["control fields", "kinds of one event", "a field beyond its event"],
+    ids=["control fields", "kinds of one event", "a field beyond its event", "a field of no number"],
 )
 def test_what_no_client_says_is_malformed(data: bytes) -> None:
     with pytest.raises(Malformed):

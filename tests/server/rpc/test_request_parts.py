@@ -14,7 +14,7 @@ from motiongen_server.rpc.request_parts import (
     SMALL_EVENT_BYTES,
     RequestParts,
 )
-from motiongen_server.rpc.wire_fields import CLIP, EVENT, Malformed, num_fields
+from motiongen_server.rpc.wire_fields import CLIP, EVENT, Malformed, num_fields, varint
 
 MOST = 500
 """Fields of one event."""
@@ -94,6 +94,13 @@ def test_garbage_is_called_that_or_read_as_protobuf_reads_it(data: bytes) -> Non
 def test_what_ends_too_early_is_malformed(data: bytes) -> None:
     with pytest.raises(Malformed):
         walked(data)
+
+
+def test_a_number_that_does_not_end_is_read_no_further_than_ten_bytes() -> None:
+    """Else a megabyte of it would be put together a byte at a time."""
+    assert varint(b"\xff" * 9 + b"\x01", 0) == (2**64 - 1, 10)
+    with pytest.raises(Malformed, match="before byte 10 "):
+        varint(b"\xff" * 10 + b"\x01", 0)
 
 
 def edit(num_constraints: int, sequence: int = 2) -> session_pb2.SessionEvent:

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import asyncio
+import time
 from itertools import pairwise
 from typing import cast
 
@@ -40,9 +41,11 @@ SOME, MANY, LONG = message_of(3), message_of(SMALL_EVENT_BYTES // 4), message_of
 
 
 class Reading:
-    """A stream that is read to its end. listened: at each read, whether its client was listened to; taken: the same at
-    each event that was taken; held: how many bytes were held then, for its peer; turns: how many events had been taken
-    at each turn of others.
+    """A stream that is read to its end.
+
+    listened: at each read, whether its client was listened to; taken: the same at each event that was taken; held: how
+    many bytes were held then, for its peer; turns: how many events had been taken at each turn of others. cost: what is
+    charged for an event beside what it costs to be read.
     """
 
     def __init__(self, *messages: bytes) -> None:
@@ -53,6 +56,7 @@ class Reading:
         self.taken: list[bool] = []
         self.held: list[int] = []
         self.turns: list[int] = []
+        self.cost = 0.0
         self._messages = list(messages)
         self.stream.owed_s = lambda now: 0.0  # type: ignore[method-assign]  # it has no budget to wait for
         self.stream.receive = self._take  # type: ignore[method-assign]
@@ -61,6 +65,7 @@ class Reading:
     def _take(self, *_: object) -> None:
         self._note(self.taken)
         self.held.append(self.stream.peer.held.num_bytes)
+        self.stream.budget.charge(self.cost, time.monotonic())
 
     async def _turn(self) -> None:
         self.turns.append(len(self.taken))
@@ -128,10 +133,17 @@ async def test_others_have_turns_while_a_message_is_counted_and_while_it_is_take
     assert max(later - earlier for earlier, later in pairwise([0, *between])) == most
 
 
-async def test_what_a_long_message_says_of_the_stream_itself_is_taken_too() -> None:
-    reading = Reading(HELLO, PING + LONG)
+async def test_others_have_a_turn_after_an_event_that_costs_as_much_as_many() -> None:
+    reading = Reading(HELLO, SOME)
+    reading.cost = float(EVENTS_A_TURN)
     await reading.to_the_end()
-    assert [bool(each.HasField("pong")) for each in reading.stream.responses] == [False, True]
+    assert reading.turns == [1, 2, 3]
+
+
+async def test_what_a_long_message_says_of_the_stream_itself_is_taken_too() -> None:
+    reading = Reading(HELLO, SOME, PING + LONG)
+    await reading.to_the_end()
+    assert [each.WhichOneof("stream_event") for each in reading.stream.responses] == ["hello", "pong"]
     early = Reading(LONG)
     with pytest.raises(StreamRefused, match="hello"):
         await early.to_the_end()

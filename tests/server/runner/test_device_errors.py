@@ -46,11 +46,14 @@ def test_each_error_has_its_name(raised: Exception, expected: type[Exception]) -
 
 def test_what_can_be_had_again_is_let_go_of_where_there_is_no_memory() -> None:
     let_go = []
-    with pytest.raises(OutOfMemory), device_errors(lambda: let_go.append("graphs")):
-        raise torch.OutOfMemoryError("CUDA out of memory")
+    for error in (
+        torch.OutOfMemoryError("CUDA out of memory"), torch.AcceleratorError("CUDA error: out of memory", 2)
+    ):  # fmt: skip
+        with pytest.raises(OutOfMemory), device_errors(lambda: let_go.append("graphs")):
+            raise error
     with pytest.raises(ValueError, match="no"), device_errors(lambda: let_go.append("nothing")):
         raise ValueError("no")
-    assert let_go == ["graphs"]
+    assert let_go == ["graphs"] * 2
 
 
 def test_a_real_allocation_that_cannot_be_made_is_out_of_memory() -> None:

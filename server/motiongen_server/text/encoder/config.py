@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 
-from motiongen_server.config import ENCODER_PREFIX, LOG_LEVELS, TEXT_PRECISIONS
+from motiongen_server.config import AS_PEERS_CALL, ENCODER_PREFIX, LOG_LEVELS, TEXT_PRECISIONS
 from motiongen_server.protection import check_protection
 from motiongen_server.settings import Program, check_settings, setting
 
@@ -47,6 +47,14 @@ class EncoderConfig:
         1000.0, "new texts per second of one address or tenant; more are refused for a while", 0.1, 1e9
     )
     peer_calls_per_second: float = setting(1000.0, "requests per second of one address or tenant", 0.1, 1e9)
+    address_calls_per_second: float | None = setting(
+        None,
+        "requests begun per second from one address, whichever tenants call from there; more end with CANCELLED",
+        1,
+        1e9,
+        kind=float,
+        unset=AS_PEERS_CALL,
+    )
     drain_grace_s: float = setting(5.0, "on SIGTERM: time for running requests to end", 0, 3600)
 
     log_level: str = setting("INFO", "least severity that is logged", choices=LOG_LEVELS, section="Logs")

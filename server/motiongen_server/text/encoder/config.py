@@ -13,7 +13,7 @@ from motiongen_server.settings import Program, check_settings, setting
 class EncoderConfig:
     """Every setting of the encoder service."""
 
-    host: str = setting("127.0.0.1", "address to serve gRPC on", section="Addresses")
+    host: str = setting("127.0.0.1", "address to serve gRPC on, or unix:PATH for a Unix socket", section="Addresses")
     port: int = setting(50052, "port to serve gRPC on; 0 picks a free one", 0, 65535)
     ops_host: str = setting("127.0.0.1", "address to serve health checks and metrics on (HTTP)")
     ops_port: int = setting(9465, "port for health checks and metrics; 0 picks a free one", 0, 65535)

@@ -1,4 +1,4 @@
-"""In this repository the suite tests servers that are started here: one in this process, one with engine processes."""
+"""In this repository the suite runs against servers started here: one in this process, one with engine processes."""
 
 from __future__ import annotations
 

@@ -22,7 +22,7 @@ Result = TypeVar("Result")
 
 
 class _Tape(TorchDispatchMode):
-    """Records operations. Fails on a wait for the GPU or a copy to it, because these cannot be recorded."""
+    """Records operations. Fails on a wait for the GPU or a copy to it, since graphs cannot contain these."""
 
     def __init__(self) -> None:
         super().__init__()

@@ -1,7 +1,7 @@
 """Waiting by polling, for conditions of other processes and threads that have no event.
 
-No result depends on how long it takes. A wait in vain is ended by the test's own time limit, which is far beyond what a
-busy machine needs. Tests prefer an event, a clock that they move, or the end of a process, where there is one.
+No result depends on how long it takes. A test's own time limit, which is far beyond what a busy machine needs, ends a
+wait that never succeeds. Tests prefer an event, a clock that they move, or the end of a process, where there is one.
 """
 
 from __future__ import annotations
@@ -14,7 +14,7 @@ from typing import TypeVar
 T = TypeVar("T")
 
 LIMIT_S = 240.0
-"""For waits with a limit: after this time a wait is in vain. A test's own limit, in pyproject.toml, is longer."""
+"""For waits with a limit: after this time a wait has failed. A test's own limit, in pyproject.toml, is longer."""
 AGAIN_S = 0.01  # leaves the core to the other process
 
 
@@ -26,7 +26,7 @@ def until(condition: Callable[[], T]) -> T:
 
 
 async def until_true(condition: Callable[[], T]) -> T:
-    """The same for tests with an event loop, which keeps running meanwhile."""
+    """`until` for tests with an event loop, which keeps running meanwhile."""
     while not (found := condition()):  # noqa: ASYNC110  there is no event for it
         await asyncio.sleep(AGAIN_S)
     return found

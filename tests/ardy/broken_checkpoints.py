@@ -115,7 +115,7 @@ def broken_file(name: str) -> st.SearchStrategy[bytes]:
 BROKEN_FOLDERS = st.dictionaries(st.sampled_from(list(FILES)), st.none(), min_size=1, max_size=3).flatmap(
     lambda names: st.fixed_dictionaries({name: st.one_of(st.none(), broken_file(name)) for name in names})
 )
-"""Changes to a sound folder: a file's name -> its broken content, None where it is missing."""
+"""Changes to a valid folder: a file's name -> its broken content, None where it is missing."""
 
 
 def write_folder(folder: Path, changes: dict[str, bytes | None]) -> Path:
@@ -129,7 +129,7 @@ def write_folder(folder: Path, changes: dict[str, bytes | None]) -> Path:
 
 
 def loads_or_refuses(load: Callable[[], Any], refusals: type[Exception] | tuple[type[Exception], ...]) -> str:
-    """ "loaded", or the text of the refusal; any other exception is the reader's fault, and passes through."""
+    """Return "loaded" or the text of the refusal; any other exception is a bug in the reader and is raised."""
     try:
         load()
     except refusals as refusal:

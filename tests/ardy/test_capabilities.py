@@ -1,4 +1,4 @@
-"""What a checkpoint says of its training: read whole, or refused with everything that is wrong."""
+"""The capabilities file of a checkpoint: read in full, or refused with all its mistakes."""
 
 from __future__ import annotations
 
@@ -38,7 +38,7 @@ def _written(folder: Path, content: object) -> Path:
     return folder
 
 
-def test_a_whole_file_is_read(tmp_path: Path) -> None:
+def test_a_complete_file_is_read(tmp_path: Path) -> None:
     found = read_capabilities(_written(tmp_path, WHOLE))
     assert (found.forms["keyframe"], found.forms["feet"], found.forms["waypoint"]) == ("warn", "refuse", "trained")
     assert [(preset.name, preset.what) for preset in found.presets] == [("walk", "walks"), ("run", "")]
@@ -48,11 +48,11 @@ def test_a_whole_file_is_read(tmp_path: Path) -> None:
     assert found.domain is None
 
 
-def test_without_a_file_nothing_is_claimed(tmp_path: Path) -> None:
+def test_without_a_file_no_capabilities_are_claimed(tmp_path: Path) -> None:
     assert read_capabilities(tmp_path) == Capabilities()
 
 
-def test_the_domain_beside_it_is_read_and_needs_words(tmp_path: Path) -> None:
+def test_a_prompt_domain_is_read_and_requires_the_known_prompts_in_words(tmp_path: Path) -> None:
     domain = make_domain("static-1", np.eye(3, dtype=np.float32), 3)
     write_domain(tmp_path / DOMAIN_FILE, domain)
     with pytest.raises(CheckpointError, match=CAPABILITIES_FILE):
@@ -90,7 +90,7 @@ def test_the_domain_beside_it_is_read_and_needs_words(tmp_path: Path) -> None:
         (("knows", 0), 3, r"knows\[0\]"),
     ],
 )
-def test_what_is_wrong_is_named(path: tuple[Any, ...], value: object, told: str) -> None:
+def test_a_mistake_is_reported_with_its_place(path: tuple[Any, ...], value: object, told: str) -> None:
     content: Any = copy.deepcopy(WHOLE)
     holder = content
     for key in path[:-1]:
@@ -106,7 +106,7 @@ def test_all_mistakes_are_listed_at_once() -> None:
     assert len(caught.value.problems) == 4
 
 
-def test_the_file_of_the_built_in_model_is_sound() -> None:
+def test_the_file_of_the_built_in_model_is_valid() -> None:
     found = parse_capabilities(read_yaml(CONFIGS / "mini-capabilities.yaml"), "mini")
     assert set(found.forms) == set(FORMS)
     speeds = {gait.name: gait.from_mps for gait in found.locomotion if gait.direction == "forward"}

@@ -1,4 +1,4 @@
-"""The prompt domain: prompts that were never captions are judged rightly, and files keep what was written."""
+"""The prompt domain: how well it judges prompts that were never captions, how it is made, and its files."""
 
 from __future__ import annotations
 
@@ -45,7 +45,7 @@ def encoder() -> TextEncoder:
 
 @pytest.fixture(scope="module")
 def domain(encoder: TextEncoder) -> PromptDomain:
-    """That of the captions made from the labels of the built-in model's training set."""
+    """The domain of the captions made from the labels of the built-in model's training set."""
     captions = sorted({text for label in KNOWN for style in MANNERS for text in paraphrases(label, style)})
     made = make_domain(encoder.identity, encoder.encode(captions), MOST_KEPT)
     lists = (read_prompts(CONFIGS / f"prompts-{name}.txt") for name in ("inside", "outside"))
@@ -54,7 +54,7 @@ def domain(encoder: TextEncoder) -> PromptDomain:
 
 
 def misjudged(encoder: TextEncoder, domain: PromptDomain) -> tuple[list[str], list[str]]:
-    """Prompts inside that are taken for outside, and outside for inside, of lists that no threshold was set with."""
+    """Prompts inside taken for outside, and outside taken for inside, from lists that set no threshold."""
     wrong = []
     for name, is_outside in (("inside", False), ("outside", True)):
         texts = read_prompts(PROMPTS / f"{name}.txt")
@@ -63,32 +63,30 @@ def misjudged(encoder: TextEncoder, domain: PromptDomain) -> tuple[list[str], li
     return wrong[0], wrong[1]
 
 
-def test_captions_of_labels_alone_judge_prompts_that_no_threshold_has_seen(
-    encoder: TextEncoder, domain: PromptDomain
-) -> None:
+def test_a_domain_of_captions_judges_prompts_it_was_not_tuned_on(encoder: TextEncoder, domain: PromptDomain) -> None:
     alarms, misses = misjudged(encoder, domain)
     assert len(alarms) <= 2, alarms
     assert len(misses) <= 3, misses
     assert not {"jump", "a person jumps", "a person sits down", "a person dances"} & set(misses)
 
 
-def test_the_domain_of_a_built_in_model_judges_them_better(encoder: TextEncoder) -> None:
+def test_the_domain_of_the_built_in_model_misjudges_few_prompts(encoder: TextEncoder) -> None:
     paths = list(built_in_text_folder().parent.glob(f"*/{DOMAIN_FILE}"))
     assert paths
     for path in paths:
         alarms, misses = misjudged(encoder, read_domain(path))
-        assert set(alarms) >= UNLEARNED, "the built-in model does not bow, and its domain is to say so"
+        assert set(alarms) >= UNLEARNED, "the built-in model does not bow: that must be outside its domain"
         assert len(set(alarms) - UNLEARNED) <= 2, (path, alarms)
         assert len(misses) <= 2, (path, misses)
 
 
-def test_no_prompt_of_the_test_is_one_that_the_threshold_was_set_with() -> None:
+def test_prompts_of_the_test_and_of_the_threshold_do_not_overlap() -> None:
     for name, count in (("inside", 44), ("outside", 60)):
         assert len(read_prompts(PROMPTS / f"{name}.txt")) == count
         assert not set(read_prompts(PROMPTS / f"{name}.txt")) & set(read_prompts(CONFIGS / f"prompts-{name}.txt"))
 
 
-def test_a_file_keeps_what_was_written_and_is_small(tmp_path: Path, domain: PromptDomain) -> None:
+def test_a_domain_file_round_trips_and_is_small(tmp_path: Path, domain: PromptDomain) -> None:
     write_domain(tmp_path / DOMAIN_FILE, domain)
     assert (tmp_path / DOMAIN_FILE).stat().st_size <= 300_000
     read = read_domain(tmp_path / DOMAIN_FILE)
@@ -97,14 +95,14 @@ def test_a_file_keeps_what_was_written_and_is_small(tmp_path: Path, domain: Prom
     np.testing.assert_allclose(read.directions, domain.directions, atol=1e-6)
 
 
-def test_captions_that_stand_for_the_rest_leave_none_far_away() -> None:
+def test_keeping_more_captions_reduces_the_largest_distance() -> None:
     captions = np.random.default_rng(1).standard_normal((400, 8)).astype(np.float32)
     radii = [float(make_domain("e", captions, count).distances(captions).max()) for count in (4, 40, 400)]
     assert radii[0] > radii[1] > radii[2]
     assert radii[2] == pytest.approx(0.0, abs=1e-3)
 
 
-def test_the_same_caption_twice_is_kept_once() -> None:
+def test_duplicate_captions_are_kept_once() -> None:
     captions = np.eye(3, dtype=np.float32)[[0, 0, 1, 2, 2]]
     assert len(make_domain("e", captions, 5).directions) == 3
 
@@ -112,7 +110,7 @@ def test_the_same_caption_twice_is_kept_once() -> None:
 @pytest.mark.parametrize(
     ("inside", "outside", "wrong"), [([0.1, 0.2], [0.8, 0.9], (0, 0)), ([0.1, 0.2, 0.85], [0.8, 0.9], (1, 0))]
 )
-def test_the_threshold_parts_as_many_as_it_can(
+def test_the_best_threshold_separates_as_many_prompts_as_possible(
     inside: Sequence[float], outside: Sequence[float], wrong: tuple[int, int]
 ) -> None:
     threshold, alarms, misses = best_threshold(np.array(inside, np.float32), np.array(outside, np.float32))
@@ -120,14 +118,14 @@ def test_the_threshold_parts_as_many_as_it_can(
     assert (alarms, misses) == wrong
 
 
-def test_nothing_makes_no_domain_and_no_threshold() -> None:
+def test_a_domain_or_threshold_without_prompts_is_refused() -> None:
     with pytest.raises(DomainError, match="0 captions"):
         make_domain("e", np.zeros((0, 3), np.float32), 5)
     with pytest.raises(DomainError, match="inside and prompts outside"):
         best_threshold(np.zeros(0, np.float32), np.ones(2, np.float32))
 
 
-def test_broken_files_are_refused(tmp_path: Path) -> None:
+def test_invalid_domain_files_are_refused(tmp_path: Path) -> None:
     from safetensors.numpy import save_file
 
     path = tmp_path / DOMAIN_FILE
@@ -160,7 +158,7 @@ class _Part:
 
 
 @pytest.mark.parametrize(("mean", "directions"), [("BF16", "I8"), ("F32", "F8_E4M3"), ("F32", "U8"), ("F64", "I8")])
-def test_numbers_of_another_type_are_refused_by_its_name(tmp_path: Path, mean: str, directions: str) -> None:
+def test_tensors_of_another_type_are_refused_by_its_name(tmp_path: Path, mean: str, directions: str) -> None:
     path = tmp_path / "domain.safetensors"
     size = {"BF16": 2, "F32": 4, "F64": 8}[mean]
     tensors = {"mean": (mean, [3], bytes(3 * size)), "directions": (directions, [1, 3], b"\1\1\1")}
@@ -176,7 +174,7 @@ def test_labels_with_few_clips_do_not_count() -> None:
     assert "jump" in known_captions(clips, 1)  # type: ignore[arg-type]
 
 
-def test_what_a_model_does_not_show_counts_for_nothing_however_often_it_was_captured() -> None:
+def test_excluded_labels_do_not_count_however_many_clips_they_have() -> None:
     clips = [_Part("walk", ("walk",)), *(_Part("bow", (f"bow {k}",)) for k in range(5))]
     assert known_captions(clips, 1, ["bow"]) == ["walk"]  # type: ignore[arg-type]
 
@@ -186,6 +184,8 @@ def test_captions_of_derived_clips_do_not_count() -> None:
     assert known_captions(clips, 1) == ["walk"]  # type: ignore[arg-type]
 
 
-def test_the_command_refuses_what_is_no_set(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+def test_the_command_refuses_a_folder_without_a_training_set(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
     assert main([str(tmp_path), str(tmp_path / "out")]) == 2
     assert "error:" in capsys.readouterr().err

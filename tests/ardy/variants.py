@@ -1,4 +1,4 @@
-"""Variants of a model that configurations allow: the paper's ablations, and those that public checkpoints may have."""
+"""Variants of a model that configurations allow: the paper's ablations, and others that public checkpoints may use."""
 
 from __future__ import annotations
 

@@ -1,1 +1,1 @@
-"""The attack suite: a real server process under hostile clients, with good clients that must not notice."""
+"""The attack suite: hostile clients against a real server process, beside good clients that must not be harmed."""

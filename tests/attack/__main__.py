@@ -1,9 +1,9 @@
-"""`make attack`: hostile clients of every kind against a real server, and a table of what its neighbours noticed.
+"""`make attack`: hostile clients of every kind against a real server, and a table of what good clients noticed.
 
     python -m tests.attack [--only KIND ...] [--seconds S] [--out FOLDER] [--pages PAGE ...]
 
-A second table has how servers end, SIGTERM while they load among it (`tests.attack.endings`). Ends with status 1 where
-neighbours noticed more than they may, or a server did not end as it must. Bounded: some twelve seconds an attack.
+A second table shows how servers end after SIGTERM, also while they load (`tests.attack.endings`). Exits with code 1 if
+a bound of an attack was exceeded, or a server did not end properly. Takes about twelve seconds for each attack.
 """
 
 from __future__ import annotations
@@ -23,34 +23,34 @@ ENDINGS = "endings"
 BEGIN, END = "<!-- made by: python -m tests.attack -->", "<!-- until here -->"
 
 ATTACKS = (
-    Attack("nobody attacks", ""),
-    Attack("nobody attacks (built-in model)", "", built_in=True),
+    Attack("no attack", ""),
+    Attack("no attack (built-in model)", "", built_in=True),
     Attack("empty events", "empty_events", 2),
-    Attack("one event of 400,000 empty constraints", "empty_constraints", 2),
+    Attack("one event with 400,000 empty constraints", "empty_constraints", 2),
     Attack("one event that removes 300,000 constraints", "many_removals", 2),
-    Attack("256 paths of nine minutes an edit", "long_paths", 2),
-    Attack("256 rotations an edit, to be placed", "many_rotations", 2),
-    Attack("opens with 255 rotations and one that is wrong", "refused_rotations", 2),
-    Attack("450,000 empty events a message, nothing read", "huge_messages", 1),
+    Attack("edits with 256 nine-minute paths each", "long_paths", 2),
+    Attack("edits with 256 rotations each, for the server to place", "many_rotations", 2),
+    Attack("opens with 255 valid rotations and an invalid one", "refused_rotations", 2),
+    Attack("messages of 450,000 empty events, answers not read", "huge_messages", 1),
     Attack(
-        "450,000 empty events a message, from 1,000 streams at one moment",
+        "messages of 450,000 empty events, from 1,000 streams at once",
         "first_messages",
-        settings=("--peer-calls-per-second", "5000"),  # else it would take them ten seconds to begin
-        grown_mib=600.0,  # all of them are on their way at once: 860 MiB, which were held for minutes
+        settings=("--peer-calls-per-second", "5000"),  # otherwise they would take ten seconds to begin
+        grown_mib=600.0,  # 860 MiB are on their way at once; they were once held for minutes
         takes_places=True,
     ),
     Attack("pings", "pings", 2),
-    Attack("opens that must fail, with new prompts (built-in model)", "failing_opens", 2, built_in=True),
-    Attack("16 new prompts an edit (built-in model)", "new_prompts", 2, built_in=True, elsewhere=True),
+    Attack("opens of an unknown rig, with new prompts (built-in model)", "failing_opens", 2, built_in=True),
+    Attack("edits with 16 new prompts each (built-in model)", "new_prompts", 2, built_in=True, elsewhere=True),
     Attack(
-        "new prompts on 320 streams and in 32 clips of each of two addresses, at an encoder that takes 0.1 s",
+        "new prompts on 320 streams and in 32 clips from each of two addresses; the text encoder takes 0.1 s",
         "prompts_over_streams",
         2,
-        settings=("--peer-calls-per-second", "5000"),  # else it would take them three seconds to begin
+        settings=("--peer-calls-per-second", "5000"),  # otherwise they would take three seconds to begin
         slow_encoder=True,
     ),
-    Attack("playheads that lie", "liars", 2),
-    Attack("playheads that lie (built-in model)", "liars", 1, built_in=True, elsewhere=True),
+    Attack("false playheads", "liars", 2),
+    Attack("false playheads (built-in model)", "liars", 1, built_in=True, elsewhere=True),
     Attack(
         "32 sessions that play at three times real time (built-in model)",
         "fast_players",
@@ -59,46 +59,46 @@ ATTACKS = (
         elsewhere=True,
     ),
     Attack(
-        "32 sessions that leap to their last frame once a second (built-in model)",
+        "32 sessions that jump to their last frame once a second (built-in model)",
         "teleporters",
         1,
         built_in=True,
         elsewhere=True,
     ),
-    Attack("a token that expires under load, and is shown on", "expired_tokens", 1, token_s=3.0),
-    Attack("3,000 streams without hello", "silent_streams", 1),
-    Attack("4,250 calls without their request", "half_open_calls", 1),
-    Attack("4,250 calls and streams whose answers are not let through", "unread_calls", 1),
-    Attack("calls of methods whose names are no text, with tokens that are none", "unreadable_names", 1),
+    Attack("a token that expires under load and is still used", "expired_tokens", 1, token_s=3.0),
+    Attack("3,000 streams without a hello", "silent_streams", 1),
+    Attack("4,250 calls that never send their request", "half_open_calls", 1),
+    Attack("4,250 calls and streams that block their answers by flow control", "unread_calls", 1),
+    Attack("calls of methods whose names are not text, with invalid tokens", "unreadable_names", 1),
     Attack(
-        "calls of 90,000 headers of a byte each, 67 a second, by clients that do not heed the settings",
+        "67 calls a second with 90,000 one-byte headers each, from clients that ignore the header limit",
         "tiny_headers",
         1,
-        edit_ms=500.0,  # a second where gRPC read them all the same; 0.1 to 0.2 at a load of six, on two cores
-        grown_mib=4_000.0,  # gRPC's own, for seconds: not promised
+        edit_ms=500.0,  # 1,000 before gRPC's reading was limited; 100 to 200 at a load of six, on two cores
+        grown_mib=4_000.0,  # held by gRPC itself for seconds; see "What is not promised" in docs/security.md
     ),
-    Attack("10,000 calls a second that are reset as soon as they are begun", "resets", 1),
-    Attack("frames that HTTP/2 forbids, each on a connection of its own", "forbidden_frames", 1),
-    Attack("20,000 frames a second that mean nothing", "needless_frames", 1),
-    Attack("24 calls for the longest clips, nothing read", "unread_clips", 1),
-    Attack("refused events on 40 streams, nothing read", "unread_streams", 1),
-    Attack("catalogues", "catalogs", 2),
-    Attack("600 connections where 400 descriptors are allowed", "connections", 1, most_files=400),
-    Attack("garbage on the port", "garbage", 1),
-    Attack("HERO sessions, as many as there may be, each edited ten times a second", "heroes", 1, takes_places=True),
-    Attack("playheads, 200 a message", "playheads", 2),
-    Attack("3,000 streams with hello and no session", "empty_streams", 1),
-    Attack("opens with names of 5,000 characters", "long_names", 2),
-    Attack("messages with some bytes changed, on streams and as requests of all methods", "mutations", 2),
-    Attack("long edits behind prompts that wait", "edits_behind_prompts", 1),
-    Attack("edits that are answered at length, and never confirmed", "unconfirmed_edits", 1, takes_places=True),
-    Attack("4,000 watches of the health", "watches", 1),
-    Attack("health, checked without end, 256 times at once", "health_checks", 1),
-    Attack("reflection, asked for without end", "reflections", 1),
-    Attack("readers of a byte a second", "byte_a_second", 1),
-    Attack("streams that send what they may at once, and are begun anew", "burst_streams", 2),
+    Attack("10,000 calls a second that are reset as soon as they begin", "resets", 1),
+    Attack("frames that HTTP/2 forbids, each on its own connection", "forbidden_frames", 1),
+    Attack("20,000 HTTP/2 frames a second without effect", "needless_frames", 1),
+    Attack("24 calls for the longest clips, answers not read", "unread_clips", 1),
+    Attack("refused events on 40 streams, answers not read", "unread_streams", 1),
+    Attack("catalogue requests", "catalogs", 2),
+    Attack("600 connections with a limit of 400 descriptors", "connections", 1, most_files=400),
+    Attack("garbage on the gRPC port", "garbage", 1),
+    Attack("as many HERO sessions as are admitted, each edited ten times a second", "heroes", 1, takes_places=True),
+    Attack("messages of 200 playheads", "playheads", 2),
+    Attack("3,000 streams with a hello and no session", "empty_streams", 1),
+    Attack("opens with model and rig names of 5,000 characters", "long_names", 2),
+    Attack("valid messages with some bytes changed, to all methods", "mutations", 2),
+    Attack("long edits queued behind waiting prompts", "edits_behind_prompts", 1),
+    Attack("edits with long answers that are never confirmed", "unconfirmed_edits", 1, takes_places=True),
+    Attack("4,000 health watches", "watches", 1),
+    Attack("health checks in a loop, 256 at a time", "health_checks", 1),
+    Attack("reflection requests in a loop", "reflections", 1),
+    Attack("clients that read one byte a second", "byte_a_second", 1),
+    Attack("streams that send a second's worth of events at once, then start again", "burst_streams", 2),
     Attack(
-        "512 sessions that play where there is room, and ask again (built-in model)",
+        "512 sessions that retry until they are admitted (built-in model)",
         "crowds",
         1,
         built_in=True,
@@ -106,21 +106,19 @@ ATTACKS = (
         takes_places=True,
     ),
     Attack(
-        "all of these by chance, five at a time, seeds 1 and 2",
+        "random attacks of these kinds, five at a time, seeds 1 and 2",
         "drawn",
         2,
-        grown_mib=400.0,  # ten at once, each of which may have 200 by itself; what stays is `test_given_up_calls`'
+        grown_mib=400.0,  # ten at once, each may take 200 by itself; for what is left see `test_given_up_calls`
         takes_places=True,
     ),
-    Attack("idle connections on the port of operations", "idle_connections", 1, at_ops=True),
-    Attack(
-        "metrics that are asked for and not read, also at the end", "unread_metrics", 1, at_ops=True, to_the_end=True
-    ),
+    Attack("incomplete requests on the operations port", "idle_connections", 1, at_ops=True),
+    Attack("metrics requested and not read, also during shutdown", "unread_metrics", 1, at_ops=True, to_the_end=True),
 )
 
 
 class Rows:
-    """Of the table, by attack: those of earlier runs too, where they were kept. out: the folder."""
+    """The rows of the table by attack, also those that earlier runs left in the folder `out`."""
 
     def __init__(self, out: Path | None) -> None:
         self._path = None if out is None else out / "rows.json"
@@ -128,23 +126,23 @@ class Rows:
         self._rows: dict[str, str] = json.loads(self._path.read_text("utf-8")) if there and self._path else {}
 
     def add(self, results: list[Result]) -> None:
-        """Those of this run, instead of earlier ones."""
+        """Add rows of this run, which replace earlier ones of the same attacks."""
         self._rows |= {each.attack.name: row(each) for each in results}
         if self._path is not None:
             self._path.parent.mkdir(parents=True, exist_ok=True)
             self._path.write_text(json.dumps(self._rows, indent=1), encoding="utf-8")
 
     def in_order(self) -> list[str]:
-        """As the attacks are listed."""
+        """The rows in the order in which the attacks are listed."""
         return [self._rows[attack.name] for attack in ATTACKS if attack.name in self._rows]
 
 
 def put_into(page: Path, made: str) -> None:
-    """Replace what stands between the marks of a page by a table."""
+    """Replace what is between the marks of a page by a table. Raises ValueError if the marks are missing."""
     before, _, rest = page.read_text(encoding="utf-8").partition(BEGIN)
     _, end, after = rest.partition(END)
     if not end:
-        raise ValueError(f"{page} has no place for the table; put {BEGIN} and {END} there")
+        raise ValueError(f"{page} has no place for the table; put {BEGIN} and {END} into it")
     page.write_text(f"{before}{BEGIN}\n\n{made}\n{END}{after}", encoding="utf-8")
 
 

@@ -1,4 +1,4 @@
-"""How much a flooding client is allowed, in tokens of the rate limit: every message of the flood carries a ping.
+"""How much of its rate limit a flooding client is granted, in tokens. Every message of the flood carries a ping.
 
 A message is charged before its ping is answered, and a stream in debt is not read. So an answered ping stands for an
 accepted message, and the cost of these messages divided by the time is the rate that the server really granted: a busy
@@ -50,10 +50,10 @@ def paths(count: int, number: int) -> list[session_pb2.SessionEvent]:
 
 
 FLOODS = (
-    Flood("nothing but pings", lambda number: (), cost=1.0),
+    Flood("pings only", lambda number: (), cost=1.0),
     Flood("100 playheads", lambda number: playheads(100), cost=100.0),
-    Flood("500 playheads, counted on the wire", lambda number: playheads(500), cost=500.0),
-    Flood("20 empty events, which are refused", lambda number: [Event(session=NO_SESSION)] * 20, cost=20 * (1.0 + 9.0)),
+    Flood("500 playheads, counted before parsing", lambda number: playheads(500), cost=500.0),
+    Flood("20 empty events, refused", lambda number: [Event(session=NO_SESSION)] * 20, cost=20 * (1.0 + 9.0)),
     Flood("an edit of 5 paths", lambda number: paths(5, number), cost=1.0 + 5 * (3.0 + 50.0), opens=True),
 )
 

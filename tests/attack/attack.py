@@ -36,7 +36,7 @@ class Attack:
 
     kind: of `tests.attack.hostile`, "" for none. missed: share of frames; edit_ms: 95th percentile; newcomer_s: how
     soon a session opened during the attack has frames; health_s: how soon a health check is answered; grown_mib: memory
-    of all server processes; log_mib: growth of the log. at_ops: attacks the port of operations. after: a kind of
+    of all server processes; log_mib: growth of the log. at_ops: attacks the operations port. after: a kind of
     well-behaved clients that come and go first, so that memory that an engine needs for full batches is not counted.
     to_the_end: the attack goes on while the server is asked to end. takes_places: the hostile clients open as many
     sessions as they get, so that there may be no room for newcomers. slow_encoder: the text encoder is slow, and each
@@ -142,7 +142,7 @@ def hostile(attack: Attack, server: Attacked, token: str = "") -> Iterator[Clien
 async def health_ms(server: Attacked, by_http: bool, within_s: float = HEALTH_S) -> float:
     """How long a health check takes over a new connection; more than within_s if it is not answered.
 
-    by_http: ask on the port of operations, as orchestrators do; for attacks that use up the connections of the other.
+    by_http: ask on the operations port, as orchestrators do; for attacks that use up the gRPC port's connections.
     """
     begun_s, address = time.perf_counter(), server.address
     if by_http:

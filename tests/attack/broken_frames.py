@@ -1,4 +1,4 @@
-"""What HTTP/2 forbids to say on a connection (RFC 9113), and what it allows that no client of gRPC says."""
+"""HTTP/2 frames that RFC 9113 forbids, and frames that it allows but no gRPC client sends."""
 
 from __future__ import annotations
 
@@ -12,12 +12,12 @@ ACK, PADDED = 1, 8
 INITIAL_WINDOW_SIZE, MAX_FRAME_SIZE, ENABLE_PUSH = 4, 5, 2
 LARGEST_WINDOW = (1 << 31) - 1
 CALLED, NEVER_CALLED = 1, 9
-"""Streams: one on which a call has come before this, and one that stays unused."""
+"""HTTP/2 streams: one on which a call was made before the frames here, and one that stays unused."""
 UNSERVED = b"/nobody.Serves/This"
 
 
 def number(value: int) -> bytes:
-    """Of four bytes, as most frames have it."""
+    """A number of four bytes, as in most frames."""
     return struct.pack(">I", value)
 
 
@@ -30,7 +30,7 @@ def with_headers(block: bytes, stream: int = 3, flags: int = END_OF_STREAM | END
 
 
 UNREADABLE_TIMEOUT = call_of(3, UNSERVED, (b"grpc-timeout", b"soon"))
-"""Of which gRPC says in its log that it cannot read it, unless it is told to say nothing."""
+"""gRPC logs that it cannot read this timeout, unless its logging is switched off."""
 
 FORBIDDEN = (
     frame(SETTINGS, 0, 0, b"abc"),
@@ -47,16 +47,16 @@ FORBIDDEN = (
     frame(WINDOW_UPDATE, 0, CALLED, number(LARGEST_WINDOW)) * 3,
     frame(DATA, 0, 0, b"abc"),
     frame(DATA, 0, NEVER_CALLED, b"abc"),
-    frame(DATA, 0, CALLED, b"abc"),  # behind its end
+    frame(DATA, 0, CALLED, b"abc"),  # after the end of that stream
     frame(DATA, PADDED, CALLED, b"\xffabc"),
     with_headers(b"", stream=0),
     with_headers(b"", stream=2),
     with_headers(b"", stream=CALLED),
-    with_headers(b"\xff\xff\xff\xff\x7f"),  # of no such place in the table
+    with_headers(b"\xff\xff\xff\xff\x7f"),  # an index that is not in the table
     with_headers(b"\xff\xff\xff\xff\xff\xff\xff\xff\x7f"),
     with_headers(b"\x3f\xff\xff\xff\x7f"),  # a table of half a gigabyte
-    with_headers(b"\x00\x7f\xff\xff\xff\x7fk"),  # a name that is longer than all that comes
-    with_headers(b"\x00\x81\xff\x00"),  # Huffman's code, with nothing but an end in it
+    with_headers(b"\x00\x7f\xff\xff\xff\x7fk"),  # a name longer than the frame
+    with_headers(b"\x00\x81\xff\x00"),  # Huffman-coded, with nothing but padding
     with_headers(b"\xffabc", flags=END_OF_HEADERS | PADDED),
     with_headers(b"\x82", flags=END_OF_STREAM) + frame(PING, 0, 0, bytes(8)),
     with_headers(b"\x82", flags=END_OF_STREAM) + frame(CONTINUATION, END_OF_HEADERS, 5, b"\x82"),
@@ -71,8 +71,8 @@ FORBIDDEN = (
     frame(GOAWAY, 0, CALLED, bytes(8)),
     frame(GOAWAY, 0, 0, number(LARGEST_WINDOW) + number(0)) * 2 + call_of(3, UNSERVED),
     frame(PRIORITY, 0, CALLED, b"abc"),
-    frame(PRIORITY, 0, 3, number(3) + b"\x10"),  # below itself
-    b"\xff\xff\xff" + frame(UNKNOWN, 0, 0, b"abc")[3:],  # as long as a frame may say that it is
+    frame(PRIORITY, 0, 3, number(3) + b"\x10"),  # a stream that depends on itself
+    b"\xff\xff\xff" + frame(UNKNOWN, 0, 0, b"abc")[3:],  # the largest length that a frame header can state
     UNREADABLE_TIMEOUT,
 )
 

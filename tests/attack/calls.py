@@ -78,7 +78,7 @@ def bare_stream(channel: grpc.aio.Channel) -> Any:
 
 
 async def for_ever(act: Callable[[], Awaitable[None]]) -> None:
-    """Act again and again, whatever the server answers."""
+    """Call `act` again and again, whatever the server answers."""
     while True:
         try:
             await act()

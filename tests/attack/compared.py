@@ -1,4 +1,4 @@
-"""What hostile clients cost other clients in latency: `python -m tests.attack.compared`.
+"""By how much hostile clients raise other clients' latency: `python -m tests.attack.compared`.
 
     python -m tests.attack.compared [--only KIND ...] [--turns N] [--seconds S]
 

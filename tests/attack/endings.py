@@ -71,7 +71,7 @@ def loading(log: Path) -> Iterator[subprocess.Popen[str]]:
 
 
 def seconds_to_load(log: Path) -> float:
-    """From when SIGTERM is handled until the server is ready."""
+    """The time from when SIGTERM is handled until the server is ready."""
     with loading(log) as process:
         begun_s = time.perf_counter()
         assert process.stdout is not None
@@ -120,8 +120,8 @@ SERVING = (
     ("clients that read a byte per second", "byte_a_second", (), 1, False),
     ("clips that are not read", "unread_clips", (), 1, False),
     ("metrics that are not read", "unread_metrics", (), 1, True),
-    ("twice, a grace of an hour, streams that are not read", "unread_streams", LONG_GRACE, 2, False),
-    ("twice, a grace of an hour, metrics that are not read", "unread_metrics", LONG_GRACE, 2, True),
+    ("twice, with a grace of an hour, streams that are not read", "unread_streams", LONG_GRACE, 2, False),
+    ("twice, with a grace of an hour, metrics that are not read", "unread_metrics", LONG_GRACE, 2, True),
 )
 
 

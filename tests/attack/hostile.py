@@ -1,6 +1,6 @@
 """Hostile clients, each a process of its own at the usual niceness: `python -m tests.attack.hostile KIND ADDRESS SEED`.
 
-They go on until they are killed. Messages are serialized beforehand, so that an attack costs them little.
+They run until they are killed. Messages are serialized beforehand, so that an attack costs them little.
 """
 
 from __future__ import annotations
@@ -47,7 +47,7 @@ async def empty_constraints(address: str) -> None:
 
 
 async def many_removals(address: str) -> None:
-    """Of a session that is there, each with the next number."""
+    """Edits of an open session that each remove 300,000 constraints."""
     edit = session_pb2.EditConstraints(remove=range(1, 300_001))
     events = [Event(session=1, event_seq=number, edit_constraints=edit) for number in range(2, 40)]
     opening = Event(session=1, event_seq=1, open=session_pb2.OpenSession())
@@ -63,7 +63,7 @@ async def pings(address: str) -> None:
 
 
 async def failing_opens(address: str) -> None:
-    """Opens of a rig that there is not, each with prompts that nobody has asked for before."""
+    """Opens of a rig that does not exist, each with a prompt that is new to the server."""
     numbers = itertools.count()
     name = f"{time.time_ns()}"
 
@@ -79,7 +79,7 @@ async def failing_opens(address: str) -> None:
 
 
 async def new_prompts(address: str) -> None:
-    """One session a stream, whose prompt changes as often as it may, to what nobody has asked for before."""
+    """One session a stream, with edits of 16 prompts that are new to the server, 50 a second."""
     numbers = itertools.count()
     name = f"{time.time_ns()}"
 
@@ -106,7 +106,7 @@ async def new_prompts(address: str) -> None:
 
 
 async def liars(address: str) -> None:
-    """Sessions that say they have played all that they were sent: the last frame, or one that nobody has made."""
+    """Sessions that report as played all that they were sent: the last frame, the one after it, or frame 2^53."""
 
     async def once(frame_of: Callable[[int], int]) -> None:
         async with channel_to(address) as channel:
@@ -128,7 +128,7 @@ async def liars(address: str) -> None:
 
 
 async def silent_streams(address: str) -> None:
-    """Streams that never say hello, as many as fit."""
+    """3,000 streams that never send a hello."""
 
     async def connection() -> None:
         async with channel_to(address) as channel:
@@ -140,7 +140,7 @@ async def silent_streams(address: str) -> None:
 
 
 async def unread_clips(address: str) -> None:
-    """Clips as long as there may be, of which nothing is read."""
+    """Clips of the maximum length, of which only the first message is read."""
 
     async def once() -> None:
         async with channel_to(address) as channel:
@@ -153,7 +153,7 @@ async def unread_clips(address: str) -> None:
 
 
 async def unread_streams(address: str) -> None:
-    """Events that are refused, whose answers nobody reads."""
+    """Events that are refused, on streams that do not read the answers."""
     await flood(address, [Request(events=[Event(session=5)] * 200).SerializeToString()], reads=False, streams=40)
 
 
@@ -168,7 +168,7 @@ async def catalogs(address: str) -> None:
 
 
 async def heroes(address: str) -> None:
-    """Sessions of the dearest class, until there is no more place; what is open is edited all the time."""
+    """Up to 512 sessions of the class HERO, all of which are edited ten times a second."""
     texts = ("a person walks forward", "a person waves")
 
     async def once() -> None:
@@ -193,7 +193,7 @@ async def heroes(address: str) -> None:
 
 
 async def playheads(address: str) -> None:
-    """Of a session that is there, the same frame again and again, and one of which nobody knows."""
+    """Playheads that repeat the same frame, for an open session and for one that does not exist."""
     report = session_pb2.Playhead(frame=1, buffered_to=1)
     opening = Request(events=[Event(session=1, event_seq=1, open=session_pb2.OpenSession())]).SerializeToString()
     reports = [Event(session=1 + number % 2, playhead=report) for number in range(200)]
@@ -201,7 +201,7 @@ async def playheads(address: str) -> None:
 
 
 async def empty_streams(address: str) -> None:
-    """Streams that say hello and open nothing, as many as fit."""
+    """3,000 streams that send a hello and open no session."""
 
     async def connection() -> None:
         async with channel_to(address) as channel:
@@ -232,15 +232,15 @@ KINDS: dict[str, Kind] = {
         prompts_over_streams, unreadable_names, tiny_headers, resets, forbidden_frames, needless_frames,
     )
 }  # fmt: skip
-ELSEWHERE = {connections, idle_connections, unread_metrics, welcome_crowds, expired_tokens, tiny_headers}
-"""They hold all connections that there may be, are for the port of operations, or for a server that asks for tokens,
-take memory that nobody can bound, or are not hostile."""
+NOT_DRAWN = {connections, idle_connections, unread_metrics, welcome_crowds, expired_tokens, tiny_headers}
+"""Left out of `drawn`: they take all connections, attack the operations port, need a server with tokens, take memory
+that the server cannot bound, or are not hostile."""
 
 
 async def main(name: str, address: str, seed: int) -> None:
     random.seed(seed)
     if name == "drawn":
-        await drawn([kind for kind in KINDS.values() if kind not in ELSEWHERE], address, seed)
+        await drawn([kind for kind in KINDS.values() if kind not in NOT_DRAWN], address, seed)
     else:
         await KINDS[name](address)
 

@@ -1,4 +1,4 @@
-"""Hostile clients below gRPC's calls, who say frames of HTTP/2 as no library does; see `tests.attack.hostile`."""
+"""Hostile clients that send HTTP/2 frames as no gRPC library does; see `tests.attack.hostile`."""
 
 from __future__ import annotations
 
@@ -26,18 +26,18 @@ from tests.raw_calls import END_OF_HEADERS, END_OF_STREAM, HEADERS, SETTINGS, be
 CONNECTIONS = 4
 PAUSE_S = 0.02
 RESETS_A_SECOND = 10_000
-"""Of all connections together."""
+"""On all connections together."""
 NEEDLESS_A_SECOND = 20_000
-"""The same."""
+"""On all connections together."""
 MOST_BEHIND_S = 1.0
-"""What a slow machine has not sent by then is left out."""
+"""A machine that is further behind than this skips frames."""
 ANSWER_S = 0.05
-"""That a server has to end a connection on which something forbidden was said."""
+"""The time in which the server should end a connection that sent a forbidden frame."""
 HEADERS_A_CALL = 90_000
 HEADERS_A_SECOND = 1_500_000
-"""Of each connection, a byte each."""
+"""On each connection; each takes one byte."""
 CALLS_UNHEEDED = 200
-"""Of a connection. gRPC takes some 250 of one whose client has not said that it knows the settings."""
+"""On each connection. gRPC accepts about 250 from a client that has not acknowledged its settings."""
 BLOCK_BYTES = 1 << 14
 CANCEL = number(8)
 METHODS = (
@@ -48,7 +48,7 @@ FRAME_HEAD_BYTES = 9
 
 
 async def resets(address: str) -> None:
-    """Calls that are begun and reset at once, on few connections."""
+    """Calls that are reset as soon as they begin, on few connections."""
 
     def said() -> Iterator[bytes]:
         calls = zip(itertools.count(1, 2), itertools.cycle(METHODS), strict=False)
@@ -60,7 +60,7 @@ async def resets(address: str) -> None:
 
 
 async def needless_frames(address: str) -> None:
-    """Frames that may be said at any time, and mean nothing or next to it."""
+    """Frames that are allowed at any time and have no, or hardly any, effect."""
 
     def said() -> Iterator[bytes]:
         frames = itertools.cycle(NEEDLESS)
@@ -72,11 +72,11 @@ async def needless_frames(address: str) -> None:
 
 
 async def tiny_headers(address: str) -> None:
-    """Calls of very many headers of a byte each, by clients that never say that they know how many there may be.
+    """Calls with very many one-byte headers, from clients that never acknowledge the limit of headers.
 
-    On each connection as many as gRPC takes before a client has said so.
+    Each connection makes about as many calls as gRPC accepts without that.
     """
-    more = b"\x40\x01k\x01v" + b"\xbe" * HEADERS_A_CALL  # once, into the table; then by its place there
+    more = b"\x40\x01k\x01v" + b"\xbe" * HEADERS_A_CALL  # added to the table once, then referred to by its index
 
     def call(stream: int, path: bytes) -> bytes:
         block = call_of(stream, path)[FRAME_HEAD_BYTES:] + more
@@ -95,7 +95,7 @@ async def tiny_headers(address: str) -> None:
 
 
 async def forbidden_frames(address: str) -> None:
-    """What nobody may say, each on a connection of its own, behind a call."""
+    """Forbidden frames, each on a connection of its own, after a call."""
     forbidden = itertools.cycle(FORBIDDEN)
 
     async def once() -> None:
@@ -111,7 +111,7 @@ async def forbidden_frames(address: str) -> None:
 
 
 def at_once(a_second: float) -> Iterator[int]:
-    """How many a connection says in each moment, where all of them say so many a second."""
+    """How many frames one connection sends in each period, if all of them together send a_second."""
     owed = 0.0
     while True:
         owed += PAUSE_S * a_second / CONNECTIONS
@@ -120,9 +120,9 @@ def at_once(a_second: float) -> Iterator[int]:
 
 
 async def speak(address: str, said: Iterator[bytes], pause_s: float = PAUSE_S, *, heeds_settings: bool = True) -> None:
-    """One connection, until the server ends it, or all is said. said: at once, every pause_s seconds.
+    """Use one connection until the server ends it, or everything is sent. said: batches, one every pause_s seconds.
 
-    heeds_settings: whether the client says that it has read them.
+    heeds_settings: whether the client acknowledges the server's settings.
     """
     host, _, port = address.rpartition(":")
     reader, writer = await asyncio.open_connection(host, int(port))
@@ -145,7 +145,7 @@ async def speak(address: str, said: Iterator[bytes], pause_s: float = PAUSE_S, *
 
 
 async def _answer(reader: asyncio.StreamReader, writer: asyncio.StreamWriter, heeds_settings: bool) -> None:
-    """What the server waits for, until it ends the connection."""
+    """Answer the server's pings and settings until it ends the connection."""
     with suppress(ConnectionError, asyncio.IncompleteReadError):
         while True:
             head = await reader.readexactly(FRAME_HEAD_BYTES)

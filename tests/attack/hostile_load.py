@@ -1,4 +1,4 @@
-"""Hostile clients that keep the protocol: too many, too slow, or back again and again; see `tests.attack.hostile`."""
+"""Hostile clients that keep the protocol: too many, too slow, or reconnecting. See `tests.attack.hostile`."""
 
 from __future__ import annotations
 
@@ -198,7 +198,7 @@ class Crowd:
 
 
 async def crowds(address: str, of_each_stream: int = 64) -> None:
-    """512 sessions of the class CROWD, each of which asks again until it is let in, and then plays."""
+    """512 sessions of the class CROWD, each of which retries until it is admitted, and then plays."""
 
     async def once() -> None:
         async with channel_to(address) as channel:
@@ -208,12 +208,12 @@ async def crowds(address: str, of_each_stream: int = 64) -> None:
 
 
 async def welcome_crowds(address: str) -> None:
-    """200 such sessions, about as many as there is room for."""
+    """200 such sessions, about as many as are admitted."""
     await crowds(address, 25)
 
 
 async def drawn(kinds: Sequence[Kind], address: str, seed: int) -> None:
-    """Some of these kinds at a time, each for a moment, drawn from the seed."""
+    """Five attacks at a time, each of a kind and length drawn from the seed."""
 
     async def one_after_the_other(number: int) -> None:
         chance = random.Random(f"{seed}-{number}")

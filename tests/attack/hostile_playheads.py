@@ -29,7 +29,7 @@ class Teleporters(Crowd):
     def _playhead(self, handle: int, now: float) -> session_pb2.Playhead:
         if now - self._leapt_s > LEAP_EVERY_S:
             self._leapt_s = now
-            for each in self._begun_s:  # they play on from there
+            for each in self._begun_s:  # continue from there
                 self._begun_s[each] = now - max(0, self._sent_to[each] - 1) / FPS
         return super()._playhead(handle, now)
 

@@ -1,4 +1,4 @@
-"""Hostile clients without gRPC: idle connections, garbage, the port of operations. See `tests.attack.hostile`."""
+"""Hostile clients without gRPC: idle connections, garbage, the operations port. See `tests.attack.hostile`."""
 
 from __future__ import annotations
 

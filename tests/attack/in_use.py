@@ -73,7 +73,7 @@ class InUse:
 
 @contextmanager
 def told() -> Iterator[InUse]:
-    """For a server that is started in this context. The folder's name is short, as paths of sockets must be."""
+    """InUse for a server that is started in this context. The folder's name is short, as paths of sockets must be."""
     folder = tempfile.mkdtemp(prefix="in-use-")
     try:
         shutil.copy(__file__, Path(folder) / "sitecustomize.py")

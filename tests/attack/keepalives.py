@@ -19,7 +19,7 @@ OPTIONS = (
 
 
 async def outcome(address: str, seconds: float) -> str:
-    """What happens to a quiet stream in so long."""
+    """Whether a quiet stream survives for so many seconds, in words."""
     async with grpc.aio.insecure_channel(address, options=OPTIONS) as channel:
         call = service_pb2_grpc.MotionServiceStub(channel).StreamMotion()
         await call.write(service_pb2.StreamMotionRequest(hello=service_pb2.ClientHello()))

@@ -1,4 +1,4 @@
-"""Neighbours: good clients' sessions that play in real time with some edits, and what they notice of an attack."""
+"""Neighbours: sessions of good clients that play in real time with some edits, and what they notice of an attack."""
 
 from __future__ import annotations
 
@@ -120,7 +120,7 @@ class Neighbour(GoodStream):
         async with asyncio.timeout(LIMIT_S):
             while not condition():
                 if told := self.lost or next((each.closed for each in self.sessions if each.closed), ""):
-                    raise RuntimeError(f"a neighbour was not let in, before any attack: {told}")
+                    raise RuntimeError(f"a neighbour was not admitted, before any attack: {told}")
                 await asyncio.sleep(0.02)
 
     async def begin(self) -> None:

@@ -1,4 +1,4 @@
-"""The server under attack: a real process of the real server, with engines that compute nothing or a model."""
+"""The server under attack: a real server process, with a model or with engines that compute nothing."""
 
 from __future__ import annotations
 
@@ -25,9 +25,9 @@ ORDINARY = (
     "--devices", "cpu:1",
 )  # fmt: skip
 EVERY_CORE = ("--devices", f"cpu:{min(usable_cores(), MOST_BY_DEFAULT)}")
-"""As a server has it by default, in place of the one engine that is ordinary here."""
+"""As many engines as a server has by default, instead of the one in `ORDINARY`."""
 QUIET = {"GRPC_VERBOSITY": "NONE"}
-"""As the server has it: gRPC reads it when it is imported, which servers of tests do before they could set it."""
+"""The server's own setting. Test servers import gRPC, which reads it then, before they could set it themselves."""
 MIB = 1 << 20
 
 
@@ -42,7 +42,7 @@ class Attacked:
     exit_code: int | None = None
 
     def memory_mib(self) -> float:
-        """Resident memory now, of the gateway and of all processes below it."""
+        """Resident memory now, of the gateway and all its child processes."""
         return sum(each.memory_info().rss for each in (self.process, *below(self.process))) / MIB
 
     def engines(self) -> list[psutil.Process]:
@@ -50,11 +50,11 @@ class Attacked:
         return engines_of(self.process)
 
     def log_mib(self) -> float:
-        """Size of what it has logged."""
+        """The size of its log."""
         return self.log.stat().st_size / MIB
 
     def cpu_s(self) -> float:
-        """Processor time so far, of the gateway."""
+        """The gateway's processor time so far."""
         times = self.process.cpu_times()
         return float(times.user + times.system)
 
@@ -67,12 +67,12 @@ def attacked(
     module: tuple[str, ...] = NULL,
     environment: Mapping[str, str] | None = None,
 ) -> Iterator[Attacked]:
-    """Start a server; SIGTERM ends it, and what it exits with is noted. most_files: its limit of open descriptors.
+    """Start a server, and end it with SIGTERM; its exit code is recorded. most_files: its limit of open descriptors.
 
-    settings: in place of what is ordinary, devices too. environment: what it finds besides this process's.
+    settings: override those in `ORDINARY`. environment: additional variables.
     """
 
-    # By the shell, not between fork and exec: gRPC's threads in this process make Python code there unsafe.
+    # Set by a shell: Python code between fork and exec is unsafe beside gRPC's threads in this process.
     limited = () if most_files is None else ("/bin/sh", "-c", f'ulimit -n {most_files} && exec "$@"', "sh")
     python_path = os.environ.get("ATTACKED_PYTHONPATH", os.environ.get("PYTHONPATH", ""))
     with log.open("w", encoding="utf-8") as errors:

@@ -34,7 +34,7 @@ from tests.server.identity.files import AUTHORITY, TenantsFile, copy_pair
 
 SAMPLE_S = 5.0
 REST_S = 20.0
-"""In this time, everything that a part of the load has opened must be closed."""
+"""Within this time, everything that a part of the load has opened must be closed."""
 SETTLED_S = 6.0
 """After that, time for gateway and engine to give memory back, which they do every two seconds."""
 MIB = 1 << 20

@@ -1,7 +1,7 @@
-"""The short form of `make attack`: what did most harm, each for a moment. The long form judges latency too.
+"""The short form of `make attack`: the most harmful attacks, briefly. The long form judges latency too.
 
-How busy the machine is must not matter, so neighbours are compared with themselves before the attack, on the same
-server. What a flood may have of the server is judged in `test_account.py`, whose figures no load can make worse.
+So that a busy machine does not matter, neighbours are compared with themselves before the attack, on the same server.
+`test_account.py` judges how much a flood is granted; other load cannot raise its figures.
 """
 
 from __future__ import annotations
@@ -17,10 +17,11 @@ from tests.waiting import LIMIT_S
 
 SECONDS = 1.5
 ANY_MS = 30_000.0
-"""How long an edit takes on a busy machine is not what this judges."""
+"""Latency is not judged here, since it depends on other load."""
 MORE_MISSED = 0.1
 MORE_BEHIND = 0.6
-"""Of their frames, than before: two seconds of them are in hand, so who gets nothing is behind before he misses one."""
+"""By how much the share of frames that the neighbours are behind may grow. Since they hold two seconds of frames, a
+neighbour that gets none is behind before it misses one."""
 
 
 @pytest.mark.parametrize(
@@ -37,7 +38,7 @@ MORE_BEHIND = 0.6
         "expired_tokens",
     ],
 )
-async def test_neighbours_are_served_as_before_and_the_server_ends_with_0(kind: str, tmp_path: Path) -> None:
+async def test_neighbours_play_as_before_under_attack_and_the_server_exits_with_0(kind: str, tmp_path: Path) -> None:
     attack = next(attack for attack in ATTACKS if attack.kind == kind)
     token_s = None if attack.token_s is None else SECONDS / 2
     attack = replace(

@@ -1,4 +1,4 @@
-"""The short form of `python -m tests.attack.cycles`: what sessions leave behind in the processes' memory."""
+"""The short form of `python -m tests.attack.cycles`: memory that closed sessions leave behind in the processes."""
 
 from __future__ import annotations
 
@@ -13,16 +13,17 @@ from tests.waiting import LIMIT_S
 
 CYCLES = 1800
 MOST_RESIDENT_BYTES = 4096
-"""A cycle. So few cycles are told from what a process settles to in the first seconds by nothing finer; 100,000 are."""
+"""Per cycle. Over so few cycles, a smaller leak cannot be told from the growth of the first seconds; over 100,000 it
+can."""
 MOST_BYTES_IN_USE = 1024
-"""A cycle. What is in use at rest goes up and down by some 50 KiB, by what is on its way, by which so few make 460."""
+"""Per cycle. Memory in use at rest varies by about 50 KiB, with what is under way: over so few cycles, 460 each."""
 
 STEP_BYTES = 128 << 10
-"""Batches of a size that there was not before have megabytes kept for the next, once. A leak of 2 KB a cycle is 24 KB
-more at each reading with the model. One of seldom, long blocks is found by longer runs only."""
+"""The first batch of a new size makes megabytes be kept for later ones, once. A leak of 2 KB a cycle is 24 KB from one
+reading to the next with the model. A leak of rare, large blocks is found only by longer runs."""
 
 
-async def test_sessions_that_come_and_go_leave_no_memory_behind(tmp_path: Path) -> None:
+async def test_resident_memory_does_not_grow_with_closed_sessions(tmp_path: Path) -> None:
     with attacked(tmp_path / "log", SETTINGS) as server:
         readings = await measure(server, CYCLES)
     assert max(readings.slopes()) < MOST_RESIDENT_BYTES
@@ -31,8 +32,8 @@ async def test_sessions_that_come_and_go_leave_no_memory_behind(tmp_path: Path) 
 
 @pytest.mark.timeout(3 * LIMIT_S)
 @pytest.mark.parametrize(("model", "cycles"), [("none", CYCLES), ("built-in", 240)])
-async def test_and_nothing_in_use(tmp_path: Path, model: str, cycles: int) -> None:
-    """Finer: 2 KB a cycle are found, in an engine or in the gateway."""
+async def test_memory_in_use_does_not_grow_with_closed_sessions(tmp_path: Path, model: str, cycles: int) -> None:
+    """More exact than resident memory: it finds a leak of 2 KB a cycle, in an engine or in the gateway."""
     module, settings = MODELS[model]
     with (
         told() as in_use,
@@ -44,7 +45,7 @@ async def test_and_nothing_in_use(tmp_path: Path, model: str, cycles: int) -> No
     assert server.exit_code == 0
 
 
-def test_growth_is_told_from_a_step_and_from_what_comes_before_the_half() -> None:
+def test_slope_ignores_single_steps_and_growth_in_the_first_half() -> None:
     cycles = list(range(0, 2000, 100))
     settles = [max(0, 1000 - count) * 50 for count in cycles]
     step = [1 << 20 if count == 1500 else 0 for count in cycles]

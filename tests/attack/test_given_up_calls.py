@@ -1,4 +1,4 @@
-"""Calls that clients give up: what gRPC's batches leave of each, which it does not give back, in the gateway."""
+"""Calls that clients cancel: memory that gRPC keeps in the gateway if a batch of operations is never completed."""
 
 from __future__ import annotations
 
@@ -17,17 +17,17 @@ from tests.attack.server import attacked
 from tests.waiting import try_again
 
 CALLS_EACH = 12
-"""Of so many at once, in each part."""
+"""How many calls each of `AT_ONCE` clients makes in each part."""
 LOOKS = 10
-"""At what is in use, of which the least counts: the last calls of a part may be ending still."""
+"""How often memory in use is read; the least counts, since the last calls of a part may still be ending."""
 MOST_BYTES = 48
-"""A call. One batch of gRPC that is not ended has 96 at least, a status with a message some 500."""
+"""Per call. A gRPC batch that is never completed takes 96 or more, a status with a message about 500."""
 UNBOUNDED = ("--stream-events-per-second", "1000000", "--peer-calls-per-second", "1000000")
 BOUNDED = ("--stream-events-per-second", "1000000", "--peer-calls-per-second", "1")
 
 
 async def give_up_unseen(channel: grpc.aio.Channel) -> None:
-    """Gone before the server has looked at the call, which it refuses."""
+    """Cancel before the server has handled the call, which it refuses."""
     call = bare_stream(channel)
     with contextlib.suppress(grpc.aio.AioRpcError):
         await call.write(HELLO)
@@ -35,7 +35,7 @@ async def give_up_unseen(channel: grpc.aio.Channel) -> None:
 
 
 async def give_up_open(channel: grpc.aio.Channel) -> None:
-    """Gone while the server waits for the next message."""
+    """Cancel while the server waits for the next message."""
     call = bare_stream(channel)
     await call.write(HELLO)
     await call.read()
@@ -43,7 +43,7 @@ async def give_up_open(channel: grpc.aio.Channel) -> None:
 
 
 @pytest.mark.parametrize(("settings", "give_up"), [(BOUNDED, give_up_unseen), (UNBOUNDED, give_up_open)])
-async def test_calls_that_are_given_up_leave_nothing_in_use(
+async def test_cancelled_calls_leave_no_memory_in_use(
     tmp_path: Path, settings: tuple[str, ...], give_up: Callable[[grpc.aio.Channel], Awaitable[None]]
 ) -> None:
     async def several() -> None:

@@ -1,4 +1,4 @@
-"""Many clients that speak TLS at once, each for a handshake only."""
+"""Many TLS clients at once that disconnect after their handshake."""
 
 from __future__ import annotations
 
@@ -15,7 +15,7 @@ EACH = 60
 
 
 async def shake_hands(address: str) -> int:
-    """Connect again and again, `AT_ONCE` at a time; returns how often it went well."""
+    """Connect again and again, `AT_ONCE` at a time. Returns the number of handshakes that succeeded."""
     host, _, port = address.rpartition(":")
     context = ssl.create_default_context(cafile=AUTHORITY)
     context.set_alpn_protocols(["h2"])
@@ -30,7 +30,7 @@ async def shake_hands(address: str) -> int:
         return sum(await asyncio.gather(*(one() for _ in range(AT_ONCE))))
 
 
-def test_a_server_outlives_handshakes_that_begin_at_one_moment(tmp_path: Path) -> None:
+def test_server_survives_many_tls_handshakes_at_once(tmp_path: Path) -> None:
     certificate, key = copy_pair("server-1", tmp_path)
     with attacked(tmp_path / "log", ("--tls-certificate", certificate, "--tls-key", key)) as server:
         assert asyncio.run(shake_hands(server.address)) == AT_ONCE * EACH

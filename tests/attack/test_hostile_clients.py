@@ -1,4 +1,4 @@
-"""An attack that nobody makes is noticed: hostile clients have reached the server, and live until they are killed."""
+"""Attacks that do not take place are noticed: hostile clients must reach the server and run until they are killed."""
 
 from __future__ import annotations
 
@@ -19,7 +19,7 @@ def attacked_at(port: int) -> Attacked:
     return Attacked(psutil.Process(), f"127.0.0.1:{port}", 0, Path("nowhere"))
 
 
-async def test_a_client_that_cannot_begin_is_noticed() -> None:
+async def test_client_that_fails_to_start_raises_an_error() -> None:
     with (
         pytest.raises(HostileClientEnded, match=r"'no_such_kind' ended with 1:[^$]*KeyError"),
         hostile(Attack("", "no_such_kind"), attacked_at(1)) as clients,
@@ -35,18 +35,18 @@ async def kill_it_once_it_has_begun(port: int) -> None:
         await asyncio.to_thread(os.waitid, os.P_PID, client.pid, os.WEXITED | os.WNOWAIT)
 
 
-async def test_a_client_that_ends_later_is_noticed() -> None:
+async def test_client_that_ends_early_raises_an_error() -> None:
     with socket.create_server(("127.0.0.1", 0)) as listener, pytest.raises(HostileClientEnded, match="ended with -9"):
         await kill_it_once_it_has_begun(listener.getsockname()[1])
 
 
-async def test_clients_have_begun_once_all_have_reached_the_server() -> None:
+async def test_begun_returns_once_all_clients_have_reached_the_server() -> None:
     with socket.create_server(("127.0.0.1", 0)) as listener:
         with hostile(Attack("", "garbage", clients=2), attacked_at(listener.getsockname()[1])) as clients:
             await clients.begun()
         listener.accept()[0].close()
 
 
-async def test_where_nobody_attacks_nobody_is_waited_for() -> None:
+async def test_without_an_attack_no_client_is_waited_for() -> None:
     with hostile(Attack("", ""), attacked_at(1)) as clients:
         await clients.begun()

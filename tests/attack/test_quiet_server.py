@@ -1,4 +1,4 @@
-"""The log of a server that tests attack says no more than the server's own: what clients send is not in it."""
+"""The log of a server under attack contains nothing that clients sent, as with a server in use."""
 
 from __future__ import annotations
 

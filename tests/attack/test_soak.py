@@ -1,4 +1,4 @@
-"""How a soak is judged: by numbers that are known beforehand."""
+"""How the readings of a soak are judged, by made-up readings with a known result."""
 
 from __future__ import annotations
 
@@ -18,7 +18,7 @@ GOOD = Part(opens=100, edits=300, due=10_000, missed=5, refused=0, lag_ms=3.0)
 def two_hours(
     mib_an_hour: float = 0.0, descriptors_an_hour: float = 0.0, threads_an_hour: float = 0.0
 ) -> list[Reading]:
-    """A reading every ten seconds, with noise; a rest every five minutes."""
+    """Readings of two hours, one every ten seconds, with noise; every five minutes one at rest."""
     random = np.random.default_rng(3)
     readings = []
     for at_s in range(0, 7200, 10):
@@ -32,12 +32,12 @@ def two_hours(
     return readings
 
 
-def test_what_stays_the_same_holds() -> None:
+def test_constant_readings_have_no_faults() -> None:
     _, faults = judge(two_hours(), [GOOD], 1200)
     assert faults == []
 
 
-def test_a_late_thread_of_a_pool_is_no_leak() -> None:
+def test_late_thread_of_a_pool_is_not_a_leak() -> None:
     told, faults = judge(two_hours(threads_an_hour=0.7), [GOOD], 1200)
     assert "gateway threads at rest: 12 first, 13 last, 13 at most" in told
     assert faults == []
@@ -55,13 +55,13 @@ def test_a_late_thread_of_a_pool_is_no_leak() -> None:
         ([], GOOD, "two rests"),
     ],
 )
-def test_what_does_not_hold_is_named(readings: list[Reading], part: Part, fault: str) -> None:
+def test_growth_misses_and_failures_are_reported(readings: list[Reading], part: Part, fault: str) -> None:
     _, faults = judge(readings, [part], 1200)
     assert [each for each in faults if fault in each]
 
 
-def test_the_bound_of_a_slope() -> None:
-    """Against Student's t for 8 degrees of freedom, 1.8595, and residuals that are alike in no neighbours."""
+def test_bound_of_a_slope_equals_that_of_student_t() -> None:
+    """With Student's t for 8 degrees of freedom, 1.8595, and residuals without positive correlation."""
     hours = np.arange(10) / 10
     noise = np.array([1, -1] * 5) / 10
     slope, bound = slope_with_bound(list(hours), list(2 * hours + noise))
@@ -71,7 +71,7 @@ def test_the_bound_of_a_slope() -> None:
     assert bound - slope == pytest.approx(1.8595 * error, rel=2e-3)
 
 
-def test_neighbours_that_are_alike_widen_the_bound() -> None:
+def test_correlated_residuals_widen_the_bound() -> None:
     hours = list(np.arange(60) / 60)
     walk = list(np.cumsum(np.random.default_rng(1).normal(0, 1, 60)))
     shuffled = list(np.random.default_rng(2).permutation(walk))
@@ -79,7 +79,7 @@ def test_neighbours_that_are_alike_widen_the_bound() -> None:
     assert bound - slope > 1.5 * (plain - plain_slope) * np.std(walk) / np.std(shuffled)
 
 
-def test_a_journal_is_read_as_it_was_written(tmp_path: Path) -> None:
+def test_journal_is_read_as_written_and_other_files_are_refused(tmp_path: Path) -> None:
     journal = Journal(tmp_path / "soak" / "readings.jsonl")
     journal.begin({"minutes": 2})
     journal.add(QUIET)

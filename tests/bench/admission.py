@@ -1,8 +1,8 @@
-"""Does admission let in as much as can be served? `python -m tests.bench.admission [--scenario crowd] [--cores 0.7 1]`.
+"""Does admission admit as many as can be served? `python -m tests.bench.admission [--scenario crowd] [--cores 0.7 1]`.
 
 In virtual time, like `tests.bench.rehearsal`: first the largest number of characters that can be served with under 1 %
-of frames missed when none is refused or degraded; then how many of twice as many (`--times`) are let in, and what they
-get. A fractional number of cores is modelled as whole cores whose calls take longer, which is a quota's effect on
+of frames missed when none is refused or degraded; then how many of twice as many (`--times`) are admitted, and what
+they get. A fractional number of cores is modelled as whole cores whose calls take longer, which is a quota's effect on
 average; with --quota, as a quota that is used up and renewed every 100 ms.
 """
 
@@ -60,12 +60,12 @@ class Machine:
 
 
 def missed(found: Rehearsal) -> float:
-    """The share of frames missed by the characters that were let in."""
+    """The share of frames missed by the characters that were admitted."""
     return sum(seen.missed_s for seen in found.outcomes.values()) / max(sum(found.frames_s.values()), 1e-9)
 
 
 def most_servable(machine: Machine, scenario: Scenario, seconds: int) -> int:
-    """The most characters with under 1 % of frames missed, when all are let in and none is degraded."""
+    """The most characters with under 1 % of frames missed, when all are admitted and none is degraded."""
     low, high = 0, 8
     while missed(machine.play(scenario, high, seconds, _FREE)) < FULL_MISS:
         low, high = high, 2 * high
@@ -79,7 +79,7 @@ def most_servable(machine: Machine, scenario: Scenario, seconds: int) -> int:
 def let_in(
     machine: Machine, scenario: Scenario, asked: int, seconds: int, load: float | None = None
 ) -> tuple[int, int, Rehearsal]:
-    """How many are let in, how often one was degraded, and all results. load: the setting admit_load."""
+    """How many are admitted, how often one was degraded, and all results. load: the setting admit_load."""
     config = _SERVED if load is None else replace(_SERVED, admit_load=admit_loads(load))
     found = machine.play(scenario, asked, seconds, config)
     refused = sum(seen.refused for seen in found.outcomes.values())
@@ -100,7 +100,7 @@ def main() -> int:
     parser.add_argument("--admit-load", type=float, help="the server's setting (default: the engine's own)")
     options = parser.parse_args()
     logging.disable(logging.CRITICAL)
-    print("| scenario | cores | could be served | asked | let in | of it | degraded | missed by them |")
+    print("| scenario | cores | could be served | asked | admitted | of it | degraded | missed by them |")
     print("|---|---:|---:|---:|---:|---:|---:|---:|")
     for name in options.scenario:
         for cores in options.cores:

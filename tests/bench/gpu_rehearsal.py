@@ -83,7 +83,7 @@ def main() -> int:
     )
     options = parser.parse_args()
     config = replace(EngineConfig(max_sessions=1 << 16), max_rows=options.rows) if options.admission else None
-    print("| characters | own time | let in | less | missed | windows/s | rows a step | edits p50 / p90 / p99 |")
+    print("| characters | own time | admitted | less | missed | windows/s | rows a step | edits p50 / p90 / p99 |")
     print("|---:|---:|---:|---:|---:|---:|---:|---:|")
     for characters in options.characters:
         for slower in options.slower:

@@ -20,7 +20,7 @@ NUM_JOINTS = 27
 FEATURE_DIM = 12 * NUM_JOINTS + 6
 TOKEN_WIDTH = 52
 STEP_S = 0.002
-"""The duration of a step, if it shall have one: as with a model, events that arrive during it are taken together."""
+"""The duration of a step, if it is to have one: as with a model, events that arrive during it are handled together."""
 
 FACTS = replace(
     fakes.FACTS,

@@ -1,7 +1,7 @@
 """How soon full service returns after overload: `python -m tests.bench.recovery [--times 2 5] [--seconds 20]`.
 
-In virtual time, with an engine that refuses nobody: so many times the CROWD sessions that it could serve in full, and
-one HERO. When only half of what fits is left, this measures how long those are still served at a lower tier, and how
+In virtual time, with an engine that refuses none: so many times the CROWD sessions that it could serve in full, and one
+HERO. When only half of what fits is left, this measures how long those are still served at a lower tier, and how
 the tier moved.
 """
 

@@ -31,7 +31,7 @@ _OPENED_S = 1.0  # from so long after its open on, a character without frames co
 
 @dataclass
 class Rehearsal:
-    """The results of all engines together, for the characters that were let in.
+    """The results of all engines together, for the characters that were admitted.
 
     waste: the share of denoising steps whose results were discarded.
     """
@@ -114,7 +114,7 @@ def main() -> int:
     parser.add_argument("--slower", type=float, default=1.25, help="factor on the time of calls, 1: idle machine")
     parser.add_argument(
         "--slows", type=float, nargs=2, default=(math.inf, 1.0), metavar=("SECONDS", "TIMES"),
-        help="from this second on, calls take longer by a further factor, after sessions have been let in",
+        help="from this second on, calls take longer by a further factor, after sessions have been admitted",
     )  # fmt: skip
     options = parser.parse_args()
     logging.disable(logging.CRITICAL)

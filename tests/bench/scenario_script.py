@@ -63,7 +63,7 @@ class Script:
         self._opened_at: dict[int, float] = {}
         self._given: list[Event] = []
         self.refused: set[int] = set()
-        """Characters that were not let in."""
+        """Characters that were not admitted."""
         for number in numbers:
             plan = schedule.characters[number]
             self._later(plan.open_s, self._opens(number))

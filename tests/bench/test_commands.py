@@ -1,4 +1,4 @@
-"""Every bench can be started: what it imports is where it says, and it knows its options."""
+"""Every bench can be imported and says what it measures."""
 
 from __future__ import annotations
 
@@ -8,7 +8,7 @@ from pathlib import Path
 import pytest
 
 STARTED_BY_OTHERS = {"fuzz_targets"}
-"""By `fuzz_edge`, in a process of its own, with what `make fuzz` installs."""
+"""Started by `fuzz_edge`, in a process of its own, with packages that `make fuzz` installs."""
 BENCHES = sorted(
     path.stem
     for path in Path(__file__).parent.glob("*.py")
@@ -19,10 +19,10 @@ BENCHES = sorted(
 
 
 @pytest.mark.parametrize("name", BENCHES)
-def test_a_bench_can_be_imported(name: str) -> None:
+def test_bench_can_be_imported_and_has_a_docstring(name: str) -> None:
     module = importlib.import_module(f"tests.bench.{name}")
     assert module.__doc__, "the first line says what it measures, and by which command"
 
 
-def test_there_are_benches() -> None:
+def test_known_benches_are_listed() -> None:
     assert {"engine", "scenario_table", "service_cost", "throttled"} <= set(BENCHES)

@@ -1,4 +1,4 @@
-"""Void runs of a load are played again, and where none counts that is said."""
+"""Void runs of a load are repeated, and reported if none counts."""
 
 from __future__ import annotations
 
@@ -15,7 +15,7 @@ from tests.bench.service_cost import Latency, markdown
 
 @dataclass
 class Run:
-    """In place of a result."""
+    """A stand-in for a result."""
 
     characters: int = 0
     is_void: bool = False
@@ -30,7 +30,7 @@ class Run:
 
 
 class Loads:
-    """Plays what is void so many times before it counts, by the number of characters."""
+    """Gives void runs as often as void_times says, by the number of characters, before one that counts."""
 
     def __init__(self, void_times: dict[int, int], served: int = 1000) -> None:
         self._void_times = void_times
@@ -44,7 +44,7 @@ class Loads:
 
 
 @pytest.mark.parametrize(("void_times", "tries", "is_void"), [(0, 1, False), (2, 3, False), (9, 3, True)])
-async def test_a_void_run_is_played_again(void_times: int, tries: int, is_void: bool) -> None:
+async def test_void_run_is_repeated(void_times: int, tries: int, is_void: bool) -> None:
     loads = Loads({5: void_times})
     result = await counted(lambda: loads.play(5))
     assert (len(loads.played), bool(result.void_reasons())) == (tries, is_void)
@@ -54,7 +54,7 @@ async def test_a_void_run_is_played_again(void_times: int, tries: int, is_void: 
     ("void_times", "found"),
     [({}, (64, False)), ({64: 2}, (64, False)), ({64: 9}, (62, True)), ({66: 9}, (64, True))],
 )
-async def test_what_was_void_does_not_pass_and_the_most_may_be_more(
+async def test_void_runs_do_not_pass_and_leave_the_maximum_open(
     void_times: dict[int, int], found: tuple[int, bool]
 ) -> None:
     loads = Loads(void_times, served=65)
@@ -65,7 +65,7 @@ async def test_what_was_void_does_not_pass_and_the_most_may_be_more(
     assert await most_passing(Bracket(8), loads.play, passes) == found
 
 
-async def test_figures_of_a_load_that_was_late_say_so(monkeypatch: pytest.MonkeyPatch) -> None:
+async def test_figures_of_a_late_load_are_marked_void(monkeypatch: pytest.MonkeyPatch) -> None:
     async def run_load(*_: object) -> Run:
         return Run(is_void=True)
 
@@ -74,7 +74,7 @@ async def test_figures_of_a_load_that_was_late_say_so(monkeypatch: pytest.Monkey
     assert (latencies.p50, latencies.p95, latencies.p99, latencies.is_void) == (1.0, 2.0, 3.0, True)
 
 
-def test_edits_without_an_answer_are_told_and_make_a_row_void() -> None:
+def test_edits_without_an_answer_are_counted_and_make_a_row_void() -> None:
     three, cpu = (1.0, 2.0, 3.0), dict.fromkeys(("engine", "event loop", "others"), 0.1)
     answered = Latency(9, 1, 20.0, three, three, three, 5, 0, 1.0, 20.0, cpu, cpu)
     lines = markdown({}, [], [answered, replace(answered, unanswered=7)]).splitlines()

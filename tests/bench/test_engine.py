@@ -1,4 +1,4 @@
-"""The engine's table from beginning to end, as short as it can be: it runs, and says what it measured."""
+"""The bench of the engine from beginning to end, as short as possible: it runs and reports its measurements."""
 
 from __future__ import annotations
 
@@ -20,7 +20,7 @@ def report() -> Report:
     return run(Settings("tiny", "cpu", "float32", ("B0", "B4"), 2, 4, 1, SHORT, processor_time=True))
 
 
-def test_every_contestant_was_tried_and_its_costs_are_known(report: Report) -> None:
+def test_every_contestant_has_trials_and_measured_costs(report: Report) -> None:
     assert [one.name for one in report.standings] == ["B0", "B4"]
     for one in report.standings:
         assert one.trials
@@ -29,7 +29,7 @@ def test_every_contestant_was_tried_and_its_costs_are_known(report: Report) -> N
         assert sum(trial.broken for trial in one.trials) == 0
 
 
-def test_efficiency_is_what_was_computed_of_what_the_product_computes(report: Report) -> None:
+def test_efficiency_is_useful_flops_over_those_of_the_matrix_product(report: Report) -> None:
     for one in report.ceilings:
         assert one.efficiency * one.product_flops_per_s == pytest.approx(one.window_flops * one.rate.windows_per_s)
         assert one.step_flops > 0

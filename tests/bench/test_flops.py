@@ -1,4 +1,4 @@
-"""The formulas of a window's arithmetic against what torch counts."""
+"""The formulas for the FLOPs of a window, compared with what torch counts."""
 
 from __future__ import annotations
 
@@ -15,7 +15,7 @@ TINY = bench_model("tiny").model
 
 
 @pytest.mark.parametrize("sequence", [1, 17, 40])
-def test_a_stack_costs_what_torch_counts(sequence: int) -> None:
+def test_stack_flops_equal_what_torch_counts(sequence: int) -> None:
     stack = TINY.denoiser.root_model.seqTransEncoder
     vectors = torch.randn(1, sequence, TINY.config.denoiser.transformer.width)
     hidden = torch.zeros(1, sequence, dtype=torch.bool)
@@ -24,7 +24,7 @@ def test_a_stack_costs_what_torch_counts(sequence: int) -> None:
     assert stack_flops(TINY.config.denoiser.transformer, sequence) == counted.get_total_flops()
 
 
-def test_the_last_layer_costs_less_where_not_all_is_read() -> None:
+def test_last_layer_costs_less_if_only_some_vectors_are_read() -> None:
     config = TINY.config.denoiser.transformer
     alone = replace(config, num_layers=1)
     assert stack_flops(config, 17, 17) == stack_flops(config, 17)
@@ -32,7 +32,7 @@ def test_the_last_layer_costs_less_where_not_all_is_read() -> None:
     assert saved == stack_flops(alone, 17) - stack_flops(alone, 17, 10) > 0
 
 
-def test_more_context_costs_more_and_a_step_more_than_decoding() -> None:
+def test_flops_grow_with_context_and_constraints() -> None:
     config, body = TINY.config, TINY.skeleton.feature_dim - 5
     short, long, constrained = (step_flops(config, one) for one in (Pass(0), Pass(4), Pass(4, 3)))
     assert short < long < constrained

@@ -1,4 +1,4 @@
-"""The bench of a GPU, without one: its parts, its goals, and that it says what is missing."""
+"""The bench for a GPU, without a GPU: its parts, its goals, and its message if there is none."""
 
 import json
 from pathlib import Path
@@ -18,7 +18,7 @@ def report(folder: Path, part: str, name: str, characters: int, efficiency: floa
     (folder / part / "engine.json").write_text(json.dumps({"standings": [standing], "ceilings": ceilings}))
 
 
-def test_goals_are_held_against_what_all_parts_found(tmp_path: Path) -> None:
+def test_goals_are_compared_with_the_results_of_all_parts(tmp_path: Path) -> None:
     report(tmp_path, "single", "B0", 100, 0.4, None)
     report(tmp_path, "served", "B5", 3100, 0.5, 75.0)
     assert goals(reports_in(tmp_path))[2:] == [
@@ -28,24 +28,26 @@ def test_goals_are_held_against_what_all_parts_found(tmp_path: Path) -> None:
     ]
 
 
-def test_what_was_not_measured_is_no_goal_met(tmp_path: Path) -> None:
+def test_goal_without_a_measurement_is_not_met(tmp_path: Path) -> None:
     report(tmp_path, "single", "B0", 100, 0.4, None)
     assert [line.rsplit("|", 2)[1].strip() for line in goals(reports_in(tmp_path))[2:]] == ["-", "no", "-"]
 
 
-def test_parts_have_the_engines_that_the_goals_are_about() -> None:
+def test_parts_contain_the_engines_that_the_goals_need() -> None:
     assert {name for names in PARTS.values() for name in names} <= set(NAMES)
     assert (PARTS["single"], PARTS["served"]) == (("B0",), ("B5",))
     options = parse(["--device", "cpu", "--tiny", "--part", "served"])
     assert (options.part, options.precision, options.rows) == (["served"], "bfloat16", 128)
 
 
-def test_without_a_gpu_it_says_what_runs(capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch) -> None:
+def test_without_a_gpu_the_error_names_the_options_that_run(
+    capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
+) -> None:
     monkeypatch.setattr(torch.cuda, "is_available", lambda: False)
     with pytest.raises(SystemExit):
         parse([])
     assert "--device cpu --tiny" in capsys.readouterr().err
 
 
-def test_the_built_in_model_is_steered_in_every_way_before_anything_is_measured() -> None:
+def test_steered_windows_of_the_built_in_model_are_finite() -> None:
     assert steered("cpu") == 12

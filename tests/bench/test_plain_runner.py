@@ -1,4 +1,4 @@
-"""The baselines compute what the served runner computes, so that a comparison is one of speed alone."""
+"""The baselines compute the same as the served runner, so that comparisons are about speed alone."""
 
 from __future__ import annotations
 
@@ -21,7 +21,7 @@ def model() -> Model:
 
 
 def run(runner: Runner, jobs: list[WindowJob]) -> list[WindowResult]:
-    """All jobs at once, each as long as it lasts."""
+    """Run all jobs together, each for its number of steps."""
     runner.prepare(jobs)
     results: dict[int, WindowResult] = {}
     for done in range(max(job.num_steps for job in jobs)):
@@ -34,7 +34,7 @@ def run(runner: Runner, jobs: list[WindowJob]) -> list[WindowResult]:
 
 
 @pytest.mark.parametrize("baseline", [RolloutRunner, PlainRunner])
-def test_a_baseline_gives_the_frames_that_are_served(baseline: type[RolloutRunner], model: Model) -> None:
+def test_baseline_gives_the_same_frames_as_the_served_runner(baseline: type[RolloutRunner], model: Model) -> None:
     random = np.random.default_rng(5)
     jobs = [make_job(job_id, model, random) for job_id in range(1, 9)]
     plain, served = run(baseline(model, "tiny"), jobs), run(TorchRunner(model, "tiny"), jobs)

@@ -1,4 +1,4 @@
-"""What a character's playback counts: time without a frame, latency of edits, broken promises."""
+"""What the playback of a character counts: time without a frame, latencies of edits, changes of committed frames."""
 
 from __future__ import annotations
 
@@ -21,31 +21,31 @@ def notice(valid_from: int) -> PlanNotice:
 
 @pytest.fixture
 def playback() -> Playback:
-    """Has played 20 frames, one a tenth of a second, from second 10 on."""
+    """A playback with 20 frames, ten a second, from second 10 on."""
     playing = Playback(fps=10)
     playing.receive(chunk(0, 20), 10.0)
     return playing
 
 
-def test_nothing_is_missed_while_frames_come_in_time(playback: Playback) -> None:
+def test_frames_in_time_miss_nothing(playback: Playback) -> None:
     playback.receive(chunk(20, 20), 11.9)
     assert playback.held_between(10.0, 14.0) == 0.0
     assert playback.frame_at(13.05) == 30
 
 
-def test_a_late_frame_stops_the_clock_and_counts_from_when_it_was_due(playback: Playback) -> None:
+def test_late_frame_stops_playback_and_counts_from_when_it_was_due(playback: Playback) -> None:
     playback.receive(chunk(20, 20), 12.5)
     assert playback.held_between(0.0, 13.0) == pytest.approx(10.0 + 0.5)
     assert playback.held_between(12.2, 13.0) == pytest.approx(0.3)
     assert playback.frame_at(12.65) == 21
 
 
-def test_what_never_came_is_missed_to_the_end(playback: Playback) -> None:
+def test_missing_frames_count_to_the_end(playback: Playback) -> None:
     assert playback.held_between(10.0, 14.0) == pytest.approx(2.0)
     assert Playback(fps=10).held_between(3.0, 5.0) == 2.0
 
 
-def test_an_edit_counts_until_the_first_frame_that_it_changed(playback: Playback) -> None:
+def test_latency_of_an_edit_ends_at_its_first_changed_frame(playback: Playback) -> None:
     playback.meant(7, 10.5)
     playback.answer(Outcome(KEY, 7, Code.OK, effective_frame=15))
     playback.notice(notice(12), 10.8)
@@ -55,7 +55,7 @@ def test_an_edit_counts_until_the_first_frame_that_it_changed(playback: Playback
     assert playback.latencies_s == [pytest.approx(0.5)]
 
 
-def test_a_refused_edit_is_counted_as_refused(playback: Playback) -> None:
+def test_refused_edit_is_counted_as_refused(playback: Playback) -> None:
     playback.meant(7, 10.5)
     playback.answer(Outcome(KEY, 7, Code.RESOURCE_EXHAUSTED, None, "FULL"))
     playback.receive(chunk(20, 8), 11.0)
@@ -64,12 +64,12 @@ def test_a_refused_edit_is_counted_as_refused(playback: Playback) -> None:
 
 
 @pytest.mark.parametrize(("valid_from", "broken"), [(12, 0), (11, 0), (10, 1), (4, 1)])
-def test_a_plan_that_replaces_what_was_shown_breaks_a_promise(playback: Playback, valid_from: int, broken: int) -> None:
+def test_plan_that_replaces_shown_frames_counts_as_broken(playback: Playback, valid_from: int, broken: int) -> None:
     playback.notice(notice(valid_from), 11.05)  # frame 10 is being shown
     assert playback.broken == broken
 
 
-def test_a_plan_that_replaces_what_was_committed_breaks_a_promise() -> None:
+def test_plan_that_replaces_committed_frames_counts_as_broken() -> None:
     playback = Playback(fps=10)
     playback.receive(chunk(0, 20, committed_to=6), 10.0)
     playback.notice(notice(5), 10.0)

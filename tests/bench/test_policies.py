@@ -1,4 +1,4 @@
-"""The simpler policies do what their names say, also within the engine."""
+"""The baseline scheduling policies, by themselves and in the engine."""
 
 from __future__ import annotations
 
@@ -35,7 +35,7 @@ def make_job(job_id: int, *, num_steps: int = 3, created_at: float = 0.0) -> Win
 
 
 def step(policy: SchedulingPolicy, now: float = 0.0) -> list[int]:
-    """One step of what is scheduled, finished jobs removed; returns the ids that were in it."""
+    """Run one step of what is scheduled, and remove finished jobs. Returns the ids of the jobs in the step."""
     held: list[ScheduledJob] = list(policy.schedule(now))
     statuses = [RowStatus(each.job.job_id, each.steps_done + 1, finite=True) for each in held]
     for job_id in policy.commit(statuses):
@@ -47,14 +47,14 @@ def costs() -> CostTable:
     return CostTable.assumed(0.01)
 
 
-def test_one_at_a_time_ends_a_window_before_the_next() -> None:
+def test_one_at_a_time_finishes_a_window_before_the_next() -> None:
     policy = OneAtATime(costs())
     for job_id in (1, 2):
         policy.add(make_job(job_id), 3)
     assert [step(policy) for _ in range(7)] == [[1], [1], [1], [2], [2], [2], []]
 
 
-def test_steps_in_order_take_the_oldest_and_fill_a_row_that_ends() -> None:
+def test_steps_in_order_take_the_oldest_jobs_and_refill_rows_that_end() -> None:
     policy = StepsInOrder(costs(), max_rows=2)
     for job_id, num_steps in ((1, 2), (2, 4), (3, 2), (4, 1)):
         policy.add(make_job(job_id, num_steps=num_steps), 3)
@@ -65,7 +65,7 @@ def whole_windows(max_rows: int = 3) -> WholeWindows:
     return WholeWindows(costs(), max_rows, shape_of=lambda job: job.num_steps, wait_s=0.02)
 
 
-def test_whole_windows_wait_for_others_and_then_take_those_of_one_shape() -> None:
+def test_whole_windows_wait_briefly_and_then_take_jobs_of_one_shape() -> None:
     policy = whole_windows()
     policy.add(make_job(1, created_at=5.0), 3)
     policy.add(make_job(2, created_at=5.01, num_steps=2), 3)
@@ -75,7 +75,7 @@ def test_whole_windows_wait_for_others_and_then_take_those_of_one_shape() -> Non
     assert step(policy, 5.021) == [1, 3]
 
 
-def test_nobody_joins_whole_windows_that_run_and_a_full_batch_does_not_wait() -> None:
+def test_running_whole_windows_take_no_more_jobs_and_full_batches_do_not_wait() -> None:
     policy = whole_windows(max_rows=2)
     policy.add(make_job(1), 3)
     policy.add(make_job(2), 3)
@@ -90,7 +90,7 @@ def test_nobody_joins_whole_windows_that_run_and_a_full_batch_does_not_wait() ->
     [(OneAtATime(costs()), 1), (StepsInOrder(costs(), max_rows=3), 3), (whole_windows(), 3)],
     ids=lambda value: type(value).__name__,
 )
-def test_the_engine_serves_everybody_with_it(policy: SchedulingPolicy, most_rows: int) -> None:
+def test_engine_with_this_policy_serves_every_session(policy: SchedulingPolicy, most_rows: int) -> None:
     class Clock:
         seconds = 0.0
 

@@ -1,4 +1,4 @@
-"""What is measured of a server is measured of all its processes, also where its engines are forked by another."""
+"""Measurements of a server cover all its processes, also engines that are forked from another process."""
 
 from __future__ import annotations
 
@@ -14,14 +14,14 @@ from tests.bench.processes import below, engines_of, memory_mib, memory_of
 
 FORKS = """
 import os, sys, time
-if os.fork() == 0:  # what engines are forked from
+if os.fork() == 0:  # the process that engines are forked from
     for _ in range(2):
         if os.fork() == 0:
             held, until = bytearray(40 << 20), time.process_time() + 0.1
             held[::4096] = b"x" * len(held[::4096])
             while time.process_time() < until:
                 pass
-            os.write(1, b"there\\n")  # at once: the other writes too
+            os.write(1, b"there\\n")  # in one write, since the other process writes too
             sys.stdin.read()
             os._exit(0)
     os.wait(), os.wait()
@@ -32,7 +32,7 @@ os.wait()
 
 @pytest.fixture
 def gateway() -> Iterator[psutil.Process]:
-    """A process with a child, which has two that have taken 40 MiB and 0.1 s each."""
+    """A process whose child has two children of its own, which have used 40 MiB and 0.1 s each."""
     with subprocess.Popen([sys.executable, "-c", FORKS], stdin=subprocess.PIPE, stdout=subprocess.PIPE) as process:
         assert process.stdin is not None
         assert process.stdout is not None
@@ -42,7 +42,7 @@ def gateway() -> Iterator[psutil.Process]:
         process.stdin.close()
 
 
-def test_engines_are_found_below_what_they_are_forked_from(gateway: psutil.Process) -> None:
+def test_engines_are_found_below_their_fork_server(gateway: psutil.Process) -> None:
     (fork_server,) = gateway.children()
     assert sorted(each.pid for each in below(gateway)) == sorted(
         each.pid for each in (fork_server, *fork_server.children())
@@ -50,7 +50,7 @@ def test_engines_are_found_below_what_they_are_forked_from(gateway: psutil.Proce
     assert {each.pid for each in engines_of(gateway)} == {each.pid for each in fork_server.children()}
 
 
-def test_memory_and_processor_time_are_those_of_all(gateway: psutil.Process) -> None:
+def test_memory_and_cpu_time_are_those_of_all_processes(gateway: psutil.Process) -> None:
     memory = memory_mib(gateway)
     assert len(memory) == 4
     assert sum(each > 40 for each in memory) == 2
@@ -60,7 +60,7 @@ def test_memory_and_processor_time_are_those_of_all(gateway: psutil.Process) -> 
     assert null_process.NullServer(gateway.pid, "nowhere", {}).cpu_s()["engine"] >= 0.2
 
 
-def test_parts_of_what_is_shared_add_up(gateway: psutil.Process) -> None:
+def test_proportional_memory_lies_between_own_and_resident_memory(gateway: psutil.Process) -> None:
     found = [memory_of(each.pid) for each in (gateway, *below(gateway))]
     assert all(each.own <= each.proportional <= each.resident for each in found)
     assert sum(each.proportional for each in found) < sum(each.resident for each in found)

@@ -1,4 +1,4 @@
-"""Whoever was given less has everything again soon after too much has gone, in virtual time."""
+"""After an overload, full service returns soon, in virtual time."""
 
 from __future__ import annotations
 
@@ -11,7 +11,7 @@ ASKED_S = 30.0
 
 
 @pytest.mark.parametrize("times", [2.0, 5.0])
-def test_a_crowd_that_was_held_for_long_is_soon_served_in_full_again(times: float) -> None:
+def test_crowd_held_for_long_soon_gets_full_service_again(times: float) -> None:
     found = recover(times, 60.0)
     assert found.lowest is ServiceTier.HOLD
     assert found.recovered_s is not None

@@ -1,4 +1,4 @@
-"""Parts of a processor: the kernel's groups, the same in virtual time, and the line that comes of a run."""
+"""CPU quotas: control groups, quotas in virtual time, and the options of the bench."""
 
 from pathlib import Path
 
@@ -14,7 +14,7 @@ def group(root: Path) -> Path:
     return found
 
 
-def test_a_group_of_the_first_version(tmp_path: Path) -> None:
+def test_version_1_group_gets_the_quota(tmp_path: Path) -> None:
     (tmp_path / "cpu").mkdir()
     CpuQuota(0.7, root=tmp_path).__enter__()
     made = group(tmp_path / "cpu")
@@ -22,21 +22,21 @@ def test_a_group_of_the_first_version(tmp_path: Path) -> None:
     assert (made / "cpu.cfs_period_us").read_text() == "100000"
 
 
-def test_what_is_used_is_accounted_where_that_is_a_hierarchy_of_its_own(tmp_path: Path) -> None:
+def test_usage_gets_a_group_in_a_separate_hierarchy(tmp_path: Path) -> None:
     for name in ("cpu", "cpuacct"):
         (tmp_path / name).mkdir()
     CpuQuota(0.7, root=tmp_path).__enter__()
     assert group(tmp_path / "cpuacct").name == group(tmp_path / "cpu").name
 
 
-def test_accounts_that_are_kept_with_the_quota_need_no_group(tmp_path: Path) -> None:
+def test_usage_in_the_quotas_hierarchy_needs_no_further_group(tmp_path: Path) -> None:
     (tmp_path / "cpu").mkdir()
     (tmp_path / "cpuacct").symlink_to(tmp_path / "cpu")
     CpuQuota(0.7, root=tmp_path).__enter__()
     assert group(tmp_path / "cpu").is_dir()
 
 
-def test_a_group_of_the_second_version(tmp_path: Path) -> None:
+def test_version_2_group_gets_the_quota(tmp_path: Path) -> None:
     (tmp_path / "cgroup.controllers").write_text("cpuset cpu io")
     (tmp_path / "cgroup.subtree_control").write_text("io")
     CpuQuota(0.5, root=tmp_path).__enter__()
@@ -44,26 +44,26 @@ def test_a_group_of_the_second_version(tmp_path: Path) -> None:
     assert (tmp_path / "cgroup.subtree_control").read_text() == "+cpu"
 
 
-def test_where_no_group_can_be_made(tmp_path: Path) -> None:
+def test_missing_control_groups_and_a_quota_of_0_raise_errors(tmp_path: Path) -> None:
     with pytest.raises(NoQuota, match="run as root"):
         CpuQuota(0.5, root=tmp_path / "nothing").__enter__()
     with pytest.raises(ValueError, match="0 cores"):
         CpuQuota(0)
 
 
-def test_what_fits_into_a_period_takes_no_longer() -> None:
+def test_work_within_a_period_takes_no_longer() -> None:
     quota = VirtualQuota(0.5)
     assert quota.ends_at(10.0, 0.04) == pytest.approx(10.04)
 
 
-def test_what_does_not_fit_waits_for_the_next_period() -> None:
+def test_work_beyond_a_period_waits_for_the_next() -> None:
     quota = VirtualQuota(0.5)
     assert quota.ends_at(10.0, 0.06) == pytest.approx(10.11)
     assert quota.ends_at(10.11, 0.04) == pytest.approx(10.15)
     assert quota.ends_at(10.15, 0.001) == pytest.approx(10.201)
 
 
-def test_over_a_long_time_a_part_of_a_core_is_that() -> None:
+def test_long_work_takes_its_time_divided_by_the_quota() -> None:
     quota, now = VirtualQuota(0.7), 0.0
     for _ in range(1000):
         now = quota.ends_at(now, 0.013)

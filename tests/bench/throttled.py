@@ -1,8 +1,8 @@
-"""Does admission let in as much as a CPU quota can serve? `python -m tests.bench.throttled --cores 0.7 1 1.5`.
+"""Does admission admit as many as a CPU quota can serve? `python -m tests.bench.throttled --cores 0.7 1 1.5`.
 
 A server with its engines runs under a quota of CPU time (`tests.bench.cpu_quota`); the load is not limited. First, the
-most characters that the server serves in full if it refuses nobody; then, with default settings, how many of a multiple
-of them are let in, and what they get. Both arrive over the same time, because a rush leaves a backlog of windows due to
+most characters that the server serves in full if it refuses none; then, with default settings, how many of a multiple
+of them are admitted, and what they get. Both arrive over the same time, as a rush leaves a backlog of windows due to
 which sessions miss frames long after. In full means under 1 % of frames missed and no session degraded; with
 `--undegraded` the search runs without degradation, and only missed frames count. `tests.bench.admission` does the same
 in virtual time.
@@ -37,7 +37,7 @@ _CHARACTERS_A_CORE = 60  # with which the search begins
 _REST_S = 3.0
 _REFUSED, _LEVEL, _FULL = "refused open", "service level: ", "service level: FULL"
 HEADER = (
-    "| scenario | cores | engines | could be served | asked | let in | of it | told of less | missed by them "
+    "| scenario | cores | engines | could be served | asked | admitted | of it | degraded | missed by them "
     "| edits, ms | cores used | others' | void |",
     "|---|---:|---:|---:|---:|---:|---:|---:|---:|---:|---:|---:|---|",
 )
@@ -102,7 +102,7 @@ def times_told_of_less(result: Result) -> int:
 
 
 async def most_servable(machine: Machine, effort: Effort, guess: int) -> Most:
-    """The most characters that are served in full when all are let in."""
+    """The most characters that are served in full when all are admitted."""
 
     def passes(result: Result) -> bool:
         return result.figures().miss_ratio < Standard.max_miss_ratio and not times_told_of_less(result)

@@ -33,7 +33,7 @@ class Contestant:
 
 @dataclass(frozen=True)
 class Trial:
-    """A trial's results. missed: the share of frame times without a frame, of the characters that were let in.
+    """A trial's results. missed: the share of frame times without a frame, of the characters that were admitted.
 
     rows: mean rows per step. latencies_s: of edits scheduled before the end of the measured part. refused: characters
     refused. less: how often a session was degraded. others_share: of the machine, used by other processes.

@@ -80,6 +80,29 @@ async def test_what_a_server_does_not_read_is_as_much(client: MotionClient, serv
     assert last.opened.session_id
 
 
+async def test_what_a_server_reads_but_does_not_answer_is_as_much(client: MotionClient, server: FakeServer) -> None:
+    session = await client.open("a person walks")
+    take = server.stream.take
+    server.stream.take = lambda event, refuse: None  # type: ignore[method-assign]
+    taken = []
+    for number in range(4):  # one by one, so that none waits to be written
+        taken.append(session.set_prompt(f"prompt {number}"))
+        await received(server, "edit_prompts", number + 1)
+    assert parted(taken) == (taken, [])
+    refused = session.set_prompt("one more")
+    assert refused.done()
+    with pytest.raises(EventRefused, match="bytes wait until the server answers them"):
+        await refused
+    with pytest.raises(EventRefused, match="opening a session was refused with OUTBOX_FULL"):
+        await client.open("another")
+    server.stream.take = take  # type: ignore[method-assign]
+    for edit in taken:
+        outcome = session_pb2.EditOutcome(event_seq=edit.event_seq, effective_frame=50)
+        server.stream.push(session.handle, outcome=outcome)
+    await asyncio.gather(*taken)
+    assert (await session.set_prompt("what was answered waits no more")).effective_frame is not None
+
+
 async def test_a_pause_that_is_refused_is_none_and_a_session_can_always_be_closed(client: MotionClient) -> None:
     session = await client.open("a person walks")
     edits = [session.set_prompt(f"prompt {number}") for number in range(12)]
@@ -115,14 +138,14 @@ async def test_what_a_session_keeps_ends_with_it_and_goes_with_it(client: Motion
         await until(lambda: not stream.is_connected)
         for session in (ending, moving):
             assert not session.set_prompt("while it is away").done()
-        kept_bytes = stream.backlog.kept_bytes
+        unanswered_bytes = stream.backlog.unanswered_bytes
         await ending.close()
-        assert stream.backlog.kept_bytes == kept_bytes / 2
+        assert stream.backlog.unanswered_bytes == unanswered_bytes / 2
         stream.release(moving)
         moving.move(7, other, client.catalog, now=False)
-        assert (stream.backlog.kept_bytes, other.backlog.kept_bytes) == (0, kept_bytes / 2)
+        assert (stream.backlog.unanswered_bytes, other.backlog.unanswered_bytes) == (0, unanswered_bytes / 2)
         await moving.close()
-        assert other.backlog.kept_bytes == 0
+        assert other.backlog.unanswered_bytes == 0
         with pytest.raises(SessionEnded):
             ending.set_prompt("after the end")
 
@@ -142,18 +165,20 @@ def test_a_queue_counts_what_is_in_it() -> None:
     assert not queue
 
 
-def test_what_was_kept_counts_until_it_is_answered() -> None:
-    """Also where it was said meanwhile: lines that are lost again and again must not add up."""
+def test_what_is_unanswered_counts_until_it_is_answered() -> None:
+    """Also where it was said again meanwhile: lines that are lost again and again must not add up."""
     counted = Backlog()
     held = Unanswered(counted)
     held.add(an_event(2))
-    held.add(an_event(3), is_kept=True)
-    assert counted.kept_bytes == an_event(3).ByteSize() + EVENT_BYTES
+    held.add(an_event(3))
+    assert counted.unanswered_bytes == 2 * (an_event(3).ByteSize() + EVENT_BYTES)
     again = held.take_all()
-    assert [(event.event_seq, is_kept) for event, is_kept in again] == [(2, False), (3, True)]
-    assert counted.kept_bytes == 0
-    for event, is_kept in again:
-        held.add(event, is_kept=is_kept)
+    assert [event.event_seq for event in again] == [2, 3]
+    assert counted.unanswered_bytes == 0
+    for event in again:
+        held.add(event)
     assert held.pop(3) == an_event(3)
     assert held.pop(3) is None
-    assert counted.kept_bytes == 0
+    assert counted.unanswered_bytes == an_event(2).ByteSize() + EVENT_BYTES
+    held.clear()
+    assert counted.unanswered_bytes == 0

@@ -50,6 +50,7 @@ def test_each_has_a_name_for_messages() -> None:
 
 
 def test_a_text_that_utf_8_cannot_write_is_named() -> None:
-    for prompt in ("walk\udcff", TextEmbedding([1.0], "static-1", "\ud800")):
-        with pytest.raises(InvalidInput, match=r"text: .* allowed is a text that UTF-8 can write"):
-            prompt_span(1, prompt, None)
+    with pytest.raises(InvalidInput, match=r"prompt: .* allowed is a text that UTF-8 can write, a Preset or a Text"):
+        prompt_span(1, "walk\udcff", None)
+    with pytest.raises(InvalidInput, match=r"text: .* allowed is a text that UTF-8 can write"):
+        TextEmbedding([1.0], "static-1", "\ud800")

@@ -6,7 +6,7 @@ import asyncio
 
 import pytest
 
-from motiongen_client import EventRefused, InvalidInput, Session, Waypoint, convert
+from motiongen_client import EventRefused, InvalidInput, Session, Waypoint, convert, reached
 from tests.client.line import TOKEN, Line, answer, frames, open_anew, open_session, open_with_frames, opened, told
 from tests.client.synthetic import HORIZON, catalog
 
@@ -157,3 +157,97 @@ async def test_what_is_told_again_behind_the_answer_of_a_replacement_is_of_the_o
     session.hear(told(key, 900 - HORIZON))
     assert (await waiting).frame == 900
     assert called == [30, 900]
+
+
+async def test_what_is_told_again_of_one_before_is_not_of_the_one_in_force_when_the_next_is_refused(line: Line) -> None:
+    session = await open_session(line, TOKEN)
+    for update in frames(1):
+        session.hear(update)
+    adding = session.add_waypoint(1.0, 2.0, frame=30)
+    session.hear(answer(2, effective_frame=10))
+    (key,) = adding.constraint_ids
+    session.replace_constraint(key, Waypoint(900, 3.0, 4.0))
+    session.interrupt()  # with the news of the first, and the answer of the second, under way
+    session.reattach(convert.catalog(catalog(100)))
+    for update in (opened(), answer(3, effective_frame=40)):
+        session.hear(update)
+    session.replace_constraint(key, Waypoint(50, 5.0, 6.0))
+    waiting = asyncio.ensure_future(session.constraint_reached(key))
+    await asyncio.sleep(0)
+    session.hear(told(key, 30))
+    session.hear(answer(4, code=9, reason="FRAME_COMMITTED"))
+    await asyncio.sleep(0)
+    assert not waiting.done(), "the second is in force, and still ahead"
+    session.hear(told(key, 900))
+    assert (await waiting).frame == 900
+
+
+# ---- what is known no more
+
+
+@pytest.fixture
+def little_memory(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(reached, "MOST_KEPT", 4)
+
+
+def add(session: Session, number: int, **what: object) -> tuple[int, ...]:
+    """The ids of targets that are set one by one, each of which its server answers."""
+    ids = []
+    for frame in range(100, 100 + number):
+        adding = session.add_waypoint(1.0, 2.0, frame=frame)
+        session.hear(answer(adding.event_seq, **what))
+        ids += adding.constraint_ids
+    return tuple(ids)
+
+
+@pytest.mark.usefixtures("little_memory")
+async def test_who_asks_for_more_than_is_remembered_is_told_so(session: Session) -> None:
+    ahead, *over = add(session, 7, effective_frame=10)
+    for key in over:
+        session.hear(told(key, 100 + key))
+    for key in over[:2]:
+        with pytest.raises(InvalidInput, match=r"constraint_id: .* was given; allowed is .* the last 4; await it"):
+            async with asyncio.timeout(5):
+                await session.constraint_reached(key)
+    for key in over[2:]:
+        assert (await session.constraint_reached(key)).frame == 100 + key
+    waiting = asyncio.ensure_future(session.constraint_reached(ahead))
+    await asyncio.sleep(0)
+    session.hear(told(ahead, 100))
+    assert (await waiting).frame == 100, "it still applied, however many were told of meanwhile"
+
+
+@pytest.mark.usefixtures("little_memory")
+async def test_so_it_is_with_refusals_and_with_what_has_passed(session: Session, line: Line) -> None:
+    first, *_ = add(session, 5, code=9, reason="NO_WAY")
+    passing = session.add_constraints([Waypoint(20 + number, 1.0, 2.0) for number in range(5)])
+    session.hear(answer(passing.event_seq, effective_frame=10))
+    open_anew(session, line)
+    for key in (first, passing.constraint_ids[0]):
+        with pytest.raises(InvalidInput, match="constraint_id"):
+            async with asyncio.timeout(5):
+                await session.constraint_reached(key)
+    with pytest.raises(EventRefused, match="its frames passed"):
+        await session.constraint_reached(passing.constraint_ids[-1])
+
+
+@pytest.mark.usefixtures("little_memory")
+async def test_what_is_forgotten_can_be_replaced_and_who_waits_hears_that_of_the_one_set_last(session: Session) -> None:
+    first, *over = add(session, 5, effective_frame=10)
+    for key in (first, *over):
+        session.hear(told(key, 100 + key))
+    for is_taken in (True, False):
+        replacing = session.replace_constraint(first, Waypoint(900, 3.0, 4.0))
+        waiting = asyncio.ensure_future(session.constraint_reached(first))
+        await asyncio.sleep(0)
+        assert not waiting.done(), "it is being set"
+        if is_taken:
+            session.hear(answer(replacing.event_seq, effective_frame=20))
+            session.hear(told(first, 900))
+            assert (await waiting).frame == 900
+            for key in add(session, 4, effective_frame=30):
+                session.hear(told(key, 100 + key))
+    session.hear(answer(replacing.event_seq, code=9, reason="NO_WAY"))
+    with pytest.raises(InvalidInput, match="constraint_id"):
+        async with asyncio.timeout(5):
+            await waiting

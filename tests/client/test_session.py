@@ -180,3 +180,15 @@ async def test_an_end_for_overload_is_named(client: MotionClient, server: FakeSe
     server.stream.push(session.handle, closed=session_pb2.SessionClosed(reason=session_pb2.CLOSE_REASON_OVERLOAD))
     with pytest.raises(SessionEnded, match="overload"):
         await collect(session.frames())
+
+
+async def test_one_who_is_late_gets_every_frame_even_if_none_is_kept(clock: ManualClock, client: MotionClient) -> None:
+    session = await client.open("a person walks", keep_s=0)
+    await until(lambda: session.playback.buffered_to > 6)
+    shown = []
+    async for frame in session.frames():
+        shown.append(frame.index)
+        if len(shown) == 6:
+            break
+        clock.advance(3 / session.rig.frame_rate_hz)
+    assert shown == list(range(6))

@@ -34,7 +34,7 @@ class Told:
     token: str = ""
     attempt: int = 0
     end: int = 0  # of the frames sent to the client
-    cuts: list[Cut] = field(default_factory=list)  # that the client may not have received
+    cuts: list[Cut] = field(default_factory=list)  # plans that the client may not have received
     playhead: int = 0
     answered: set[int] = field(default_factory=set)
     kinds: list[str] = field(default_factory=list)
@@ -114,7 +114,7 @@ class StreamRules:
         require(request.HasField("hello") != self._is_greeted, "hello is in the first message, and only there")
         if not self._is_greeted:
             agent = request.hello.client_agent
-            require(0 < len(agent) <= MOST_AGENT_CHARACTERS, f"a client says who it is: {agent!r}")
+            require(0 < len(agent) <= MOST_AGENT_CHARACTERS, f"a client gives its client_agent: {agent!r}")
             self._is_greeted = True
         for event in request.events:
             if event.HasField("open"):

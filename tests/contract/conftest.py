@@ -1,4 +1,4 @@
-"""The fixture of this folder: a server whose inside tests can see. Tests for any server are in compliance/."""
+"""A server whose internals the tests of this folder can see. Tests for any server are in compliance/."""
 
 from __future__ import annotations
 

@@ -35,7 +35,7 @@ ANY_LOAD = (1000.0, 1000.0, 1000.0, 1000.0)
 UNMETERED = 1e9
 """Events per second, for tests of what comes after the budget."""
 ANY_TIME = ServiceLimits(loop_share=UNLIMITED)
-"""Limits with which no test depends on how long the machine takes for a message."""
+"""Limits with which no test depends on how fast the machine handles a message."""
 NO_BUDGET = ServiceLimits(loop_share=UNLIMITED, peer=PeerLimits(events_per_second=UNMETERED))
 
 

@@ -14,7 +14,7 @@ from tests.contract.client_rules import StreamRules, Told
 
 Requests = AsyncIterator[service_pb2.StreamMotionRequest]
 PROBE = service_pb2.StreamMotionResponse()
-"""Written when a client seems to have finished: one with a lost connection seems so, too, and only a write tells."""
+"""Written when a client seems to have finished writing: so does one with a lost connection, and only a write tells."""
 
 
 class RulesRelay(service_pb2_grpc.MotionServiceServicer):

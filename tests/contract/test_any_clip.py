@@ -1,4 +1,4 @@
-"""Whatever stands in a request for a clip, it is made or refused."""
+"""Requests for clips with arbitrary content are served or refused."""
 
 from __future__ import annotations
 
@@ -15,7 +15,9 @@ REFUSALS = (grpc.StatusCode.INVALID_ARGUMENT, grpc.StatusCode.NOT_FOUND, grpc.St
 
 @settings(max_examples=30, deadline=None, suppress_health_check=[HealthCheck.function_scoped_fixture])
 @given(content=st.binary(max_size=200), num_frames=st.integers(0, 60))
-async def test_any_content_is_made_or_refused(local: Target, content: bytes, num_frames: int) -> None:
+async def test_clip_with_arbitrary_content_is_generated_or_refused(
+    local: Target, content: bytes, num_frames: int
+) -> None:
     try:
         opening = session_pb2.OpenSession.FromString(content)
     except Exception:

@@ -1,4 +1,4 @@
-"""`motiongen-compliance`: what it says of a server that keeps the protocol, of one that does not, and of arguments."""
+"""`motiongen-compliance`: with a server that keeps the protocol, with one that does not, and with wrong arguments."""
 
 from __future__ import annotations
 
@@ -21,7 +21,7 @@ ROOMS = (ROOT / "compliance", ROOT / "proto" / "python")
 
 
 def command(folder: Path, *arguments: str) -> subprocess.CompletedProcess[str]:
-    """Run it elsewhere, where of this repository only what it needs can be imported."""
+    """Run it in another folder, where it can import nothing of this repository but what it needs."""
     environment = os.environ | {"PYTHONPATH": os.pathsep.join(map(str, ROOMS))}
     return subprocess.run(
         [sys.executable, "-m", "motiongen_compliance", *arguments],
@@ -33,31 +33,31 @@ def command(folder: Path, *arguments: str) -> subprocess.CompletedProcess[str]:
     )
 
 
-async def test_a_server_that_keeps_the_protocol_passes_at_real_time(tmp_path: Path) -> None:
+async def test_server_that_keeps_the_protocol_passes_in_real_time(tmp_path: Path) -> None:
     async with LocalServer() as server:
-        words = "credit or windows_follow or goes_on_where or said_again"
+        words = "credit or windows_follow or continues_where or event_resent"
         done = await asyncio.to_thread(command, tmp_path, server.address, "-k", words)
     assert done.returncode == 0, done.stdout
     assert "4 passed" in done.stdout
 
 
-def test_a_server_that_does_not_is_told_which_rule_it_breaks(tmp_path: Path) -> None:
+def test_failing_server_gets_the_names_of_broken_rules(tmp_path: Path) -> None:
     with FakeServer() as server:
         done = command(tmp_path, server.address, "-k", "unknown_names")
     assert done.returncode == 1, done.stdout
-    assert "test_unknown_names_are_answered_with_those_there_are" in done.stdout
+    assert "test_unknown_names_are_refused_with_the_known_ones" in done.stdout
 
 
-async def test_a_server_that_asks_who_calls_is_tested_over_tls_with_a_token(tmp_path: Path) -> None:
+async def test_authenticating_server_is_tested_over_tls_with_a_token(tmp_path: Path) -> None:
     tenants = TenantsFile(tmp_path)
     (tmp_path / "token").write_text(tenants.one())
     tls = ServerTls(TlsFiles(*copy_pair("server-1", tmp_path), AUTHORITY))
     async with LocalServer(callers=tenants.callers(), tls=tls) as server:
-        words = [server.address, "-k", "unknown_names or said_again or takes_one_request", "--ca", AUTHORITY]
+        words = [server.address, "-k", "unknown_names or event_resent or takes_exactly_one", "--ca", AUTHORITY]
         words += ["--certificate", str(CERTIFICATES / "client.pem"), "--key", str(CERTIFICATES / "client.key")]
         refused = await asyncio.to_thread(command, tmp_path, *words)
         done = await asyncio.to_thread(command, tmp_path, *words, "--token-file", str(tmp_path / "token"))
-    assert refused.returncode == 2, "nothing was tested: the certificate is of an authority, and of no tenant"
+    assert refused.returncode == 2, "the certificate is trusted, but belongs to no tenant"
     assert "not known to this server" in refused.stdout
     assert done.returncode == 0, done.stdout
 
@@ -73,7 +73,7 @@ async def test_a_server_that_asks_who_calls_is_tested_over_tls_with_a_token(tmp_
         (["localhost:50051", "--key", AUTHORITY], "must be given together, and with --ca"),
     ],
 )
-def test_a_wrong_argument_is_named(arguments: list[str], said: str, capsys: pytest.CaptureFixture[str]) -> None:
+def test_invalid_argument_is_reported(arguments: list[str], said: str, capsys: pytest.CaptureFixture[str]) -> None:
     with pytest.raises(SystemExit) as ended:
         main(arguments)
     assert ended.value.code == 2
@@ -87,7 +87,7 @@ def test_a_wrong_argument_is_named(arguments: list[str], said: str, capsys: pyte
         (PermissionError(13, "Permission denied", "token"), 2, "Permission denied: 'token'"),
     ],
 )
-def test_what_ends_it_before_it_has_tested_anything_is_one_line(
+def test_failure_before_any_test_is_reported_in_one_line(
     failure: BaseException, code: int, said: str, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
 ) -> None:
     async def fail(*_: object) -> None:

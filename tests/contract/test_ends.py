@@ -1,4 +1,4 @@
-"""How sessions and streams end where one has to look inside the server, or stop it."""
+"""How sessions and streams end, in tests that look inside the server or stop it."""
 
 from __future__ import annotations
 
@@ -18,7 +18,7 @@ from tests.contract.local import NO_BUDGET, LocalServer
 
 @pytest.fixture
 async def forgetful_server() -> AsyncIterator[LocalServer]:
-    """One that keeps no session whose transport is lost."""
+    """A server that keeps no session whose transport is lost."""
     async with LocalServer(Limits(resume_grace_s=0)) as server:
         yield server
 
@@ -30,7 +30,7 @@ async def forgetful(forgetful_server: LocalServer) -> AsyncIterator[Target]:
 
 
 @pytest.mark.parametrize("vanish", ["cancel", "connection"])
-async def test_a_client_that_vanishes_leaves_nothing_behind(
+async def test_vanished_client_leaves_no_session_or_stream(
     forgetful_server: LocalServer, forgetful: Target, vanish: str
 ) -> None:
     local_server, local = forgetful_server, forgetful
@@ -54,7 +54,7 @@ async def test_a_client_that_vanishes_leaves_nothing_behind(
     await other.plays_on(1)
 
 
-async def test_a_client_that_vanishes_while_its_prompt_is_encoded(
+async def test_client_that_vanishes_while_its_prompt_is_encoded_leaves_nothing(
     forgetful_server: LocalServer, forgetful: Target
 ) -> None:
     local_server, local = forgetful_server, forgetful
@@ -69,7 +69,7 @@ async def test_a_client_that_vanishes_while_its_prompt_is_encoded(
     await other.open(1)
 
 
-async def test_goodbye_comes_once_and_sessions_live_on_until_they_are_closed(
+async def test_draining_sends_goodbye_once_and_sessions_play_until_closed(
     local_server: LocalServer, local: Target
 ) -> None:
     talk = await local.talk()
@@ -94,7 +94,7 @@ async def test_goodbye_comes_once_and_sessions_live_on_until_they_are_closed(
     assert local_server.engine.num_sessions == 0
 
 
-async def test_goodbye_is_not_said_again_when_there_is_nothing_left_to_serve_with(
+async def test_goodbye_is_not_repeated_when_a_draining_server_loses_its_engines(
     local_server: LocalServer, local: Target
 ) -> None:
     talk = await local.talk()
@@ -106,9 +106,7 @@ async def test_goodbye_is_not_said_again_when_there_is_nothing_left_to_serve_wit
     assert sum(response.HasField("goodbye") for response in talk.responses) == 1
 
 
-async def test_a_stream_that_begins_while_the_server_drains_hears_goodbye(
-    local_server: LocalServer, local: Target
-) -> None:
+async def test_stream_that_begins_during_draining_gets_a_goodbye(local_server: LocalServer, local: Target) -> None:
     local_server.service.goodbye(60.0)
     talk = await local.talk()
     await talk.until(lambda: talk.responses[-1].HasField("goodbye"))
@@ -119,7 +117,7 @@ async def test_a_stream_that_begins_while_the_server_drains_hears_goodbye(
 
 @pytest.fixture
 async def restarting() -> AsyncIterator[LocalServer]:
-    """One whose operator says how long a restart takes."""
+    """A server with a setting for how long a restart takes."""
     async with LocalServer(Limits(), service_limits=replace(NO_BUDGET, reconnect_after_s=7.5)) as server:
         yield server
 
@@ -130,14 +128,14 @@ async def before_restart(restarting: LocalServer) -> AsyncIterator[Target]:
         yield target
 
 
-async def test_clients_are_told_when_to_connect_again(restarting: LocalServer, before_restart: Target) -> None:
+async def test_goodbye_tells_when_to_reconnect(restarting: LocalServer, before_restart: Target) -> None:
     talk = await before_restart.talk()
     restarting.service.goodbye(60.0)
     await talk.until(lambda: talk.responses[-1].HasField("goodbye"))
     assert talk.responses[-1].goodbye.reconnect_after.ToMilliseconds() == 7500
 
 
-async def test_a_session_whose_model_fails_ends_alone(local_server: LocalServer, local: Target) -> None:
+async def test_session_whose_generation_fails_ends_alone(local_server: LocalServer, local: Target) -> None:
     talk = await local.talk()
     await talk.open(2)
     local_server.runner.poisoned = lambda job: job.session.handle == 1

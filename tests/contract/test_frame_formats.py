@@ -1,4 +1,4 @@
-"""How frames are stored on their way: what the server writes the client reads, within the errors that are promised."""
+"""The frame formats: the client reads what the server writes, within the promised errors."""
 
 from __future__ import annotations
 
@@ -29,7 +29,7 @@ FORMATS = {F32: FrameFormat.F32, F16: FrameFormat.F16, QUANTISED: FrameFormat.QU
 
 
 def walk(frames: int) -> np.ndarray:
-    """Rows of somebody who turns all joints evenly, each about an axis of its own, 400 m away from the origin."""
+    """Rows of a character that turns every joint evenly about its own axis, 400 m away from the origin."""
     generator, time = np.random.default_rng(3), np.arange(frames)[:, None] / 20
     axes = generator.normal(size=(J, 3))
     axes /= np.linalg.norm(axes, axis=1, keepdims=True)
@@ -51,8 +51,8 @@ def sent(
     return message.updates[0].chunk
 
 
-def test_roots_behind_a_cut_are_as_exact_as_before_it() -> None:
-    """Halves are of distances from a chunk's first root: 400 m away they are 12 cm off."""
+def test_f16_roots_after_a_cut_are_as_exact_as_before() -> None:
+    """F16 stores offsets from a chunk's first root: 400 m away from it, the error would be 12 cm."""
     rows = walk(20)
     rows[12:, :3] -= [800.0, 0.0, 0.0]
     response: list[bytes | memoryview] = []
@@ -77,9 +77,7 @@ def worst_angle_rad(one: np.ndarray, other: np.ndarray) -> float:
     ("scalar_type", "frame_bytes", "metres", "radians"),
     [(F32, 460, 0.0, 1e-6), (F16, 230, 0.001, 0.0015), (QUANTISED, 121, 0.0006, 0.0035)],
 )
-def test_errors_and_bytes_are_those_that_are_promised(
-    scalar_type: int, frame_bytes: int, metres: float, radians: float
-) -> None:
+def test_sizes_and_errors_are_those_promised(scalar_type: int, frame_bytes: int, metres: float, radians: float) -> None:
     rows = walk(40)
     chunk = sent(rows, scalar_type, parts=3)
     assert len(chunk.data) == 40 * frame_bytes
@@ -91,7 +89,7 @@ def test_errors_and_bytes_are_those_that_are_promised(
 
 
 @pytest.mark.parametrize("scalar_type", [F16, QUANTISED])
-def test_signs_go_on_from_frame_to_frame_and_from_chunk_to_chunk(scalar_type: int) -> None:
+def test_rotation_signs_continue_from_frame_to_frame_and_chunk_to_chunk(scalar_type: int) -> None:
     rows, reader = walk(80), FrameReader(RIG, FORMATS[scalar_type])
     first = reader.rows(sent(rows[:33], scalar_type))
     second = reader.rows(sent(rows[33:], scalar_type), first[-1])
@@ -99,7 +97,7 @@ def test_signs_go_on_from_frame_to_frame_and_from_chunk_to_chunk(scalar_type: in
     assert (turns[1:] * turns[:-1]).sum(axis=-1).min() > 0.9
 
 
-def test_a_chunk_of_another_size_origin_or_type_is_named() -> None:
+def test_chunk_of_another_size_origin_or_type_is_refused() -> None:
     chunk = sent(walk(3), F16)
     with pytest.raises(ProtocolViolation, match="a chunk has scalar type 2; F32"):
         FrameReader(RIG).rows(chunk)
@@ -112,7 +110,7 @@ def test_a_chunk_of_another_size_origin_or_type_is_named() -> None:
         FrameReader(RIG, FrameFormat.QUANTISED).rows(short)
 
 
-def test_a_scalar_type_that_is_not_offered_is_refused_by_name() -> None:
+def test_unknown_scalar_type_is_refused() -> None:
     catalog = Catalog(FACTS, Limits(), Guidance(1.5, 2.5), "CC0-1.0", text_encoder="hashed-1", history_frames=16)
     opening = session_pb2.OpenSession(scalar_type=9)  # type: ignore[arg-type]
     with pytest.raises(EventRefused, match="9 is not offered") as refused:
@@ -128,7 +126,7 @@ OUTPUTS = {
 
 
 def walk_with_outputs(frames: int) -> np.ndarray:
-    """The same with speeds of up to 6 m/s, places within 2 m of the root, and turns as the joints' own."""
+    """The same with velocities up to 6 m/s, positions near the root, and the joints' rotations as global ones."""
     rows, generator = walk(frames), np.random.default_rng(4)
     speeds = generator.uniform(-6, 6, (frames, 3 * J))
     places = np.tile(rows[:, :3], J) + generator.uniform(-1, 1, (frames, 3 * J))
@@ -143,7 +141,7 @@ def walk_with_outputs(frames: int) -> np.ndarray:
         (QUANTISED, 121 + 162 + 162 + 108, 0.0011, 0.0006, 0.0035),
     ],
 )
-def test_outputs_are_stored_with_the_errors_and_bytes_that_are_promised(
+def test_outputs_have_the_sizes_and_errors_promised(
     scalar_type: int, frame_bytes: int, metres: float, metres_a_second: float, radians: float
 ) -> None:
     rows, rig = walk_with_outputs(30), RIG.with_outputs(OUTPUTS)
@@ -163,10 +161,12 @@ def test_outputs_are_stored_with_the_errors_and_bytes_that_are_promised(
     assert (signs[1:] * signs[:-1]).sum(axis=-1).min() > 0.9
 
 
-def test_the_root_of_a_robot_far_away_is_as_near_as_ours() -> None:
+def test_robots_root_far_away_is_as_exact_as_the_characters() -> None:
     blocks = (ChannelBlock("g1_qpos", 36),)
     rows = walk(10)
-    qpos = np.concatenate([rows[:, [2, 0, 1]], np.zeros((10, 33))], axis=1)  # forward, left, up are our z, x, y
+    qpos = np.concatenate(
+        [rows[:, [2, 0, 1]], np.zeros((10, 33))], axis=1
+    )  # the robot's forward, left, up are our z, x, y
     both = np.concatenate([rows, qpos], axis=1).astype(np.float32)
     chunk = sent(both, F16, blocks=blocks)
     rig = RIG.with_outputs({"g1_qpos": 36})
@@ -175,9 +175,9 @@ def test_the_root_of_a_robot_far_away_is_as_near_as_ours() -> None:
 
 
 @pytest.mark.parametrize("scalar_type", [F16, QUANTISED])
-def test_speeds_that_the_numbers_cannot_hold_are_finite(scalar_type: int) -> None:
+def test_velocities_beyond_the_formats_range_are_clamped(scalar_type: int) -> None:
     rows = walk(4)
-    speeds = np.full((4, 3 * J), 400_000.0, np.float32)  # from one end of the world to the other in a frame
+    speeds = np.full((4, 3 * J), 400_000.0, np.float32)  # across the whole world in one frame
     chunk = sent(
         np.concatenate([rows, speeds], axis=1), scalar_type, blocks=(ChannelBlock("joint_velocities_mps", 3 * J),)
     )
@@ -187,7 +187,7 @@ def test_speeds_that_the_numbers_cannot_hold_are_finite(scalar_type: int) -> Non
 
 
 @pytest.mark.parametrize("names", [["heart_rate"], ["joint_positions_m", "joint_positions_m"]])
-def test_outputs_that_are_not_offered_or_come_twice_are_refused_by_name(names: list[str]) -> None:
+def test_unknown_and_repeated_outputs_are_refused(names: list[str]) -> None:
     catalog = Catalog(FACTS, Limits(), Guidance(1.5, 2.5), "CC0-1.0", text_encoder="hashed-1", history_frames=16)
     opening = session_pb2.OpenSession(outputs=names)
     with pytest.raises(EventRefused, match=names[0]) as refused:
@@ -196,7 +196,7 @@ def test_outputs_that_are_not_offered_or_come_twice_are_refused_by_name(names: l
     assert refused.value.field == f"open.outputs[{len(names) - 1}]"
 
 
-def test_a_robot_s_numbers_are_not_quantised() -> None:
+def test_robot_output_cannot_be_quantised() -> None:
     facts = replace(FACTS, outputs=(ChannelBlock("g1_qpos", 36),))
     catalog = Catalog(facts, Limits(), Guidance(1.5, 2.5), "CC0-1.0", text_encoder="hashed-1", history_frames=16)
     opening = session_pb2.OpenSession(outputs=["g1_qpos"], scalar_type=motion_pb2.SCALAR_TYPE_QUANTISED)

@@ -1,4 +1,4 @@
-"""The wire form of every message, byte for byte: what one version writes, every later one reads."""
+"""The encoding of every message, byte for byte: later versions read what earlier ones wrote."""
 
 from __future__ import annotations
 
@@ -18,13 +18,13 @@ LINES = golden_messages()
 
 
 @pytest.mark.parametrize("golden", LINES, ids=lambda golden: golden.name)
-def test_a_message_is_written_and_read_as_ever(golden: Golden) -> None:
+def test_encoding_of_a_message_is_unchanged(golden: Golden) -> None:
     message = golden.message
     assert message.SerializeToString(deterministic=True).hex() == golden.encoded.hex()
     assert message_type(golden.name).FromString(golden.encoded) == message
 
 
-def test_every_field_of_the_contract_stands_in_a_line() -> None:
+def test_golden_messages_cover_every_field() -> None:
     shown: set[str] = set()
     for golden in LINES:
         shown |= shown_fields(golden.message)

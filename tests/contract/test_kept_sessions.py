@@ -1,4 +1,4 @@
-"""Sessions that wait for their client, seen from inside the server."""
+"""Sessions that are kept while their client is away, seen from inside the server."""
 
 from __future__ import annotations
 
@@ -14,7 +14,7 @@ from motiongen_server.rpc.limits import Limits
 from tests.contract.local import LocalServer
 
 
-async def test_a_session_that_ended_meanwhile_tells_its_end(local_server: LocalServer, local: Target) -> None:
+async def test_resume_of_a_session_that_ended_meanwhile_tells_its_end(local_server: LocalServer, local: Target) -> None:
     first, second = await local.talk(), await local.talk()
     heard = await first.open(1)
     first.call.cancel()
@@ -30,10 +30,10 @@ async def test_a_session_that_ended_meanwhile_tells_its_end(local_server: LocalS
     await second.open(1)
 
 
-async def test_sessions_that_wait_for_their_client_count_and_are_closed_after_the_grace(
+async def test_kept_sessions_count_towards_the_limit_and_close_after_the_grace(
     monkeypatch: pytest.MonkeyPatch,
 ) -> None:
-    grace_s, leapt_s = 3600.0, [0.0]  # over when the test says so
+    grace_s, leapt_s = 3600.0, [0.0]  # the test moves the clock
     loop_time = asyncio.get_running_loop().time
     monkeypatch.setattr(asyncio.get_running_loop(), "time", lambda: loop_time() + leapt_s[0])
     async with LocalServer(Limits(resume_grace_s=grace_s), EngineConfig(max_sessions=2)) as server:
@@ -60,7 +60,7 @@ async def test_sessions_that_wait_for_their_client_count_and_are_closed_after_th
             await other.plays_on(1)
 
 
-async def test_a_server_may_keep_no_session() -> None:
+async def test_server_with_a_grace_of_0_keeps_no_session() -> None:
     async with LocalServer(Limits(resume_grace_s=0)) as server:
         async for target in connect(server.address):
             assert not target.catalog.limits.resume_grace.ToMilliseconds()

@@ -1,4 +1,4 @@
-"""In which words our server says what would be allowed; the compliance suite leaves them to each server."""
+"""How our server words `allowed`; the compliance suite leaves the wording to each server."""
 
 from __future__ import annotations
 
@@ -12,7 +12,7 @@ from motiongen_compliance.target import Target
 
 
 @pytest.mark.parametrize("mistake", REFUSED_EDITS, ids=lambda mistake: mistake.name)
-async def test_what_would_be_allowed_in_an_edit(local: Target, mistake: Mistake) -> None:
+async def test_refused_edit_says_what_is_allowed(local: Target, mistake: Mistake) -> None:
     talk = await local.talk()
     await talk.open(1)
     outcome = await talk.edit(1, mistake.make(local.catalog))
@@ -21,7 +21,7 @@ async def test_what_would_be_allowed_in_an_edit(local: Target, mistake: Mistake)
 
 
 @pytest.mark.parametrize("mistake", REFUSED_OPENS, ids=lambda mistake: mistake.name)
-async def test_what_would_be_allowed_in_an_opening(local: Target, mistake: Mistake) -> None:
+async def test_refused_open_says_what_is_allowed(local: Target, mistake: Mistake) -> None:
     talk = await local.talk()
     await talk.send(addressed(mistake.make(local.catalog), 9, 1))
     await talk.until(lambda: 9 in talk.sessions)
@@ -30,7 +30,7 @@ async def test_what_would_be_allowed_in_an_opening(local: Target, mistake: Mista
     assert mistake.allowed in outcome.allowed
 
 
-async def test_what_would_be_allowed_of_handles_numbers_and_events(local: Target) -> None:
+async def test_wrong_handle_or_number_is_refused_with_what_is_allowed(local: Target) -> None:
     talk = await local.talk()
     await talk.open(1, request_id="mine")
     said = [

@@ -1,4 +1,4 @@
-"""What `motiongen-compliance` says of an address at which it can test nothing."""
+"""What `motiongen-compliance` reports about an address at which it can test nothing."""
 
 from __future__ import annotations
 
@@ -20,7 +20,7 @@ from tests.server.identity.files import AUTHORITY, TenantsFile, copy_pair
 
 @pytest.fixture(autouse=True)
 def _in_a_moment(monkeypatch: pytest.MonkeyPatch) -> None:
-    """What never comes is not waited for as long as by the command."""
+    """Wait less long than the command for what never comes."""
     monkeypatch.setattr("motiongen_compliance.target.LIMIT_S", 1.0)
     monkeypatch.setattr("motiongen_compliance.reach.PROBE_S", 1.0)
 
@@ -33,7 +33,7 @@ async def said_of(address: str, *by: object) -> str:
 
 @asynccontextmanager
 async def answering(first: bytes | None) -> AsyncIterator[str]:
-    """An address at which every connection is told some bytes and then its end; None: it is told nothing."""
+    """An address that sends `first` on every connection and then closes it; None: it sends nothing."""
     connections: list[asyncio.StreamWriter] = []
 
     async def serve(reader: asyncio.StreamReader, writer: asyncio.StreamWriter) -> None:
@@ -63,18 +63,18 @@ async def answering(first: bytes | None) -> AsyncIterator[str]:
         (bytes(3) + b"\x04" + bytes(5), "speaks HTTP/2, but does not answer gRPC calls"),
     ],
 )
-async def test_what_is_no_server_of_ours_is_called_by_what_it_is(first: bytes | None, said: str) -> None:
+async def test_address_of_something_else_is_described(first: bytes | None, said: str) -> None:
     async with answering(first) as address:
         assert said in await said_of(address)
 
 
-async def test_nobody_at_the_address() -> None:
+async def test_address_without_a_listener_is_reported() -> None:
     with socket.socket() as free:
-        free.bind(("127.0.0.1", 0))  # and nobody listens
+        free.bind(("127.0.0.1", 0))  # bound, but not listening
         assert "nothing can be reached at 127.0.0.1" in await said_of(f"127.0.0.1:{free.getsockname()[1]}")
 
 
-async def test_a_server_of_grpc_that_has_not_the_service() -> None:
+async def test_grpc_server_without_the_service_is_reported() -> None:
     server = grpc.aio.server()
     port = server.add_insecure_port("127.0.0.1:0")
     await server.start()
@@ -84,7 +84,7 @@ async def test_a_server_of_grpc_that_has_not_the_service() -> None:
         await server.stop(None)
 
 
-async def test_a_catalogue_without_a_model() -> None:
+async def test_catalogue_without_a_model_is_reported() -> None:
     class Empty(service_pb2_grpc.MotionServiceServicer):
         async def GetCatalog(self, request: object, context: object) -> service_pb2.GetCatalogResponse:
             return service_pb2.GetCatalogResponse()
@@ -99,7 +99,7 @@ async def test_a_catalogue_without_a_model() -> None:
         await server.stop(None)
 
 
-async def test_a_server_that_wants_tls_or_a_token(tmp_path: Path) -> None:
+async def test_missing_tls_or_token_is_reported(tmp_path: Path) -> None:
     tenants = TenantsFile(tmp_path)
     (tmp_path / "token").write_text(tenants.one() + "\n")
     tls = ServerTls(TlsFiles(*copy_pair("server-1", tmp_path)))
@@ -116,7 +116,7 @@ async def test_a_server_that_wants_tls_or_a_token(tmp_path: Path) -> None:
 
 
 @pytest.mark.parametrize("content", [b"", b" \n", b"one\ntwo", b"\xff\xfe"])
-def test_a_file_without_a_token_is_named(tmp_path: Path, content: bytes) -> None:
+def test_file_without_a_token_is_refused(tmp_path: Path, content: bytes) -> None:
     (tmp_path / "token").write_bytes(content)
     with pytest.raises(ValueError, match="has no token"):
         token_of(tmp_path / "token")

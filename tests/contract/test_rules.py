@@ -1,4 +1,4 @@
-"""The compliance suite's bare client: which breaches of the protocol it finds, and what it lets pass."""
+"""The compliance suite's bare client: which breaches of the protocol it finds, and what it accepts."""
 
 from __future__ import annotations
 
@@ -36,7 +36,7 @@ CATALOG = service_pb2.GetCatalogResponse(
 
 
 class Scripted(service_pb2_grpc.MotionServiceServicer):
-    """Greets, and says what it was told to once a session is asked for."""
+    """Sends hello, and then the responses of the script whenever a request has events."""
 
     def __init__(self, script: Sequence[Response]) -> None:
         self._script = script
@@ -55,7 +55,7 @@ class Scripted(service_pb2_grpc.MotionServiceServicer):
 
 @asynccontextmanager
 async def hearing(script: Sequence[Response]) -> AsyncIterator[Talk]:
-    """A stream on which the session 1 was asked for, and event 2 was said of it."""
+    """A stream on which session 1 was opened and event 2 was sent for it."""
     server = grpc.aio.server()
     service_pb2_grpc.add_MotionServiceServicer_to_server(Scripted(script), server)
     address = f"127.0.0.1:{server.add_insecure_port('127.0.0.1:0')}"
@@ -158,7 +158,7 @@ EXPIRING = Response(goodbye=service_pb2.Goodbye(reason=service_pb2.GOODBYE_REASO
         ([opened(QUANTISED), FIRST, chunk(1, 16, scalar_type=QUANTISED)], "as long as its rows"),
     ],
 )
-async def test_a_breach_is_found(script: list[Response], rule: str) -> None:
+async def test_breach_of_the_protocol_is_found(script: list[Response], rule: str) -> None:
     async with hearing(script) as talk:
         with pytest.raises(RuleBroken, match=rule):
             await talk.to_the_end()
@@ -177,23 +177,23 @@ async def test_a_breach_is_found(script: list[Response], rule: str) -> None:
     ],
     ids=["helps itself", "saved", "refused", "holds", "halves", "quantised", "two reasons"],
 )
-async def test_what_the_protocol_allows_is_no_breach(script: list[Response]) -> None:
+async def test_allowed_messages_are_accepted(script: list[Response]) -> None:
     async with hearing(script) as talk:
         assert await talk.to_the_end() is grpc.StatusCode.OK
 
 
-async def test_a_server_that_never_says_what_a_test_waits_for_is_not_listened_to_for_ever(
+async def test_does_not_wait_for_ever_while_other_messages_come(
     monkeypatch: pytest.MonkeyPatch,
 ) -> None:
     async with hearing([opened(), *(plan(number, CONTINUE) for number in range(1, 50))]) as talk:
         await talk.until(lambda: 1 in talk.sessions)
-        talk.ends_at = 0.0  # as if that had gone on for minutes
+        talk.ends_at = 0.0  # as if the stream had lasted for minutes
         with pytest.raises(TimeoutError, match="what the test waits for"):
             await talk.until(lambda: False)
 
 
 class Closing(Scripted):
-    """Has no room at first."""
+    """Refuses the first OpenSession with a time to retry."""
 
     async def StreamMotion(
         self, requests: AsyncIterator[service_pb2.StreamMotionRequest], context: object
@@ -207,7 +207,7 @@ class Closing(Scripted):
                 yield response
 
 
-async def test_a_server_that_has_no_room_is_asked_again() -> None:
+async def test_refused_open_is_retried() -> None:
     server = grpc.aio.server()
     service_pb2_grpc.add_MotionServiceServicer_to_server(Closing([]), server)
     port = server.add_insecure_port("127.0.0.1:0")
@@ -220,7 +220,7 @@ async def test_a_server_that_has_no_room_is_asked_again() -> None:
         await server.stop(None)
 
 
-def test_a_server_that_does_not_answer_is_given_up() -> None:
+def test_run_is_stopped_when_the_server_does_not_answer() -> None:
     session = SimpleNamespace(stash=pytest.Stash(), shouldfail=False)
     item = SimpleNamespace(session=session)
 

@@ -1,4 +1,4 @@
-"""What a model was not trained for: refused or warned of in the answer, and nobody else notices."""
+"""What a model was not trained for is refused, or accepted with a warning, without effect on other sessions."""
 
 from __future__ import annotations
 
@@ -18,14 +18,14 @@ from tests.contract.local import LocalServer
 OK = grpc.StatusCode.OK.value[0]
 INVALID_ARGUMENT = grpc.StatusCode.INVALID_ARGUMENT.value[0]
 FORMS = {"waypoint": FormSupport.TRAINED, "waypoint_heading": FormSupport.UNTRAINED, "velocity": FormSupport.TRAINED}
-# The encoder of the local server embeds texts by their length: longer than 9 is outside.
+# The local server's encoder embeds a text as its length: more than 9 is outside the domain.
 FAR = "sits down on a chair"
 DOMAIN = PromptDomain("length-1", np.zeros(2, np.float32), np.array([[0, 1]], np.float32), 2.0)
 STAND = Gait("stand", "stand still", 0.0, Direction.FORWARD, np.array([11, 0], np.float32))
 
 
 class _Judge(PromptDomain):
-    """Vectors of the fake encoder have one direction only, so that their length has to do."""
+    """Judges by the length of the text, since all vectors of the fake encoder have the same direction."""
 
     def distance(self, embedding: np.ndarray) -> float:
         return 3.0 if embedding[0] > 9 else 0.0
@@ -44,7 +44,7 @@ def _reasons(said: session_pb2.EditOutcome | session_pb2.SessionOpened) -> list[
     return [warning.reason for warning in said.warnings]
 
 
-async def test_the_catalogue_lists_what_the_model_was_trained_for(trained: Target) -> None:
+async def test_catalogue_lists_what_the_model_was_trained_for(trained: Target) -> None:
     (model,) = trained.catalog.models
     support = {form.form: form.support for form in model.constraint_forms}
     assert support["waypoint"] == service_pb2.FORM_SUPPORT_TRAINED
@@ -53,7 +53,7 @@ async def test_the_catalogue_lists_what_the_model_was_trained_for(trained: Targe
     assert list(model.known_motions) == ["walking"]
 
 
-async def test_an_opening_is_warned_of(trained: Target) -> None:
+async def test_open_gets_its_warnings(trained: Target) -> None:
     talk = await trained.talk()
     heard = await talk.open(1, prompts=[span(FAR)], constraints=[waypoint(90, heading=1.0)])
     assert heard.opened is not None
@@ -65,7 +65,7 @@ async def test_an_opening_is_warned_of(trained: Target) -> None:
     assert _reasons(other.opened) == []
 
 
-async def test_edits_are_warned_of_each_on_its_own(trained: Target) -> None:
+async def test_each_edit_gets_its_own_warnings(trained: Target) -> None:
     talk = await trained.talk()
     await talk.open(1)
     for event, reasons in (
@@ -78,7 +78,7 @@ async def test_edits_are_warned_of_each_on_its_own(trained: Target) -> None:
         assert (outcome.code, _reasons(outcome)) == (OK, reasons)
 
 
-async def test_a_refused_event_carries_no_warning_and_a_refused_form_harms_nobody(trained: Target) -> None:
+async def test_refused_event_has_no_warnings_and_leaves_others_alone(trained: Target) -> None:
     talk = await trained.talk()
     await talk.open(1)
     await talk.open(2)
@@ -97,7 +97,7 @@ async def test_a_refused_event_carries_no_warning_and_a_refused_form_harms_nobod
     await talk.plays_on(2)
 
 
-async def test_every_sample_of_a_clip_is_warned_of(trained: Target) -> None:
+async def test_every_sample_of_a_clip_gets_the_warnings(trained: Target) -> None:
     opening = session_pb2.OpenSession(prompts=[span(FAR)])
     request = service_pb2.GenerateClipRequest(open=opening, frame_count=8, sample_count=2)
     opened = {}
@@ -108,7 +108,7 @@ async def test_every_sample_of_a_clip_is_warned_of(trained: Target) -> None:
 
 
 @pytest.mark.parametrize("keep_prompt", [False, True])
-async def test_a_velocity_is_taken_with_its_gait_or_without(trained: Target, keep_prompt: bool) -> None:
+async def test_velocity_is_accepted_with_and_without_its_gait(trained: Target, keep_prompt: bool) -> None:
     talk = await trained.talk()
     await talk.open(1, prompts=[span("walk")])
     velocity = session_pb2.SetVelocity(hold_frames=30, keep_prompt=keep_prompt)

@@ -1,1 +1,1 @@
-"""The contents of deploy/, really run: images, compose file, dashboard, Kubernetes objects."""
+"""Tests that run the contents of deploy/: images, compose file, dashboard, Kubernetes objects."""

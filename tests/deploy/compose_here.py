@@ -21,7 +21,7 @@ from tests.waiting import until
 DEPLOY = REPOSITORY / "deploy"
 SERVERS = ("server-a", "server-b")
 SMALL = {"MOTIONGEN_DEVICES": "cpu:1", "MOTIONGEN_PROFILE_S": "1", "MOTIONGEN_ADMIT_LOAD": "100"}
-"""Settings for a machine that is also used by others."""
+"""Settings for a machine that also does other work."""
 IMAGE = {"MOTIONGEN_HOST": "0.0.0.0", "MOTIONGEN_OPS_HOST": "0.0.0.0"}
 """The environment that deploy/Dockerfile sets."""
 
@@ -46,7 +46,7 @@ def make_secrets(folder: Path) -> Path:
 
 
 class ComposeHere:
-    """Use as `with ComposeHere(folder) as here`: all services that are installed run, and servers are ready."""
+    """Use as `with ComposeHere(folder) as here`: the services run, and the servers are ready."""
 
     def __init__(self, folder: Path) -> None:
         self._folder = folder
@@ -129,7 +129,7 @@ class ComposeHere:
         return self.status(name, "/readyz") == 200
 
     def status(self, name: str, path: str, token: str = "") -> int:
-        """The HTTP status of a path on its port of operations; 0 without an answer."""
+        """The HTTP status of a path on its operations port; 0 without an answer."""
         url = f"http://localhost:{self.ops_port[name]}{path}"
         header = {"Authorization": f"Bearer {token}"} if token else {}
         try:

@@ -44,7 +44,7 @@ class Images:
     def __init__(self, kept: Path = KEPT) -> None:
         for program, package in PROGRAMS.items():
             assert shutil.which(program), f"{program} is not installed (apt-get install {package})"
-        assert os.geteuid() == 0, "images are tried as root: their users and mounts are real"
+        assert os.geteuid() == 0, "images must be run as root, for their users and mounts"
         self.kept = kept
         kept.mkdir(parents=True, exist_ok=True)
 

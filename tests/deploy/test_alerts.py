@@ -1,4 +1,4 @@
-"""Alerts hold through what a server makes of its engines: one that says nothing is given up before a minute is over."""
+"""The alerts for engines agree with the server, which gives up an unresponsive engine within a minute."""
 
 from __future__ import annotations
 
@@ -23,14 +23,14 @@ def rule(name: str) -> dict[str, Any]:
     return dict(found)
 
 
-def test_who_has_no_engine_that_goes_round_for_a_minute_is_not_well() -> None:
-    """Its age alone would not do: at 30 s an engine is lost, and counts as what is started anew from then on."""
+def test_alert_stays_active_while_no_engine_responds() -> None:
+    """The server replaces an engine after 30 s, but its heartbeat's age stays above the limit until one is ready."""
     not_well = rule("MotiongenNotWell")
     found = re.fullmatch(r"motiongen_engine_heartbeat_age_seconds > (\d+)", not_well["expr"])
     assert found
-    assert not_well["for"] == "1m", "longer than an engine may say nothing"
+    assert not_well["for"] == "1m", "longer than an engine may be unresponsive"
     assert HUNG_S < 60
-    link = ModelLink(1, "model", lambda outputs: None, lambda: None)  # nobody has told that it is up
+    link = ModelLink(1, "model", lambda outputs: None, lambda: None)  # never reported as up
     group = EngineGroup(cast(Any, [(object(), link)]), 1 << 16, 0.9, None)
     now = time.monotonic()
     assert HEARTBEAT_LIMIT_S <= float(found[1]) < now - group.heartbeat_at

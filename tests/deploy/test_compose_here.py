@@ -1,4 +1,4 @@
-"""The services of deploy/compose.yaml, each started for real on this machine, and a client that plays through all."""
+"""The services of deploy/compose.yaml, started on this machine, and a client that uses them all."""
 
 from __future__ import annotations
 
@@ -33,8 +33,8 @@ async def client(here: ComposeHere) -> AsyncIterator[MotionClient]:
         yield connected
 
 
-async def test_a_client_plays_through_proxy_server_encoder_and_store(here: ComposeHere, client: MotionClient) -> None:
-    """A prompt that no server knows comes from the encoder, and the store has the session."""
+async def test_client_plays_through_proxy_server_encoder_and_store(here: ComposeHere, client: MotionClient) -> None:
+    """The prompt is new, so the encoder has to encode it; durable_seq shows that the store has the session."""
     session = await client.open("a person stumbles over a cable and catches himself")
     shown = 0
     async for _ in session.frames():
@@ -45,7 +45,7 @@ async def test_a_client_plays_through_proxy_server_encoder_and_store(here: Compo
     await session.close()
 
 
-async def test_who_shows_no_token_is_turned_away(here: ComposeHere) -> None:
+async def test_client_without_a_token_is_refused(here: ComposeHere) -> None:
     credentials = grpc.ssl_channel_credentials((here.secrets / "authority.pem").read_bytes())
     with pytest.raises(MotiongenError, match="CREDENTIALS_MISSING"):
         async with MotionClient(f"localhost:{here.port['proxy']}", credentials=credentials) as stranger:
@@ -53,7 +53,7 @@ async def test_who_shows_no_token_is_turned_away(here: ComposeHere) -> None:
 
 
 @pytest.mark.parametrize("name", [*SERVERS, "encoder"])
-def test_metrics_are_for_prometheus_alone(here: ComposeHere, name: str) -> None:
+def test_metrics_are_served_only_to_prometheus(here: ComposeHere, name: str) -> None:
     files = {who: here.secrets / f"{who}.token" for who in ("prometheus", "player")}
     tokens = {who: file.read_text(encoding="utf-8").strip() for who, file in files.items()}
     assert here.status(name, "/metrics", tokens["prometheus"]) == 200
@@ -61,7 +61,7 @@ def test_metrics_are_for_prometheus_alone(here: ComposeHere, name: str) -> None:
     assert here.status(name, "/metrics") == 401
 
 
-def test_prometheus_reads_both_servers_and_the_encoder_with_its_token(here: ComposeHere, tmp_path: Path) -> None:
+def test_prometheus_reads_both_servers_and_the_encoder(here: ComposeHere, tmp_path: Path) -> None:
     configuration = tmp_path / "compose.yaml"
     configuration.write_text(here.here((DEPLOY / "prometheus" / "compose.yaml").read_text(encoding="utf-8")))
     with Prometheus(tmp_path, [here.ops_port[name] for name in SERVERS], configuration=configuration) as prometheus:
@@ -69,19 +69,19 @@ def test_prometheus_reads_both_servers_and_the_encoder_with_its_token(here: Comp
         assert len(prometheus.query('motiongen_encoder_waiting{job="encoder"}')) == 1
 
 
-def test_prometheus_takes_the_flags_of_its_command(here: ComposeHere) -> None:
-    """It names the first one that it does not know before it looks at the configuration."""
+def test_prometheus_accepts_the_flags_of_its_command(here: ComposeHere) -> None:
+    """It checks flags before it reads its configuration."""
     command = [*here.services["prometheus"]["command"], "--version"]
     done = subprocess.run(["prometheus", *command], capture_output=True, text=True)
     assert done.returncode == 0, done.stderr
 
 
-def test_no_key_and_no_token_is_in_a_log(here: ComposeHere) -> None:
+def test_logs_contain_no_token(here: ComposeHere) -> None:
     secrets = [(here.secrets / name).read_text(encoding="utf-8").strip() for name in ("player.token", "servers.token")]
     for name in (*SERVERS, "encoder", "proxy"):
         assert not any(secret in here.log(name) for secret in secrets), name
 
 
-def test_the_rules_are_where_the_configuration_looks_for_them() -> None:
+def test_rule_files_of_prometheus_exist() -> None:
     content = yaml.safe_load((DEPLOY / "prometheus" / "compose.yaml").read_text(encoding="utf-8"))
     assert all((DEPLOY / "prometheus" / name).exists() for name in content["rule_files"])

@@ -1,4 +1,4 @@
-"""The dashboard asks for metrics that there are, in panels that say what they show."""
+"""The dashboard queries existing metrics, in panels with descriptions."""
 
 from __future__ import annotations
 
@@ -28,7 +28,7 @@ def test_every_metric_of_a_panel_is_served() -> None:
     assert len(asked) >= 40
 
 
-def test_only_counters_and_histograms_are_asked_for_rates() -> None:
+def test_rates_are_taken_only_of_counters_and_histograms() -> None:
     kinds = served()
     for panel in panels():
         for query in panel.queries:
@@ -36,7 +36,7 @@ def test_only_counters_and_histograms_are_asked_for_rates() -> None:
                 assert kinds[name] in ("counter", "histogram"), (panel.title, name)
 
 
-def test_every_panel_says_what_it_shows_and_has_a_place_of_its_own() -> None:
+def test_every_panel_has_a_description_and_a_place_of_its_own() -> None:
     taken: set[tuple[int, int]] = set()
     titles = []
     for panel in panels():
@@ -53,13 +53,13 @@ def test_every_panel_says_what_it_shows_and_has_a_place_of_its_own() -> None:
     assert len(set(titles)) == len(titles) > 25
 
 
-def test_every_query_is_of_the_servers_that_are_chosen() -> None:
+def test_every_query_is_limited_to_the_chosen_servers() -> None:
     for panel in panels():
         for query in panel.queries:
             assert query.expression.count("{") == query.expression.count('instance=~"$instance"'), panel.title
 
 
-def test_grafana_is_told_where_dashboard_and_prometheus_are() -> None:
+def test_grafana_finds_its_dashboards_and_prometheus() -> None:
     compose = yaml.safe_load((REPOSITORY / "deploy" / "compose.yaml").read_text(encoding="utf-8"))
     mounted = dict(volume.split(":")[:2] for volume in compose["services"]["grafana"]["volumes"])
     provider = yaml.safe_load((PROVISIONING / "dashboards" / "motiongen.yaml").read_text(encoding="utf-8"))
@@ -70,10 +70,10 @@ def test_grafana_is_told_where_dashboard_and_prometheus_are() -> None:
     host = re.fullmatch(r"http://([a-z]+):9090", source["datasources"][0]["url"])
     assert host
     shared = set(compose["services"][host[1]]["networks"]) & set(compose["services"]["grafana"]["networks"])
-    assert shared, "no network has both"
+    assert shared, "they share no network"
 
 
-def test_panels_take_the_source_that_is_chosen_above_them() -> None:
+def test_panels_use_the_chosen_data_source() -> None:
     text = DASHBOARD.read_text(encoding="utf-8")
     variables = {each["name"] for each in json.loads(text)["templating"]["list"]}
     assert variables == {"datasource", "instance"}

@@ -1,4 +1,4 @@
-"""The images of deploy/Dockerfile are built, and a server in them serves: not as root, and with nothing to write to."""
+"""The images of deploy/Dockerfile: a server in them serves, not as root and on a read-only file system."""
 
 from __future__ import annotations
 
@@ -35,7 +35,7 @@ def images() -> Images:
 
 @pytest.fixture(scope="module")
 def cpu(images: Images) -> Iterator[Mounted]:
-    """For processors; without an index of its own torch is the one for both."""
+    """The image for processors; pip's usual index gives it the torch that also supports GPUs."""
     with images.mounted(images.build("cpu")) as image:
         yield image
 
@@ -58,7 +58,7 @@ class Serving:
         self.process = image.start((), self.settings, self.secrets)
 
     def is_ready(self) -> bool:
-        """What the image's own health check says."""
+        """Whether the image's own health check succeeds."""
         if self.process.poll() is not None:
             assert self.process.stdout is not None
             raise RuntimeError(f"the server has ended: {self.process.stdout.read()[-3000:]}")
@@ -82,7 +82,7 @@ def serving(cpu: Mounted, tmp_path_factory: pytest.TempPathFactory) -> Iterator[
         server.process.communicate()
 
 
-async def test_a_client_plays_what_the_image_serves(serving: Serving) -> None:
+async def test_client_plays_what_a_server_in_the_image_generates(serving: Serving) -> None:
     authority = (serving.secrets / "authority.pem").read_bytes()
     credentials = grpc.ssl_channel_credentials(authority)
     token = (serving.secrets / "player.token").read_text(encoding="utf-8").strip()
@@ -99,7 +99,7 @@ async def test_a_client_plays_what_the_image_serves(serving: Serving) -> None:
     assert answer.status == health_pb2.HealthCheckResponse.SERVING
 
 
-def test_it_is_a_user_without_rights_on_a_root_that_nobody_writes(serving: Serving, cpu: Mounted) -> None:
+def test_server_runs_without_rights_on_a_read_only_root(serving: Serving, cpu: Mounted) -> None:
     assert cpu.config["User"] == "10001"
     pids = Path(f"/proc/{serving.process.pid}/task/{serving.process.pid}/children").read_text().split()
     status = dict(
@@ -113,7 +113,7 @@ def test_it_is_a_user_without_rights_on_a_root_that_nobody_writes(serving: Servi
     assert said.count("Read-only file system") == 2
 
 
-def test_sigterm_drains_and_ends_it_with_0(cpu: Mounted, tmp_path: Path) -> None:
+def test_sigterm_drains_and_ends_the_server_with_code_0(cpu: Mounted, tmp_path: Path) -> None:
     server = Serving(cpu, tmp_path)
     until(server.is_ready)
     tell(server.process, signal.SIGTERM)
@@ -123,26 +123,26 @@ def test_sigterm_drains_and_ends_it_with_0(cpu: Mounted, tmp_path: Path) -> None
     assert cpu.config["StopSignal"] == "SIGTERM"
 
 
-def test_it_does_not_start_where_others_reach_it_unprotected(cpu: Mounted) -> None:
+def test_server_does_not_start_on_a_public_address_without_protection(cpu: Mounted) -> None:
     code, said = cpu.run()
     assert code == 2
     assert "without TLS" in said
 
 
-def test_the_only_weights_are_the_built_in_ones(cpu: Mounted) -> None:
+def test_image_contains_no_weights_but_the_built_in_ones(cpu: Mounted) -> None:
     found = {path for pattern in WEIGHTS for path in (cpu.root / "opt").rglob(pattern)}
     assert found
     assert {path for path in found if "/motiongen_ardy/" not in str(path)} == set()
 
 
-def test_what_builds_is_not_in_it(cpu: Mounted) -> None:
+def test_image_contains_no_build_files_or_compilers(cpu: Mounted) -> None:
     assert not (cpu.root / "src").exists()
     assert not (cpu.root / "pip").exists()
     assert subprocess.run(["find", str(cpu.root / "usr" / "bin"), "-name", "gcc*"], capture_output=True).stdout == b""
 
 
-def test_the_image_for_gpus_wants_one(cuda: Mounted) -> None:
-    """This machine has none, and is told so in a line."""
+def test_image_for_gpus_needs_a_gpu(cuda: Mounted) -> None:
+    """On this machine, without a GPU, it ends with a message."""
     assert "MOTIONGEN_DEVICES=cuda:all" in cuda.config["Env"]
     assert "NVIDIA_DRIVER_CAPABILITIES=compute,utility" in cuda.config["Env"]
     code, said = cuda.run((), {"MOTIONGEN_INSECURE": "true"})

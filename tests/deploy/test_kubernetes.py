@@ -1,4 +1,4 @@
-"""What kustomize makes of deploy/kubernetes, against the schemas of Kubernetes, and what operators rely on in it."""
+"""The objects that kustomize makes of deploy/kubernetes: valid by Kubernetes' schemas, and as operators rely on."""
 
 from __future__ import annotations
 
@@ -41,7 +41,7 @@ def devices_in(container: dict[str, Any]) -> list[str]:
 
 @pytest.mark.parametrize("version", VERSIONS)
 @pytest.mark.parametrize("folder", FOLDERS)
-def test_kubernetes_knows_every_field(folder: str, version: str) -> None:
+def test_every_field_is_valid_in_kubernetes(folder: str, version: str) -> None:
     import kubernetes_validate
 
     for kind, each in built(folder).items():
@@ -49,7 +49,7 @@ def test_kubernetes_knows_every_field(folder: str, version: str) -> None:
         assert each["metadata"]["namespace"] == "motiongen", kind
 
 
-def test_a_field_that_it_does_not_know_is_found() -> None:
+def test_unknown_field_is_found() -> None:
     import kubernetes_validate
 
     wrong = built("base")["Deployment"]
@@ -59,7 +59,7 @@ def test_a_field_that_it_does_not_know_is_found() -> None:
 
 
 @pytest.mark.parametrize("folder", FOLDERS)
-def test_the_server_takes_the_settings_and_is_protected(folder: str) -> None:
+def test_server_settings_are_valid_and_protected(folder: str) -> None:
     given = {each["name"]: each.get("value", "redis://store:6379/0") for each in container_of(built(folder))["env"]}
     image = {"MOTIONGEN_HOST": "0.0.0.0", "MOTIONGEN_OPS_HOST": "0.0.0.0"}  # as deploy/Dockerfile sets them
     config = parse_config([], image | given)
@@ -69,12 +69,12 @@ def test_the_server_takes_the_settings_and_is_protected(folder: str) -> None:
     assert config.ops_tls
 
 
-def test_there_are_as_many_engines_as_cores_are_asked_for() -> None:
+def test_number_of_engines_equals_the_requested_cores() -> None:
     container = container_of(built("base"))
     assert devices_in(container) == [f"cpu:{container['resources']['requests']['cpu']}"]
 
 
-def test_files_that_settings_name_are_mounted() -> None:
+def test_files_named_by_settings_are_mounted() -> None:
     container = container_of(built("base"))
     mounts = [each["mountPath"] for each in container["volumeMounts"]]
     named = [each["value"] for each in container["env"] if str(each.get("value", "")).startswith("/")]
@@ -83,13 +83,13 @@ def test_files_that_settings_name_are_mounted() -> None:
         assert any(path.startswith(f"{mount}/") for mount in mounts), path
 
 
-def test_probes_speak_as_the_port_does_and_ask_for_readiness() -> None:
+def test_probes_use_https_and_the_paths_for_readiness_and_liveness() -> None:
     container = container_of(built("base"))
     for probe, path in (("startupProbe", "/readyz"), ("readinessProbe", "/readyz"), ("livenessProbe", "/livez")):
         assert container[probe]["httpGet"] == {"path": path, "port": "ops", "scheme": "HTTPS"}
 
 
-def test_selectors_find_the_pods() -> None:
+def test_selectors_match_the_pods() -> None:
     kinds = built("base")
     labels = kinds["Deployment"]["spec"]["template"]["metadata"]["labels"].items()
     for selector in (
@@ -101,22 +101,22 @@ def test_selectors_find_the_pods() -> None:
         assert selector.items() <= labels
 
 
-def test_the_rule_that_lets_servers_reach_issuers_is_one_once_its_marks_are_taken_away() -> None:
+def test_commented_rule_for_issuers_is_valid_once_uncommented() -> None:
     text = (FOLDER / "base" / "network.yaml").read_text(encoding="utf-8")
     taken_in = re.sub("(?m)^    #(?=-|  )", "    ", text)
     without, with_it = (yaml.safe_load(each)["spec"]["egress"] for each in (text, taken_in))
     assert with_it[:-1] == without
     assert with_it[-1]["ports"] == [{"port": 443}]
-    assert "169.254.0.0/16" in with_it[-1]["to"][0]["ipBlock"]["except"], "where clouds tell machines their credentials"
+    assert "169.254.0.0/16" in with_it[-1]["to"][0]["ipBlock"]["except"], "where cloud machines get their credentials"
 
 
-def test_the_overlays_change_what_they_are_for() -> None:
+def test_overlays_change_image_devices_and_scaling() -> None:
     gpu = container_of(built("overlays/gpu"))
     assert gpu["image"] == "motiongen-server:cuda"
     assert gpu["resources"]["limits"]["nvidia.com/gpu"] == 1
     assert devices_in(gpu) == ["cuda:all"]
     scaled = built("overlays/autoscaling")
-    assert "replicas" not in scaled["Deployment"]["spec"], "two would say how many servers there are"
+    assert "replicas" not in scaled["Deployment"]["spec"], "two objects would set the number of servers"
     scaler = scaled["HorizontalPodAutoscaler"]["spec"]
     assert scaler["scaleTargetRef"]["name"] == scaled["Deployment"]["metadata"]["name"]
     (metric,) = scaler["metrics"]

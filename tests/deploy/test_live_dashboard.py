@@ -1,4 +1,4 @@
-"""Every query of the dashboard, asked of a real Prometheus that watches a real server with characters on it."""
+"""Every query of the dashboard, with a real Prometheus that watches a real server with characters."""
 
 from __future__ import annotations
 
@@ -23,12 +23,12 @@ QUIET = {
     "Prompts not in memory",
     "Clips",
 }
-"""Panels of labels that a server without trouble, and without clips, has not seen yet: they may be empty."""
+"""Panels that may be empty: a server without trouble and without clips has no values for their labels yet."""
 
 
 @pytest.fixture(scope="module")
 def prometheus(tmp_path_factory: pytest.TempPathFactory) -> Iterator[Prometheus]:
-    """It has seen some seconds of a scenario with all classes."""
+    """A Prometheus that has watched some seconds of a scenario with all classes."""
     folder = tmp_path_factory.mktemp("watched")
     server = Replica("server", folder, f"sqlite:{folder / 'snapshots.sqlite'}", program=NULL_SERVER)
     server.begin()
@@ -45,14 +45,16 @@ def prometheus(tmp_path_factory: pytest.TempPathFactory) -> Iterator[Prometheus]
                 capture_output=True,
                 text=True,
             )
-            assert load.returncode in (0, 3), load.stdout + load.stderr  # 3: the load was late, which matters nothing
+            assert load.returncode in (0, 3), (
+                load.stdout + load.stderr
+            )  # 3: the load was late, which does not matter here
             yield watching
     finally:
         server.stop()
 
 
 @pytest.mark.parametrize("panel", list(panels()), ids=lambda panel: panel.title)
-def test_a_panel_shows_something(prometheus: Prometheus, panel: Panel) -> None:
+def test_panel_has_values(prometheus: Prometheus, panel: Panel) -> None:
     for query in panel.queries:
         found = prometheus.query(query.filled("5m"))
         assert found or panel.title in QUIET, query
@@ -60,15 +62,15 @@ def test_a_panel_shows_something(prometheus: Prometheus, panel: Panel) -> None:
             assert set(re.findall(r"{{(\w+)}}", query.legend)) <= set(series["metric"]), (query, series["metric"])
 
 
-def test_servers_can_be_chosen(prometheus: Prometheus) -> None:
+def test_queries_can_be_limited_to_a_server(prometheus: Prometheus) -> None:
     (server,) = prometheus.query("motiongen_build_info")
     query = next(panels()).queries[0]
     assert prometheus.query(query.filled("5m", server["metric"]["instance"]))
     assert prometheus.query(query.filled("5m", "another:1")) == []
 
 
-def test_what_autoscaling_asks_is_answered(prometheus: Prometheus) -> None:
-    """As prometheus-adapter asks it, but that no Kubernetes has put namespace and pod on the series."""
+def test_autoscaling_metric_has_a_value(prometheus: Prometheus) -> None:
+    """The query of prometheus-adapter, but without the labels for namespace and pod that Kubernetes adds."""
     rules = REPOSITORY / "deploy" / "kubernetes" / "overlays" / "autoscaling" / "adapter-rules.yaml"
     (rule,) = yaml.safe_load(rules.read_text(encoding="utf-8"))["rules"]
     asked = (

@@ -1,4 +1,4 @@
-"""The secrets of a deployment are all made or none, so that they can be made again."""
+"""make_secrets.sh creates all secrets or none, so that it can be run again."""
 
 from __future__ import annotations
 
@@ -36,11 +36,12 @@ for number in (signal.SIGINT, signal.SIGHUP):
     signal.signal(number, signal.SIG_DFL)
 os.execvp(sys.argv[1], sys.argv[1:])
 """
-"""A shell cannot heed what was ignored as it began, as these are where the tests run in the background or by nohup."""
+"""Resets signals that the tests ignore when they run in the background or by nohup: a shell cannot handle a signal that
+was ignored when it started."""
 
 
 @pytest.mark.parametrize("number", [signal.SIGINT, signal.SIGTERM, signal.SIGHUP])
-def test_an_interruption_leaves_no_half_of_them(number: signal.Signals, tmp_path: Path) -> None:
+def test_interrupted_script_leaves_no_secrets(number: signal.Signals, tmp_path: Path) -> None:
     (tmp_path / "programs").mkdir()
     program(tmp_path / "programs" / "openssl", OPENSSL)
     identity = program(tmp_path / "identity", IDENTITY.format(signal=number.name.removeprefix("SIG")))
@@ -59,11 +60,11 @@ echo "WARNING: the image is of another platform" >&2
 echo "token-of-$1"
 printf '[tenants."%s"]\\ntokens = []\\n' "$1" >&2
 """
-"""Stands for a container engine that runs what makes tokens."""
+"""Stands in for a container engine that runs the token program, and also prints warnings."""
 
 
 @pytest.mark.parametrize("to", [[], ["elsewhere/its secrets"]])
-def test_what_makes_tokens_may_be_named_from_where_it_is_started_and_say_more(to: list[str], tmp_path: Path) -> None:
+def test_relative_token_program_that_prints_warnings_is_used(to: list[str], tmp_path: Path) -> None:
     program(tmp_path / "identity", SAYS_MORE)
     (tmp_path / "elsewhere").mkdir()
     (tmp_path / "deploy").mkdir()

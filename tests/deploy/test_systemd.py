@@ -1,4 +1,4 @@
-"""deploy/systemd, as systemd reads it."""
+"""The unit of deploy/systemd."""
 
 from __future__ import annotations
 
@@ -16,8 +16,8 @@ UNIT = REPOSITORY / "deploy" / "systemd" / "motiongen.service"
 
 
 @pytest.mark.system
-def test_systemd_takes_the_unit(tmp_path: Path) -> None:
-    """With a program of the same name in the place of the one that is installed with the server."""
+def test_unit_is_valid(tmp_path: Path) -> None:
+    """With a stand-in for the installed server's program."""
     assert shutil.which("systemd-analyze"), "systemd-analyze is not installed (apt-get install systemd)"
     program = tmp_path / "motiongen-server"
     program.write_text("#!/bin/sh\n")
@@ -29,7 +29,7 @@ def test_systemd_takes_the_unit(tmp_path: Path) -> None:
     assert (done.returncode, said) == (0, []), done.stderr
 
 
-def test_systemd_waits_longer_than_the_server_drains() -> None:
+def test_stop_timeout_is_longer_than_draining() -> None:
     stop_s = float(re.findall(r"^TimeoutStopSec=(\d+)$", UNIT.read_text(encoding="utf-8"), re.MULTILINE)[0])
     config = ServerConfig()
     assert stop_s > config.drain_wait_s + config.drain_grace_s + 5

@@ -24,7 +24,7 @@ from tests.server.engine.fakes import FACTS
 
 FACTS_AS_SERVED = replace(
     FACTS,
-    fps=100,  # so that there is a lot of motion in little time
+    fps=100,  # much motion in little time
     rig=replace(
         FACTS.rig,
         blocks=(

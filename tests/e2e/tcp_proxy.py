@@ -1,4 +1,4 @@
-"""A TCP proxy that drops connections after so many bytes or when told to, or lets them fall silent."""
+"""A TCP proxy that aborts connections after a number of bytes or on request, or stops forwarding their bytes."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""The Python client keeps to the protocol in everything that it says: between it and a server all of it is checked."""
+"""The Python client keeps the rules of the protocol: a relay between it and a server checks every message."""
 
 from __future__ import annotations
 
@@ -16,7 +16,7 @@ from tests.waiting import LIMIT_S
 
 
 def edits(walker: Session) -> Iterator[Edit]:
-    """One of each kind, and one that is refused."""
+    """One edit of each kind, and one that is refused."""
     yield walker.set_prompt("a person runs forward")
     later = walker.set_prompt("a person waves", frame=600, end_frame=700)
     yield later
@@ -38,7 +38,7 @@ def edits(walker: Session) -> Iterator[Edit]:
 
 
 async def answered(edit: Edit) -> bool:
-    """Whether it was taken."""
+    """Whether the edit was accepted."""
     try:
         await edit
     except EventRefused:
@@ -52,7 +52,7 @@ async def play(walker: Session, seconds: float) -> None:
 
 
 @pytest.mark.filterwarnings("ignore")
-async def test_every_edit_is_said_by_the_rules(live_server: LiveServer) -> None:
+async def test_every_kind_of_edit_keeps_the_rules(live_server: LiveServer) -> None:
     async with asyncio.timeout(LIMIT_S), RulesRelay(live_server.address) as relay:
         async with MotionClient(relay.address) as client:
             walker = await client.open("a person walks forward")
@@ -70,7 +70,7 @@ async def test_every_edit_is_said_by_the_rules(live_server: LiveServer) -> None:
 
 
 @pytest.mark.filterwarnings("ignore")
-async def test_a_session_is_resumed_by_the_rules(live_server: LiveServer) -> None:
+async def test_resuming_keeps_the_rules(live_server: LiveServer) -> None:
     async with (
         asyncio.timeout(LIMIT_S),
         RulesRelay(live_server.address) as relay,

@@ -1,6 +1,6 @@
-"""Lines that are cut at any moment lose nothing.
+"""Connections that are cut at any moment lose nothing.
 
-The frames of the fake runner say what they were made of, so that every frame can be held against every answer.
+The fake runner's frames contain what they were made from, so that every frame can be compared with every answer.
 """
 
 from __future__ import annotations
@@ -30,7 +30,7 @@ NUM_CLIENTS, CUTS_EACH = 8, 25
 
 
 class Given:
-    """A prompt of some length that was given to a session. heard_at: the playhead when its answer came."""
+    """A prompt that was given to a session. length: of its text. heard_at: the playhead when its answer came."""
 
     def __init__(self, session: Session, length: int, edit: Edit) -> None:
         self.length = length
@@ -46,7 +46,7 @@ class Given:
 
 
 async def shown(session: Session, frames: list[int]) -> None:
-    """Play in real time, and note which frames were shown."""
+    """Play in real time, and record which frames were shown."""
     async for frame in session.frames():
         frames.append(frame.index)
 
@@ -54,7 +54,7 @@ async def shown(session: Session, frames: list[int]) -> None:
 async def direct(session: Session, rng: random.Random, is_over: Callable[[], bool], edits: list[Given]) -> None:
     """Give one prompt after another, each of another length; some are waited for, some not.
 
-    The last is given when no line is cut any more, so that it is answered by one that stays.
+    The last is given when no connection is cut any more, so that its answer arrives.
     """
     was_over = False
     while not was_over:
@@ -75,9 +75,9 @@ async def _answer(edit: Edit) -> None:
 
 
 def may_show(edits: list[Given], first_length: int, frame: int) -> list[int]:
-    """Whose prompts a frame may show: the one answered last for it, and those before it that were shown meanwhile.
+    """Lengths of the prompts that a frame may show: the last one in effect at it, and those before.
 
-    What was shown while the line was lost, before an answer came that says otherwise, shows what it showed.
+    An earlier one only if the answers of all later ones came when the frame had been shown already.
     """
     lengths = []
     for each in reversed([each for each in edits if each.effective_frame <= frame]):
@@ -88,7 +88,7 @@ def may_show(edits: list[Given], first_length: int, frame: int) -> list[int]:
 
 
 def check_motion(book: Received, edits: list[Given], first_length: int) -> None:
-    """Every frame is there, and shows a prompt that was answered for it; the last ones can show only one."""
+    """Check that no frame is missing, that each shows a prompt allowed for it, and the last one the newest prompt."""
     assert book.changed == []
     frames = sorted(book.rows)
     assert frames == list(range(len(frames)))
@@ -98,13 +98,13 @@ def check_motion(book: Received, edits: list[Given], first_length: int) -> None:
     assert may_show(edits, first_length, frames[-1]) == [edits[-1].length]
 
 
-async def test_lines_that_are_cut_at_two_hundred_moments_lose_nothing(
+async def test_connections_cut_at_two_hundred_moments_lose_nothing(
     received: dict[Playback, Received], monkeypatch: pytest.MonkeyPatch
 ) -> None:
     rng, taken = random.Random(11), Taken()
 
     async def one_client(server: LocalServer) -> int:
-        def budget() -> int | None:  # by what was cut: a connection that the client gave up before counts for nothing
+        def budget() -> int | None:  # counts cuts: a connection that the client has given up before is not one
             return rng.randrange(1000, 20000) if proxy.num_cuts < CUTS_EACH else None
 
         async with TcpProxy(server.address) as proxy, MotionClient(proxy.address) as client:
@@ -135,8 +135,8 @@ async def test_lines_that_are_cut_at_two_hundred_moments_lose_nothing(
     async with asyncio.timeout(LIMIT_S), a_server() as server:
         taken.watch(server, monkeypatch)
         resumes = await asyncio.gather(*(one_client(server) for _ in range(NUM_CLIENTS)))
-        assert len(taken.numbers) == 2 * NUM_CLIENTS, "no session was opened anew"
+        assert len(taken.numbers) == 2 * NUM_CLIENTS, "a session was reopened"
         for numbers in taken.numbers.values():
-            assert numbers == list(range(1, len(numbers) + 1)), "every event is taken once, in order"
+            assert numbers == list(range(1, len(numbers) + 1)), "every event arrives once, in order"
         assert sum(resumes) > NUM_CLIENTS * CUTS_EACH // 2
         assert server.service.num_parked == 0

@@ -1,4 +1,4 @@
-"""`motiongen demo` as a newcomer runs it: the built-in model, a server of its own, files at the end."""
+"""`motiongen demo` with its defaults: it starts a server with the built-in model, and writes files."""
 
 from __future__ import annotations
 
@@ -12,7 +12,7 @@ from motiongen_ardy.data.bvh import read_bvh
 from tests.waiting import LIMIT_S
 
 
-def test_the_demo_shows_eight_characters_and_leaves_nothing_running(tmp_path: Path) -> None:
+def test_demo_writes_eight_characters_and_leaves_nothing_running(tmp_path: Path) -> None:
     command = [
         sys.executable,
         "-m",
@@ -22,7 +22,7 @@ def test_the_demo_shows_eight_characters_and_leaves_nothing_running(tmp_path: Pa
         "6",
         "--out",
         str(tmp_path),
-    ]  # no place due
+    ]  # no waypoint is due by then
     done = subprocess.run(command, capture_output=True, text=True, timeout=2 * LIMIT_S, check=False)
     assert done.returncode == 0, done.stdout + done.stderr
     clips = [read_bvh(path) for path in sorted(tmp_path.glob("*.bvh"))]

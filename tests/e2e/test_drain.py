@@ -1,4 +1,4 @@
-"""How a server process ends: drained by SIGTERM under a live stream, and refused at the start for a wrong setting."""
+"""How a server process ends: drained by SIGTERM while a stream is open, or at the start for a wrong setting."""
 
 from __future__ import annotations
 
@@ -46,13 +46,13 @@ async def start(*arguments: str, program: str = SERVER, **environment: str) -> a
 async def serving(
     *arguments: str, program: str = NULL_SERVER
 ) -> AsyncIterator[tuple[asyncio.subprocess.Process, dict[str, int]]]:
-    """A server that is ready, and its ports. It is killed if the test has not ended it."""
+    """A server that is ready, and its ports. It is ended if the test has not done so."""
     process = await start(*MODEL, *FREE_PORTS, *ANY_LOAD, *arguments, program=program)
     async with watched(process) as told:
         yield process, told
 
 
-async def test_sigterm_under_a_live_stream_says_goodbye_and_ends_with_0() -> None:
+async def test_sigterm_with_an_open_stream_sends_goodbye_and_exits_with_0() -> None:
     async with (
         asyncio.timeout(LIMIT_S),
         serving("--drain-wait-s", "0", "--drain-grace-s", "3600", program=SERVER) as (process, ports),
@@ -72,10 +72,10 @@ async def test_sigterm_under_a_live_stream_says_goodbye_and_ends_with_0() -> Non
         await talk.close(1)
         await talk.call.done_writing()
         assert await talk.to_the_end() is grpc.StatusCode.OK
-        assert await process.wait() == 0, "it did not wait for the end of the grace"
+        assert await process.wait() == 0, "it must not wait for the end of the grace"
 
 
-async def test_a_second_sigterm_waits_for_nobody_and_ends_with_0() -> None:
+async def test_second_sigterm_ends_the_grace_and_exits_with_0() -> None:
     async with (
         asyncio.timeout(LIMIT_S),
         serving("--drain-wait-s", "0", "--drain-grace-s", "3600") as (process, ports),
@@ -92,13 +92,13 @@ async def test_a_second_sigterm_waits_for_nobody_and_ends_with_0() -> None:
 
 
 @pytest.mark.parametrize("moment", ["at the very start", "while it loads"])
-async def test_sigterm_before_it_is_ready_ends_it_with_0(moment: str) -> None:
+async def test_sigterm_before_the_server_is_ready_exits_with_0(moment: str) -> None:
     async with asyncio.timeout(LIMIT_S):
         process = await start(*MODEL, *FREE_PORTS)
         try:
             await until_true(lambda: catches_sigterm(process.pid))
             if moment == "while it loads":
-                await until_true(psutil.Process(process.pid).children)  # its engine process, which loads
+                await until_true(psutil.Process(process.pid).children)  # its engine process, which is loading
             process.send_signal(signal.SIGTERM)
             _, err = await process.communicate()
         finally:
@@ -108,11 +108,11 @@ async def test_sigterm_before_it_is_ready_ends_it_with_0(moment: str) -> None:
     assert b"Traceback" not in err
 
 
-async def test_an_operator_s_client_that_does_not_read_does_not_hold_up_the_end() -> None:
+async def test_ops_client_that_does_not_read_does_not_delay_the_end() -> None:
     async with asyncio.timeout(LIMIT_S), serving("--drain-wait-s", "0", "--drain-grace-s", "0") as (process, ports):
         reader, writer = await asyncio.open_connection("localhost", ports["ops_port"], limit=1)
         idle = await asyncio.open_connection("localhost", ports["ops_port"])
-        for _ in range(200):  # more than fits between the two
+        for _ in range(200):  # more than the buffers between the two hold
             writer.write(b"GET /metrics HTTP/1.1\r\nHost: here\r\n\r\n")
         await reader.readexactly(1)
         process.send_signal(signal.SIGTERM)
@@ -121,7 +121,7 @@ async def test_an_operator_s_client_that_does_not_read_does_not_hold_up_the_end(
             each.transport.abort()
 
 
-async def test_sessions_that_stay_are_closed_as_drained_when_the_grace_is_over() -> None:
+async def test_sessions_left_after_the_grace_are_closed_as_drained() -> None:
     async with (
         asyncio.timeout(LIMIT_S),
         serving("--drain-wait-s", "0", "--drain-grace-s", "0.1") as (process, ports),
@@ -150,7 +150,7 @@ async def test_sessions_that_stay_are_closed_as_drained_when_the_grace_is_over()
     ],
     ids=["range", "kind", "name", "model", "fit"],
 )
-async def test_a_wrong_setting_is_named_in_one_line(
+async def test_invalid_setting_is_reported_in_one_line(
     arguments: list[str], environment: dict[str, str], named: str
 ) -> None:
     async with asyncio.timeout(LIMIT_S):
@@ -164,7 +164,7 @@ async def test_a_wrong_setting_is_named_in_one_line(
 
 
 @pytest.mark.parametrize("flag", ["--port", "--ops-port"])
-async def test_a_port_in_use_is_named_in_one_line(flag: str) -> None:
+async def test_port_in_use_is_reported_in_one_line(flag: str) -> None:
     with socket.create_server(("127.0.0.1", 0)) as taken:
         port = taken.getsockname()[1]
         async with asyncio.timeout(LIMIT_S):

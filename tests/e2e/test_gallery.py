@@ -1,4 +1,4 @@
-"""A gallery of a real server: a take for every question, each target with what became of it."""
+"""A gallery made with a real server: a take for each task, with the outcome of each target."""
 
 from __future__ import annotations
 
@@ -13,7 +13,7 @@ from motiongen_tools.gallery.questions import CHANGES, TARGETS
 from tests.conftest import LiveServer
 
 
-def test_every_kind_of_target_is_shown_by_steps(live_server: LiveServer, tmp_path: Path) -> None:
+def test_gallery_shows_every_kind_of_target_for_each_number_of_steps(live_server: LiveServer, tmp_path: Path) -> None:
     page = tmp_path / "gallery.html"
     with MotionClient(live_server.address) as client:
         model = client.catalog.models[0].model_id
@@ -29,9 +29,7 @@ def test_every_kind_of_target_is_shown_by_steps(live_server: LiveServer, tmp_pat
     assert (goal["frame"], len(goal["points"]), goal["is_path"]) == (40, 1, False)
 
 
-def test_a_model_that_is_not_there_is_told(
-    live_server: LiveServer, capsys: pytest.CaptureFixture[str], tmp_path: Path
-) -> None:
+def test_unknown_model_is_reported(live_server: LiveServer, capsys: pytest.CaptureFixture[str], tmp_path: Path) -> None:
     assert run(["gallery", "other", "--server", live_server.address, "--out", str(tmp_path / "page.html")]) == 1
     assert "other" in capsys.readouterr().err
     assert not (tmp_path / "page.html").exists()

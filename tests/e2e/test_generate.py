@@ -1,4 +1,4 @@
-"""Clips of a real server: they are what a session would show, sessions beside them, and files in every format."""
+"""Clips of a real server: equal to what a session shows, beside a session, and as files in every format."""
 
 from __future__ import annotations
 
@@ -29,7 +29,7 @@ from tests.waiting import LIMIT_S
 G1_MODEL = ROOT / "tests" / "data" / "golden" / "tiny-g134" / "checkpoint"
 
 
-async def test_a_clip_is_what_a_session_with_its_seed_shows(live_server: LiveServer) -> None:
+async def test_clip_equals_the_start_of_a_session_with_the_same_seed(live_server: LiveServer) -> None:
     options = SessionOptions(seed=11, denoise_steps=4, start=StartPose(1.0, 2.0, 0.5))
     async with asyncio.timeout(LIMIT_S), MotionClient(live_server.address) as client:
         (clip,) = await client.generate_clip("a person walks", num_frames=100, options=options)
@@ -37,7 +37,7 @@ async def test_a_clip_is_what_a_session_with_its_seed_shows(live_server: LiveSer
         _ = [frame async for frame in session.frames(seconds=2, realtime=False)]
         shown = session.motion()
     assert clip.seed == 11
-    # Until the window that is cut so that sessions spread out, both are made of the same windows.
+    # Both consist of the same windows until a session's window is shortened to spread sessions out over time.
     np.testing.assert_allclose(clip.motion.rows[:40], shown.rows[:40], atol=1e-4)
 
 
@@ -54,7 +54,7 @@ async def test_samples_differ_and_a_session_plays_beside_them(live_server: LiveS
     assert len({clip.motion.rows.tobytes() for clip in clips}) == 8
 
 
-async def test_motion_goes_on_from_prior_frames(live_server: LiveServer) -> None:
+async def test_motion_continues_from_prior_frames(live_server: LiveServer) -> None:
     async with asyncio.timeout(LIMIT_S), MotionClient(live_server.address) as client:
         far_away = SessionOptions(seed=1, start=StartPose(300.0, -200.0))
         (first,) = await client.generate_clip("a person walks", num_frames=40, options=far_away)
@@ -68,7 +68,7 @@ async def test_motion_goes_on_from_prior_frames(live_server: LiveServer) -> None
         with pytest.raises(EventRefused) as refused:
             await client.generate_clip(num_frames=40, options=too_short)
     gap_m = np.linalg.norm(clip.motion.root_translation_m[0] - prior.root_translation_m[-1])
-    assert gap_m < 5.0, "random weights leap, but not by 300 m"
+    assert gap_m < 5.0, "random weights jump, but not by 300 m"
     np.testing.assert_allclose(shown.rows[:20], clip.motion.rows[:20], atol=1e-4)
     assert (refused.value.reason, refused.value.field) == (
         "PRIOR_FRAMES_OUT_OF_RANGE",
@@ -77,7 +77,7 @@ async def test_motion_goes_on_from_prior_frames(live_server: LiveServer) -> None
     assert refused.value.allowed.startswith("multiples of 4")
 
 
-async def test_time_that_runs_out_and_mistakes_are_errors_of_their_own(live_server: LiveServer) -> None:
+async def test_deadlines_and_invalid_requests_raise_their_own_errors(live_server: LiveServer) -> None:
     async with asyncio.timeout(LIMIT_S), MotionClient(live_server.address) as client:
         with pytest.raises(DeadlineExceeded):
             await client.generate_clip("a person walks", num_frames=2400, num_samples=16, timeout_s=0.05)
@@ -94,7 +94,9 @@ async def test_time_that_runs_out_and_mistakes_are_errors_of_their_own(live_serv
     assert residual.position_m.worst == pytest.approx(missed_m, abs=1e-5)
 
 
-def test_every_format_of_a_person(live_server: LiveServer, tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+def test_person_is_written_in_every_format(
+    live_server: LiveServer, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
     line = ["generate", "a person walks", "--at", "1", "--prompt", "a person runs", "--seconds", "2.5", "--seed", "3"]
     line += ["--server", live_server.address.replace("localhost", "127.0.0.1"), "--waypoint", "0,1@2"]
     names = ("walk.npz", "walk.bvh", "walk.glb", "walk.json")
@@ -110,19 +112,21 @@ def test_every_format_of_a_person(live_server: LiveServer, tmp_path: Path, capsy
     assert extras == {"text": "a person walks; then a person runs", "frames_per_second": 20}
     assert run([*line, "--samples", "2", "--out", str(tmp_path / "run.npz")]) == 0
     assert sorted(path.name for path in (tmp_path / "run").iterdir()) == ["run_00.npz", "run_01.npz"]
-    assert run([*line, "--out", str(tmp_path / "walk.csv")]) == 1, "a person is no robot"
+    assert run([*line, "--out", str(tmp_path / "walk.csv")]) == 1, "csv files are for robots only"
     assert "walk.csv" in capsys.readouterr().err
 
 
 def glb_json(path: Path) -> Any:
-    """The JSON chunk, which is the first of a binary glTF."""
+    """The JSON chunk of a binary glTF, its first one."""
     content = path.read_bytes()
     magic, length, kind = content[:4], int.from_bytes(content[12:16], "little"), content[16:20]
     assert (magic, kind) == (b"glTF", b"JSON")
     return json.loads(content[20 : 20 + length])
 
 
-def test_every_format_of_a_robot_and_on_from_its_state(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+def test_robot_is_written_in_every_format_and_continued_from_its_state(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
     server = ["--start-server", "--", "--model", str(G1_MODEL), "--text-encoder", "hashed"]
     server += ["--devices", "cpu:1", "--precision", "float32", "--profile-s", "0.1"]
     names = ("g1.csv", "g1.controller.csv", "g1.npz", "g1.bvh", "g1.glb")
@@ -137,7 +141,7 @@ def test_every_format_of_a_robot_and_on_from_its_state(tmp_path: Path, capsys: p
         assert on["local_rot_mats"].shape == (25, 34, 3, 3)
 
 
-def test_a_file_of_the_client_can_be_history(live_server: LiveServer, tmp_path: Path) -> None:
+def test_npz_file_of_the_client_can_be_history(live_server: LiveServer, tmp_path: Path) -> None:
     address = live_server.address
     stream = ["stream", "--prompt", "walk", "--seconds", "1", "--npz", "--out", str(tmp_path / "a.bvh")]
     assert run([*stream, "--server", address]) == 0

@@ -1,4 +1,4 @@
-"""The real service and the real client over TLS, with tokens that are known, wrong, or expire."""
+"""The service and the client over TLS, with tokens that are valid, invalid, or expire."""
 
 from __future__ import annotations
 
@@ -34,7 +34,7 @@ async def play(client: MotionClient) -> None:
         pass
 
 
-async def test_a_token_goes_with_every_call_over_tls(tenants: TenantsFile, tmp_path: Path) -> None:
+async def test_token_is_sent_with_every_call_over_tls(tenants: TenantsFile, tmp_path: Path) -> None:
     token = tenants.one()
     tls = ServerTls(TlsFiles(*copy_pair("server-1", tmp_path), AUTHORITY))
     async with (
@@ -46,7 +46,7 @@ async def test_a_token_goes_with_every_call_over_tls(tenants: TenantsFile, tmp_p
         assert len(await client.generate_clip("a person walks", num_frames=8)) == 1
 
 
-async def test_who_is_not_let_in_is_told_why_at_once(tenants: TenantsFile) -> None:
+async def test_refused_client_gets_the_reason_at_once(tenants: TenantsFile) -> None:
     token = tenants.one("roles = ['metrics']")
     async with asyncio.timeout(LIMIT_S), served(tenants) as server:
         for given, reason in (
@@ -59,7 +59,7 @@ async def test_who_is_not_let_in_is_told_why_at_once(tenants: TenantsFile) -> No
             assert (refused.value.reason, refused.value.address) == (reason, server.address)
 
 
-async def test_a_session_outlives_its_token_where_there_is_a_next_one(tenants: TenantsFile) -> None:
+async def test_session_continues_with_a_next_token_after_its_token_expires(tenants: TenantsFile) -> None:
     (old, old_hash), (new, new_hash) = new_token(), new_token()
     tenants.write(f"[tenants.a]\ntokens = [{{ hash = '{old_hash}', expires = {EXPIRES} }}, {{ hash = '{new_hash}' }}]")
     tokens = [old]
@@ -79,7 +79,7 @@ async def test_a_session_outlives_its_token_where_there_is_a_next_one(tenants: T
         assert (session.stats.resumes, session.reopenings) == (1, ())
 
 
-async def test_a_token_that_expires_without_another_ends_the_stream(tenants: TenantsFile) -> None:
+async def test_token_that_expires_without_a_next_one_ends_the_stream(tenants: TenantsFile) -> None:
     token = tenants.one(expires=EXPIRES)
     async with (
         asyncio.timeout(LIMIT_S),
@@ -94,7 +94,7 @@ async def test_a_token_that_expires_without_another_ends_the_stream(tenants: Ten
         assert lost.value.reason == "CREDENTIALS_EXPIRED"
 
 
-async def test_the_command_reaches_a_server_that_asks_who_calls(
+async def test_command_line_reaches_an_authenticating_server(
     tenants: TenantsFile, tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
     token = tenants.one()

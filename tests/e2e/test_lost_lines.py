@@ -1,4 +1,4 @@
-"""The Python client and the real service with the line between them cut, silenced and moved elsewhere."""
+"""The Python client and the service with a connection that is cut, falls silent, or leads to another server."""
 
 from __future__ import annotations
 
@@ -19,7 +19,7 @@ from tests.waiting import LIMIT_S, until_true
 pytestmark = pytest.mark.usefixtures("short_delays")
 
 
-async def test_after_its_grace_a_session_is_opened_anew_and_goes_on_from_what_was_held(
+async def test_session_is_reopened_from_the_frames_held_after_its_grace(
     received: dict[Playback, Received],
 ) -> None:
     async with asyncio.timeout(LIMIT_S), a_server(resume_grace_s=0.05) as server, proxied(server) as (proxy, client):
@@ -41,19 +41,19 @@ async def test_after_its_grace_a_session_is_opened_anew_and_goes_on_from_what_wa
         assert outcome.effective_frame is not None
         assert outcome.effective_frame >= reopened.frame
         rest = await played(session, 200)
-        assert rest == list(range(60, 260)), "the application's frames go on"
+        assert rest == list(range(60, 260)), "frame numbers continue for the application"
         rows = received[session.playback].rows
-        assert rows[reopened.frame][FRAME] == 0, "which is the new session's first"
+        assert rows[reopened.frame][FRAME] == 0, "the new session's first frame"
         assert rows[reopened.frame][SEED] == 5
         assert rows[outcome.effective_frame + 1][PROMPT] == len("third, while away")
         assert rows[outcome.effective_frame - 1][PROMPT] == len("second one")
-        assert rows[259][CONSTRAINTS] == 0, "a constraint this far ahead is not seen yet"
+        assert rows[259][CONSTRAINTS] == 0, "a constraint this far ahead is not in the window yet"
         assert session.stats.reopenings == 1
         assert (await session.close()).reason == "client"
         check_history(server, reopened.frame)
 
 
-async def test_another_server_goes_on_with_the_sessions_of_one_that_was_killed() -> None:
+async def test_another_server_continues_the_sessions_of_one_that_was_killed() -> None:
     async with (
         asyncio.timeout(LIMIT_S), a_server() as other, a_server() as server, proxied(server) as (proxy, client),
     ):  # fmt: skip
@@ -72,7 +72,7 @@ async def test_another_server_goes_on_with_the_sessions_of_one_that_was_killed()
         check_history(other, *(session.reopenings[0].frame for session in sessions))
 
 
-async def test_a_server_that_drains_is_left_for_another() -> None:
+async def test_session_moves_to_another_server_when_its_own_drains() -> None:
     async with (
         asyncio.timeout(LIMIT_S), a_server() as other, a_server() as server, proxied(server) as (proxy, client),
     ):  # fmt: skip
@@ -90,7 +90,7 @@ async def test_a_server_that_drains_is_left_for_another() -> None:
         check_history(other, session.reopenings[0].frame)
 
 
-async def test_a_line_that_falls_silent_is_noticed_and_the_session_resumed() -> None:
+async def test_silent_connection_is_noticed_and_the_session_resumed() -> None:
     policy = LinePolicy(ping_s=0.2, pong_timeout_s=0.2, hello_timeout_s=1.0)
     async with asyncio.timeout(LIMIT_S), a_server() as server, proxied(server, policy) as (proxy, client):
         session = await client.open("a person walks", options=LOOKAHEAD)
@@ -99,13 +99,13 @@ async def test_a_line_that_falls_silent_is_noticed_and_the_session_resumed() -> 
         await until_true(lambda: not client.is_connected)
         proxy.is_silent = False
         assert await played(session, 100) == list(range(50, 150))
-        assert session.stats.resumes >= 1  # a machine that stands still for a moment falls silent too
+        assert session.stats.resumes >= 1  # more often if the machine itself stalls for a moment
         assert session.reopenings == ()
         assert server.engine.num_sessions == 1
 
 
-async def test_it_tries_again_where_a_new_line_is_silent_from_its_beginning() -> None:
-    """Connections are taken, and nothing is ever said: as by a machine that stands still, or lost what is behind it."""
+async def test_client_reconnects_when_a_new_connection_stays_silent() -> None:
+    """Connections are accepted but never answered, as by a stalled machine, or a proxy that has lost its server."""
     policy = LinePolicy(ping_s=0.2, pong_timeout_s=0.2, hello_timeout_s=0.5)
     tried: list[None] = []
 
@@ -124,7 +124,7 @@ async def test_it_tries_again_where_a_new_line_is_silent_from_its_beginning() ->
         assert await played(session, 100) == list(range(50, 150))
 
 
-async def test_a_client_that_shall_not_recover_fails_its_sessions_and_can_open_others() -> None:
+async def test_without_recovery_sessions_fail_and_new_ones_can_open() -> None:
     policy = LinePolicy(recover_s=0)
     async with asyncio.timeout(LIMIT_S), a_server() as server, proxied(server, policy) as (proxy, client):
         session = await client.open("a person walks")
@@ -135,7 +135,7 @@ async def test_a_client_that_shall_not_recover_fails_its_sessions_and_can_open_o
         assert await played(other, 10) == list(range(10))
 
 
-async def test_a_session_that_is_closed_while_the_line_is_lost_is_over_here_and_later_there() -> None:
+async def test_session_closed_during_an_outage_ends_at_once_and_later_on_the_server() -> None:
     async with asyncio.timeout(LIMIT_S), a_server(resume_grace_s=0.2) as server, proxied(server) as (proxy, client):
         session, other = await client.open("one"), await client.open("two")
         proxy.is_shut = True
@@ -147,7 +147,7 @@ async def test_a_session_that_is_closed_while_the_line_is_lost_is_over_here_and_
         await until_true(lambda: server.engine.num_sessions == 1)
 
 
-async def test_a_paused_session_is_paused_when_it_comes_back() -> None:
+async def test_paused_session_is_still_paused_when_reopened() -> None:
     async with asyncio.timeout(LIMIT_S), a_server(resume_grace_s=0.05) as server, proxied(server) as (proxy, client):
         session = await client.open("one", options=LOOKAHEAD)
         await played(session, 10)
@@ -157,12 +157,12 @@ async def test_a_paused_session_is_paused_when_it_comes_back() -> None:
         await until_true(lambda: not server.engine.num_sessions)
         proxy.is_shut = False
         await until_true(lambda: session.reopenings)
-        assert (await session.resume()).event_seq == 3, "after its opening, and the pause that it was told again"
+        assert (await session.resume()).event_seq == 3, "number 1 is the open, 2 the pause that is repeated"
         assert len(await played(session, 100)) == 100
         check_history(server, session.reopenings[0].frame)
 
 
-async def test_a_stream_without_sessions_is_connected_again_when_there_is_one_to_open() -> None:
+async def test_stream_without_sessions_reconnects_when_one_is_opened() -> None:
     async with asyncio.timeout(LIMIT_S), a_server() as server, proxied(server) as (proxy, client):
         await (await client.open("one")).close()
         proxy.cut()

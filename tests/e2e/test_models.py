@@ -57,7 +57,7 @@ async def played(session: Session, seconds: float = 1.0) -> list[int]:
     return [frame.index async for frame in session.frames(seconds, realtime=False)]
 
 
-async def test_a_client_talks_to_both_models(two_models: TwoModels) -> None:
+async def test_client_plays_sessions_of_both_models(two_models: TwoModels) -> None:
     async with asyncio.timeout(LIMIT_S), MotionClient(two_models.address) as client:
         names = [model.model_id for model in client.catalog.models]
         assert names == [BUILT_IN_MODEL, two_models.tiny]
@@ -70,7 +70,7 @@ async def test_a_client_talks_to_both_models(two_models: TwoModels) -> None:
             await client.open("a person walks", options=SessionOptions(model_id="nobody"))
 
 
-async def test_one_model_is_unloaded_loaded_and_reloaded_while_the_other_plays(two_models: TwoModels) -> None:
+async def test_model_is_unloaded_loaded_and_reloaded_while_the_other_plays(two_models: TwoModels) -> None:
     tiny = SessionOptions(model_id=two_models.tiny)
     async with (
         asyncio.timeout(LIMIT_S),
@@ -100,9 +100,7 @@ async def test_one_model_is_unloaded_loaded_and_reloaded_while_the_other_plays(t
         assert await played(stays) == list(range(40, 60))
 
 
-async def test_folders_that_hold_no_model_are_refused_and_nothing_else_happens(
-    two_models: TwoModels, tmp_path: Path
-) -> None:
+async def test_folders_without_a_model_are_refused_without_side_effects(two_models: TwoModels, tmp_path: Path) -> None:
     (tmp_path / "config.yaml").write_text("model: [", encoding="utf-8")
     async with asyncio.timeout(LIMIT_S), AdminClient(two_models.admin) as admin:
         before = [status.model_id for status in await admin.list_models()]
@@ -115,7 +113,7 @@ async def test_folders_that_hold_no_model_are_refused_and_nothing_else_happens(
         assert [status.model_id for status in await admin.list_models()] == before
 
 
-def test_the_command_line_does_the_same(two_models: TwoModels, capsys: pytest.CaptureFixture[str]) -> None:
+def test_command_line_manages_models(two_models: TwoModels, capsys: pytest.CaptureFixture[str]) -> None:
     server = ["admin", "--server", two_models.admin]
     assert run([*server, "list"]) == 0
     assert "serving" in capsys.readouterr().out
@@ -128,7 +126,7 @@ def test_the_command_line_does_the_same(two_models: TwoModels, capsys: pytest.Ca
     assert f"{two_models.tiny} is served now." in capsys.readouterr().out
 
 
-async def test_a_client_that_is_connected_follows_the_models(two_models: TwoModels) -> None:
+async def test_connected_client_follows_changes_of_models(two_models: TwoModels) -> None:
     async with (
         asyncio.timeout(LIMIT_S),
         MotionClient(two_models.address) as client,
@@ -138,7 +136,7 @@ async def test_a_client_that_is_connected_follows_the_models(two_models: TwoMode
         await admin.unload_model(BUILT_IN_MODEL)
         (clip,) = await client.generate_clip(
             "a person walks", num_frames=8
-        )  # the default that the client knows is gone
+        )  # the default model that the client knows is gone
         session = await client.open("a person walks")
         assert clip.model_id == session.opened.model_id == client.catalog.models[0].model_id == two_models.tiny
         assert clip.motion.rig.rig_id == session.rig.rig_id != default.rig_id
@@ -151,7 +149,7 @@ async def test_a_client_that_is_connected_follows_the_models(two_models: TwoMode
         await played(session)
 
 
-async def test_a_session_follows_the_models_too(two_models: TwoModels) -> None:
+async def test_opening_a_session_updates_the_clients_catalogue(two_models: TwoModels) -> None:
     async with (
         asyncio.timeout(LIMIT_S),
         MotionClient(two_models.address) as client,
@@ -159,7 +157,7 @@ async def test_a_session_follows_the_models_too(two_models: TwoModels) -> None:
     ):
         default = client.catalog.models[0]
         await admin.unload_model(default.model_id)
-        session = await client.open("a person walks")  # the default that the client knows is gone
+        session = await client.open("a person walks")  # the default model that the client knows is gone
         assert session.opened.model_id == client.catalog.models[0].model_id != default.model_id
         await played(session)
         await admin.load_model(BUILT_IN_MODEL if default.model_id == BUILT_IN_MODEL else str(TINY))

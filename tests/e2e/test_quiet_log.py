@@ -1,4 +1,4 @@
-"""What clients do wrong before they have said anything adds nothing to the log."""
+"""Mistakes of clients in handshakes and headers are not logged."""
 
 from __future__ import annotations
 
@@ -24,7 +24,7 @@ async def test_clients_without_tls_on_a_port_with_it_are_not_logged(tmp_path: Pa
         for _ in range(20):
             reader, writer = await asyncio.open_connection("localhost", ports["grpc_port"])
             writer.write(PLAIN)
-            await reader.read()  # to the end: it has been turned away
+            await reader.read()  # until the server closes the connection
             writer.transport.abort()
         process.send_signal(signal.SIGTERM)
         _, said = await process.communicate()

@@ -1,4 +1,4 @@
-"""A model of the robot's rig, of random weights, served: g1_qpos and g1_qvel in a stream and in clips."""
+"""A server with a random-weight model of the robot's rig: g1_qpos and g1_qvel in streams and in clips."""
 
 from __future__ import annotations
 
@@ -34,13 +34,13 @@ async def client(address: str) -> AsyncIterator[MotionClient]:
 
 
 def check(motion: Motion) -> None:
-    """The robot's numbers are those of the frames they came with."""
+    """Check that the robot's numbers match the frames that they came with."""
     qpos, qvel = motion.output("g1_qpos"), motion.output("g1_qvel")
     assert (qpos.shape, qvel.shape) == ((FRAMES, 36), (FRAMES, 35))
     turns = torch.from_numpy(motion.joint_rotation_quat_wxyz.copy())
     expected = qpos_of_rows(turns, torch.from_numpy(motion.root_translation_m.copy()))
     np.testing.assert_allclose(qpos, expected, atol=1e-4)
-    assert (qpos[1:, 3:7] * qpos[:-1, 3:7]).sum(axis=1).min() >= 0, "of q and -q the nearer one, from window to window"
+    assert (qpos[1:, 3:7] * qpos[:-1, 3:7]).sum(axis=1).min() >= 0, "of q and -q, the one nearer to the frame before"
     robot = load_g1()
     assert (qpos[:, 7:] >= robot.lower.numpy() - 1e-6).all()
     assert (qpos[:, 7:] <= robot.upper.numpy() + 1e-6).all()
@@ -48,7 +48,7 @@ def check(motion: Motion) -> None:
     np.testing.assert_allclose(qvel[1:], led, atol=0.02)
 
 
-async def test_a_stream_has_the_robot_s_numbers_on_both_sides_of_a_replan(client: MotionClient) -> None:
+async def test_robot_outputs_match_the_frames_on_both_sides_of_a_replan(client: MotionClient) -> None:
     model = client.catalog.models[0]
     assert {name: model.outputs[name] for name in OUTPUTS} == {"g1_qpos": 36, "g1_qvel": 35}
     walker = await client.open("a person walks", options=SessionOptions(seed=1, outputs=OUTPUTS))
@@ -59,13 +59,13 @@ async def test_a_stream_has_the_robot_s_numbers_on_both_sides_of_a_replan(client
     check(walker.motion(0, FRAMES))
 
 
-async def test_a_clip_has_them_too(client: MotionClient) -> None:
+async def test_clip_has_matching_robot_outputs(client: MotionClient) -> None:
     options = SessionOptions(seed=1, outputs=OUTPUTS)
     (clip,) = await client.generate_clip("a person walks", num_frames=FRAMES, options=options)
     check(clip.motion)
 
 
-async def test_they_are_not_to_be_had_quantised(client: MotionClient) -> None:
+async def test_robot_outputs_cannot_be_quantised(client: MotionClient) -> None:
     options = SessionOptions(outputs=OUTPUTS, frame_format=FrameFormat.QUANTISED)
     with pytest.raises(EventRefused, match="OUTPUT_NOT_QUANTISED"):
         await client.open("a person walks", options=options)

@@ -1,4 +1,4 @@
-"""More edits than a session may say in a second are made while the line is lost: none is refused for that."""
+"""Edits made during an outage, more than the rate limit allows in a second, are all accepted afterwards."""
 
 from __future__ import annotations
 
@@ -12,7 +12,7 @@ from tests.waiting import LIMIT_S, until_true
 pytestmark = pytest.mark.usefixtures("short_delays")
 
 
-async def test_all_edits_of_a_lost_line_are_taken_when_it_is_back() -> None:
+async def test_all_edits_made_during_an_outage_are_accepted_afterwards() -> None:
     async with (
         asyncio.timeout(LIMIT_S), a_server(events_per_second=80.0) as server, proxied(server) as (proxy, client),
     ):  # fmt: skip

@@ -1,4 +1,4 @@
-"""What a user of the built-in model gets through gRPC is what the evaluation measured."""
+"""The built-in model is as good through gRPC as the evaluation has measured."""
 
 from __future__ import annotations
 
@@ -10,12 +10,12 @@ import torch
 from motiongen_tools.server_process import ServerProcess
 from tests.bench.served_rows import library_sampler, served_rows
 
-# However busy the machine is: a clip is never made with less than was asked for, and a session here is not either.
+# However busy the machine is, the sessions here are not degraded; clips never are.
 SETTINGS = ("--devices", "cpu:1", "--profile-s", "0.3", "--admit-load", "1000", "--degrade", "false")
 BOUNDS = {"miss": 0.04, "slowest foot": 0.1}
 
 
-def test_the_service_gives_the_rows_that_the_library_has() -> None:
+def test_service_gives_the_same_evaluation_rows_as_the_library() -> None:
     torch.set_num_threads(1)
     with ServerProcess(SETTINGS) as server:
         rows = asyncio.run(served_rows(server.address, (0,), library_sampler()))

@@ -1,4 +1,4 @@
-"""Who stands and is sent a step or two goes there in steps: no foot is there from one frame to the next."""
+"""A standing character that is sent a short way goes there in steps: no foot jumps from one frame to the next."""
 
 from __future__ import annotations
 
@@ -15,15 +15,15 @@ from tests.bench.changes import SETTINGS, hardest_m_s2
 
 STANDS_S, WAY_S = 1.5, 4.0
 PLACES_M = ((0.5, 0.3), (-0.4, 0.0))
-"""Along +X, where it faces, and +Z."""
+"""The way along +X, which it faces, and along +Z."""
 SEEDS = range(12)
 HARDEST_M_S2 = 100.0
-"""Of any joint beside the root. Captured walks have 80 at most; a foot that is there at once 140 to 180."""
+"""Acceleration of any joint relative to the root. Captured walks have at most 80; a foot that jumps has 140 to 180."""
 NEAR_M = 0.05
 
 
 async def sent(client: MotionClient, place_m: tuple[float, float], seed: int) -> np.ndarray:
-    """(T, J, 3) of a character from when it is sent, having stood a little longer with each seed."""
+    """Joint positions (T, J, 3) from when it is sent. It stands a little longer with each seed before that."""
     options = SessionOptions(seed=seed, start=StartPose(0.0, 0.0, math.pi / 2), lookahead_frames=40)
     async with await client.open("a person stands still", options=options) as session:
         stood = [frame async for frame in session.frames(STANDS_S + 0.35 * seed, realtime=False)][-2:]
@@ -34,7 +34,7 @@ async def sent(client: MotionClient, place_m: tuple[float, float], seed: int) ->
 
 
 @pytest.mark.timeout(180)
-async def test_nobody_has_a_foot_elsewhere_from_one_frame_to_the_next() -> None:
+async def test_no_foot_jumps_when_a_standing_character_is_sent_a_short_way() -> None:
     cases = list(itertools.product(PLACES_M, SEEDS))
     with ServerProcess(SETTINGS) as server:
         async with MotionClient(server.address) as client:

@@ -1,4 +1,4 @@
-"""A server takes smaller messages than what there is to tell it: one that would be greater costs the whole stream."""
+"""A session moves to a server with a smaller message limit; a message above it would end the whole stream."""
 
 from __future__ import annotations
 
@@ -14,7 +14,7 @@ from tests.waiting import LIMIT_S, until_true
 pytestmark = pytest.mark.usefixtures("short_delays")
 
 
-async def test_a_server_that_takes_less_than_the_one_before_is_told_in_smaller_messages() -> None:
+async def test_messages_respect_the_smaller_limit_of_the_next_server() -> None:
     async with (
         asyncio.timeout(LIMIT_S), a_server(max_request_bytes=2000) as other, a_server() as server,
         proxied(server) as (proxy, client),
@@ -24,7 +24,7 @@ async def test_a_server_that_takes_less_than_the_one_before_is_told_in_smaller_m
         proxy.is_shut = True
         proxy.cut()
         await until_true(lambda: not client.is_connected)
-        edits = [session.set_prompt(f"{number} " + "x" * 200) for number in range(20)]  # in one message, 5000 bytes
+        edits = [session.set_prompt(f"{number} " + "x" * 200) for number in range(20)]  # 5000 bytes in one message
         proxy.behind = other.address
         proxy.is_shut = False
         outcomes = await asyncio.gather(*edits)
@@ -32,7 +32,7 @@ async def test_a_server_that_takes_less_than_the_one_before_is_told_in_smaller_m
         assert len(session.reopenings) == 1
 
 
-async def test_a_session_that_no_message_can_open_anew_ends_and_the_others_of_its_stream_go_on() -> None:
+async def test_session_too_large_to_be_reopened_ends_and_others_continue() -> None:
     async with (
         asyncio.timeout(LIMIT_S), a_server(max_request_bytes=8000) as other, a_server() as server,
         proxied(server) as (proxy, client),
@@ -52,7 +52,7 @@ async def test_a_session_that_no_message_can_open_anew_ends_and_the_others_of_it
         assert other.engine.num_sessions == 1
 
 
-async def test_of_frames_held_as_many_are_said_as_fit_beside_the_rest() -> None:
+async def test_history_sent_for_reopening_fits_the_message_limit() -> None:
     async with (
         asyncio.timeout(LIMIT_S), a_server(max_request_bytes=5000) as other, a_server() as server,
         proxied(server) as (proxy, client),

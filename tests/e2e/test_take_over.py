@@ -1,4 +1,4 @@
-"""The Python client and two servers that share a store of snapshots: what one held, the other goes on with."""
+"""The Python client and two servers that share a store of snapshots: each can continue the other's sessions."""
 
 from __future__ import annotations
 
@@ -37,7 +37,7 @@ def short_delays(monkeypatch: pytest.MonkeyPatch) -> None:
 
 
 class SharedStore(SqliteStore):
-    """The file that two servers share. is_broken: it does nothing, num_failed times; names: of whom it took records."""
+    """The file that two servers share. is_broken: every operation fails and is counted; names: of saved sessions."""
 
     is_broken, num_failed = False, 0
 
@@ -70,7 +70,7 @@ class SharedStore(SqliteStore):
 
 
 class Pair:
-    """Two servers, and a client on a line that leads to the first."""
+    """Two servers, and a client that is connected to the first through a proxy."""
 
     def __init__(
         self, stores: tuple[SharedStore, SharedStore], servers: tuple[LocalServer, LocalServer], proxy: TcpProxy
@@ -79,7 +79,7 @@ class Pair:
         self.client: MotionClient
 
     def lead_to(self, index: int) -> None:
-        """Cut the line; the next one leads to that server. The other lives on, and hears nothing of it."""
+        """Cut the connection; the next one leads to that server. The other server is not told."""
         self.proxy.is_shut = True
         self.proxy.cut()
         self.proxy.behind = self.servers[index].address
@@ -101,7 +101,7 @@ async def pair(path: Path) -> AsyncIterator[Pair]:
 
 
 async def played(session: Session, frames: int) -> list[np.ndarray]:
-    """Take so many frames as fast as they come."""
+    """Play so many frames as fast as they come. Returns their rows."""
     rows = []
     async for frame in session.frames(realtime=False):
         rows.append(session.playback.row(frame.index))
@@ -111,19 +111,19 @@ async def played(session: Session, frames: int) -> list[np.ndarray]:
 
 
 async def saved(session: Session) -> None:
-    """Wait until every event of the session outlives its server."""
+    """Wait until every event of the session is stored."""
     await until_true(lambda: session.is_durable and session.durable_seq == session.last_seq)
 
 
 async def quiet(two: Pair) -> None:
-    """Wait until nothing is on its way to the store."""
+    """Wait until nothing is waiting to be stored."""
     for server in two.servers:
         durability = server.service.durability
         assert durability is not None
         await until_true(lambda durability=durability: durability.writer.lag_s == 0.0)
 
 
-async def test_another_server_goes_on_with_a_session_where_it_is(tmp_path: Path) -> None:
+async def test_another_server_continues_a_session_from_its_snapshot(tmp_path: Path) -> None:
     async with pair(tmp_path) as two:
         session = await two.client.open("first", options=OPTIONS)
         await session.set_prompt("second one")
@@ -138,18 +138,18 @@ async def test_another_server_goes_on_with_a_session_where_it_is(tmp_path: Path)
         assert (session.stats.resumes, session.reopenings) == (1, ())
         assert two.servers[1].engine.num_sessions == 1
         rows = list(np.array(rows))
-        assert [row[FRAME] for row in rows] == list(range(260)), "the frames go on with their numbers"
-        assert np.array_equal(np.array(rows[:held_to]), held), "what was held has not changed"
-        assert rows[149][PROMPT] == len("second one"), "prompts are those that hold"
+        assert [row[FRAME] for row in rows] == list(range(260)), "frame numbers continue"
+        assert np.array_equal(np.array(rows[:held_to]), held), "held frames have not changed"
+        assert rows[149][PROMPT] == len("second one"), "the prompts are the same"
         assert rows[151][PROMPT] == len("the third prompt")
-        assert rows[-1][PLAN] > held[-1][PLAN], "plans are counted on"
+        assert rows[-1][PLAN] > held[-1][PLAN], "plan numbers continue"
         again = await session.set_prompt("and one more prompt")
         assert again.effective_frame is not None
-        await until_true(lambda: not two.servers[0].engine.num_sessions)  # it is fenced, and has let go of it
+        await until_true(lambda: not two.servers[0].engine.num_sessions)  # the first server has given up the session
         await session.close()
 
 
-async def test_events_that_were_not_answered_are_answered_once_by_the_other_server(tmp_path: Path) -> None:
+async def test_unanswered_events_are_answered_once_by_the_other_server(tmp_path: Path) -> None:
     async with pair(tmp_path) as two:
         session = await two.client.open("first", options=OPTIONS)
         await played(session, 60)
@@ -167,7 +167,7 @@ async def test_events_that_were_not_answered_are_answered_once_by_the_other_serv
         assert rows[-1][PROMPT] == 7
 
 
-async def test_a_server_that_was_taken_from_and_is_come_back_to_takes_the_session_back(tmp_path: Path) -> None:
+async def test_session_moves_back_and_forth_between_two_servers(tmp_path: Path) -> None:
     async with pair(tmp_path) as two:
         session = await two.client.open("first", options=OPTIONS)
         frames = [row[FRAME] for row in await played(session, 60)]
@@ -183,7 +183,7 @@ async def test_a_server_that_was_taken_from_and_is_come_back_to_takes_the_sessio
         assert two.servers[0].engine.num_sessions == 1
 
 
-async def test_what_was_never_saved_is_opened_anew_and_no_committed_frame_changes(tmp_path: Path) -> None:
+async def test_session_without_a_snapshot_is_reopened_with_its_committed_frames(tmp_path: Path) -> None:
     async with pair(tmp_path) as two:
         session = await two.client.open("first", options=OPTIONS)
         await played(session, 60)
@@ -191,7 +191,7 @@ async def test_what_was_never_saved_is_opened_anew_and_no_committed_frame_change
         told: list[bool] = []
         session.on_durability = told.append
         two.stores[0].is_broken = True
-        await session.set_prompt("second one")  # the service goes on
+        await session.set_prompt("second one")  # still accepted
         await until_true(lambda: not session.is_durable)
         assert told == [False]
         rows = await played(session, 60)
@@ -206,7 +206,7 @@ async def test_what_was_never_saved_is_opened_anew_and_no_committed_frame_change
             server.runner.breaches = [each for each in server.runner.breaches if "history" not in each]
 
 
-async def test_a_store_that_comes_back_is_told_of_and_used_again(tmp_path: Path) -> None:
+async def test_recovered_store_is_reported_and_used_again(tmp_path: Path) -> None:
     async with pair(tmp_path) as two:
         session = await two.client.open("first", options=OPTIONS)
         await played(session, 20)
@@ -225,7 +225,7 @@ async def test_a_store_that_comes_back_is_told_of_and_used_again(tmp_path: Path)
         assert (session.stats.resumes, session.reopenings) == (1, ())
 
 
-async def test_a_session_waits_for_a_store_that_is_away_for_a_moment(tmp_path: Path) -> None:
+async def test_resume_waits_for_a_store_that_is_unavailable_for_a_moment(tmp_path: Path) -> None:
     async with pair(tmp_path) as two:
         session = await two.client.open("first", options=OPTIONS)
         await saved(session)
@@ -238,7 +238,7 @@ async def test_a_session_waits_for_a_store_that_is_away_for_a_moment(tmp_path: P
         assert (session.stats.resumes, session.reopenings) == (1, ())
 
 
-async def test_a_server_that_goes_away_leaves_its_sessions_to_the_other(tmp_path: Path) -> None:
+async def test_draining_server_leaves_its_sessions_to_the_other(tmp_path: Path) -> None:
     async with pair(tmp_path) as two:
         sessions = [await two.client.open("first", options=OPTIONS) for _ in range(3)]
         for session in sessions:
@@ -254,8 +254,8 @@ async def test_a_server_that_goes_away_leaves_its_sessions_to_the_other(tmp_path
             assert (session.stats.resumes, session.reopenings) == (1, ())
 
 
-async def test_clients_that_are_sent_away_go_on_with_their_sessions_on_the_other_server(tmp_path: Path) -> None:
-    """As where the last engine of a server is lost: no time is left to them, and the server itself stays."""
+async def test_clients_that_are_sent_away_resume_on_the_other_server(tmp_path: Path) -> None:
+    """As when a server loses its last engine: there is no grace, and the server itself stays."""
     async with pair(tmp_path) as two:
         session = await two.client.open("first", options=OPTIONS)
         await played(session, 50)
@@ -268,10 +268,10 @@ async def test_clients_that_are_sent_away_go_on_with_their_sessions_on_the_other
         await until_true(lambda: not two.servers[0].engine.num_sessions)
 
 
-async def test_a_server_that_sends_its_clients_away_names_one_that_goes_on(tmp_path: Path) -> None:
-    """There is no proxy: the client is led from one address to another."""
+async def test_server_that_sends_clients_away_names_another_server(tmp_path: Path) -> None:
+    """Without a proxy: the client connects to the other address itself."""
     told = Told()
-    others = OtherServers(told, clock=lambda: 0.0)  # what it knows does not grow old
+    others = OtherServers(told, clock=lambda: 0.0)  # so that what it knows does not expire
     store = tmp_path / "one.sqlite"
     first = LocalServer(facts=FACTS_AS_SERVED, snapshots=SharedStore(store, 60), other_servers=others)
     second = LocalServer(facts=FACTS_AS_SERVED, snapshots=SharedStore(store, 60))
@@ -289,12 +289,12 @@ async def test_a_server_that_sends_its_clients_away_names_one_that_goes_on(tmp_p
             await session.close()
 
 
-async def test_a_session_that_its_client_closes_is_forgotten(tmp_path: Path) -> None:
+async def test_closed_session_is_removed_from_the_store(tmp_path: Path) -> None:
     async with pair(tmp_path) as two:
         session = await two.client.open("first", options=OPTIONS)
         await played(session, 20)
         await saved(session)
         (name,) = two.stores[0].names
         await session.close()
-        # read, not taken: who holds a session has it dropped, and a take makes that another
+        # read, not taken: only the holder of a session can drop it, and taking it would change the holder
         await until_true(lambda: two.stores[1].read(name) is None)

@@ -1,4 +1,4 @@
-"""Tests start servers again at the address they had, which somebody else may have got meanwhile, for a moment."""
+"""Servers that tests restart at their earlier port retry once, since another process may hold it for a moment."""
 
 from __future__ import annotations
 
@@ -13,7 +13,7 @@ from tests.server.text.encoder.encoder_process import EncoderProcess
 from tests.waiting import until
 
 
-def test_a_replica_is_begun_once_more(tmp_path: Path) -> None:
+def test_replica_is_started_again_if_its_port_is_taken(tmp_path: Path) -> None:
     replica = Replica("server", tmp_path, "none", program=NULL_SERVER)
     try:
         with socket.create_server(("127.0.0.1", replica.behind.port)):
@@ -24,7 +24,7 @@ def test_a_replica_is_begun_once_more(tmp_path: Path) -> None:
         replica.stop()
 
 
-def test_a_replica_whose_port_stays_taken_is_given_up(tmp_path: Path) -> None:
+def test_replica_whose_port_stays_taken_raises_an_error(tmp_path: Path) -> None:
     replica = Replica("server", tmp_path, "none", program=NULL_SERVER)
     with socket.create_server(("127.0.0.1", replica.behind.port)):
         replica.begin()
@@ -32,7 +32,7 @@ def test_a_replica_whose_port_stays_taken_is_given_up(tmp_path: Path) -> None:
             until(lambda: replica.is_ready)
 
 
-def test_an_encoder_is_begun_once_more(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+def test_encoder_is_started_again_if_its_port_is_taken(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     with EncoderProcess(tmp_path / "log", "--text-encoder", "hashed", "--width", "32") as encoder:
         encoder.kill()
         taken = socket.create_server(("127.0.0.1", encoder.port))

@@ -20,7 +20,7 @@ async def test_two_sessions_play_and_one_changes_its_prompt(live_server: LiveSer
         frames = [frame async for frame in walker.frames(seconds=1)]
         outcome = await walker.set_prompt("a person runs")
         assert outcome.effective_frame is not None
-        assert outcome.effective_frame > frames[-1].index, "no frame that was shown is replaced"
+        assert outcome.effective_frame > frames[-1].index, "frames that were shown are not replaced"
         frames += [frame async for frame in walker.frames(seconds=2)]
         assert [frame.index for frame in frames] == list(range(60))
         assert all(np.isfinite(frame.joint_positions_m()).all() for frame in frames)
@@ -30,7 +30,7 @@ async def test_two_sessions_play_and_one_changes_its_prompt(live_server: LiveSer
         assert end.reason == "client"
 
 
-async def test_a_mistake_is_an_error_of_its_edit_alone(live_server: LiveServer) -> None:
+async def test_refused_edit_raises_its_error_and_the_session_plays_on(live_server: LiveServer) -> None:
     async with asyncio.timeout(LIMIT_S), MotionClient(live_server.address) as client:
         session = await client.open("a person walks")
         with pytest.raises(EventRefused) as refused:
@@ -39,7 +39,7 @@ async def test_a_mistake_is_an_error_of_its_edit_alone(live_server: LiveServer) 
         assert len([frame async for frame in session.frames(seconds=1, realtime=False)]) == 20
 
 
-async def test_a_running_server_is_alive_ready_and_counts(live_server: LiveServer) -> None:
+async def test_running_server_is_alive_ready_and_has_metrics(live_server: LiveServer) -> None:
     async with asyncio.timeout(LIMIT_S), MotionClient(live_server.address) as client:
         session = await client.open("a person walks")
         _ = [frame async for frame in session.frames(seconds=1, realtime=False)]
@@ -47,7 +47,9 @@ async def test_a_running_server_is_alive_ready_and_counts(live_server: LiveServe
             answers = [(await ops.get(path)).status_code for path in ("/livez", "/healthz", "/readyz")]
             model = f'model="{client.catalog.models[0].model_id}"'
             lines: dict[str, str] = {}
-            while float(lines.get(f'motiongen_frames_sent_total{{engine="0",{model}}}', 0)) < 20:  # told now and then
+            while (
+                float(lines.get(f'motiongen_frames_sent_total{{engine="0",{model}}}', 0)) < 20
+            ):  # reported from time to time
                 metrics = (await ops.get("/metrics")).text
                 lines = dict(line.rsplit(" ", 1) for line in metrics.splitlines() if not line.startswith("#"))
     assert answers == [200, 200, 200]

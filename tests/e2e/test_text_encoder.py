@@ -1,6 +1,6 @@
-"""A server whose text encoder is a process of its own, which is killed, halted, and comes back as another.
+"""A server whose text encoder is a separate process, which is killed, paused, and replaced by another encoder.
 
-Characters move on throughout; prompts that are known take effect; others are answered.
+Characters keep moving throughout; known prompts take effect, and others are refused in time.
 """
 
 from __future__ import annotations
@@ -39,7 +39,7 @@ SETTINGS = (
     "1000",
     "--degrade",
     "false",
-    "--prompt-timeout-s",  # beyond what any test here waits for the encoder
+    "--prompt-timeout-s",  # longer than any test here waits for the encoder
     str(2 * LIMIT_S),
 )
 
@@ -57,7 +57,7 @@ def shared(folder: Path) -> Iterator[EncoderProcess]:
 
 @pytest.fixture
 def encoder(shared: EncoderProcess) -> Iterator[EncoderProcess]:
-    """What the server asks; however a test leaves it, the next one finds it as it was."""
+    """The encoder that the server uses; it is restarted after each test."""
     yield shared
     shared.kill()
     shared.start()
@@ -65,7 +65,7 @@ def encoder(shared: EncoderProcess) -> Iterator[EncoderProcess]:
 
 @pytest.fixture(scope="module")
 def address(shared: EncoderProcess, folder: Path) -> Iterator[str]:
-    """A server that asks the encoder, with one preset and with a file for prompts."""
+    """A server that uses the encoder, with one preset and a prompt store."""
     presets = folder / "presets.safetensors"
     write_prompt_file(presets, encode_prompts(HashedTextEncoder(WIDTH), [("bow", "a person bows")]))
     text = ["--text-encoder", f"grpc:{shared.address}", "--presets", str(presets)]
@@ -81,13 +81,13 @@ def address(shared: EncoderProcess, folder: Path) -> Iterator[str]:
 
 
 async def move(session: Session, num_frames: int) -> None:
-    """Take so many more frames."""
+    """Play so many more frames."""
     async for _ in session.frames(seconds=num_frames / session.rig.frame_rate_hz, realtime=False):
         pass
 
 
 async def opened(client: MotionClient, prompt: str) -> Session:
-    """A character; tried again while the server has not found its encoder again."""
+    """A session; retried while the server's encoder is unavailable."""
     while True:
         try:
             return await client.open(prompt)
@@ -98,7 +98,7 @@ async def opened(client: MotionClient, prompt: str) -> Session:
 
 
 async def answered_when_back(session: Session, text: str) -> None:
-    """Prompt until it is accepted."""
+    """Give the prompt again until it is accepted."""
     while True:
         try:
             await session.set_prompt(text)
@@ -110,7 +110,9 @@ async def answered_when_back(session: Session, text: str) -> None:
             return
 
 
-async def test_killed_known_prompts_go_on_and_others_are_answered(encoder: EncoderProcess, address: str) -> None:
+async def test_with_a_killed_encoder_known_prompts_work_and_others_are_refused(
+    encoder: EncoderProcess, address: str
+) -> None:
     async with asyncio.timeout(LIMIT_S), MotionClient(address) as client:
         session = await opened(client, "a person walks")
         await answered_when_back(session, "a person waves")
@@ -134,7 +136,7 @@ async def test_killed_known_prompts_go_on_and_others_are_answered(encoder: Encod
         await move(session, 40)
 
 
-async def test_halted_nobody_s_frames_wait(encoder: EncoderProcess, address: str) -> None:
+async def test_paused_encoder_delays_no_frames(encoder: EncoderProcess, address: str) -> None:
     async with asyncio.timeout(LIMIT_S), MotionClient(address) as client:
         asker, other = await opened(client, "a person walks"), await opened(client, "a person waves")
         encoder.halt()
@@ -144,13 +146,13 @@ async def test_halted_nobody_s_frames_wait(encoder: EncoderProcess, address: str
         encoder.go_on()
         try:
             assert (await edit).effective_frame is not None
-        except EventRefused as refused:  # on a machine so busy that the encoder counted as gone meanwhile
+        except EventRefused as refused:  # on a busy machine the encoder may have counted as unavailable
             if refused.reason != "TEXT_ENCODER_UNAVAILABLE":
                 raise
             await answered_when_back(asker, "a person shrugs")
 
 
-async def test_back_as_another_its_vectors_are_not_taken(encoder: EncoderProcess, address: str) -> None:
+async def test_vectors_of_a_replaced_encoder_are_refused(encoder: EncoderProcess, address: str) -> None:
     async with asyncio.timeout(LIMIT_S), MotionClient(address) as client:
         session = await opened(client, "a person walks")
         encoder.kill()

@@ -1,4 +1,4 @@
-"""A real server process that tells a collector of every window, from the edit to the frame that the client gets."""
+"""A real server process that sends a trace of every window to a collector."""
 
 from __future__ import annotations
 
@@ -13,10 +13,12 @@ from tests.waiting import until_true
 async def test_an_edit_is_traced_from_its_arrival_to_its_frames(tmp_path: Path) -> None:
     with Collector() as collector:
         settings = ("--trace-to", f"grpc:127.0.0.1:{collector.port}", "--admit-load", "1000", "--degrade", "false")
-        with attacked(tmp_path / "log", settings) as server:  # at its end it sends what has not been sent yet
+        with attacked(tmp_path / "log", settings) as server:  # ending it sends the spans that are left
             async with MotionClient(server.address) as client:
                 session = await client.open("a person walks")
-                await until_true(lambda: session.playback.received_to > 0)  # else the first window answers it too
+                await until_true(
+                    lambda: session.playback.received_to > 0
+                )  # otherwise the first window would include the edit
                 outcome = await session.set_velocity(0.0, 1.4)
                 await until_true(lambda: session.playback.received_to > (outcome.effective_frame or 0))
                 await session.close()
@@ -32,4 +34,4 @@ async def test_an_edit_is_traced_from_its_arrival_to_its_frames(tmp_path: Path) 
         assert moments == sorted(moments)
         assert len({said["motiongen.session"] for _, said in told}) == 1
         plans = [said["motiongen.plan"] for _, said in told]
-        assert plans == sorted(set(plans)), "each plan once"
+        assert plans == sorted(set(plans)), "each plan is traced once"

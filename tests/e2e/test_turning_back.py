@@ -1,4 +1,4 @@
-"""Who walks or runs and is sent back turns round as people do: bodies of the built-in model do not flip on the way."""
+"""A walking or running character that is sent back turns round as people do, without flipping over."""
 
 from __future__ import annotations
 
@@ -16,13 +16,13 @@ from tests.bench.changes import FPS, SETTINGS, hips_rad_s
 
 AHEAD_S, MOST_S = 3.0, 20.0
 BACK_M, NEAR_M = 6.0, 0.3
-"""From where it is sent back. When it turns depends on how soon the server gets to the edit."""
+"""Distances from where it is sent back. When it turns depends on how soon the server handles the edit."""
 GAITS = ((1.3, "a person walks forward"), (2.0, "a person jogs"), (3.0, "a person runs forward"))
 SEEDS = range(3)
 HIPS_RAD_S = 7.0
-"""Roots are turned at 3.2 rad/s at most, sway by 1 and hips by another; a flip is 12 and more."""
+"""Roots turn at 3.2 rad/s at most, and sway adds 1, hips another 1; a flip is 12 or more."""
 FASTER = 1.5
-"""Than the fastest limb before, while it went straight on."""
+"""Relative to its fastest limb before, while it went straight on."""
 
 
 async def poses(session: Session, seconds: float) -> AsyncIterator[np.ndarray]:
@@ -31,9 +31,9 @@ async def poses(session: Session, seconds: float) -> AsyncIterator[np.ndarray]:
 
 
 async def sent_back(client: MotionClient, speed_m_s: float, prompt: str, seed: int, by_place: bool) -> np.ndarray:
-    """(T, J, 3) of a character that goes along +X for a while, a little longer with each seed, and then back.
+    """Joint positions (T, J, 3) of a character that goes along +X, a little longer with each seed, and then back.
 
-    by_place: to a place, to which the velocity that still holds gives way; else by another velocity.
+    by_place: by a target place, before which the velocity still in force yields; else by another velocity.
     """
     options = SessionOptions(seed=seed, start=StartPose(0.0, 0.0, math.pi / 2), lookahead_frames=40)
     async with await client.open("a person stands", options=options) as session:
@@ -57,7 +57,7 @@ def fastest_m_s(joints_m: np.ndarray) -> float:
 
 
 @pytest.mark.parametrize("by_place", [False, True], ids=["stick", "place"])
-async def test_nobody_flips_who_is_sent_back(by_place: bool) -> None:
+async def test_character_that_is_sent_back_does_not_flip(by_place: bool) -> None:
     with ServerProcess(SETTINGS) as server:
         async with MotionClient(server.address) as client:
             names = list(client.catalog.rig(client.catalog.models[0].rig_id).joint_names)

@@ -1,4 +1,4 @@
-"""The built-in model at the end of the world: it walks there as it walks in the middle, and beyond."""
+"""The built-in model at the edge of the world, and beyond: it walks there as it walks in the middle."""
 
 from __future__ import annotations
 
@@ -17,7 +17,7 @@ FPS = 20
 
 
 async def speeds(client: MotionClient, start_m: float, *waypoints: Waypoint) -> np.ndarray:
-    """Of the hips, frame by frame, in metres a second, of who walks along +X from there."""
+    """Speeds of the hips, frame by frame, m/s, of a character that walks along +X from start_m."""
     options = SessionOptions(seed=5, start=StartPose(start_m, 0.0, math.pi / 2))
     (clip,) = await client.generate_clip(
         "a person walks forward", num_frames=NUM_FRAMES, options=options, constraints=waypoints
@@ -35,4 +35,4 @@ async def test_motion_at_the_edge_is_as_smooth_as_in_the_middle() -> None:
             back = await speeds(client, EDGE_M, Waypoint(NUM_FRAMES - 10, -EDGE_M, 0.0))
     assert np.median(outward) == pytest.approx(np.median(middle), abs=0.3)
     assert outward.max() < middle.max() + 0.5
-    assert max(far.max(), back.max()) < 10.0, "nobody is thrown towards what cannot be reached"
+    assert max(far.max(), back.max()) < 10.0, "a target out of reach must not throw the character"

@@ -1,4 +1,4 @@
-"""Sessions that are led about at the end of the world, live: as in the middle, whatever they are told."""
+"""Live sessions at the edge of the world move as in the middle, whatever edits they get."""
 
 from __future__ import annotations
 
@@ -22,13 +22,12 @@ WORLD_M = 10_000.0
 FPS = 20
 LEG_S = 2.5
 FASTER = 1.5
-"""Than at most in the middle of the world, told the same: a model does not repeat itself to the letter elsewhere."""
+"""Relative to the middle of the world with the same edits: a model's motion is not exactly the same elsewhere."""
 
 Leg = Callable[[Session, float], Edit]
-"""What a session is told. sign: of the end of the world that it is at, or that it faces from the middle, 1 or -1."""
+"""An edit. sign: 1 or -1, the edge of the world at which the session is, or which it faces from the middle."""
 
-# Nobody is turned right about out of a run, where limbs go as the frame will have it at which the plan begins: that is
-# `test_turning_back`'s.
+# No leg reverses a run: how limbs move then depends on where the plan begins. `test_turning_back` has that.
 LEGS: tuple[Leg, ...] = (
     lambda session, sign: session.set_prompt("a person walks forward"),
     lambda session, sign: session.set_velocity(sign * 3.0, 0.0, seconds=LEG_S),  # outward
@@ -37,14 +36,14 @@ LEGS: tuple[Leg, ...] = (
     lambda session, sign: session.go_to(-sign * WORLD_M, 0.0),  # the other end
     lambda session, sign: session.set_constraints(()),
     lambda session, sign: session.set_velocity(0.0, sign * 2.0, seconds=LEG_S),  # along the edge
-    lambda session, sign: session.go_to(sign * WORLD_M, sign * WORLD_M),  # on to a corner, from the edge straight on
+    lambda session, sign: session.go_to(sign * WORLD_M, sign * WORLD_M),  # straight on to a corner
     lambda session, sign: session.set_constraints(()),
 )
 
 
 @dataclass(frozen=True)
 class Walk:
-    """What came of all legs. joints_m: (T, J, 3) of frames one after another, the hips first."""
+    """The result of all legs. joints_m: (T, J, 3) of consecutive frames, the hips first."""
 
     frames: list[int]
     joints_m: np.ndarray
@@ -57,24 +56,24 @@ class Walk:
         return FPS * np.linalg.norm(np.diff(self.joints_m[:, 0], axis=0), axis=-1)
 
     def at_its_fastest(self) -> str:
-        """Where the hips are around that frame, and in which leg that is."""
+        """The positions of the hips around the fastest frame, and its leg."""
         frame = int(self.hips_mps.argmax())
         places = np.round(self.joints_m[max(0, frame - 3) : frame + 4, 0], 2).tolist()
         return f"frame {frame}, leg {frame // round(LEG_S * FPS)}: {places}"
 
     @property
     def joints_mps(self) -> np.ndarray:
-        """Of the fastest joint, frame by frame: a limb that jumps is seen here."""
+        """The speed of the fastest joint, frame by frame, which shows limbs that jump."""
         return FPS * np.linalg.norm(np.diff(self.joints_m, axis=0), axis=-1).max(axis=1)
 
 
 def standing_at(x_m: float) -> SessionOptions:
-    """Facing outward."""
+    """Options for a start at x_m, facing outward."""
     return SessionOptions(seed=5, start=StartPose(x_m, 0.0, math.copysign(math.pi / 2, x_m)), lookahead_frames=40)
 
 
 async def led(client: MotionClient, start_m: float) -> Walk:
-    """Lead a session through all legs; a new one begins while what was made for the one before is in hand."""
+    """Lead a session through all legs; each begins while frames of the one before are still to be played."""
     indices, joints = [], []
     async with await client.open("a person stands", options=standing_at(start_m)) as session:
         for leg in LEGS:
@@ -88,28 +87,28 @@ async def led(client: MotionClient, start_m: float) -> Walk:
 
 @pytest.fixture(scope="module")
 def address() -> Iterator[str]:
-    """Of a server with the built-in model."""
+    """The address of a server with the built-in model."""
     with ServerProcess(SETTINGS) as server:
         yield server.address
 
 
-async def test_who_is_led_about_at_the_edge_is_as_fast_and_as_smooth_as_in_the_middle(address: str) -> None:
+async def test_session_at_the_edge_is_as_fast_and_smooth_as_in_the_middle(address: str) -> None:
     async with MotionClient(address) as client:
         starts_m = (0.0, -0.0, EDGE_M, -EDGE_M)
         *middles, east, west = await asyncio.gather(*(led(client, start_m) for start_m in starts_m))
     for walk, middle in zip((east, west), middles, strict=True):
-        assert walk.frames == list(range(len(LEGS) * round(LEG_S * FPS))), "none left out, none twice"
-        assert walk.num_plans > len(LEGS), "what it was told made new plans, whose seams are among these frames"
-        assert walk.num_late_plans == middle.num_late_plans == 0, "no frame that was taken was replaced"
+        assert walk.frames == list(range(len(LEGS) * round(LEG_S * FPS))), "a frame is missing or came twice"
+        assert walk.num_plans > len(LEGS), "the edits make new plans, whose seams are among these frames"
+        assert walk.num_late_plans == middle.num_late_plans == 0, "a frame that was played was replaced"
         assert walk.num_resumes == 0
         assert np.isfinite(walk.joints_m).all()
         assert walk.hips_mps.max() < FASTER * middle.hips_mps.max(), walk.at_its_fastest()
         assert walk.joints_mps.max() < FASTER * middle.joints_mps.max()
-        # Nobody is set back into the world: who is led over its edge walks on there.
+        # Characters are not moved back: one that is led over the edge walks on there.
         assert np.abs(walk.joints_m[:, 0, 0]).max() > WORLD_M
 
 
-async def test_a_place_beyond_the_edge_is_refused_and_one_ahead_of_who_stands_there_is_reached(address: str) -> None:
+async def test_target_beyond_the_edge_is_refused_but_a_relative_one_is_reached(address: str) -> None:
     async with (
         MotionClient(address) as client,
         await client.open("a person stands", options=standing_at(EDGE_M)) as session,
@@ -122,4 +121,4 @@ async def test_a_place_beyond_the_edge_is_refused_and_one_ahead_of_who_stands_th
         hips = [frame.joint_positions_m()[0] async for frame in session.frames(4.0, realtime=False)]
     beside = [abs(place[0] - (EDGE_M + 2.0)) for place in hips]
     assert min(beside) < 0.3
-    assert beside[-1] < 1.0  # where it goes from there, nobody has said
+    assert beside[-1] < 1.0  # nothing says where it goes after that

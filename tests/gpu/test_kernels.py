@@ -1,4 +1,4 @@
-"""The kernels of layers on a CUDA device against torch's own, and a sequence in company against the same alone."""
+"""The layers' kernels on a CUDA device compared with torch's, and a sequence in a batch compared with itself alone."""
 
 from __future__ import annotations
 
@@ -22,19 +22,19 @@ def stack_of(width: int, heads: int, norm_first: bool) -> PackedStack:
 @pytest.mark.parametrize(("width", "heads"), [(1024, 8), (256, 4)])
 @pytest.mark.parametrize("norm_first", [False, True])
 @torch.inference_mode()
-def test_layers_with_kernels_give_what_those_without_give(width: int, heads: int, norm_first: bool) -> None:
+def test_layers_with_kernels_match_those_without(width: int, heads: int, norm_first: bool) -> None:
     stack = stack_of(width, heads, norm_first)
-    assert stack._fused is not None, "Triton compiles no kernels here"
+    assert stack._fused is not None, "Triton cannot compile kernels here"
     vectors = torch.randn(GROUPS[-1].end, width, device="cuda")
     found = stack(vectors, GROUPS)
     stack._fused = None
     expected = stack(vectors, GROUPS)
-    # Either is rounded to bfloat16 eight times a layer, at other places of its sums.
+    # Both round to bfloat16 eight times a layer, at different places of their sums.
     assert (found - expected).norm() < 0.01 * expected.norm()
 
 
 @torch.inference_mode()
-def test_attention_of_a_sequence_is_the_same_in_any_company() -> None:
+def test_attention_of_a_sequence_is_the_same_in_any_batch() -> None:
     stack = stack_of(1024, 8, False)
     assert stack._fused is not None
     layer, kernels = stack.layers[0], stack._fused._kernels

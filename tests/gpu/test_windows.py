@@ -1,4 +1,4 @@
-"""Windows of the built-in model on a CUDA device are those of the processor, alone, in company, called and replayed."""
+"""Windows of the built-in model on a CUDA device match those of the processor, alone, in batches and as graphs."""
 
 from __future__ import annotations
 
@@ -18,13 +18,13 @@ from tests.steered_jobs import MINI, all_kinds, played
 pytestmark = pytest.mark.gpu
 
 
-def test_windows_are_those_of_the_processor_alone_and_in_company() -> None:
+def test_windows_match_the_processors_alone_and_in_batches() -> None:
     rows = measured_on("cuda")
     assert all(row.holds for row in rows), rows
 
 
 @pytest.mark.parametrize("precision", list(PRECISIONS))
-def test_replayed_windows_are_those_that_are_called(precision: str) -> None:
+def test_replayed_windows_match_called_ones(precision: str) -> None:
     model = load_checkpoint(MINI, "cuda")
     called = TorchRunner(model, "called", precision=PRECISIONS[precision])
     graphs = graphs_for("cuda")
@@ -35,7 +35,7 @@ def test_replayed_windows_are_those_that_are_called(precision: str) -> None:
         with replayed.recording_at_once():
             made = played(replayed, jobs)
         for mine, other in zip(made, played(called, jobs), strict=True):
-            # Products of batches that are filled up may add in another order, and a code may fall otherwise.
+            # Padded batches may add in another order, and a latent may round to another code.
             assert np.abs(mine.frames[:, :3] - other.frames[:, :3]).max() < 0.05
             turned = np.minimum(*(np.abs(mine.frames[:, 3:] - sign * other.frames[:, 3:]) for sign in (1, -1)))
             assert np.median(turned) < 0.01

@@ -17,7 +17,7 @@ MADE = {".git", ".venv", "out", "build", "dist"} | CACHES
 
 @dataclass(frozen=True)
 class Repository:
-    """root: the folder with the README. files: what belongs to the product, relative to root, sorted."""
+    """root: the folder with the README. files: the files of the product, relative to root, sorted."""
 
     root: Path
     files: tuple[Path, ...]

@@ -16,7 +16,7 @@ PRODUCT = ("ardy", "server", "client", "compliance", "proto")
 
 
 class Defined:
-    """What there is to name: paths of files and folders, and every name that Python code of the product defines."""
+    """The names that exist: paths of files and folders, and every name that the product's Python code defines."""
 
     def __init__(self, root: Path, files: tuple[Path, ...]) -> None:
         self.paths = {path.as_posix() for file in files for path in (file, *file.parents)} - {"."}
@@ -27,7 +27,7 @@ class Defined:
                 self.of.setdefault(name, set()).add(path.as_posix())
 
     def has(self, name: str) -> bool:
-        """Whether a name as it stands on the page leads to something."""
+        """Whether a name, as the page writes it, exists."""
         if "/" in name or PurePosixPath(name).suffix in {".py", ".md", ".proto"}:
             return self._has_path(name.rstrip("/"))
         if self._has_path(name.replace(".", "/")):
@@ -59,24 +59,24 @@ def defined(repository: Any) -> Defined:
 
 
 def names_on(page: str) -> list[str]:
-    """What stands in backticks outside of the tree, as far as it is a name; settings and shell lines are not."""
+    """The names in backticks outside of the tree, without settings and shell lines."""
     prose = page.partition("## The tree")[0]
     return [name for name in NAME.findall(prose) if PATH.fullmatch(name) or DOTTED.fullmatch(name)]
 
 
-def test_every_name_leads_to_something(defined: Defined, repository: Any) -> None:
+def test_every_name_exists(defined: Defined, repository: Any) -> None:
     names = names_on((repository.root / "ARCHITECTURE.md").read_text(encoding="utf-8"))
     assert sorted({name for name in names if not defined.has(name)}) == []
     assert len(names) > 100
 
 
 @pytest.mark.parametrize("name", ["rpc/nothing.py", "engine.nowhere", "NoSuchClass", "Scheduler.play", "nobody_knows"])
-def test_what_leads_nowhere_is_seen(name: str, defined: Defined) -> None:
+def test_missing_name_is_found(name: str, defined: Defined) -> None:
     assert not defined.has(name)
 
 
 @pytest.mark.parametrize(
     "name", ["rpc/convert", "engine.scheduling.scheduler", "Scheduler.schedule", "peers.py", "proto/"]
 )
-def test_what_there_is_is_found(name: str, defined: Defined) -> None:
+def test_existing_name_is_recognised(name: str, defined: Defined) -> None:
     assert defined.has(name)

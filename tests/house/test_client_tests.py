@@ -1,4 +1,4 @@
-"""The client's own tests need nothing but the client: they run with the oldest versions of what it depends on."""
+"""The client's tests need only the client and its dependencies, so that they run with the oldest versions of these."""
 
 from __future__ import annotations
 
@@ -15,7 +15,7 @@ FILES = sorted((ROOT / "tests" / "client").glob("**/*.py"))
 
 
 def packages(source: str) -> set[str]:
-    """Of all imports in a module, those within functions too."""
+    """The packages that a module imports, also within functions."""
     found = set()
     for node in ast.walk(ast.parse(source)):
         if isinstance(node, ast.Import):
@@ -26,9 +26,9 @@ def packages(source: str) -> set[str]:
 
 
 @pytest.mark.parametrize("path", FILES, ids=lambda path: path.name)
-def test_they_import_the_client_and_what_it_needs(path: Path) -> None:
+def test_client_tests_import_only_the_client_and_its_dependencies(path: Path) -> None:
     assert packages(path.read_text(encoding="utf-8")) - ALLOWED - set(sys.stdlib_module_names) == set()
 
 
-def test_imports_within_functions_are_seen() -> None:
+def test_imports_within_functions_are_found() -> None:
     assert packages("def f():\n    import torch.nn\n    from yaml import load") == {"torch", "yaml"}

@@ -1,4 +1,4 @@
-"""constraints.txt pins everything that `make setup` installs, and a hook runs for every file that its target reads."""
+"""constraints.txt pins everything that `make setup` installs, and the lint hook covers every file that lint reads."""
 
 from __future__ import annotations
 
@@ -21,7 +21,7 @@ def lines_of(text: str) -> list[str]:
 
 @pytest.fixture(scope="module")
 def asked(repository: Any) -> list[Requirement]:
-    """What the parts, with all of their extras, and developing ask for."""
+    """The requirements of all parts with their extras, and those for development."""
     found = lines_of((repository.root / "requirements-dev.txt").read_text(encoding="utf-8"))
     for part in PARTS:
         project = tomllib.loads((repository.root / part / "pyproject.toml").read_text(encoding="utf-8"))["project"]
@@ -31,7 +31,7 @@ def asked(repository: Any) -> list[Requirement]:
 
 
 def with_theirs(asked: list[Requirement]) -> set[str]:
-    """The names of what is asked for, and of all that this asks for in turn, of what is installed here."""
+    """The names of these requirements and of all their own requirements, as far as installed here."""
     names: set[str] = set()
     waiting = [(canonicalize_name(each.name), frozenset(each.extras)) for each in asked]
     seen = set(waiting)
@@ -39,7 +39,7 @@ def with_theirs(asked: list[Requirement]) -> set[str]:
         name, extras = waiting.pop()
         try:
             theirs = [Requirement(each) for each in metadata.requires(name) or ()]
-        except metadata.PackageNotFoundError:  # of an extra that developing does without
+        except metadata.PackageNotFoundError:  # of an extra that is not needed for development
             continue
         names.add(name)
         for each in theirs:
@@ -51,7 +51,7 @@ def with_theirs(asked: list[Requirement]) -> set[str]:
     return names
 
 
-def test_everything_that_setup_installs_has_a_version(asked: list[Requirement], repository: Any) -> None:
+def test_every_installed_package_is_pinned(asked: list[Requirement], repository: Any) -> None:
     lines = lines_of((repository.root / "constraints.txt").read_text(encoding="utf-8"))
     pinned = {canonicalize_name(line.partition("==")[0]) for line in lines}
     needed = {name for name in with_theirs(asked) if not name.startswith("motiongen-")}
@@ -60,7 +60,7 @@ def test_everything_that_setup_installs_has_a_version(asked: list[Requirement], 
 
 
 @pytest.mark.parametrize("name", ["a.py", "a.pyi", "a.c", "a.h", "a.cpp", "a.hpp"])
-def test_the_hook_of_lint_is_for_all_that_lint_looks_at(name: str, repository: Any) -> None:
+def test_lint_hook_covers_every_file_type_that_lint_reads(name: str, repository: Any) -> None:
     hooks = yaml.safe_load((repository.root / ".pre-commit-config.yaml").read_text(encoding="utf-8"))["repos"][0][
         "hooks"
     ]

@@ -1,4 +1,4 @@
-"""deploy/ names settings, metrics and files that there are."""
+"""deploy/ uses settings, metrics and files that exist."""
 
 from __future__ import annotations
 
@@ -24,7 +24,7 @@ def files(repository: Any, *endings: str) -> list[Path]:
     return [repository.root / path for path in found]
 
 
-def test_every_setting_that_is_given_exists(repository: Any) -> None:
+def test_every_setting_in_use_exists(repository: Any) -> None:
     named = set()
     for path in files(repository, "Dockerfile", ".yaml", ".service"):
         named |= set(re.findall(r"\bMOTIONGEN_[A-Z_]+[A-Z]\b", path.read_text(encoding="utf-8")))
@@ -42,7 +42,7 @@ def test_every_metric_of_an_alert_exists(repository: Any) -> None:
     assert len(named) > 10
 
 
-def test_every_alert_is_explained_and_tried(repository: Any) -> None:
+def test_every_alert_is_explained_and_tested(repository: Any) -> None:
     folder = repository.root / "deploy" / "prometheus"
     (group,) = yaml.safe_load((folder / "alerts.yaml").read_text(encoding="utf-8"))["groups"]
     alerts = {rule["alert"] for rule in group["rules"]}
@@ -54,7 +54,7 @@ def test_every_alert_is_explained_and_tried(repository: Any) -> None:
     assert re.findall(r"^### `(Motiongen\w+)`$", page, re.MULTILINE) == [rule["alert"] for rule in group["rules"]]
 
 
-def test_what_is_yaml_can_be_read_and_its_files_are_there(repository: Any) -> None:
+def test_yaml_files_can_be_read_and_kustomization_lists_them_all(repository: Any) -> None:
     for path in files(repository, ".yaml"):
         assert list(yaml.safe_load_all(path.read_text(encoding="utf-8"))), path
     base = repository.root / "deploy" / "kubernetes" / "base"
@@ -65,7 +65,7 @@ def test_what_is_yaml_can_be_read_and_its_files_are_there(repository: Any) -> No
         assert content["metadata"]["name"] == "motiongen"
 
 
-def test_the_pods_have_longer_to_end_than_they_drain(repository: Any) -> None:
+def test_pods_have_more_time_to_end_than_they_drain(repository: Any) -> None:
     path = repository.root / "deploy" / "kubernetes" / "base" / "deployment.yaml"
     pod = yaml.safe_load(path.read_text(encoding="utf-8"))["spec"]["template"]["spec"]
     (container,) = pod["containers"]
@@ -76,29 +76,29 @@ def test_the_pods_have_longer_to_end_than_they_drain(repository: Any) -> None:
     assert container["securityContext"]["readOnlyRootFilesystem"]
 
 
-def test_the_image_has_no_root_and_copies_what_there_is(repository: Any) -> None:
+def test_image_runs_as_a_user_and_copies_existing_files(repository: Any) -> None:
     text = (repository.root / "deploy" / "Dockerfile").read_text(encoding="utf-8")
     for stage in re.split(r"^FROM ", text, flags=re.MULTILINE):
         users = re.findall(r"^USER (.+)$", stage, re.MULTILINE)
-        assert users[-1:] in ([], ["10001"]), "what is run, is run by a user"
+        assert users[-1:] in ([], ["10001"]), "programs run as a user other than root"
     sources = re.findall(r"^COPY (?!--from)(\S+) ", text, re.MULTILINE)
     ignored = (repository.root / ".dockerignore").read_text(encoding="utf-8")
     for source in sources:
         assert (repository.root / source).exists()
         assert f"!{source}\n" in ignored
     left_out = ignored.rpartition("!")[2].splitlines()
-    assert "**/build" in left_out, "pip puts what it finds there into the wheels, also what is no more a source"
+    assert "**/build" in left_out, "pip would pack old build files into the wheels"
 
 
 @pytest.mark.parametrize("name", ["haproxy.cfg", "nginx.conf", "envoy.yaml"])
-def test_every_proxy_brings_a_client_back_by_its_key(repository: Any, name: str) -> None:
-    from motiongen_client.client import REPLICA_KEY
+def test_every_proxy_routes_by_the_clients_key(repository: Any, name: str) -> None:
+    from motiongen_client.channel import REPLICA_KEY
 
     text = (repository.root / "deploy" / "proxies" / name).read_text(encoding="utf-8")
     assert REPLICA_KEY in text or REPLICA_KEY.replace("-", "_") in text
 
 
-def test_a_server_without_a_store_of_sessions_alarms_nobody() -> None:
+def test_server_without_a_store_raises_no_store_alert() -> None:
     told = Metrics().registry.get_sample_value("motiongen_snapshot_store_up")
     assert told is not None
-    assert math.isnan(told), "for which no comparison holds"
+    assert math.isnan(told), "NaN, with which no comparison holds"

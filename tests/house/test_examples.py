@@ -1,4 +1,4 @@
-"""The example of the README and every program in an examples folder run against a real server and say something."""
+"""The README's example and every program in an examples folder run against a real server and print something."""
 
 from __future__ import annotations
 
@@ -23,7 +23,7 @@ def run_program(program: str, *arguments: str, folder: Path) -> str:
     return subprocess.run(command, stdout=subprocess.PIPE, text=True, check=True, cwd=folder, timeout=LIMIT_S).stdout
 
 
-def test_the_example_of_the_readme_runs(live_server: Any, tmp_path: Path) -> None:
+def test_readme_example_runs(live_server: Any, tmp_path: Path) -> None:
     (program,) = re.findall(r"^```python\n(.*?)^```$", (ROOT / "README.md").read_text(), re.MULTILINE | re.DOTALL)
     assert ADDRESS in program
     (tmp_path / "example.py").write_text(program.replace(ADDRESS, live_server.address))
@@ -33,9 +33,9 @@ def test_the_example_of_the_readme_runs(live_server: Any, tmp_path: Path) -> Non
 
 
 @pytest.mark.parametrize("example", EXAMPLES)
-def test_an_example_runs(example: str, live_server: Any, tmp_path: Path) -> None:
+def test_example_runs(example: str, live_server: Any, tmp_path: Path) -> None:
     assert run_program(str(ROOT / example), live_server.address, folder=tmp_path).strip()
 
 
-def test_there_are_examples() -> None:
+def test_examples_exist() -> None:
     assert EXAMPLES

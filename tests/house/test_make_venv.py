@@ -1,4 +1,4 @@
-"""What `make setup` does with a folder that is there already: nothing of anybody's is taken away."""
+"""`make setup` with an existing folder: it removes nothing that it has not created."""
 
 from __future__ import annotations
 
@@ -14,7 +14,7 @@ PYTHON = """#!/bin/sh
 if [ "$1 $2 $3" = "-m venv --clear" ]; then rm -rf "$4"; mkdir -p "$4/bin"; echo made > "$4/pyvenv.cfg"; fi
 exit 0
 """
-"""Stands for one that can make environments."""
+"""Stands in for a Python that can create environments."""
 
 WITHOUT_PIP = """#!/bin/sh
 case "$2" in
@@ -22,7 +22,7 @@ pip) exec test -e "$(dirname "$0")/pip" ;;
 ensurepip) {ensurepip} ;;
 esac
 """
-"""Stands for the Python of an environment that others have made without pip."""
+"""Stands in for the Python of an environment without pip that somebody else has created."""
 
 
 def program(path: Path, text: str) -> None:
@@ -49,7 +49,7 @@ def make(folder: Path) -> subprocess.CompletedProcess[str]:
 
 
 @pytest.mark.parametrize("before", [None, "", "pyvenv.cfg", "lib/python3.12/site-packages/pip/__init__.py", ".ready"])
-def test_what_is_not_there_half_made_or_ours_is_made_anew(folder: Path, before: str | None) -> None:
+def test_missing_unfinished_and_own_environments_are_created(folder: Path, before: str | None) -> None:
     if before is not None:
         (folder / before).parent.mkdir(parents=True, exist_ok=True)
         folder.mkdir(exist_ok=True)
@@ -61,7 +61,7 @@ def test_what_is_not_there_half_made_or_ours_is_made_anew(folder: Path, before: 
 
 
 @pytest.mark.parametrize("theirs", ["thesis.tex", "photographs/one.png"])
-def test_a_folder_of_other_things_is_left_as_it_is(folder: Path, theirs: str) -> None:
+def test_folder_with_other_files_is_left_alone(folder: Path, theirs: str) -> None:
     (folder / theirs).parent.mkdir(parents=True)
     (folder / theirs).write_text("the work of years")
     done = make(folder)
@@ -70,7 +70,7 @@ def test_a_folder_of_other_things_is_left_as_it_is(folder: Path, theirs: str) ->
     assert (folder / theirs).read_text() == "the work of years"
 
 
-def test_an_environment_without_pip_is_given_it_and_keeps_its_packages(folder: Path) -> None:
+def test_environment_without_pip_gets_it_and_keeps_its_packages(folder: Path) -> None:
     program(folder / "bin" / "python", WITHOUT_PIP.format(ensurepip='touch "$(dirname "$0")/pip"'))
     package = folder / "lib/python3.12/site-packages/theirs-1.0.dist-info/METADATA"
     package.parent.mkdir(parents=True)
@@ -80,7 +80,7 @@ def test_an_environment_without_pip_is_given_it_and_keeps_its_packages(folder: P
     assert package.exists()
 
 
-def test_one_that_cannot_be_given_pip_is_left_as_it_is(folder: Path) -> None:
+def test_environment_that_cannot_get_pip_is_left_alone(folder: Path) -> None:
     program(folder / "bin" / "python", WITHOUT_PIP.format(ensurepip="exit 1"))
     (folder / "pyvenv.cfg").write_text("theirs")
     package = folder / "lib/python3.12/site-packages/theirs-1.0.dist-info"

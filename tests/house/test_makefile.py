@@ -1,4 +1,4 @@
-"""The Makefile in a copy of the repository that is no repository of git, and what it leaves of what was made."""
+"""The Makefile in a copy of the repository without git, and what `make clean` removes."""
 
 from __future__ import annotations
 
@@ -42,8 +42,8 @@ def make(folder: Path, *arguments: str) -> str:
     return done.stdout
 
 
-def test_without_git_the_cpp_files_are_those_that_are_there(copy: Path) -> None:
-    """clang-format without a file would wait for one to be typed."""
+def test_without_git_lint_finds_the_cpp_files(copy: Path) -> None:
+    """Without a file, clang-format would wait for standard input."""
     (copy / ".venv").mkdir()
     for name in ("constraints.txt", "requirements-dev.txt", *(f"{part}/pyproject.toml" for part in PARTS)):
         (copy / name).parent.mkdir(parents=True, exist_ok=True)
@@ -54,7 +54,7 @@ def test_without_git_the_cpp_files_are_those_that_are_there(copy: Path) -> None:
     assert len(files) == 3
 
 
-def test_clean_takes_away_what_was_made_and_nothing_else(copy: Path) -> None:
+def test_clean_removes_only_what_was_built(copy: Path) -> None:
     made = [
         ".venv/bin/python", "out/demo/walk.bvh", f"{PAGE}/node_modules/three/LICENSE", "ardy/build/lib/gone.py",
         "client/tools/build/lib/gone.py", "ardy/motiongen_ardy.egg-info/PKG-INFO", "ardy/__pycache__/one.pyc",

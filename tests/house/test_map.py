@@ -1,4 +1,4 @@
-"""The tree in ARCHITECTURE.md is true and complete, files say what they are for, and the README stays short."""
+"""The tree in ARCHITECTURE.md is correct and complete, files say what they are for, and the README stays short."""
 
 from __future__ import annotations
 
@@ -11,7 +11,7 @@ import pytest
 
 LINE = re.compile(r"^(?P<indent> *)(?P<name>\S+)(?: {2,}(?P<meaning>\S.*))?$")
 ROOMS = ("ardy", "server", "client", "compliance", "proto", "tests/bench")
-# protoc's output says nothing of itself
+# protoc's output has no description
 GENERATED = re.compile(r"_pb2(_grpc)?\.pyi?$")
 README_LINES = 120
 
@@ -53,19 +53,19 @@ def tree(repository: Any) -> dict[Path, str]:
     return read_tree((repository.root / "ARCHITECTURE.md").read_text(encoding="utf-8"))
 
 
-def test_what_the_tree_names_exists(tree: dict[Path, str], repository: Any) -> None:
+def test_every_path_of_the_tree_exists(tree: dict[Path, str], repository: Any) -> None:
     assert sorted(str(path) for path in tree if not (repository.root / path).exists()) == []
 
 
-def test_the_tree_names_every_folder(tree: dict[Path, str], repository: Any) -> None:
+def test_tree_lists_every_folder(tree: dict[Path, str], repository: Any) -> None:
     assert missing_from(tree, repository.files) == []
 
 
-def test_every_line_says_what_it_is_for(tree: dict[Path, str]) -> None:
+def test_every_line_of_the_tree_has_an_explanation(tree: dict[Path, str]) -> None:
     assert [str(path) for path, meaning in tree.items() if not meaning] == []
 
 
-def test_every_source_says_what_it_is_for(repository: Any) -> None:
+def test_every_source_file_says_what_it_is_for(repository: Any) -> None:
     silent = []
     for path in repository.files:
         is_source = path.suffix in {".py", ".proto"} and not GENERATED.search(path.name)
@@ -76,7 +76,7 @@ def test_every_source_says_what_it_is_for(repository: Any) -> None:
     assert silent == []
 
 
-def test_the_readme_is_short(repository: Any) -> None:
+def test_readme_is_short(repository: Any) -> None:
     assert len((repository.root / "README.md").read_text(encoding="utf-8").splitlines()) <= README_LINES
 
 
@@ -89,7 +89,7 @@ def test_every_decision_record_has_one_row_in_the_index(repository: Any) -> None
     assert [(name, title) for number, name, title in rows if titles[name] != f"# {number}. {title}"] == []
 
 
-def test_a_folder_that_is_not_named_is_missed() -> None:
+def test_missing_folder_is_found() -> None:
     page = "## The tree\n\n```\nardy/         models\n  text/       prompts\n```\n"
     files = (Path("ardy/text/one.py"), Path("ardy/data/bvh.py"), Path("docs/a.md"), Path("Makefile"))
     assert missing_from(read_tree(page), files) == ["ardy/data", "docs"]

@@ -1,4 +1,4 @@
-"""docs/operations.md: the metrics, settings and alerts it names are those that there are."""
+"""docs/operations.md: the metrics, settings and alerts that it names are those that exist."""
 
 from __future__ import annotations
 
@@ -16,7 +16,7 @@ def page(repository: Any) -> str:
     return str((repository.root / "docs" / "operations.md").read_text(encoding="utf-8"))
 
 
-def test_the_page_lists_every_metric_and_no_other(repository: Any) -> None:
+def test_page_lists_every_metric_and_no_other(repository: Any) -> None:
     there = {
         f"{family.name}_total" if family.type == "counter" else family.name for family in Metrics().registry.collect()
     }
@@ -25,12 +25,12 @@ def test_the_page_lists_every_metric_and_no_other(repository: Any) -> None:
     assert sorted(name for name in there - named if name.startswith("motiongen_")) == [], "served, but not on the page"
 
 
-def test_the_settings_it_names_exist(repository: Any) -> None:
+def test_settings_on_the_page_exist(repository: Any) -> None:
     known = {f"--{each.name.replace('_', '-')}" for each in fields(ServerConfig)}
     assert sorted(set(re.findall(r"`(--[a-z-]+)`", page(repository))) - known) == []
 
 
-def test_every_alert_has_an_entry_of_the_runbook_and_no_other_has(repository: Any) -> None:
+def test_runbook_has_an_entry_for_every_alert_and_no_other(repository: Any) -> None:
     rules = (repository.root / "deploy" / "prometheus" / "alerts.yaml").read_text(encoding="utf-8")
     alerts = re.findall(r"(?m)^ *- alert: (\w+)$", rules)
     assert alerts

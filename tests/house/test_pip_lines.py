@@ -1,4 +1,4 @@
-"""What pages and messages tell to install is there, and installs: no index has the parts that one of ours needs."""
+"""Install commands in pages and messages are complete: no package index has the parts that one of ours needs."""
 
 from __future__ import annotations
 
@@ -25,13 +25,13 @@ def projects(repository: Any) -> dict[str, dict[str, Any]]:
 
 @pytest.fixture(scope="module")
 def texts(repository: Any) -> dict[Path, str]:
-    """Of everything that tells people what to type, but for what was once."""
+    """Everything that tells people what to type, except changelogs."""
     past, endings = ("CHANGELOG.md", "log.md"), {".md", ".py", ".service", ".yaml", ""}
     told = [path for path in repository.files if path.parts[0] != "tests" and path.name not in past]
     return {path: (repository.root / path).read_text(encoding="utf-8") for path in told if path.suffix in endings}
 
 
-def test_extras_that_are_named_exist(texts: dict[Path, str], projects: dict[str, dict[str, Any]]) -> None:
+def test_named_extras_exist(texts: dict[Path, str], projects: dict[str, dict[str, Any]]) -> None:
     there = {(one["name"], extra) for one in projects.values() for extra in one.get("optional-dependencies", ())}
     named = {
         (path.as_posix(), name, extra)
@@ -43,7 +43,7 @@ def test_extras_that_are_named_exist(texts: dict[Path, str], projects: dict[str,
     assert len(named) > 5
 
 
-def test_who_installs_a_part_by_its_folder_names_those_that_it_needs(
+def test_install_commands_name_all_parts_that_a_part_needs(
     texts: dict[Path, str], projects: dict[str, dict[str, Any]]
 ) -> None:
     names = {project["name"]: part for part, project in projects.items()}

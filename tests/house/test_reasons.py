@@ -1,4 +1,4 @@
-"""docs/protocol.md lists every reason with which the server refuses or warns of something, and no other."""
+"""docs/protocol.md lists every reason that the server gives in refusals and warnings, and no other."""
 
 from __future__ import annotations
 
@@ -22,7 +22,7 @@ REFUSALS = {
 }
 # Built from the name of what was edited.
 COMPOSED = {"UNKNOWN_PROMPT", "UNKNOWN_CONSTRAINT"}
-# Said of what is allowed.
+# Values that messages name as allowed.
 VALUES = {"F32_LE"}
 
 
@@ -37,7 +37,7 @@ def reasons_in(source: str) -> Iterator[str]:
                     yield inner.value
 
 
-def test_the_page_lists_the_reasons_that_the_server_gives(repository: Any) -> None:
+def test_page_lists_the_reasons_that_the_server_gives(repository: Any) -> None:
     given = set(COMPOSED)
     for path in repository.files:
         if path.parts[0] == "server" and path.suffix == ".py":
@@ -49,6 +49,6 @@ def test_the_page_lists_the_reasons_that_the_server_gives(repository: Any) -> No
     assert sorted(listed - given) == [], "in docs/protocol.md, but the server never gives them"
 
 
-def test_a_reason_is_seen() -> None:
+def test_reasons_are_found_in_source() -> None:
     source = "raise EventRefused(code, 'NO_SUCH_THING', 'no')\nLEVEL = 'LOG_LEVEL'\nreason = 'TOO_FAR' if x else ''"
     assert sorted(reasons_in(source)) == ["NO_SUCH_THING", "TOO_FAR"]

@@ -1,4 +1,4 @@
-"""Tests that several processes share: whole files, and folders whose tests share what is built once."""
+"""Distribution of tests over processes: by file, and by folder where tests share what is built once."""
 
 import os
 import subprocess
@@ -21,7 +21,7 @@ from tests.waiting import LIMIT_S
         ("tests/cpp/deeper/test_core.py::test_a", "tests/cpp"),
     ],
 )
-def test_what_stays_together(nodeid: str, scope: str) -> None:
+def test_tests_of_a_file_or_a_shared_folder_stay_together(nodeid: str, scope: str) -> None:
     assert scope_of(nodeid) == scope
 
 
@@ -29,19 +29,19 @@ def test_folders_that_stay_together_exist(pytestconfig: pytest.Config) -> None:
     assert [folder for folder in TOGETHER if not (pytestconfig.rootpath / folder).is_dir()] == []
 
 
-def test_the_others_go_on_where_a_process_ends_in_the_middle_of_a_test(tmp_path: Path) -> None:
-    """They waited for ever for what it had done already."""
+def test_tests_go_on_after_a_process_ends_in_the_middle_of_one(tmp_path: Path) -> None:
+    """They used to wait for ever for tests that this process had finished."""
     scheduled = f"import sys\nsys.path.insert(0, {str(ROOT)!r})\n"
     hook = "from tests.scheduling import FileScheduling\ndef pytest_xdist_make_scheduler(config, log):\n"
     (tmp_path / "conftest.py").write_text(f"{scheduled}{hook}    return FileScheduling(config, log)\n")
     for number in range(6):
         (tmp_path / f"test_{number}.py").write_text("def test_a(): pass\ndef test_b(): pass\ndef test_c(): pass\n")
-    # two tests: files with more of them come first
+    # two tests, since files with more tests come first
     ends = "import os, pathlib\nmark = pathlib.Path('ended')\ndef test_d(): pass\n"
     ends += "def test_e():\n    if not mark.exists():\n        mark.touch()\n        os._exit(3)\n"
     (tmp_path / "test_ends.py").write_text(ends)
     options = ["-n", "2", "-p", "no:cacheprovider", "-o", "asyncio_default_fixture_loop_scope=function"]
-    # of an outer pytest-xdist: the inner one is not its worker
+    # without the variables of an outer pytest-xdist
     environment = {name: value for name, value in os.environ.items() if not name.startswith("PYTEST_")}
     command = [sys.executable, "-m", "pytest", "--rootdir", str(tmp_path), *options]
     done = subprocess.run(command, cwd=tmp_path, env=environment, capture_output=True, text=True, timeout=LIMIT_S)

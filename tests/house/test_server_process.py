@@ -1,4 +1,4 @@
-"""The servers of tests: none stays, and each has the settings that were asked for."""
+"""The servers that tests start: none is left running, and each has the requested settings."""
 
 from __future__ import annotations
 
@@ -19,28 +19,28 @@ def started(code: str) -> subprocess.Popen[str]:
     return subprocess.Popen([sys.executable, "-c", code], stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True)
 
 
-def test_what_it_tells_and_what_it_ends_with_are_given() -> None:
+def test_output_and_exit_code_of_a_server_are_returned() -> None:
     process = started(ENDS)
     with ready(process) as told:
         assert told == {"grpc_port": 7}
     assert process.returncode == 3
 
 
-def test_one_that_does_not_end_is_killed() -> None:
+def test_server_that_does_not_end_is_killed() -> None:
     process = started(DEAF)
     with pytest.raises(DidNotEnd, match=r"within 0\.05 s"), ready(process, limit_s=0.05):
         pass
     assert process.returncode == -signal.SIGKILL
 
 
-def test_one_whose_test_has_failed_is_killed() -> None:
+def test_server_of_a_failed_test_is_killed() -> None:
     process = started(DEAF)
     with pytest.raises(ZeroDivisionError), ready(process):
         raise ZeroDivisionError
     assert process.returncode == -signal.SIGKILL
 
 
-def test_one_that_does_not_start_says_why() -> None:
+def test_server_that_does_not_start_raises_an_error_with_its_output() -> None:
     with (
         pytest.raises(RuntimeError, match="exit code 2:\nno room"),
         ready(started("import sys; sys.stderr.write('no room'); sys.exit(2)")),
@@ -48,7 +48,7 @@ def test_one_that_does_not_start_says_why() -> None:
         pass
 
 
-def test_devices_that_are_given_are_all_that_there_are() -> None:
+def test_given_devices_replace_the_default_ones() -> None:
     ordinary = ("--port", "0", "--devices", "cpu:1", "--log-level", "WARNING")
     assert over(ordinary, ("--devices", "cpu:2", "--devices", "cpu:3")) == [
         "--port", "0", "--log-level", "WARNING", "--devices", "cpu:2", "--devices", "cpu:3",

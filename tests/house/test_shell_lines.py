@@ -1,4 +1,4 @@
-"""Every command on a page is one that there is: targets of make, modules, and options that their programs take."""
+"""Every command on a page exists: targets of make, modules, and options that their programs accept."""
 
 from __future__ import annotations
 
@@ -29,12 +29,12 @@ PACKAGES = {
     "pip",
 }
 PARSERS = {"motiongen_tools": cli.parse, "motiongen_server": parse_config}
-"""Of programs that read their arguments without doing anything yet."""
+"""Programs whose arguments can be parsed without running them."""
 
 
 @pytest.fixture(scope="module")
 def pages(repository: Any) -> dict[str, str]:
-    """Those that tell a user or contributor what to type; the log and the decisions tell of what was."""
+    """Pages with commands for users or contributors, so without the log and the decision records."""
     names = [path for path in repository.files if path.suffix == ".md" and path.name not in ("CHANGELOG.md", "log.md")]
     return {path.as_posix(): (ROOT / path).read_text(encoding="utf-8") for path in names if "adr" not in path.parts}
 
@@ -43,7 +43,7 @@ def told(pages: dict[str, str]) -> list[tuple[str, Command]]:
     return [(page, command) for page, text in pages.items() for command in commands_in(text)]
 
 
-def test_targets_of_make_exist(pages: dict[str, str]) -> None:
+def test_make_targets_exist(pages: dict[str, str]) -> None:
     targets = set(TARGET.findall((ROOT / "Makefile").read_text(encoding="utf-8")))
     named = {(page, command.arguments[0]) for page, command in told(pages) if command.program == "make"}
     named |= {(page, target) for page, text in pages.items() for target in IN_TEXT.findall(text)}
@@ -51,7 +51,7 @@ def test_targets_of_make_exist(pages: dict[str, str]) -> None:
     assert len(named) > 30
 
 
-def test_modules_and_files_that_are_named_in_the_text_exist(pages: dict[str, str], repository: Any) -> None:
+def test_modules_and_files_named_in_the_text_exist(pages: dict[str, str], repository: Any) -> None:
     folders = {str(parent) for path in repository.files for parent in path.parents}
     there = folders | {path.as_posix() for path in repository.files}
     paths = {(page, path.rstrip("/")) for page, text in pages.items() for path in IN_TREE.findall(text)}
@@ -66,7 +66,7 @@ def test_modules_and_files_that_are_named_in_the_text_exist(pages: dict[str, str
     assert len(modules) > 30
 
 
-def test_programs_take_what_they_are_given(pages: dict[str, str]) -> None:
+def test_programs_accept_their_arguments(pages: dict[str, str]) -> None:
     refused = []
     for page, command in told(pages):
         parse = PARSERS.get(command.program)
@@ -106,14 +106,14 @@ def commands_of_the_readme() -> list[Command]:
 
 
 @pytest.mark.parametrize("number", range(3))
-def test_the_commands_of_the_readme_run(
+def test_commands_of_the_readme_run(
     number: int, live_server: LiveServer, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     command = [command for command in commands_of_the_readme() if command.program == "motiongen_tools"][number]
     words = [word for word in command.arguments if word != "--start-server"]
     outputs = [Path(words[at + 1]) for at, word in enumerate(words) if word == "--out"]
     if "--samples" in words:
-        words[words.index("--samples") + 1] = "1"  # each is converted by a process of its own
+        words[words.index("--samples") + 1] = "1"  # fewer, as a process of its own converts each
     monkeypatch.chdir(tmp_path)
     assert cli.run([*words, "--server", live_server.address]) == 0
     assert outputs
@@ -122,12 +122,12 @@ def test_the_commands_of_the_readme_run(
         assert output.stem in stems, f"{output} was not written"
 
 
-def test_the_readme_has_commands() -> None:
+def test_readme_has_commands() -> None:
     programs = [command.program for command in commands_of_the_readme()]
     assert (programs.count("motiongen_tools"), programs.count("motiongen_server")) == (3, 1)
 
 
-def test_a_command_is_read_as_a_shell_reads_it() -> None:
+def test_command_is_read_as_by_a_shell() -> None:
     page = """Text.
 
     umask 077; .venv/bin/motiongen stream --prompt "a b" \\

@@ -1,4 +1,4 @@
-"""A file has at most 300 lines, and no function of ours takes more than six arguments by position."""
+"""A file has at most 300 lines, and a function at most six positional arguments."""
 
 from __future__ import annotations
 
@@ -11,7 +11,7 @@ import pytest
 MOST_LINES = 300
 MOST_POSITIONAL = 6
 CODE = {".c", ".cmake", ".cpp", ".cs", ".css", ".h", ".hpp", ".html", ".js", ".py", ".sh"}
-"""Of protos most is comments, and generated code reads one file of them as one module."""
+"""Without protos, which are mostly comments and become one module each."""
 GENERATED = Path("proto/python")
 
 
@@ -20,9 +20,9 @@ def code_files(repository: Any) -> list[Path]:
 
 
 def many_positional(source: str) -> list[str]:
-    """Names of the functions that take too many arguments by position; self and cls are none of them.
+    """Names of the functions with too many positional arguments, not counting self and cls.
 
-    Kernels are left out: Triton knows no arguments that are named only.
+    Kernels are left out: Triton has no keyword-only arguments.
     """
     found = []
     for node in ast.walk(ast.parse(source)):
@@ -45,7 +45,7 @@ def test_files_are_short(repository: Any) -> None:
     assert len(files) > 1000
 
 
-def test_functions_take_few_arguments_by_position(repository: Any) -> None:
+def test_functions_have_few_positional_arguments(repository: Any) -> None:
     files = [path for path in code_files(repository) if path.suffix == ".py"]
     sources = {path: (repository.root / path).read_text(encoding="utf-8") for path in files}
     found = [f"{path}: {name}" for path, source in sources.items() for name in many_positional(source)]
@@ -63,5 +63,5 @@ def test_functions_take_few_arguments_by_position(repository: Any) -> None:
         ("class A:\n    def m(self, a, b, c, d, e, f, g): ...", ["m"]),
     ],
 )
-def test_arguments_by_position_are_counted(source: str, found: list[str]) -> None:
+def test_positional_arguments_are_counted(source: str, found: list[str]) -> None:
     assert many_positional(source) == found

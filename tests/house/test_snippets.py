@@ -1,4 +1,4 @@
-"""Every Python snippet of a page runs, with what it takes for granted, against a real server."""
+"""Every Python snippet of a page runs against a real server, given the names that it assumes."""
 
 from __future__ import annotations
 
@@ -53,7 +53,7 @@ MADE: dict[str, list[Callable[[Names], bool]]] = {
     ],
     SECURITY: [lambda names: names["walker"].opened.model_id == FACTS_AS_SERVED.model_id],
 }
-"""What each snippet of a page has made, in their order."""
+"""A check of the result of each snippet of a page, in order."""
 
 
 def snippets(page: str) -> list[str]:
@@ -68,7 +68,7 @@ def in_a_folder_with_a_joint_map(tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 
 @pytest.fixture
 async def names(live_server: LiveServer, in_a_folder_with_a_joint_map: None) -> AsyncIterator[Names]:
-    """What snippets take for granted: a character that has played, a clip, a terrain, a skeleton of one's own."""
+    """The names that snippets assume: a session that has played, a clip, a terrain, a skeleton of the user's."""
     printed: list[object] = []
     shown: list[object] = []
     async with MotionClient(live_server.address) as client:
@@ -95,7 +95,7 @@ async def names(live_server: LiveServer, in_a_folder_with_a_joint_map: None) -> 
 
 @pytest.fixture
 async def secure(tmp_path: Path) -> AsyncIterator[Names]:
-    """A server with TLS that asks for a token."""
+    """The names for a snippet that connects to a server with TLS and tokens."""
     tenants = TenantsFile(tmp_path)
     token = tenants.one()
     tls = ServerTls(TlsFiles(*copy_pair("server-1", tmp_path)))
@@ -120,16 +120,16 @@ async def run(page: str, number: int, names: Names) -> None:
 
 
 @pytest.mark.parametrize("number", range(len(MADE[CLIENT])))
-async def test_a_snippet_of_the_client_runs(number: int, names: Names) -> None:
+async def test_client_snippet_runs(number: int, names: Names) -> None:
     await run(CLIENT, number, names)
 
 
-async def test_the_snippet_of_security_runs(secure: Names) -> None:
+async def test_security_snippet_runs(secure: Names) -> None:
     await run(SECURITY, 0, secure)
 
 
 def test_every_snippet_is_run(repository: Any) -> None:
-    """The README's own is a program, which test_examples.py runs."""
+    """Except the README's example, which test_examples.py runs."""
     pages = [path.as_posix() for path in repository.files if path.suffix == ".md" and path != Path("README.md")]
     assert {page: len(found) for page in pages if (found := snippets(page))} == {
         page: len(made) for page, made in MADE.items()

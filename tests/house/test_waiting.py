@@ -1,4 +1,4 @@
-"""No test sleeps: it waits for an event, moves a clock, or asks again by tests/waiting.py."""
+"""No test sleeps: it waits for an event, moves a clock, or polls by tests/waiting.py."""
 
 from __future__ import annotations
 
@@ -13,7 +13,7 @@ SLEEPS = {"time.sleep", "asyncio.sleep", "sleep"}
 
 
 def naps(source: str) -> list[int]:
-    """The lines that sleep for anything but a plain 0, which only lets others run; or wait for an event of nobody."""
+    """The lines that sleep, other than for a plain 0, or wait for an event that nothing sets."""
     calls = [node for node in ast.walk(ast.parse(source)) if isinstance(node, ast.Call)]
     named = [call for call in calls if ast.unparse(call.func) in SLEEPS]
     sleeps = [call for call in named if not (call.args and ast.unparse(call.args[0]) == "0")]
@@ -40,5 +40,5 @@ def test_no_test_sleeps(repository: Any) -> None:
         ("threading.Event().wait(0.2)", [1]),
     ],
 )
-def test_a_nap_is_seen(source: str, lines: list[int]) -> None:
+def test_sleeps_are_found(source: str, lines: list[int]) -> None:
     assert naps(source) == lines

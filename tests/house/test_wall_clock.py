@@ -1,4 +1,4 @@
-"""A clock that jumps harms no session: the server reads it only where a moment of the calendar is meant."""
+"""A wall clock that jumps harms no session: the server reads it only where a date is meant."""
 
 from __future__ import annotations
 
@@ -24,7 +24,7 @@ READS = {
 LAST_WORDS = {name.rpartition(".")[2] for name in READS}
 
 
-def test_the_wall_clock_is_read_only_where_a_date_is_meant(repository: Any) -> None:
+def test_wall_clock_is_read_only_where_a_date_is_meant(repository: Any) -> None:
     found = {
         path.as_posix()
         for path in repository.files

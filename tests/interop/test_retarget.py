@@ -1,4 +1,4 @@
-"""Retarget: a made-up body with other names, lengths, axes and rest pose; and the data tools' way back to ours."""
+"""Retargeting to a made-up body with other names, lengths, axes and rest pose, and back by the data tools."""
 
 from __future__ import annotations
 
@@ -24,7 +24,7 @@ from tests.conftest import ROOT
 
 RIG = client_rig()
 
-# theirs: parent, ours, axes, bone from the parent in our neutral pose in centimetres (left, up, forward)
+# their joint: parent, our joint, axes, offset from the parent in our neutral pose, cm (left, up, forward)
 BODY: dict[str, tuple[str, str, str, tuple[float, float, float]]] = {
     "pelvis": ("", "Hips", "up right forward", (0, 0, 0)),
     "belly": ("pelvis", "Spine1", "up forward left", (0, 14, 0)),
@@ -46,7 +46,7 @@ BODY: dict[str, tuple[str, str, str, tuple[float, float, float]]] = {
     "foot_r": ("shin_r", "RightFoot", "back left down", (0, -51, -2)),
     "toes_r": ("foot_r", "RightToeBase", "back left down", (0, -9, 19)),
 }
-EXTRA = {"ribs": "belly", "finger_l": "hand_l"}  # which nothing drives, or `follow` does
+EXTRA = {"ribs": "belly", "finger_l": "hand_l"}  # driven by nothing, or by `follow`
 UNDRIVEN = ["LeftShoulder", "RightShoulder", "LeftHandEnd", "RightHandEnd", "LeftHandThumb1", "RightHandThumb1"]
 MEASURED = {"lowest_of": ["LeftFoot", "RightFoot"], "percentile": 10, "height": 0.0737}
 DOCUMENT: dict[str, Any] = {
@@ -78,7 +78,7 @@ DOCUMENT: dict[str, Any] = {
 
 
 def skeleton() -> UserSkeleton:
-    """Its bones in the axes of each parent; at rest its arms hang, and its legs are apart."""
+    """The made-up body, with bones in the axes of their parents; at rest its arms hang and its legs are apart."""
     drives = JointMap.of(DOCUMENT).drives
     names = [*BODY, *EXTRA]
     axes = {theirs: drives[theirs].axes for theirs in BODY} | {"ribs": np.eye(3), "finger_l": np.eye(3)}
@@ -111,7 +111,7 @@ def their_rotations(theirs: UserSkeleton, local: np.ndarray) -> np.ndarray:
     return rotations
 
 
-def test_what_is_carried_over_comes_back_by_the_data_tools_as_it_was(tmp_path: Path) -> None:
+def test_motion_retargeted_and_back_by_the_data_tools_is_unchanged(tmp_path: Path) -> None:
     path = tmp_path / "made_up.yaml"
     path.write_text(yaml.safe_dump(DOCUMENT))
     theirs, motion = skeleton(), swaying(RIG)
@@ -136,7 +136,7 @@ def test_what_is_carried_over_comes_back_by_the_data_tools_as_it_was(tmp_path: P
     np.testing.assert_allclose(back.root_positions, motion.root_translation_m, atol=1e-5)
 
 
-def test_a_limb_points_where_ours_does() -> None:
+def test_limbs_point_in_the_same_directions() -> None:
     theirs, motion = skeleton(), swaying(RIG)
     joints = Retargeter(RIG, JointMap.of(DOCUMENT), theirs).apply(motion).joint_positions()
     arm = joints[:, theirs.index("hand_l")] - joints[:, theirs.index("elbow_l")]
@@ -144,7 +144,7 @@ def test_a_limb_points_where_ours_does() -> None:
     np.testing.assert_allclose(arm, 29.0 * forearm[:, :, 0], atol=1e-6)
 
 
-def test_feet_that_stand_are_as_high_as_at_rest_where_the_ground_was_measured() -> None:
+def test_standing_feet_are_as_high_as_at_rest_with_a_measured_ground() -> None:
     document = copy.deepcopy(DOCUMENT)
     document["root"]["ground"] = MEASURED
     theirs = skeleton()
@@ -159,7 +159,7 @@ def test_feet_that_stand_are_as_high_as_at_rest_where_the_ground_was_measured() 
     assert joints[feet, 1].min() == pytest.approx(at_rest, abs=1e-5)
 
 
-def test_joints_that_nothing_drives_stay_as_at_rest_and_those_that_follow_lie_between() -> None:
+def test_undriven_joints_stay_at_rest_and_following_ones_lie_between() -> None:
     document = copy.deepcopy(DOCUMENT)
     document["follow"] = {"ribs": {"between": ["Spine1", "Spine3"], "fraction": 0.5}}
     theirs, motion = skeleton(), swaying(RIG)
@@ -173,7 +173,7 @@ def test_joints_that_nothing_drives_stay_as_at_rest_and_those_that_follow_lie_be
     np.testing.assert_allclose(towards[0], towards[1], atol=1e-5)
 
 
-def test_signs_go_on_within_a_motion_and_from_one_to_the_next() -> None:
+def test_rotation_signs_continue_within_and_between_motions() -> None:
     retargeter, motion = Retargeter(RIG, JointMap.of(DOCUMENT), skeleton()), swaying(RIG, 60, most_rad=3.0)
     first = retargeter.apply(Motion(RIG, 0, motion.rows[:30]))
     second = retargeter.apply(Motion(RIG, 30, motion.rows[30:]), first.joint_rotation_quat_wxyz[-1])
@@ -181,7 +181,7 @@ def test_signs_go_on_within_a_motion_and_from_one_to_the_next() -> None:
     assert (turns[1:] * turns[:-1]).sum(axis=-1).min() >= 0
 
 
-def test_a_rest_group_has_values_of_its_own_and_a_file_of_json_is_read(tmp_path: Path) -> None:
+def test_rest_group_has_its_own_values_and_json_files_are_read(tmp_path: Path) -> None:
     path = tmp_path / "made_up.json"
     path.write_text(json.dumps(DOCUMENT))
     usual, steep = read_joint_map(path), read_joint_map(path, "steep")
@@ -189,7 +189,7 @@ def test_a_rest_group_has_values_of_its_own_and_a_file_of_json_is_read(tmp_path:
     assert np.allclose(usual.drives["hand_l"].axes, steep.drives["hand_l"].axes)
 
 
-def test_the_retargets_of_the_data_tools_are_read() -> None:
+def test_retargets_of_the_data_tools_can_be_read() -> None:
     folder = ROOT / "ardy" / "motiongen_ardy" / "data" / "retargets"
     read = [JointMap.of(yaml.safe_load(path.read_text())) for path in folder.glob("*.yaml")]
     assert len(read) == 4
@@ -220,14 +220,14 @@ def test_the_retargets_of_the_data_tools_are_read() -> None:
         (lambda document: document["root"]["scale"].update(to=[["LeftUpLeg"]]), "root.scale.to.*two joints"),
     ],
 )
-def test_a_mistake_in_a_map_is_named_by_its_place(change: Any, says: str) -> None:
+def test_mistake_in_a_map_is_named_by_its_place(change: Any, says: str) -> None:
     document = copy.deepcopy(DOCUMENT)
     change(document)
     with pytest.raises(InvalidInput, match=says):
         JointMap.of(document)
 
 
-def test_joints_that_are_not_there_are_named() -> None:
+def test_unknown_joints_are_named() -> None:
     theirs, ours = copy.deepcopy(DOCUMENT), copy.deepcopy(DOCUMENT)
     theirs["joints"]["Hips"]["from"] = "hip"
     with pytest.raises(UnknownName, match="'hip'"):
@@ -245,20 +245,20 @@ def test_joints_that_are_not_there_are_named() -> None:
         ({"rest_quat_wxyz": np.zeros((1, 4))}, "unit quaternions"),
     ],
 )
-def test_a_skeleton_that_is_none_is_refused(fields: dict[str, Any], says: str) -> None:
+def test_invalid_skeleton_is_refused(fields: dict[str, Any], says: str) -> None:
     sound: dict[str, Any] = {"joint_names": ["a"], "parents": [-1], "offsets": np.zeros((1, 3))}
     with pytest.raises(InvalidInput, match=says):
         UserSkeleton(**{**sound, **fields})
 
 
-def test_what_has_no_length_is_no_scale() -> None:
+def test_bones_without_length_give_no_scale() -> None:
     sound = skeleton()
     flat = UserSkeleton(sound.joint_names, sound.parents, np.zeros_like(sound.offsets), sound.rest_quat_wxyz)
     with pytest.raises(InvalidInput, match=r"root\.scale\.from: 'bones without length'"):
         Retargeter(RIG, JointMap.of(DOCUMENT), flat)
 
 
-def test_feet_that_drive_nothing_tell_no_height() -> None:
+def test_ground_needs_feet_that_are_driven() -> None:
     document = copy.deepcopy(DOCUMENT)
     document["root"]["ground"] = {"lowest_of": ["LeftHandThumb1"], "height": 0.0}
     with pytest.raises(InvalidInput, match="lowest_of"):
@@ -266,7 +266,7 @@ def test_feet_that_drive_nothing_tell_no_height() -> None:
 
 
 @pytest.mark.parametrize("text", [b"{", b"\xff\xfe", b"[" * 100_000, b"9" * 5000, b"[]"])
-def test_a_file_that_is_no_map_is_refused(tmp_path: Path, text: bytes) -> None:
+def test_file_that_is_not_a_map_is_refused(tmp_path: Path, text: bytes) -> None:
     path = tmp_path / "map.json"
     path.write_bytes(text)
     with pytest.raises(InvalidInput):

@@ -1,4 +1,4 @@
-"""People's motion on the G1: angles within their ranges, limbs that point where they shall, and a hold that is soft."""
+"""People's motion on the G1 robot: angles within their ranges, limb directions, and the safe hold."""
 
 from __future__ import annotations
 
@@ -19,7 +19,7 @@ RIG = client_rig()
 
 
 def still(**turns: tuple[float, float, float]) -> Motion:
-    """A person who stands in the neutral pose, but for joints turned by so many radians about x, y or z."""
+    """A person in the neutral pose, with some joints turned by rotation vectors (radians about x, y and z)."""
     rows = np.zeros((4, RIG.row_width), np.float32)
     rows[:, 3:-4:4] = 1.0
     rows[:, 1] = 0.9696
@@ -35,7 +35,7 @@ def arms_down() -> dict[str, tuple[float, float, float]]:
     return {"LeftArm": (0, 0, -1.4), "RightArm": (0, 0, 1.4)}
 
 
-def test_the_hinges_are_those_of_the_model_library() -> None:
+def test_hinges_equal_those_of_the_model_library() -> None:
     robot = load_g1()
     assert tuple(hinge.name for hinge in HINGES) == robot.hinges
     np.testing.assert_allclose([hinge.axis for hinge in HINGES], robot.axes)
@@ -55,7 +55,7 @@ def test_the_hinges_are_those_of_the_model_library() -> None:
         "right_knee",
     ],
 )
-def test_a_rotation_that_hinges_can_do_is_found_again(hinges: str) -> None:
+def test_reachable_rotation_is_solved_exactly(hinges: str) -> None:
     chain, generator = Chain(hinges.split()), np.random.default_rng(2)
     middle = (LOWER[chain.indices] + UPPER[chain.indices]) / 2
     angles = middle + generator.uniform(-0.4, 0.4, (50, len(chain.indices)))
@@ -64,11 +64,13 @@ def test_a_rotation_that_hinges_can_do_is_found_again(hinges: str) -> None:
     np.testing.assert_allclose(chain.rotation(found), chain.rotation(angles), atol=0.01)
 
 
-def test_who_stands_with_arms_down_stands_as_the_robot_at_angles_0_with_its_forearms_down() -> None:
+def test_person_with_arms_down_becomes_the_robot_at_angles_0_with_forearms_down() -> None:
     state = G1Retargeter(RIG).apply(still(LeftArm=(0, 0, -np.pi / 2), RightArm=(0, 0, np.pi / 2)))
     by_name = dict(zip([hinge.name for hinge in HINGES], state.qpos[0, 7:], strict=True))
     elbows = {name: angle for name, angle in by_name.items() if "elbow" in name}
-    assert all(angle == pytest.approx(np.pi / 2, abs=0.02) for angle in elbows.values()), "straight, not ahead"
+    assert all(angle == pytest.approx(np.pi / 2, abs=0.02) for angle in elbows.values()), (
+        "forearms straight down, not forward"
+    )
     others = {name: angle for name, angle in by_name.items() if "elbow" not in name}
     assert max(abs(angle) for angle in others.values()) < 0.02, others
     assert state.qpos[0, 2] == pytest.approx(0.793, abs=0.005)
@@ -88,7 +90,7 @@ def pose(state: np.ndarray) -> dict[str, np.ndarray]:
         {**arms_down(), "LeftUpLeg": (-0.7, 0.0, 0.1), "LeftLeg": (0.9, 0.0, 0.0)},
     ],
 )
-def test_limbs_of_the_robot_point_where_the_person_s_do(turns: dict[str, tuple[float, float, float]]) -> None:
+def test_robots_limbs_point_where_the_persons_do(turns: dict[str, tuple[float, float, float]]) -> None:
     person = still(**turns)
     state = G1Retargeter(RIG).apply(person)
     robot, ours = pose(state.qpos), person.joint_positions_m()
@@ -102,19 +104,23 @@ def test_limbs_of_the_robot_point_where_the_person_s_do(turns: dict[str, tuple[f
         limb = robot[end][0] - robot[start][0]
         wanted = ours[0, RIG.index(ours_end)] - ours[0, RIG.index(ours_start)]
         cosine = limb @ wanted / np.linalg.norm(limb) / np.linalg.norm(wanted)
-        assert np.degrees(np.arccos(min(cosine, 1.0))) < 25, (start, limb, wanted)  # its bones are bent by up to 15
+        assert np.degrees(np.arccos(min(cosine, 1.0))) < 25, (
+            start,
+            limb,
+            wanted,
+        )  # the robot's bones are bent by up to 15
 
 
-def test_ranges_and_speeds_are_kept_whatever_is_asked() -> None:
+def test_ranges_and_speed_limits_are_kept_with_any_motion() -> None:
     state = G1Retargeter(RIG).apply(swaying(RIG, 80, most_rad=2.5))
     angles = state.qpos[:, 7:]
     assert (angles >= LOWER - 1e-9).all()
     assert (angles <= UPPER + 1e-9).all()
     assert (np.abs(np.diff(angles, axis=0)) <= SPEED_LIMITS / FPS + 1e-9).all()
-    assert state.lost_rad.max() > 0.1, "that cannot all be done"
+    assert state.lost_rad.max() > 0.1, "the robot cannot follow all of that motion"
 
 
-def test_states_go_on_from_part_to_part_and_speeds_lead_from_row_to_row() -> None:
+def test_states_continue_between_parts_and_agree_with_their_velocities() -> None:
     retargeter, walk = G1Retargeter(RIG), walking(RIG)
     first = retargeter.apply(Motion(RIG, 0, walk.rows[:40]))
     second = retargeter.apply(Motion(RIG, 40, walk.rows[40:]), first.qpos[-1])
@@ -126,7 +132,7 @@ def test_states_go_on_from_part_to_part_and_speeds_lead_from_row_to_row() -> Non
     assert ahead == pytest.approx(retargeter.scale * (walk.rows[-1, 2] - walk.rows[0, 2]), rel=1e-3)
 
 
-def test_no_angle_jumps_where_none_of_the_person_s_does() -> None:
+def test_smooth_motion_gives_no_jumps_in_angles() -> None:
     state = G1Retargeter(RIG).apply(swaying(RIG, 80, most_rad=0.3))
     assert np.abs(np.diff(state.qpos[:, 7:], n=2, axis=0)).max() < 0.1
 
@@ -143,7 +149,7 @@ WALK = G1Retargeter(RIG).apply(walking(RIG)).qpos
 
 
 def played(hold: SafeHold, gap: range, seconds: float = 4.0) -> tuple[np.ndarray, list[HoldState]]:
-    """Commands at RATE while frames come FPS times a second, but for those of a gap."""
+    """Commands at RATE while frames come at FPS, except during a gap."""
     commands, states = [], []
     for tick in range(int(seconds * RATE)):
         frame, is_due = divmod(tick, RATE // FPS)
@@ -153,7 +159,7 @@ def played(hold: SafeHold, gap: range, seconds: float = 4.0) -> tuple[np.ndarray
     return np.array(commands), states
 
 
-def test_a_robot_whose_frames_stop_comes_to_a_stand_and_goes_on_softly() -> None:
+def test_robot_without_frames_comes_to_a_stop_and_returns_softly() -> None:
     commands, states = played(SafeHold(), range(20, 50))
     order = [state for state, before in zip(states, [None, *states], strict=False) if state is not before]
     assert order == [
@@ -173,12 +179,12 @@ def test_a_robot_whose_frames_stop_comes_to_a_stand_and_goes_on_softly() -> None
     np.testing.assert_allclose(np.linalg.norm(commands[:, 3:7], axis=1), 1.0)
     stopping = [tick for tick, state in enumerate(states) if state is HoldState.STOPPING]
     pace = np.abs(np.diff(commands[stopping[0] : holding[0], :3], axis=0)).sum(axis=1)
-    assert pace[-1] < 0.1 * pace[0], "it slows down, and does not break off"
+    assert pace[-1] < 0.1 * pace[0], "it must slow down gradually"
     np.testing.assert_allclose(commands[-1], WALK[79] * np.sign(commands[-1, 3] * WALK[79, 3]) ** np.isin(
         np.arange(36), range(3, 7)), atol=1e-6)  # fmt: skip
 
 
-def test_frames_that_come_in_time_are_given_as_they_are() -> None:
+def test_frames_in_time_are_passed_on_unchanged() -> None:
     commands, states = played(SafeHold(), range(0))
     assert set(states) == {HoldState.FOLLOWING}
     np.testing.assert_allclose(commands[9::10, 7:], WALK[:80, 7:], atol=1e-9)
@@ -192,7 +198,7 @@ def yawed(radians: float, sign: float = 1.0) -> np.ndarray:
 
 
 @pytest.mark.parametrize("sign", [1.0, -1.0])
-def test_the_root_turns_the_short_way_back_to_frames_of_either_sign(sign: float) -> None:
+def test_root_turns_the_short_way_back_for_either_quaternion_sign(sign: float) -> None:
     hold, held, back = SafeHold(), np.radians(17.2), np.radians(20.05)
     for now_s in (0.0, 1.0, 2.0):
         hold.command(now_s, yawed(held) if now_s == 0 else None)
@@ -201,10 +207,10 @@ def test_the_root_turns_the_short_way_back_to_frames_of_either_sign(sign: float)
     yaw = np.arctan2(2 * commands[:, 3] * commands[:, 6], 1 - 2 * commands[:, 6] ** 2)
     assert (np.diff(yaw) >= -1e-9).all()
     assert (yaw[0], yaw[-1]) == pytest.approx((held, back))
-    assert (commands[1:, 3:7] * commands[:-1, 3:7]).sum(axis=1).min() > 0.9, "its commands keep to one sign"
+    assert (commands[1:, 3:7] * commands[:-1, 3:7]).sum(axis=1).min() > 0.9, "the commands keep one sign"
 
 
-def test_the_array_of_a_frame_may_be_used_again() -> None:
+def test_array_of_a_frame_may_be_reused() -> None:
     hold, buffer = SafeHold(), yawed(0.3)
     hold.command(0.0, buffer)
     buffer[:] = yawed(2.0)
@@ -212,7 +218,7 @@ def test_the_array_of_a_frame_may_be_used_again() -> None:
 
 
 @pytest.mark.parametrize("now_s", [1.0, 0.5])
-def test_no_joint_moves_while_no_time_passes_or_a_clock_goes_back(now_s: float) -> None:
+def test_no_joint_moves_while_the_clock_stands_still_or_goes_back(now_s: float) -> None:
     hold, there = SafeHold(), yawed(0.3)
     first = hold.command(1.0, there)
     there[7:] = UPPER
@@ -222,7 +228,7 @@ def test_no_joint_moves_while_no_time_passes_or_a_clock_goes_back(now_s: float) 
     assert (moved <= SPEED_LIMITS * 0.01 + 1e-9).all()
 
 
-def test_what_has_no_meaning_is_refused() -> None:
+def test_invalid_states_and_settings_are_refused() -> None:
     with pytest.raises(InvalidInput, match="a unit quaternion"):
         SafeHold().command(0.0, np.zeros(36))
     with pytest.raises(InvalidInput, match="a first state"):

@@ -26,7 +26,7 @@ from motiongen_server.runner import TorchRunner
 TINY = Path(__file__).parents[1] / "data" / "golden" / "tiny-core27" / "checkpoint"
 
 # Rows share matrix products, whose order of summation depends on the number of rows; the difference is far below a
-# level of the quantiser (1/32 of a latent), except for a value next to a rounding tie.
+# level of the quantizer (1/32 of a latent), except for a value next to a rounding tie.
 TOLERANCE = 2e-4
 
 
@@ -41,7 +41,7 @@ def runner(model: Model) -> TorchRunner:
 
 
 def make_job(job_id: int, model: Model, random: np.random.Generator) -> WindowJob:
-    """A job that differs from others in everything in which rows may differ."""
+    """A job with random values for everything in which the rows of a batch may differ."""
     dim = model.representation.feature_dim
     history_len = int(random.choice([0, 4, 8, 16]))
     first_frame = 100 if history_len else 0
@@ -69,7 +69,7 @@ def make_job(job_id: int, model: Model, random: np.random.Generator) -> WindowJo
 
 
 def projected_model(mode: PassMode, projection: ProjectionOptions) -> Model:
-    """A separate model whose roots are planned and projected."""
+    """A copy of the model with planned and projected roots."""
     model = load_checkpoint(TINY)
     model.sampling = SamplingOptions(GuidanceOptions(mode, 1.0, 1.0), True, True, projection=projection)
     return model
@@ -81,7 +81,7 @@ def in_company(
     joining: Callable[[], int],
     order: Callable[[list[int]], list[int]] = list,
 ) -> dict[int, WindowResult]:
-    """The results of jobs run together. joining: how many more begin before a step; order: of the rows in a step."""
+    """The results of jobs run in one batch. joining: how many more start before a step; order: of a step's rows."""
     waiting, running, results = list(jobs), list[int](), dict[int, WindowResult]()
     while waiting or running:
         begun = [waiting.pop() for _ in range(min(len(waiting), joining()))]

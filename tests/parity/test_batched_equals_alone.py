@@ -1,4 +1,4 @@
-"""What a row gets does not depend on who shares its batch."""
+"""A row's result does not depend on the other rows of its batch."""
 
 from __future__ import annotations
 
@@ -31,7 +31,7 @@ def share_of_close_frames(one: WindowResult, other: WindowResult) -> float:
 
 
 @pytest.mark.parametrize("num_jobs", [2, 7, 24, 128])
-def test_rows_that_join_and_leave_at_different_steps_get_what_they_get_alone(
+def test_rows_joining_and_leaving_at_different_steps_match_rows_run_alone(
     model: Model, runner: TorchRunner, num_jobs: int
 ) -> None:
     random = np.random.default_rng(num_jobs)
@@ -43,11 +43,11 @@ def test_rows_that_join_and_leave_at_different_steps_get_what_they_get_alone(
         lambda running: list(random.permutation(running)),
     )
     shares = [share_of_close_frames(results[job_id], run_alone(model, job)) for job_id, job in jobs.items()]
-    # A latent that lies on a rounding tie may fall to the other side; that is rare, and everything else is equal.
+    # A latent on a rounding tie may be rounded the other way; that is rare, and everything else is equal.
     assert np.mean(shares) > 0.98, shares
 
 
-def test_a_row_that_fails_leaves_its_neighbours_as_they_are_alone(model: Model) -> None:
+def test_row_with_nan_history_does_not_change_its_neighbour(model: Model) -> None:
     random = np.random.default_rng(0)
     good, bad = make_job(1, model, random), make_job(2, model, random)
     poisoned = np.full((8, model.representation.feature_dim), np.nan, np.float32)
@@ -72,7 +72,7 @@ def test_a_row_that_fails_leaves_its_neighbours_as_they_are_alone(model: Model) 
     assert np.abs(with_bad.features - alone.features).max() < TOLERANCE
 
 
-def test_discarded_jobs_are_forgotten(model: Model, runner: TorchRunner) -> None:
+def test_denoising_a_discarded_job_raises_key_error(model: Model, runner: TorchRunner) -> None:
     job = make_job(1, model, np.random.default_rng(3))
     runner.prepare([job])
     runner.discard([1, 99])
@@ -81,7 +81,7 @@ def test_discarded_jobs_are_forgotten(model: Model, runner: TorchRunner) -> None
 
 
 @pytest.mark.parametrize("precision", [torch.float32, torch.bfloat16])
-def test_what_a_row_gets_in_a_step_is_what_it_gets_alone(model: Model, precision: torch.dtype) -> None:
+def test_one_denoising_step_gives_each_row_the_tokens_it_gets_alone(model: Model, precision: torch.dtype) -> None:
     random = np.random.default_rng(5)
     jobs = [make_job(index, model, random) for index in range(1, 129)]
 
@@ -99,7 +99,7 @@ def test_what_a_row_gets_in_a_step_is_what_it_gets_alone(model: Model, precision
 
 
 @pytest.mark.parametrize("num_rows", [2, 5, 8])
-def test_what_a_row_is_shown_is_what_it_is_shown_alone(num_rows: int) -> None:
+def test_frames_and_features_of_steered_rows_are_equal_in_a_batch_and_alone(num_rows: int) -> None:
     mini = load_checkpoint(MINI)
     begun = played(TorchRunner(mini, "mini"), all_kinds(mini))
     kinds = [*all_kinds(mini, begun), *(replace(job, job_id=job.job_id + 10) for job in all_kinds(mini, begun[::-1]))]

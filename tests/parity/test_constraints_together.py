@@ -1,4 +1,4 @@
-"""Constraints that are legal each by itself are so together: no session ends for them, and each is met as if alone."""
+"""Constraints that are legal one by one are legal together: they close no session, and each is met as if alone."""
 
 from __future__ import annotations
 
@@ -48,7 +48,7 @@ def mini() -> Model:
 
 @dataclass
 class Played:
-    """What sessions got: rows by their number, and why any was closed."""
+    """What the sessions streamed: frame rows by session handle, and why any session was closed."""
 
     rows: dict[int, list[np.ndarray]] = field(default_factory=dict)
     closed: list[str] = field(default_factory=list)
@@ -66,7 +66,7 @@ class Played:
 def played(
     model: Model, asked: Sequence[tuple[Constraint, ...]], led: frozenset[int] = frozenset(), stride: int = 1
 ) -> Played:
-    """What sessions get that are opened with constraints. led: which of them a velocity leads besides."""
+    """What sessions with these constraints stream. led: the sessions that a velocity steers as well."""
     options = replace(model.sampling, plan=replace(model.sampling.plan, stride_frames=stride))
     model.sampling, before = options, model.sampling
     clock, found = FakeClock(), Played()
@@ -110,7 +110,7 @@ WITH_ROOT = JointTargets(2, 80, (0, HAND), np.array([[0.0, 0.9, 1.0], [0.3, 1.2,
     ids=["beyond", "close behind", "aside", "a hand with its root"],
 )
 @pytest.mark.parametrize("stride", [1, 5])
-def test_a_hand_whose_root_is_free_is_reached_on_the_way_to_a_place(
+def test_hand_target_without_a_root_is_met_on_the_way_to_another_constraint(
     mini: Model, other: Constraint, stride: int
 ) -> None:
     found = played(mini, [(NEAR, other)], stride=stride)
@@ -125,7 +125,7 @@ def test_a_hand_whose_root_is_free_is_reached_on_the_way_to_a_place(
     assert np.hypot(*np.diff(root, axis=0).T).max() * mini.config.fps < 3.0
 
 
-def test_a_hand_on_the_way_of_a_velocity_is_reached_without_a_jump(mini: Model) -> None:
+def test_hand_target_under_a_velocity_is_met_without_a_jump_of_the_root(mini: Model) -> None:
     asked = hand(23, (0.3, 1.2, 1.2)), hand(50, (2.0, 1.2, 1.4), 2)
     found = played(mini, [asked], led=frozenset([0]), stride=5)
     assert not found.closed
@@ -138,7 +138,7 @@ def test_a_hand_on_the_way_of_a_velocity_is_reached_without_a_jump(mini: Model) 
 
 
 def random_constraint(number: int, random: np.random.Generator, mini: Model) -> Constraint:
-    """Any kind, somewhere within a few metres, in the next nine seconds."""
+    """A constraint of any kind, within a few metres and within the first nine seconds."""
     frame = int(random.integers(0, 180))
     x, z = random.uniform(-2.0, 2.0, 2).tolist()
     heading = float(random.uniform(-3.0, 3.0)) if random.random() < 0.5 else None
@@ -169,7 +169,7 @@ def random_constraint(number: int, random: np.random.Generator, mini: Model) -> 
 
 @pytest.mark.parametrize("stride", [1, 5])
 @pytest.mark.parametrize("seed", range(2))
-def test_no_constraints_that_are_legal_end_a_session(mini: Model, seed: int, stride: int) -> None:
+def test_legal_constraints_never_close_a_session(mini: Model, seed: int, stride: int) -> None:
     random = np.random.default_rng(seed)
     asked = [
         tuple(random_constraint(number, random, mini) for number in range(1, int(random.integers(2, 8))))

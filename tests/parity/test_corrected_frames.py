@@ -1,4 +1,4 @@
-"""Corrected windows are the same from the engine, the reference rollout, alone and in a batch."""
+"""Corrected windows are the same from the engine and from the reference rollout, alone and in a batch."""
 
 from __future__ import annotations
 
@@ -22,7 +22,7 @@ HAND = 16
 
 @pytest.fixture(scope="module")
 def correcting() -> Model:
-    """The tiny model with everything corrected that can be."""
+    """The tiny model with feet, joints and the seams between windows corrected."""
     model = load_checkpoint(TINY)
     model.sampling = replace(model.sampling, clean_feet=True, reach_joints=True, join_tokens=True)
     return model
@@ -33,8 +33,8 @@ def embedding() -> np.ndarray:
     return np.random.default_rng(3).standard_normal(32).astype(np.float32)
 
 
-def hand_goals(model: Model) -> tuple[Targets, tuple[JointTargets, ...]]:
-    """A hand at two frames, one of them early in a window, for the library and for the engine."""
+def hand_targets(model: Model) -> tuple[Targets, tuple[JointTargets, ...]]:
+    """Targets for a hand at two frames, one of them early in a window: for the library and for the engine."""
     targets, constraints = Targets(model.skeleton), []
     for number, (frame, x) in enumerate(((43, 1.2), (90, 0.8)), 1):
         places = np.array([[x, 0.9, -1.8], [x + 0.3, 1.2, -1.6]], np.float32)
@@ -44,28 +44,28 @@ def hand_goals(model: Model) -> tuple[Targets, tuple[JointTargets, ...]]:
 
 
 @pytest.mark.parametrize("reuse_tokens", [False, True])
-def test_a_session_streams_what_a_rollout_makes(correcting: Model, embedding: np.ndarray, reuse_tokens: bool) -> None:
+def test_session_streams_what_the_rollout_makes(correcting: Model, embedding: np.ndarray, reuse_tokens: bool) -> None:
     features = expected(correcting, embedding, None, reuse_tokens)
     compare(correcting, stream(correcting, embedding, (), reuse_tokens), features)
 
 
-def test_a_session_with_joint_goals_streams_what_a_rollout_makes(correcting: Model, embedding: np.ndarray) -> None:
-    targets, constraints = hand_goals(correcting)
+def test_session_with_joint_targets_streams_the_frames_of_the_rollout(correcting: Model, embedding: np.ndarray) -> None:
+    targets, constraints = hand_targets(correcting)
     features = expected(correcting, embedding, targets, reuse_tokens=True)
     compare(correcting, stream(correcting, embedding, constraints, reuse_tokens=True), features)
 
 
-def test_a_session_does_not_reuse_tokens_of_frames_that_were_corrected(correcting: Model) -> None:
+def test_results_of_corrected_windows_carry_no_tokens(correcting: Model) -> None:
     job = make_job(1, correcting, np.random.default_rng(0))
     assert run_alone(correcting, job).tokens is None
 
 
-def test_corrections_change_what_is_streamed(model: Model, correcting: Model, embedding: np.ndarray) -> None:
+def test_corrections_change_the_frames_of_the_rollout(model: Model, correcting: Model, embedding: np.ndarray) -> None:
     plain, corrected = (expected(one, embedding, None, reuse_tokens=False) for one in (model, correcting))
     assert not torch.allclose(plain, corrected, atol=0.01)
 
 
-def test_corrected_rows_get_in_a_batch_what_they_get_alone(correcting: Model) -> None:
+def test_corrected_rows_are_the_same_in_a_batch_and_alone(correcting: Model) -> None:
     random = np.random.default_rng(5)
     jobs = {index: make_job(index, correcting, random) for index in range(1, 13)}
     pose = (correcting.skeleton.neutral_joints + np.array([1.0, 0.9, -2.0])).astype(np.float32)

@@ -40,7 +40,7 @@ FIRST = 20
 
 @pytest.mark.parametrize("stride", [1, 5])
 @pytest.mark.parametrize("seed", range(24))
-def test_the_targets_are_equal(model: Model, monkeypatch: pytest.MonkeyPatch, seed: int, stride: int) -> None:
+def test_targets_are_those_of_the_server(model: Model, monkeypatch: pytest.MonkeyPatch, seed: int, stride: int) -> None:
     random = np.random.default_rng(seed)
     options = SamplingOptions(
         GuidanceOptions("joint", 1.0, 1.0), plan_root=True, plan=PlanOptions(stride_frames=stride)
@@ -73,7 +73,7 @@ def test_the_targets_are_equal(model: Model, monkeypatch: pytest.MonkeyPatch, se
 
 
 def evaluated_targets(model: Model, monkeypatch: pytest.MonkeyPatch, take: Take) -> Targets:
-    """What the evaluation asks of the first window of a take."""
+    """The targets that the evaluation sets for the first window of a take."""
     asked: list[RolloutRequest] = []
 
     def look(model: Model, request: RolloutRequest, features: torch.Tensor, index: int) -> Any:
@@ -89,7 +89,7 @@ def evaluated_targets(model: Model, monkeypatch: pytest.MonkeyPatch, take: Take)
 
 
 def job_of(constraints: Sequence[Constraint]) -> WindowJob:
-    """A job of which only the constraints count."""
+    """A window job with these constraints; its other fields do not matter here."""
     return WindowJob(
         job_id=1,
         session=SessionKey(1, 1),
@@ -109,7 +109,7 @@ def job_of(constraints: Sequence[Constraint]) -> WindowJob:
     )
 
 
-def test_a_preset_goes_in_the_direction_that_its_name_says() -> None:
+def test_presets_have_the_quarters_of_server_gaits_and_are_chosen_by_direction() -> None:
     nothing = np.zeros(3, np.float32)
     for direction in Direction:
         preset = LocomotionPreset("walk", "walk", 0.0, direction.name.lower())

@@ -1,4 +1,4 @@
-"""Prompts that the way contradicts: a session and a rollout tell the model the same, and count the same frames."""
+"""Prompts that contradict the waypoints: session and rollout give the model the same, in windows of equal length."""
 
 from __future__ import annotations
 
@@ -29,7 +29,7 @@ def embedding() -> np.ndarray:
 
 @pytest.fixture(scope="module")
 def fitting(embedding: np.ndarray) -> Model:
-    """The tiny model with one caption, which stands, and one gait."""
+    """The tiny model, which knows one caption, of standing, and one gait."""
     model = load_checkpoint(TINY)
     model.sampling = SamplingOptions(GuidanceOptions("joint", 1.0, 1.0), True, True, fit_prompts=True)
     text = torch.from_numpy(embedding)
@@ -47,7 +47,7 @@ def fitting(embedding: np.ndarray) -> Model:
 
 @pytest.fixture
 def goals(fitting: Model) -> tuple[Targets, tuple[Constraint, ...]]:
-    """A way to go in 1.7 s, and to stay there."""
+    """Waypoints that ask for a walk of 1.7 s and then for staying there."""
     targets = Targets(fitting.skeleton)
     for frame, x, z in GOALS:
         targets.add_waypoints([frame], torch.tensor([[x, z]]))
@@ -55,14 +55,14 @@ def goals(fitting: Model) -> tuple[Targets, tuple[Constraint, ...]]:
 
 
 @pytest.mark.parametrize("reuse_tokens", [False, True])
-def test_a_session_is_the_rollout(
+def test_session_with_fitted_prompts_streams_the_frames_of_the_rollout(
     fitting: Model, embedding: np.ndarray, goals: tuple[Targets, tuple[Constraint, ...]], reuse_tokens: bool
 ) -> None:
     features = expected(fitting, embedding, goals[0], reuse_tokens)
     compare(fitting, stream(fitting, embedding, goals[1], reuse_tokens), features)
 
 
-def test_a_prompt_that_is_kept_is_told(
+def test_keep_prompts_turns_the_fitting_of_prompts_off(
     fitting: Model, embedding: np.ndarray, goals: tuple[Targets, tuple[Constraint, ...]]
 ) -> None:
     plain = load_checkpoint(TINY)
@@ -73,7 +73,7 @@ def test_a_prompt_that_is_kept_is_told(
     compare(fitting, stream(fitting, embedding, goals[1], False, keep_prompts=True), kept)
 
 
-def test_a_window_ends_where_the_way_does(fitting: Model, embedding: np.ndarray) -> None:
+def test_window_with_a_fitted_prompt_ends_at_its_waypoint(fitting: Model, embedding: np.ndarray) -> None:
     job = make_job(1, fitting, np.random.default_rng(0))
     goal = Waypoint(1, job.first_frame + 24, 2.0, 0.0)
     job = replace(job, embedding=embedding, constraints=(goal,))
@@ -82,7 +82,7 @@ def test_a_window_ends_where_the_way_does(fitting: Model, embedding: np.ndarray)
     assert len(run_alone(fitting, replace(job, keep_prompt=True)).frames) == fitting.config.horizon
 
 
-def test_rows_of_one_batch_end_where_their_own_ways_do(fitting: Model, embedding: np.ndarray) -> None:
+def test_each_row_of_a_batch_ends_at_its_own_waypoint_or_at_the_horizon(fitting: Model, embedding: np.ndarray) -> None:
     base = make_job(1, fitting, np.random.default_rng(0))
     jobs = [
         replace(base, job_id=number, embedding=embedding, constraints=(Waypoint(1, base.first_frame + far, 3.0, 0.0),))

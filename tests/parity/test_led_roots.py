@@ -1,4 +1,4 @@
-"""Roots that are kept once they have been predicted: as the rollout has them, and the same in any company."""
+"""Led roots, which are predicted once and then kept: the same as in the rollout, and the same in any batch."""
 
 from __future__ import annotations
 
@@ -27,13 +27,13 @@ def led(request: pytest.FixtureRequest) -> Model:
 
 
 def circle(num_frames: int) -> tuple[np.ndarray, np.ndarray]:
-    """Ground positions (T, 2) and headings (T) of a way round a circle."""
+    """Ground positions (T, 2) and headings (T) of a path around a circle."""
     angle = np.arange(num_frames, dtype=np.float32) / 40
     return np.stack([2 * (1 - np.cos(angle)), 2 * np.sin(angle)], axis=1), angle
 
 
 def job_on_the_circle(job_id: int, model: Model, random: np.random.Generator) -> WindowJob:
-    """A job that differs from others in all that it may, and is led."""
+    """A random job whose root is led along the circle."""
     job = make_job(job_id, model, random)
     ground, heading = circle(60)
     path = RootTrajectory(1, job.first_frame, ground, heading)
@@ -43,7 +43,7 @@ def job_on_the_circle(job_id: int, model: Model, random: np.random.Generator) ->
 MAKE = (job_on_the_circle, make_job)
 
 
-def test_a_session_on_a_path_is_the_rollout(led: Model) -> None:
+def test_session_on_a_root_trajectory_streams_the_frames_of_the_rollout(led: Model) -> None:
     embedding = np.random.default_rng(3).standard_normal(32).astype(np.float32)
     ground, heading = circle(FRAMES)
     targets = Targets(led.skeleton)
@@ -54,18 +54,16 @@ def test_a_session_on_a_path_is_the_rollout(led: Model) -> None:
     assert not torch.allclose(features, expected(led, embedding, targets, False), atol=1e-3), "no root was kept"
 
 
-def test_led_rows_get_in_company_what_they_get_alone(led: Model) -> None:
+def test_led_rows_are_the_same_in_a_batch_and_alone(led: Model) -> None:
     random = np.random.default_rng(5)
     jobs = {index: MAKE[index % 2](index, led, random) for index in range(1, 17)}
-    # They join at different steps, so that some keep their roots and others do not.
+    # Jobs join at different steps, so that in one step some keep their roots and others do not.
     results = in_company(TorchRunner(led, "tiny"), jobs, lambda: 5)
     shares = [share_of_close_frames(results[job_id], run_alone(led, job)) for job_id, job in jobs.items()]
     assert np.mean(shares) > 0.95, shares
 
 
-def test_the_first_stage_is_evaluated_for_those_alone_who_keep_no_root(
-    led: Model, monkeypatch: pytest.MonkeyPatch
-) -> None:
+def test_first_stage_is_evaluated_only_for_rows_that_keep_no_root(led: Model, monkeypatch: pytest.MonkeyPatch) -> None:
     random = np.random.default_rng(7)
     led_job, other = (replace(make(1 + n, led, random), num_steps=4) for n, make in enumerate(MAKE))
     runner = TorchRunner(led, "tiny")

@@ -1,4 +1,4 @@
-"""Tokens of another number of frames: sessions are rollouts, corrected and not, and a server takes the model."""
+"""Models with other patches: sessions match rollouts, corrected and not, and an engine can be built for them."""
 
 from __future__ import annotations
 
@@ -29,7 +29,7 @@ def with_patch(config: ModelConfig, patch: int) -> ModelConfig:
 
 @pytest.fixture(scope="module", params=PATCHES)
 def other(request: pytest.FixtureRequest, model: Model) -> Model:
-    """The tiny model with random weights for other tokens."""
+    """The tiny model with another patch and random weights."""
     torch.manual_seed(request.param)
     made = build_model(with_patch(model.config, request.param), model.representation.stats)
     return made.eval().requires_grad_(False)
@@ -37,7 +37,7 @@ def other(request: pytest.FixtureRequest, model: Model) -> Model:
 
 @pytest.mark.parametrize("corrects", [False, True])
 @pytest.mark.parametrize("reuse_tokens", [False, True])
-def test_a_session_is_the_rollout(other: Model, corrects: bool, reuse_tokens: bool) -> None:
+def test_session_streams_the_frames_of_the_rollout(other: Model, corrects: bool, reuse_tokens: bool) -> None:
     other.sampling = replace(
         other.sampling, clean_feet=corrects, join_tokens=corrects, project_root=corrects, plan_root=corrects
     )
@@ -49,7 +49,7 @@ def test_a_session_is_the_rollout(other: Model, corrects: bool, reuse_tokens: bo
     compare(other, stream(other, embedding, constraints, reuse_tokens), features)
 
 
-def test_a_server_gives_whole_tokens_of_history(other: Model) -> None:
+def test_history_is_rounded_to_whole_tokens_and_an_engine_can_be_built(other: Model) -> None:
     patch = other.config.patch
     runner = TorchRunner(other, "other")
     assert (runner.facts.patch, runner.facts.whole_patches(18)) == (patch, max(1, 18 // patch) * patch)
@@ -60,7 +60,7 @@ def test_a_server_gives_whole_tokens_of_history(other: Model) -> None:
     assert usual_history(patch) % patch == 0
 
 
-def test_horizons_of_part_of_a_token_and_parts_that_differ_are_refused(model: Model) -> None:
+def test_partial_token_horizon_and_unequal_patches_are_refused(model: Model) -> None:
     with pytest.raises(ConfigError, match="multiple of 7 frames"):
         with_patch(model.config, 7)
     with pytest.raises(ConfigError, match=r"denoiser\.patch is 5 but the tokenizer's is 4"):

@@ -1,4 +1,4 @@
-"""Planned roots: a session and a rollout give the same frames, and a row in company what it gets alone."""
+"""Planned roots: a session and a rollout give the same frames, and a row is the same in a batch and alone."""
 
 from __future__ import annotations
 
@@ -23,7 +23,7 @@ def planned(request: pytest.FixtureRequest) -> Model:
     return projected_model(request.param, ProjectionOptions(last_steps=2))
 
 
-def test_a_session_with_waypoints_is_the_rollout(planned: Model) -> None:
+def test_session_with_waypoints_streams_the_frames_of_the_rollout(planned: Model) -> None:
     embedding = np.random.default_rng(2).standard_normal(32).astype(np.float32)
     targets = Targets(planned.skeleton)
     targets.add_waypoints([30], torch.tensor([[1.5, -1.0]]))
@@ -35,7 +35,7 @@ def test_a_session_with_waypoints_is_the_rollout(planned: Model) -> None:
     assert torch.allclose(ground, torch.tensor([[1.5, -1.0], [2.0, 0.5]]), atol=2e-3)
 
 
-def test_a_session_on_a_path_is_the_rollout(planned: Model) -> None:
+def test_session_on_a_root_trajectory_streams_the_frames_of_the_rollout(planned: Model) -> None:
     embedding = np.random.default_rng(3).standard_normal(32).astype(np.float32)
     time = np.arange(80, dtype=np.float32)[:, None] / 20
     xz = np.concatenate([1.0 + 0.5 * time, -2.0 + 0.8 * time], axis=1)
@@ -46,7 +46,7 @@ def test_a_session_on_a_path_is_the_rollout(planned: Model) -> None:
     assert torch.allclose(features[30:80, [0, 2]], torch.from_numpy(xz[30:]), atol=2e-3)
 
 
-def test_a_session_without_goals_slows_down_as_the_rollout_does(planned: Model) -> None:
+def test_session_without_targets_slows_down_like_the_rollout(planned: Model) -> None:
     embedding = np.random.default_rng(6).standard_normal(32).astype(np.float32)
     features = expected(planned, embedding, None, False)
     compare(planned, stream(planned, embedding, (), False), features)
@@ -54,7 +54,7 @@ def test_a_session_without_goals_slows_down_as_the_rollout_does(planned: Model) 
     assert not torch.allclose(features, expected(planned, embedding, None, False), atol=0.05), "nothing was slowed"
 
 
-def test_rows_get_in_company_what_they_get_alone(planned: Model) -> None:
+def test_planned_rows_are_the_same_in_a_batch_and_alone(planned: Model) -> None:
     random = np.random.default_rng(5)
     jobs = {index: make_job(index, planned, random) for index in range(1, 13)}
     results = in_company(TorchRunner(planned, "tiny"), jobs, lambda: len(jobs))

@@ -1,4 +1,4 @@
-"""The motion a session streams is the motion that the plain rollout makes, window for window."""
+"""A session streams the same motion as the plain rollout, window for window."""
 
 from __future__ import annotations
 
@@ -39,7 +39,7 @@ STEPS = 4
 
 @dataclass
 class Screen:
-    """Keeps the rows that arrive."""
+    """Keeps the frame rows that arrive."""
 
     rows: dict[int, np.ndarray] = field(default_factory=dict)
 
@@ -120,13 +120,13 @@ def compare(model: Model, rows: np.ndarray, features: torch.Tensor) -> None:
 
 
 @pytest.mark.parametrize("reuse_tokens", [False, True])
-def test_a_prompted_session(model: Model, reuse_tokens: bool) -> None:
+def test_session_with_a_prompt_streams_the_frames_of_the_rollout(model: Model, reuse_tokens: bool) -> None:
     embedding = np.random.default_rng(1).standard_normal(32).astype(np.float32)
     compare(model, stream(model, embedding, (), reuse_tokens), expected(model, embedding, None, reuse_tokens))
 
 
 @pytest.mark.parametrize("reuse_tokens", [False, True])
-def test_a_session_with_waypoints_in_and_beyond_its_windows(model: Model, reuse_tokens: bool) -> None:
+def test_session_with_waypoints_in_and_beyond_its_window_matches_the_rollout(model: Model, reuse_tokens: bool) -> None:
     embedding = np.random.default_rng(2).standard_normal(32).astype(np.float32)
     targets = Targets(model.skeleton)
     targets.add_waypoints([30, 70], torch.tensor([[1.5, -1.0], [2.0, 0.5]]), torch.tensor([0.2, 0.4]))

@@ -1,4 +1,4 @@
-"""Windows that end early for a goal behind them: a session gives the frames of a rollout, and a joint's goal is met."""
+"""Windows that end early because a target follows: a session matches the rollout, and a joint rotation is met."""
 
 from __future__ import annotations
 
@@ -21,7 +21,7 @@ HEAD = 6
 
 @pytest.fixture(scope="module")
 def obeying() -> Model:
-    """The tiny model, planned and corrected."""
+    """The tiny model with planned roots and corrections."""
     model = load_checkpoint(TINY)
     model.sampling = replace(
         model.sampling, project_root=True, plan_root=True, reach_joints=True, join_tokens=True, face_root=True
@@ -30,9 +30,9 @@ def obeying() -> Model:
 
 
 @pytest.mark.parametrize("goal", [39, 40, 41, 79, 80])
-def test_goals_at_any_frame_of_a_window(obeying: Model, goal: int) -> None:
-    # Of these draws one (4, with a goal at 80) leads this model, which has learned nothing, to where rounding grows a
-    # thousandfold from window to window.
+def test_targets_around_window_ends_match_the_rollout_and_turn_the_head(obeying: Model, goal: int) -> None:
+    # This model has learned nothing: with seed 4 and a target at frame 80, rounding errors grow a thousandfold from
+    # window to window.
     embedding = np.random.default_rng(1).standard_normal(32).astype(np.float32)
     targets, head = Targets(obeying.skeleton), rotation_y(torch.tensor(0.4))
     targets.add_waypoints([goal], torch.tensor([[1.3, -1.4]]))
@@ -49,7 +49,7 @@ def test_goals_at_any_frame_of_a_window(obeying: Model, goal: int) -> None:
     assert torch.allclose(turned, head, atol=5e-3)
 
 
-def test_goals_of_one_kind_that_follow_each_other_closely(obeying: Model) -> None:
+def test_closely_spaced_joint_targets_match_the_rollout(obeying: Model) -> None:
     embedding = np.random.default_rng(5).standard_normal(32).astype(np.float32)
     places = np.array([[1.0, 0.9, -1.9], [1.3, 1.2, -1.6]], np.float32)
     targets, constraints = Targets(obeying.skeleton), []

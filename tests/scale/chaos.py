@@ -100,8 +100,8 @@ async def play(world: World, options: argparse.Namespace) -> dict[str, Noticed]:
 
 def report(found: dict[str, Noticed], exit_codes: dict[str, int | None]) -> int:
     """Print the result. Returns the exit code."""
-    columns = ("times", "lost their line", "resumed / anew", "longest without a server", "frames missed", "events lost",
-               "committed frames changed", "not back")  # fmt: skip
+    columns = ("times", "connections lost", "resumed / reopened", "longest without a server", "frames missed",
+               "events lost", "committed frames changed", "not back")  # fmt: skip
     print(f"| trouble | {' | '.join(columns)} |\n|---|{'---:|' * len(columns)}")
     for name, noticed in found.items():
         print(noticed.row(name))

@@ -159,8 +159,8 @@ def order(times: int, seed: int, kinds: list[str]) -> list[str]:
 
 def report(kills: list[Kill]) -> int:
     """Print the results of all kills. Returns the exit code."""
-    print("| killed | times | lost their line | resumed / anew | without a server: p50 / p99 / most | frames missed | "
-          "committed frames changed | events lost | not back |")  # fmt: skip
+    print("| killed | times | connections lost | resumed / reopened | without a server: p50 / p99 / most | "
+          "frames missed | committed frames changed | events lost | not back |")  # fmt: skip
     print("|---|---:|---:|---:|---:|---:|---:|---:|---:|")
     faults = []
     for what in (*KINDS, "all"):

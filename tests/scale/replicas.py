@@ -29,14 +29,14 @@ SMALL = (
     "--admit-load",
     "100",
 )
-"""Settings of a server that shares a small machine with others: it refuses nobody."""
+"""Settings of a server that shares a small machine with others: it refuses no session for load."""
 
 
 PORT_TAKEN = "cannot listen on"
 """The message of a server whose port is taken, perhaps only briefly: each outgoing connection takes a port, too."""
 SERVER = "motiongen_server"
 NULL_SERVER = "tests.bench.null_server"
-"""The same server without a model: its frames mean nothing and cost nothing."""
+"""The same server without a model: its frames have no meaning and cost no time."""
 
 
 class Replica:

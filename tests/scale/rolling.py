@@ -42,9 +42,7 @@ async def play(replicas: Replicas, proxy: Proxy, num_characters: int) -> bool:
         begun, first = time.monotonic(), Books.of(cast.characters)
         steps = [(f"{each.name} is replaced", replace(each)) for each in replicas.all]
         steps += [(f"{proxy.name} is reloaded", asyncio.to_thread(proxy.reload)) for _ in replicas.all]
-        print(
-            "| step | lost their line | resumed / anew | most without a server | frames missed | changed | edits lost |"
-        )
+        print("| step | connections lost | resumed / reopened | longest away | frames missed | changed | edits lost |")
         print("|---|---:|---:|---:|---:|---:|---:|")
         for name, step in steps:
             before, at = Books.of(cast.characters), time.monotonic()

@@ -1,4 +1,4 @@
-"""The application with a fake model, in this process."""
+"""The application with a fake model, in the test's process."""
 
 from __future__ import annotations
 
@@ -23,7 +23,7 @@ SERVING, NOT_SERVING = health_pb2.HealthCheckResponse.SERVING, health_pb2.Health
 
 def config(**settings: object) -> ServerConfig:
     defaults: dict[str, object] = {"port": 0, "ops_port": 0, "drain_wait_s": 0, "drain_grace_s": 0, "profile_s": 0}
-    defaults |= {"admit_load": 1000.0, "degrade": False}  # on a busy machine, too
+    defaults |= {"admit_load": 1000.0, "degrade": False}  # so that a busy machine changes nothing
     return ServerConfig(**{**defaults, **settings})  # type: ignore[arg-type]
 
 
@@ -32,7 +32,7 @@ def load(_: ServerConfig) -> FakeRunner:
 
 
 class SlowLoad:
-    """Loads the fake model when the test allows it. begun: something is waiting for it."""
+    """Loads the fake model once `may_end` is set. begun: the load has begun."""
 
     def __init__(self) -> None:
         self._loop = asyncio.get_running_loop()
@@ -51,7 +51,7 @@ def application_of(settings: ServerConfig, load: Callable[[ServerConfig], Runner
 
 @asynccontextmanager
 async def running(settings: ServerConfig) -> AsyncIterator[Application]:
-    """An application that serves, drained at the end unless the test has done so."""
+    """A started application, drained at the end."""
     async with asyncio.timeout(LIMIT_S):
         application = application_of(settings)
         await application.start()

@@ -1,4 +1,4 @@
-"""Engines on threads of the test's own process, with any runners that a test loads, instead of engine processes."""
+"""Engines on threads of the test's process, with any runner that a test loads, instead of engine processes."""
 
 from __future__ import annotations
 
@@ -111,5 +111,5 @@ class InProcessEngines:
 
 
 def in_process(load: Callable[[ServerConfig], Runner], encoder: TextEncoder) -> MakeEngines:
-    """A function that makes such engines for an application."""
+    """A function that creates such engines for an application."""
     return lambda config, deliver, metrics: InProcessEngines(config, deliver, metrics, load, encoder)

@@ -1,4 +1,4 @@
-"""What counts as one address, where limits hold for each."""
+"""The network for which an address counts where limits apply to each address."""
 
 from __future__ import annotations
 
@@ -21,5 +21,5 @@ from motiongen_server.addresses import network_of
         ("", ""),
     ],
 )
-def test_an_ipv6_address_counts_as_its_network_and_others_as_themselves(host: str, network: str) -> None:
+def test_ipv6_address_counts_as_its_network_and_others_as_themselves(host: str, network: str) -> None:
     assert network_of(host) == network

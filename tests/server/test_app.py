@@ -1,4 +1,4 @@
-"""The application with a fake model: loading, ready, serving; settings that do not fit it."""
+"""The application with a fake model: loading, ready, serving, and settings that do not fit the model."""
 
 from __future__ import annotations
 
@@ -28,7 +28,7 @@ from tests.server.engine.fakes import FACTS, FakeRunner, RealTime
 from tests.waiting import LIMIT_S, until_true
 
 
-async def test_while_it_loads_it_is_alive_and_not_ready() -> None:
+async def test_loading_server_is_alive_but_not_ready() -> None:
     slow = SlowLoad()
     application = application_of(config(), slow)
     async with asyncio.timeout(LIMIT_S):
@@ -43,7 +43,7 @@ async def test_while_it_loads_it_is_alive_and_not_ready() -> None:
         assert await application.drain() == 0
 
 
-async def test_while_it_loads_its_port_answers_that_it_does_not_serve_yet() -> None:
+async def test_loading_server_answers_calls_with_unavailable() -> None:
     slow = SlowLoad()
     application = application_of(config(), slow)
     async with asyncio.timeout(LIMIT_S):
@@ -88,7 +88,7 @@ async def test_health_reflection_and_metrics_are_served() -> None:
         assert "motiongen_engine_heartbeat_age_seconds" in metrics
 
 
-async def test_health_says_what_readyz_says_while_the_engine_hangs(monkeypatch: pytest.MonkeyPatch) -> None:
+async def test_grpc_health_follows_readyz_while_the_engine_hangs(monkeypatch: pytest.MonkeyPatch) -> None:
     async with (
         running(config()) as application,
         grpc.aio.insecure_channel(f"127.0.0.1:{application.grpc_port}") as channel,
@@ -106,7 +106,7 @@ async def test_health_says_what_readyz_says_while_the_engine_hangs(monkeypatch: 
         await serving
 
 
-async def test_an_engine_that_is_lost_again_while_its_port_is_opened_shuts_it_again(
+async def test_port_is_shut_again_if_the_engine_is_lost_while_it_reopens(
     monkeypatch: pytest.MonkeyPatch,
 ) -> None:
     async with running(config()) as application:
@@ -115,18 +115,18 @@ async def test_an_engine_that_is_lost_again_while_its_port_is_opened_shuts_it_ag
             application._without_engines()
             assert not application._port.is_open
             await application._let_in_again()
-            assert not application._port.is_open, "clients would come who could go on elsewhere"
+            assert not application._port.is_open, "an open port would attract clients that other servers could take"
             assert not application._door.is_open
         await application._let_in_again()
         assert application._port.is_open
         assert application._door.is_open
 
 
-async def test_an_engine_that_is_lost_while_nobody_plays_shuts_the_port_too(monkeypatch: pytest.MonkeyPatch) -> None:
+async def test_losing_the_engine_shuts_the_port_even_without_sessions(monkeypatch: pytest.MonkeyPatch) -> None:
     async with running(config()) as application:
         with monkeypatch.context() as lost:
             lost.setattr(application, "_others_go_on", True)
-            application._deliver(())  # as when a model is unloaded: there is an engine still
+            application._deliver(())  # an empty delivery while the engine lives, as after an unload
             await asyncio.sleep(0)
             assert application._port.is_open
             lost.setattr(ModelManager, "heartbeat_at", -math.inf)
@@ -135,7 +135,7 @@ async def test_an_engine_that_is_lost_while_nobody_plays_shuts_the_port_too(monk
         await application._let_in_again()
 
 
-async def test_limits_and_licence_of_the_settings_are_told() -> None:
+async def test_limits_guidance_and_licence_are_in_the_catalogue() -> None:
     settings = config(max_prompt_characters=77, max_sessions_per_stream=5, text_guidance=1.25)
     async with (
         running(settings) as application,
@@ -147,7 +147,7 @@ async def test_limits_and_licence_of_the_settings_are_told() -> None:
         assert (catalog.models[0].licence, catalog.models[0].default_guidance.text) == ("CC0-1.0", 1.25)
 
 
-async def test_one_stream_too_many_is_refused() -> None:
+async def test_stream_beyond_the_limit_is_refused() -> None:
     async with (
         running(config(max_streams=1)) as application,
         grpc.aio.insecure_channel(f"127.0.0.1:{application.grpc_port}") as channel,
@@ -160,7 +160,7 @@ async def test_one_stream_too_many_is_refused() -> None:
         await first.open(1)
 
 
-async def test_the_line_at_the_start_names_model_licence_ports_and_threads(caplog: pytest.LogCaptureFixture) -> None:
+async def test_start_message_names_model_licence_ports_and_engines(caplog: pytest.LogCaptureFixture) -> None:
     with caplog.at_level("INFO", "motiongen_server"):
         async with running(config()) as application:
             pass
@@ -179,36 +179,36 @@ async def test_the_line_at_the_start_names_model_licence_ports_and_threads(caplo
         ("unix:a.sock", "unix:a.sock"),
     ],
 )
-def test_ipv6_hosts_are_told_from_their_ports(host: str, address: str) -> None:
+def test_ipv6_hosts_are_bracketed_in_addresses(host: str, address: str) -> None:
     assert join_address(host, 50051) == address
 
 
-def test_cuda_where_there_is_none_is_named_as_the_setting(monkeypatch: pytest.MonkeyPatch) -> None:
+def test_missing_cuda_is_reported_with_the_setting(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr("torch.cuda.is_available", lambda: False)
     with pytest.raises(SettingError, match=r"devices has cuda, .* use cpu"):
         load_model(config(), BUILT_IN_MODEL, "cuda")
 
 
-def test_model_device_steps_and_precision_reach_the_runner(monkeypatch: pytest.MonkeyPatch) -> None:
+def test_model_device_steps_precision_and_graphs_reach_the_runner(monkeypatch: pytest.MonkeyPatch) -> None:
     asked: list[tuple[object, ...]] = []
 
     def remember(*given: object) -> FakeRunner:
         asked.append(given)
-        return FakeRunner(RealTime(), facts=replace(FACTS, embedding_dim=256))  # as the model's prompt domain
+        return FakeRunner(RealTime(), facts=replace(FACTS, embedding_dim=256))  # the width of the model's prompt domain
 
     monkeypatch.setattr("motiongen_server.runner.load_runner", remember)
     load_model(config(denoise_steps=5, precision="bfloat16", cuda_graphs=True), BUILT_IN_MODEL)
     assert asked == [(BUILT_IN_MODEL, "cpu", 5, "bfloat16", True)]
 
 
-def test_graphs_are_recorded_of_the_sizes_that_may_be_served() -> None:
+def test_graphs_are_recorded_for_every_batch_size_that_can_be_served() -> None:
     runner, device = FakeRunner(), Device()
     record_graphs(config(max_rows=6), runner, device)
     first_steps = [len(batch) for batch in runner.batches[:: runner.facts.min_steps]]
-    histories = len(range(0, 16 + 1, runner.facts.patch))  # small sizes are played with the shorter ones, too
+    histories = len(range(0, 16 + 1, runner.facts.patch))  # every history length, as sessions begin with short ones
     assert first_steps == [size for size in sizes_up_to(6, usual_passes(runner)) for _ in range(histories)]
     assert first_steps[-1] == 6
-    assert device.num_seats == 0, "nothing of it holds others up"
+    assert device.num_seats == 0, "recording keeps no seat at the device"
 
 
 @pytest.mark.parametrize(
@@ -221,7 +221,7 @@ def test_graphs_are_recorded_of_the_sizes_that_may_be_served() -> None:
         ({"host": "256.0.0.1", "insecure": True}, "cannot listen on 256.0.0.1:0"),
     ],
 )
-async def test_settings_that_do_not_fit_the_model_are_named(settings: dict[str, object], named: str) -> None:
+async def test_settings_that_do_not_fit_the_model_are_refused_by_name(settings: dict[str, object], named: str) -> None:
     application = application_of(config(**settings))
     async with asyncio.timeout(LIMIT_S):
         with pytest.raises(SettingError, match=named):
@@ -229,6 +229,6 @@ async def test_settings_that_do_not_fit_the_model_are_named(settings: dict[str, 
         await application.stop_ops()
 
 
-def test_a_model_that_gives_no_finite_frames_is_not_served() -> None:
+def test_model_that_generates_non_finite_frames_is_not_served() -> None:
     with pytest.raises(SettingError, match="not finite"):
         build_engine(config(), FakeRunner(poisoned_result=lambda job: True), lambda outputs: None, lambda report: None)

@@ -1,4 +1,4 @@
-"""How the application ends: asked to, drained, with a client that does not read, or because its engine failed."""
+"""How the application ends: on request, while loading, with a client that does not read, or by an engine failure."""
 
 from __future__ import annotations
 
@@ -26,7 +26,7 @@ from tests.server.in_process import ENGINE, InProcessEngines, in_process
 from tests.waiting import LIMIT_S, until_true
 
 
-async def test_a_start_that_fails_leaves_no_port_open() -> None:
+async def test_failed_start_closes_the_operations_port() -> None:
     with socket.create_server(("127.0.0.1", 0)) as taken:
         application = application_of(config(port=taken.getsockname()[1]))
         with pytest.raises(SettingError, match="cannot listen"):
@@ -35,7 +35,7 @@ async def test_a_start_that_fails_leaves_no_port_open() -> None:
         await asyncio.open_connection("127.0.0.1", application.ops_port)
 
 
-async def test_asked_to_stop_it_ends_with_0_and_tells_health() -> None:
+async def test_stop_request_reports_not_serving_and_ends_with_code_0() -> None:
     async with asyncio.timeout(LIMIT_S):
         application = application_of(config())
         await application.start()
@@ -50,7 +50,7 @@ async def test_asked_to_stop_it_ends_with_0_and_tells_health() -> None:
             assert await draining == 0
 
 
-async def test_asked_to_stop_while_it_loads_it_ends_without_waiting_for_the_model() -> None:
+async def test_stop_request_while_loading_does_not_wait_for_the_model() -> None:
     slow = SlowLoad()
     async with asyncio.timeout(LIMIT_S):
         application = application_of(config(), slow)
@@ -68,7 +68,7 @@ async def test_asked_to_stop_while_it_loads_it_ends_without_waiting_for_the_mode
 
 
 class SlowlyMade(InProcessEngines):
-    """Engines that are made when the test lets them, and end what they are asked to end."""
+    """Engines whose creation waits for the test; they log the calls of `stop` and `join`."""
 
     def __init__(self, *given: Any) -> None:
         begun, may_end, self._log = given[-3:]
@@ -84,7 +84,7 @@ class SlowlyMade(InProcessEngines):
         return True
 
 
-async def test_engines_that_are_being_made_when_it_is_asked_to_stop_are_ended_too() -> None:
+async def test_engines_created_during_a_stop_request_are_stopped_too() -> None:
     loop, begun, may_end, log = asyncio.get_running_loop(), asyncio.Event(), threading.Event(), list[str]()
 
     def make(*given: Any) -> SlowlyMade:
@@ -96,7 +96,7 @@ async def test_engines_that_are_being_made_when_it_is_asked_to_stop_are_ended_to
         await begun.wait()
         application.ask_to_stop()
         for _ in range(20):
-            await asyncio.sleep(0)  # until it has been heard
+            await asyncio.sleep(0)  # until the request is handled
         may_end.set()
         with pytest.raises(StoppedEarly):
             await starting
@@ -105,7 +105,7 @@ async def test_engines_that_are_being_made_when_it_is_asked_to_stop_are_ended_to
 
 
 class SlowEncoder(LengthEncoder):
-    """Encodes until the event loop has heard that it is to end."""
+    """Encodes until the event loop has handled `close`."""
 
     def __init__(self) -> None:
         self._loop = asyncio.get_running_loop()
@@ -121,7 +121,7 @@ class SlowEncoder(LengthEncoder):
         self._loop.call_soon_threadsafe(self._may_end.set)
 
 
-async def test_the_event_loop_goes_on_while_an_encoder_at_work_is_waited_for() -> None:
+async def test_event_loop_runs_while_a_busy_encoder_is_closed() -> None:
     encoder = SlowEncoder()
     async with asyncio.timeout(LIMIT_S):
         application = Application(config(), in_process(load, encoder))
@@ -133,7 +133,7 @@ async def test_the_event_loop_goes_on_while_an_encoder_at_work_is_waited_for() -
         await asking
 
 
-async def test_a_client_that_does_not_read_does_not_hold_up_the_end() -> None:
+async def test_client_that_does_not_read_does_not_delay_the_end() -> None:
     async with asyncio.timeout(LIMIT_S):
         application = application_of(config(stream_events_per_second=1e7, peer_events_per_second=1e9))
         await application.start()
@@ -152,8 +152,8 @@ async def test_a_client_that_does_not_read_does_not_hold_up_the_end() -> None:
             await asyncio.gather(flooding, return_exceptions=True)
 
 
-async def test_until_the_goodbye_sessions_still_open() -> None:
-    """Balancers see the changed health some time after it changed."""
+async def test_sessions_can_still_open_during_the_drain_wait() -> None:
+    """Load balancers notice the changed health only some time later."""
     async with asyncio.timeout(LIMIT_S):
         application = application_of(config(drain_wait_s=600))
         await application.start()
@@ -168,11 +168,11 @@ async def test_until_the_goodbye_sessions_still_open() -> None:
             talk = await Talk(stub, catalog).hello()  # type: ignore[arg-type]
             await talk.open(1)
             for _ in range(2):
-                application.ask_to_stop()  # the second time: wait for nobody any longer
+                application.ask_to_stop()  # the second request ends all waiting
             assert await waiting == 0
 
 
-async def test_when_the_engine_fails_it_ends_with_1(caplog: pytest.LogCaptureFixture) -> None:
+async def test_engine_failure_ends_the_application_with_code_1(caplog: pytest.LogCaptureFixture) -> None:
     application = application_of(config())
 
     def observe(report: object) -> None:

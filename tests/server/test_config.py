@@ -1,4 +1,4 @@
-"""Settings: flags, environment, defaults, and refusals that say what is allowed."""
+"""Settings: flags, environment, defaults, and errors that say what is allowed."""
 
 from __future__ import annotations
 
@@ -14,7 +14,7 @@ from motiongen_server.settings import Program, SettingError
 from motiongen_server.text.encoder.config import ENCODER, EncoderConfig
 
 
-def test_help_names_every_flag_and_environment_name(capsys: pytest.CaptureFixture[str]) -> None:
+def test_help_names_every_flag_and_environment_variable(capsys: pytest.CaptureFixture[str]) -> None:
     with pytest.raises(SystemExit) as ended:
         parse_config(["--help"], {})
     assert ended.value.code == 0
@@ -25,7 +25,7 @@ def test_help_names_every_flag_and_environment_name(capsys: pytest.CaptureFixtur
 
 
 @pytest.mark.parametrize("program", [SERVER, ENCODER])
-def test_help_puts_every_setting_under_a_heading_with_its_default(
+def test_help_shows_every_setting_under_a_heading_with_its_default(
     program: Program[ServerConfig] | Program[EncoderConfig], capsys: pytest.CaptureFixture[str]
 ) -> None:
     with pytest.raises(SystemExit):
@@ -38,7 +38,7 @@ def test_help_puts_every_setting_under_a_heading_with_its_default(
         assert default in text
 
 
-def test_the_encoder_service_has_settings_of_its_own_in_the_same_environment() -> None:
+def test_encoder_service_has_its_own_settings_in_the_same_environment() -> None:
     environment = {
         "MOTIONGEN_PORT": "1111",
         "MOTIONGEN_ENCODER_PORT": "2222",
@@ -64,7 +64,7 @@ def test_settings_of_ports_and_tls_mean_the_same_for_the_server_and_the_encoder_
 
 
 @pytest.mark.parametrize("name", ["MOTIONGEN_Port", "MOTIONGEN_port"])
-def test_a_name_of_the_environment_that_nobody_reads_is_refused(name: str) -> None:
+def test_environment_variable_with_wrong_capitals_is_refused(name: str) -> None:
     with pytest.raises(SettingError, match=f"unknown environment settings {name}"):
         parse_config([], {name: "1111"})
 
@@ -79,19 +79,19 @@ def test_a_name_of_the_environment_that_nobody_reads_is_refused(name: str) -> No
         (["--admin-listen", "localhost:" + "1" * 5000], "it must be a loopback host and a port"),
     ],
 )
-def test_addresses_that_none_can_listen_on_or_be_told_are_refused(words: list[str], named: str) -> None:
+def test_invalid_addresses_are_refused(words: list[str], named: str) -> None:
     with pytest.raises(SettingError, match=named):
         parse_config(words, {})
 
 
-def test_what_is_no_text_is_refused_by_its_setting() -> None:
+def test_value_that_is_not_utf8_is_refused_by_its_setting() -> None:
     undecodable = b"/models/\xe9".decode("utf-8", "surrogateescape")
     for words, environment in ((["--model", undecodable], {}), ([], {"MOTIONGEN_MODEL": undecodable})):
         with pytest.raises(SettingError, match=r"model is '/models/\\udce9'; it must be text in UTF-8"):
             parse_config(words, environment)
 
 
-def test_a_flag_wins_over_the_environment_and_that_over_the_default() -> None:
+def test_flag_overrides_the_environment_which_overrides_the_default() -> None:
     environment = {"MOTIONGEN_PORT": "1111", "MOTIONGEN_MAX_ROWS": "7", "PATH": "/bin"}
     config = parse_config(["--port", "2222"], environment)
     assert (config.port, config.max_rows, config.ops_port) == (2222, 7, ServerConfig().ops_port)
@@ -101,12 +101,12 @@ def test_a_flag_wins_over_the_environment_and_that_over_the_default() -> None:
     ("words", "value"),
     [(["--print-ports"], True), (["--print-ports", "no"], False), (["--print-ports=TRUE"], True), ([], False)],
 )
-def test_switches(words: list[str], value: bool) -> None:
+def test_switches_are_read_with_and_without_a_value(words: list[str], value: bool) -> None:
     assert parse_config(words, {}).print_ports is value
 
 
 @pytest.mark.parametrize("name", [each.name for each in fields(ServerConfig) if each.metadata["least"] is not None])
-def test_a_value_beyond_its_range_is_refused_with_the_range(name: str) -> None:
+def test_value_out_of_range_is_refused_with_the_range(name: str) -> None:
     metadata = {each.name: each.metadata for each in fields(ServerConfig)}[name]
     for bound, step in ((metadata["least"], -1), (metadata["most"], 1)):
         with pytest.raises(SettingError) as refused:
@@ -130,7 +130,7 @@ def test_a_value_beyond_its_range_is_refused_with_the_range(name: str) -> None:
         (["--port"], ["--port", "--help"]),
     ],
 )
-def test_wrong_values_are_refused_by_name(words: list[str], expected: list[str]) -> None:
+def test_invalid_values_are_refused_by_setting(words: list[str], expected: list[str]) -> None:
     with pytest.raises(SettingError) as refused:
         parse_config(words, {})
     for part in expected:
@@ -138,12 +138,12 @@ def test_wrong_values_are_refused_by_name(words: list[str], expected: list[str])
     assert "\n" not in str(refused.value)
 
 
-def test_wrong_values_of_the_environment_are_refused_too() -> None:
+def test_invalid_environment_values_are_refused() -> None:
     with pytest.raises(SettingError, match=r"port is 70000; it must be from 0 to 65535"):
         parse_config([], {"MOTIONGEN_PORT": "70000"})
 
 
-def test_an_environment_name_that_is_no_setting_is_refused() -> None:
+def test_unknown_environment_variable_is_refused() -> None:
     with pytest.raises(SettingError, match=r"MOTIONGEN_PROT.*--help"):
         parse_config([], {"MOTIONGEN_PROT": "1"})
 
@@ -162,39 +162,41 @@ def test_an_environment_name_that_is_no_setting_is_refused() -> None:
         ("MOTIONGEN_WEST_PORT", "tcp://10.0.0.9:50051"),
     ],
 )
-def test_what_kubernetes_says_of_a_service_of_our_name_is_no_setting(name: str, value: str) -> None:
+def test_variables_kubernetes_sets_for_a_service_are_ignored(name: str, value: str) -> None:
     assert parse_config([], {name: value}) == ServerConfig()
 
 
 @pytest.mark.parametrize("name", ["MOTIONGEN_WEST_PORT", "MOTIONGEN_SERVICE", "MOTIONGEN_PORT_X_TCP"])
-def test_what_only_looks_a_little_like_it_is_refused(name: str) -> None:
+def test_variables_that_only_resemble_those_of_kubernetes_are_refused(name: str) -> None:
     with pytest.raises(SettingError, match=name):
         parse_config([], {name: "5"})
 
 
-def test_the_lookahead_reaches_over_the_horizon_unless_it_is_set() -> None:
+def test_default_lookahead_covers_the_horizon() -> None:
     assert [ServerConfig().lookahead_for(horizon) for horizon in (8, 40, 52)] == [40, 40, 52]
     assert ServerConfig(lookahead_frames=60).lookahead_for(52) == 60
     most = ServerConfig(max_lookahead_frames=30)
-    assert [most.lookahead_for(horizon) for horizon in (8, 30)] == [30, 30], "who says nothing is not refused"
+    assert [most.lookahead_for(horizon) for horizon in (8, 30)] == [30, 30], (
+        "the default is lowered to max_lookahead_frames, not refused"
+    )
 
 
 @pytest.mark.parametrize("words", [["--model", "one", "--model", "two"], ["--model", "one, two"]])
-def test_several_models_are_given_by_repetition_or_with_commas(words: list[str]) -> None:
+def test_several_models_are_given_by_repetition_or_commas(words: list[str]) -> None:
     assert parse_config(words, {}).models == ("one", "two")
     assert parse_config([], {"MOTIONGEN_MODEL": "one,two"}).models == ("one", "two")
     assert parse_config(words, {"MOTIONGEN_MODEL": "three"}).models == ("one", "two")
 
 
 @pytest.mark.parametrize("address", ["127.0.0.1:0", "localhost:50052", "[::1]:50052", "unix:admin.sock"])
-def test_the_admin_service_may_listen_where_others_cannot_reach_it(address: str) -> None:
+def test_admin_service_may_listen_on_local_addresses(address: str) -> None:
     assert ServerConfig(admin_listen=address).admin_listen == address
 
 
 @pytest.mark.parametrize(
     "address", ["0.0.0.0:50052", "10.0.0.7:50052", ":50052", "localhost", "localhost:70000", "unix:"]
 )
-def test_the_admin_service_may_listen_nowhere_else(address: str) -> None:
+def test_admin_service_may_not_listen_on_other_addresses(address: str) -> None:
     with pytest.raises(SettingError, match="it must be a loopback host"):
         ServerConfig(admin_listen=address)
 
@@ -207,7 +209,7 @@ def test_the_admin_service_may_listen_nowhere_else(address: str) -> None:
         ({"devices": "cpu:0"}, "1 to 64 engines"),
     ],
 )
-def test_models_that_cannot_be_served_together_are_refused(settings: dict[str, object], named: str) -> None:
+def test_invalid_combinations_of_models_and_devices_are_refused(settings: dict[str, object], named: str) -> None:
     with pytest.raises(SettingError, match=named):
         ServerConfig(**settings)  # type: ignore[arg-type]
 
@@ -216,7 +218,7 @@ TLS = {"tls_certificate": "a.pem", "tls_key": "a.key"}
 
 
 @pytest.mark.parametrize("host", ["127.0.0.1", "127.8.8.8", "localhost", "::1"])
-def test_what_only_this_machine_reaches_needs_no_protection(host: str) -> None:
+def test_local_addresses_need_no_tls_or_authentication(host: str) -> None:
     assert ServerConfig(host=host, ops_host=host).host == host
     assert ServerConfig(host="unix:motion.sock", ops_host=host).host == "unix:motion.sock"
 
@@ -230,7 +232,7 @@ def test_what_only_this_machine_reaches_needs_no_protection(host: str) -> None:
         ({"tenants": "tenants.toml"}, "without TLS"),
     ],
 )
-def test_what_other_machines_reach_needs_tls_and_callers_that_are_known(
+def test_public_address_needs_tls_and_authentication_unless_insecure(
     host: str, protection: dict[str, str], lacks: str
 ) -> None:
     with pytest.raises(SettingError, match=f"^host is {host!r}.*{lacks}.*--insecure"):
@@ -239,11 +241,11 @@ def test_what_other_machines_reach_needs_tls_and_callers_that_are_known(
 
 
 @pytest.mark.parametrize("who", [{"tenants": "tenants.toml"}, {"tls_client_ca": "ca.pem"}])
-def test_what_other_machines_reach_may_be_served_to_those_that_are_known(who: dict[str, str]) -> None:
+def test_public_address_with_tls_and_authentication_is_allowed(who: dict[str, str]) -> None:
     assert lacks_of(ServerConfig(host="0.0.0.0", **TLS, **who)) == ()  # type: ignore[arg-type]
 
 
-def test_metrics_that_other_machines_reach_need_tenants() -> None:
+def test_metrics_on_a_public_address_need_tenants() -> None:
     with pytest.raises(SettingError, match=r"^ops_host is '0\.0\.0\.0'.*without authentication for the metrics"):
         ServerConfig(ops_host="0.0.0.0")
     assert ops_lacks(ServerConfig(ops_host="0.0.0.0", tenants="tenants.toml")) == ()
@@ -258,7 +260,7 @@ def test_metrics_that_other_machines_reach_need_tenants() -> None:
         ({"ops_tls": True}, "without tls_certificate"),
     ],
 )
-def test_tls_settings_that_do_not_fit_together_are_refused(settings: dict[str, str], said: str) -> None:
+def test_inconsistent_tls_settings_are_refused(settings: dict[str, str], said: str) -> None:
     with pytest.raises(SettingError, match=said):
         ServerConfig(**settings)  # type: ignore[arg-type]
 
@@ -274,7 +276,7 @@ def test_tls_settings_that_do_not_fit_together_are_refused(settings: dict[str, s
         ),
     ],
 )
-def test_what_would_prove_no_text_encoder_and_nobody_to_it_is_refused(settings: dict[str, str], said: str) -> None:
+def test_encoder_credentials_that_its_address_cannot_use_are_refused(settings: dict[str, str], said: str) -> None:
     with pytest.raises(SettingError, match=said):
         ServerConfig(**settings)  # type: ignore[arg-type]
     both = ServerConfig(text_encoder="grpcs:encoder:1", text_encoder_ca="ca.pem", text_encoder_token="token")

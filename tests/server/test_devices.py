@@ -1,4 +1,4 @@
-"""What `--devices` makes of what it is given."""
+"""`--devices`: the engines that it gives, their cores, and the load that they admit."""
 
 from __future__ import annotations
 
@@ -39,11 +39,11 @@ from motiongen_server.settings import SettingError
         ("", [("cuda", 0, 1), ("cuda", 1, 1), ("cuda", 2, 1)]),
     ],
 )
-def test_each_engine_has_a_device(given: str, devices: list[tuple[str, int, int]]) -> None:
+def test_devices_setting_gives_one_device_for_each_engine(given: str, devices: list[tuple[str, int, int]]) -> None:
     assert [(each.kind, each.index, each.threads) for each in devices_of(given, lambda: 3)] == devices
 
 
-def test_without_cuda_each_core_has_an_engine_up_to_eight(monkeypatch: pytest.MonkeyPatch) -> None:
+def test_without_cuda_each_core_gets_an_engine_up_to_eight(monkeypatch: pytest.MonkeyPatch) -> None:
     for cores, engines in ((1, 1), (4, 4), (64, 8)):
         monkeypatch.setattr("motiongen_server.devices.usable_cores", lambda cores=cores: cores)
         assert devices_of("", lambda: 0) == (EngineDevice("cpu", 0, 1),) * engines
@@ -66,17 +66,17 @@ def test_without_cuda_each_core_has_an_engine_up_to_eight(monkeypatch: pytest.Mo
         ("cpu:40,cpu:40", "80 engines"),
     ],
 )
-def test_what_no_machine_has_is_refused_with_what_may_be(given: str, said: str) -> None:
+def test_invalid_devices_are_refused_with_what_is_allowed(given: str, said: str) -> None:
     with pytest.raises(SettingError, match=said):
         check_devices(given)
 
 
-def test_cuda_where_there_is_none_is_said() -> None:
+def test_missing_cuda_devices_are_reported() -> None:
     with pytest.raises(SettingError, match="finds no CUDA device"):
         devices_of("cuda:all", lambda: 0)
 
 
-def test_an_engine_process_sees_its_own_device_only(monkeypatch: pytest.MonkeyPatch) -> None:
+def test_engine_process_sees_only_its_own_device(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setenv("CUDA_VISIBLE_DEVICES", "4,7")
     assert EngineDevice("cuda", 1, 1).environment()["CUDA_VISIBLE_DEVICES"] == "7"
     monkeypatch.delenv("CUDA_VISIBLE_DEVICES")
@@ -87,7 +87,7 @@ def test_an_engine_process_sees_its_own_device_only(monkeypatch: pytest.MonkeyPa
 @pytest.mark.parametrize(
     ("visible", "given", "number"), [("2,3", "cuda:0,cuda:2", 2), ("", "cuda:0", 0), ("4,-1,5", "cuda:1", 1)]
 )
-def test_a_device_beyond_those_that_the_environment_shows_is_refused(
+def test_device_beyond_the_visible_ones_is_refused(
     visible: str, given: str, number: int, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     monkeypatch.setenv("CUDA_VISIBLE_DEVICES", visible)
@@ -95,10 +95,10 @@ def test_a_device_beyond_those_that_the_environment_shows_is_refused(
         devices_of(given, lambda: 0)
     with pytest.raises(SettingError, match="CUDA_VISIBLE_DEVICES shows"):
         EngineDevice("cuda", number, 1).environment()
-    check_devices(given)  # what is no mistake of the setting alone
+    check_devices(given)  # the setting alone is valid
 
 
-def test_those_that_the_environment_shows_are_named_to_the_driver_as_it_names_them(
+def test_visible_devices_keep_the_names_of_the_environment(
     monkeypatch: pytest.MonkeyPatch,
 ) -> None:
     monkeypatch.setenv("CUDA_VISIBLE_DEVICES", "2, GPU-5f")
@@ -106,20 +106,20 @@ def test_those_that_the_environment_shows_are_named_to_the_driver_as_it_names_th
     assert found == ["2", "GPU-5f"]
 
 
-def test_an_operator_says_how_many_kernels_are_kept(monkeypatch: pytest.MonkeyPatch) -> None:
+def test_kernel_cache_sizes_of_the_environment_are_kept(monkeypatch: pytest.MonkeyPatch) -> None:
     for name in KERNELS_KEPT:
         monkeypatch.setenv(name, "4096")
         assert EngineDevice("cpu", 0, 3).environment()[name] == "4096"
 
 
-def test_the_quota_of_a_container_counts(monkeypatch: pytest.MonkeyPatch) -> None:
+def test_container_quota_limits_the_usable_cores(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr("os.sched_getaffinity", lambda pid: set(range(16)))
     for quota, cores in ((math.inf, 16), (2.5, 3), (0.5, 1), (64.0, 16)):
         monkeypatch.setattr("motiongen_server.devices.quota_cores", lambda quota=quota: quota)
         assert usable_cores() == cores
 
 
-def test_engines_that_share_cores_are_filled_less(monkeypatch: pytest.MonkeyPatch) -> None:
+def test_engines_sharing_cores_admit_less_load(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr("os.sched_getaffinity", lambda pid: {0, 1})
     monkeypatch.setattr("motiongen_server.devices.quota_cores", lambda: math.inf)
     for given in ("cpu:2", "cpu:1x2", "cpu:1,cuda:0", "cuda:0,cuda:1,cuda:2"):
@@ -127,7 +127,7 @@ def test_engines_that_share_cores_are_filled_less(monkeypatch: pytest.MonkeyPatc
     for given in ("cpu:1x4", "cpu:1,cpu:1x2"):
         assert admit_load_for(devices_of(given, lambda: 0)) == ADMIT_LOAD_SHARED
     for given in ("cpu:3", "cpu:2x2", "cpu:2,cpu:1x1"):
-        assert admit_load_for(devices_of(given, lambda: 0)) == ADMIT_LOAD, "some of these are spare"
+        assert admit_load_for(devices_of(given, lambda: 0)) == ADMIT_LOAD, "the engines beyond the cores are spare"
 
 
 @pytest.mark.parametrize(
@@ -145,7 +145,7 @@ def test_engines_that_share_cores_are_filled_less(monkeypatch: pytest.MonkeyPatc
         ("cpu:3", 0.7, (False, True, True)),
     ],
 )
-def test_engines_for_which_no_core_is_left_are_spare(
+def test_engines_without_a_core_are_spare(
     monkeypatch: pytest.MonkeyPatch, given: str, quota: float, spare: tuple[bool, ...]
 ) -> None:
     monkeypatch.setattr("os.sched_getaffinity", lambda pid: {0, 1})
@@ -153,7 +153,7 @@ def test_engines_for_which_no_core_is_left_are_spare(
     assert spare_engines(devices_of(given, lambda: 3)) == spare
 
 
-def test_who_does_not_know_what_is_used_of_a_quota_fills_it_less(monkeypatch: pytest.MonkeyPatch) -> None:
+def test_quota_without_a_usage_count_admits_less_load(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr("os.sched_getaffinity", lambda pid: {0, 1})
     monkeypatch.setattr("motiongen_server.devices.quota_use", lambda: None)
     for quota, engines, load in (
@@ -164,7 +164,7 @@ def test_who_does_not_know_what_is_used_of_a_quota_fills_it_less(monkeypatch: py
         assert admit_load_for(devices_of(f"cpu:{engines}", lambda: 0)) == load
 
 
-def test_what_is_used_of_a_quota_is_counted_and_needs_less_of_a_margin(monkeypatch: pytest.MonkeyPatch) -> None:
+def test_quota_with_a_usage_count_needs_a_smaller_margin(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr("os.sched_getaffinity", lambda pid: {0, 1})
     monkeypatch.setattr("motiongen_server.devices.quota_use", lambda: lambda: 0.0)
     for quota, engines, load in (
@@ -183,7 +183,7 @@ def test_what_is_used_of_a_quota_is_counted_and_needs_less_of_a_margin(monkeypat
         ("print('two')", "'two\\n'"),
     ],
 )
-def test_that_torch_cannot_be_asked_is_told(
+def test_failed_cuda_probe_is_logged(
     probe: str, why: str, monkeypatch: pytest.MonkeyPatch, caplog: pytest.LogCaptureFixture
 ) -> None:
     monkeypatch.setattr("motiongen_server.devices.Path.glob", lambda self, pattern: iter((self,)))
@@ -193,7 +193,7 @@ def test_that_torch_cannot_be_asked_is_told(
     assert why in caplog.text
 
 
-def test_without_a_driver_torch_is_not_asked(monkeypatch: pytest.MonkeyPatch) -> None:
+def test_without_a_driver_torch_is_not_probed(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr("motiongen_server.devices.Path.glob", lambda self, pattern: iter(()))
     monkeypatch.setattr("motiongen_server.devices.Path.exists", lambda self: False)
     monkeypatch.setattr("subprocess.run", None)

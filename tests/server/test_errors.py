@@ -1,4 +1,4 @@
-"""How errors are told: status, details, fields."""
+"""Errors as clients receive them: status, details, fields."""
 
 from __future__ import annotations
 
@@ -16,7 +16,7 @@ def decoded(refusal: StreamRefused) -> status_pb2.Status:
     return status_pb2.Status.FromString(trailing["grpc-status-details-bin"])
 
 
-def test_a_stream_s_end_says_why_and_which_field() -> None:
+def test_refused_stream_gives_reason_and_field() -> None:
     refusal = StreamRefused(grpc.StatusCode.INVALID_ARGUMENT, "HELLO_EXPECTED", "say hello first", field="hello")
     status = decoded(refusal)
     assert (status.code, status.message) == (3, "say hello first")
@@ -27,13 +27,13 @@ def test_a_stream_s_end_says_why_and_which_field() -> None:
     assert (violation.field, violation.description, violation.reason) == ("hello", "say hello first", "HELLO_EXPECTED")
 
 
-def test_without_a_field_there_is_no_bad_request() -> None:
+def test_error_without_a_field_has_no_bad_request_detail() -> None:
     status = decoded(StreamRefused(grpc.StatusCode.RESOURCE_EXHAUSTED, "TOO_MANY_STREAMS", "too many"))
     assert status.code == 8
     assert len(status.details) == 1
 
 
-def test_where_waiting_helps_the_end_says_how_long() -> None:
+def test_temporary_error_has_a_retry_delay() -> None:
     status = decoded(StreamRefused(grpc.StatusCode.UNAVAILABLE, "STARTING", "wait", retry_after_s=1.5))
     retry = error_details_pb2.RetryInfo()
     assert status.details[1].Unpack(retry)
@@ -41,11 +41,11 @@ def test_where_waiting_helps_the_end_says_how_long() -> None:
 
 
 @pytest.mark.parametrize("code", list(Code))
-def test_the_engine_s_codes_are_those_of_grpc(code: Code) -> None:
+def test_engine_codes_equal_those_of_grpc(code: Code) -> None:
     assert grpc.StatusCode[code.name].value[0] == code
 
 
-def test_a_refused_event_is_answered_with_all_it_says() -> None:
+def test_refused_event_becomes_an_outcome_with_all_its_details() -> None:
     refusal = EventRefused(Code.NOT_FOUND, "UNKNOWN_RIG", "no rig 'x'", field="open.rig_id", allowed="core27")
     said = refusal.outcome(SessionKey(4, 5), 6)
     assert said == Outcome(
@@ -55,7 +55,7 @@ def test_a_refused_event_is_answered_with_all_it_says() -> None:
     assert slow.outcome(SessionKey(4, 5), 7).retry_after_s == 2.5
 
 
-def test_a_refused_event_can_be_the_end_of_its_call() -> None:
+def test_refused_event_can_become_the_status_of_its_call() -> None:
     refusal = EventRefused(Code.UNAVAILABLE, "DRAINING", "the server leaves", "open", "another server", 1.5)
     status = decoded(StreamRefused.of(refusal))
     assert (status.code, status.message) == (14, "the server leaves; allowed is another server")

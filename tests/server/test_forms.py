@@ -1,4 +1,4 @@
-"""Forms of constraints and prompts outside a model's training: refused, or taken with a warning that says why."""
+"""Constraint forms and prompts outside a model's training: refused, or accepted with a warning."""
 
 from __future__ import annotations
 
@@ -98,7 +98,7 @@ def _catalog(forms: Mapping[str, FormSupport] | None = None, domain: PromptDomai
 
 
 def _warned(event: session_pb2.SessionEvent, catalog: Catalog) -> tuple[Warned, ...]:
-    """Texts with a blank in them are encoded as being outside."""
+    """The warnings for an event. Texts that contain a blank are encoded as outside the domain."""
     texts = prompt_texts(event, catalog)
     embeddings = {text: np.array([0, 1] if " " in text else [1, 0], np.float32) for text in texts}
     return warnings_of(event, engine_event(event, KEY, 0.0, embeddings, catalog), catalog)
@@ -123,14 +123,14 @@ REFUSED = {"waypoint": FormSupport.TRAINED, "waypoint_heading": FormSupport.REFU
         (_velocity(), "set_velocity"),
     ],
 )
-def test_a_form_that_is_not_taken_is_refused_by_its_place(event: session_pb2.SessionEvent, field: str) -> None:
+def test_unsupported_form_is_refused_with_its_field(event: session_pb2.SessionEvent, field: str) -> None:
     with pytest.raises(EventRefused) as caught:
         _warned(event, _catalog(REFUSED))
     assert (caught.value.reason, caught.value.field) == ("UNSUPPORTED_CONSTRAINT", field)
     assert caught.value.allowed == "the forms waypoint"
 
 
-def test_a_form_that_is_taken_untrained_is_warned_of_once() -> None:
+def test_untrained_form_is_warned_about_once() -> None:
     catalog = _catalog({"waypoint": FormSupport.TRAINED, "waypoint_heading": FormSupport.UNTRAINED})
     event = edit_constraints(waypoint(9), waypoint(9, 2, heading=1.0), waypoint(10, 3, heading=1.0))
     (warning,) = _warned(event, catalog)
@@ -139,12 +139,12 @@ def test_a_form_that_is_taken_untrained_is_warned_of_once() -> None:
     assert _warned(edit_constraints(waypoint(9)), catalog) == ()
 
 
-def test_where_nothing_is_claimed_everything_is_taken() -> None:
+def test_without_claims_every_form_and_prompt_is_accepted_silently() -> None:
     for event in (edit_constraints(waypoint(9, heading=1.0)), _velocity(heading=0.0), edit_prompts(span("sit down"))):
         assert _warned(event, _catalog()) == ()
 
 
-def test_a_prompt_outside_is_warned_of_in_words() -> None:
+def test_prompt_outside_the_domain_is_warned_about() -> None:
     catalog = _catalog(domain=DOMAIN)
     (warning,) = _warned(edit_prompts(span("walk"), span("sits down", 2)), catalog)
     assert (warning.reason, warning.field) == ("PROMPT_OUTSIDE_DOMAIN", "edit_prompts.upsert[1].text")
@@ -163,13 +163,13 @@ def test_presets_and_embeddings_are_not_judged() -> None:
     assert _warned(edit_prompts(*spans), _catalog(domain=DOMAIN)) == ()
 
 
-def test_the_distance_counts_directions_alone() -> None:
+def test_distance_depends_on_direction_only() -> None:
     assert DOMAIN.distance(np.array([7, 0], np.float32)) == pytest.approx(0.0)
     assert DOMAIN.distance(np.array([-1, 0], np.float32)) == pytest.approx(2.0)
     assert DOMAIN.distance(np.zeros(2, np.float32)) == pytest.approx(1.0)
 
 
-def test_the_catalogue_says_it_all() -> None:
+def test_catalogue_lists_forms_known_motions_and_descriptions() -> None:
     (model,) = _catalog(REFUSED).response("").models
     assert {form.form: form.support for form in model.constraint_forms} == {
         "waypoint": 1,

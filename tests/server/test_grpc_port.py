@@ -1,4 +1,4 @@
-"""The gRPC port: closed for a while and opened again, as where a server has no engine and others go on."""
+"""The gRPC port: closed and opened again, as when a server has lost its engine and others can take its clients."""
 
 from __future__ import annotations
 
@@ -47,7 +47,7 @@ async def health_at(number: int, credentials: grpc.ChannelCredentials | None = N
         return int((await health_pb2_grpc.HealthStub(channel).Check(request, wait_for_ready=True)).status)
 
 
-async def test_nobody_can_connect_while_it_is_shut_and_its_number_stays() -> None:
+async def test_closed_port_refuses_connections_and_reopens_under_its_number() -> None:
     async with asyncio.timeout(LIMIT_S):
         port = port_of()
         await port.open()
@@ -64,13 +64,13 @@ async def test_nobody_can_connect_while_it_is_shut_and_its_number_stays() -> Non
         await port.close(None)
 
 
-async def test_a_server_that_ends_by_itself_is_replaced(caplog: pytest.LogCaptureFixture) -> None:
+async def test_grpc_server_that_ends_by_itself_is_replaced(caplog: pytest.LogCaptureFixture) -> None:
     async with asyncio.timeout(LIMIT_S):
         port = port_of()
         await port.open()
         number, ended = port.number, port._server
         assert ended is not None
-        await ended._server.shutdown(None)  # type: ignore[attr-defined]  # as gRPC does where its loop has failed
+        await ended._server.shutdown(None)  # type: ignore[attr-defined]  # as gRPC does when its loop fails
         await until_true(lambda: port._server is not ended)
         assert (port.is_open, port.number, await health_at(number)) == (True, number, SERVING)
         await port.close(None)
@@ -78,7 +78,7 @@ async def test_a_server_that_ends_by_itself_is_replaced(caplog: pytest.LogCaptur
     assert [record.levelname for record in caplog.records if record.name == grpc_port.__name__] == ["ERROR"]
 
 
-async def test_a_port_with_tls_is_opened_again_though_its_files_are_just_being_written(tmp_path: Path) -> None:
+async def test_port_with_tls_reopens_while_its_files_are_half_written(tmp_path: Path) -> None:
     async with asyncio.timeout(LIMIT_S):
         port = port_of(ServerTls(TlsFiles(*copy_pair("server-1", tmp_path))))
         await port.open()
@@ -90,7 +90,7 @@ async def test_a_port_with_tls_is_opened_again_though_its_files_are_just_being_w
         await port.close(None)
 
 
-async def test_calls_under_way_go_on_for_the_grace_and_nobody_else_connects() -> None:
+async def test_shutting_lets_calls_go_on_for_the_grace_and_refuses_connections() -> None:
     async with asyncio.timeout(LIMIT_S):
         port = port_of()
         await port.open()
@@ -104,12 +104,12 @@ async def test_calls_under_way_go_on_for_the_grace_and_nobody_else_connects() ->
             port._health.set("", NOT_SERVING)
             assert (await watch.read()).status == NOT_SERVING, "the call goes on"
             watch.cancel()
-            await port.open()  # which waits for the calls of before
+            await port.open()  # waits for the earlier calls to end
             assert await health_at(port.number) == NOT_SERVING
         await port.close(None)
 
 
-async def test_an_address_that_cannot_be_listened_on_is_told_of() -> None:
+async def test_taken_address_is_reported() -> None:
     async with asyncio.timeout(LIMIT_S):
         first = port_of()
         await first.open()

@@ -1,4 +1,4 @@
-"""Calls that are begun and not asked, that ask for what is no message, or whose answers are not let through."""
+"""Calls that send no request, malformed requests, or do not read their answers."""
 
 from __future__ import annotations
 
@@ -45,7 +45,7 @@ UNIMPLEMENTED = grpc.StatusCode.UNIMPLEMENTED.value[0]
 
 @asynccontextmanager
 async def channels(**settings: object) -> AsyncIterator[tuple[grpc.aio.Channel, grpc.aio.Channel]]:
-    """To the port of gRPC, and to that of operators."""
+    """Channels to the gRPC port and to the administration port."""
     async with running(config(admin_listen="127.0.0.1:0", **settings)) as application:
         addresses = (f"127.0.0.1:{port}" for port in (application.grpc_port, application.admin_port))
         first, second = (grpc.aio.insecure_channel(address) for address in addresses)
@@ -54,7 +54,7 @@ async def channels(**settings: object) -> AsyncIterator[tuple[grpc.aio.Channel, 
 
 
 async def end_of(channel: grpc.aio.Channel, path: str, sends: Sequence[bytes], is_over: bool = True) -> tuple[Any, str]:
-    """Code and reason with which a call ends. is_over: the client ends its side."""
+    """Status code and reason with which a call ends. is_over: the client closes its side."""
     call = channel.stream_stream(path)()
     with contextlib.suppress(grpc.aio.AioRpcError, asyncio.InvalidStateError):  # it may have been ended already
         for message in sends:
@@ -81,21 +81,21 @@ async def end_of(channel: grpc.aio.Channel, path: str, sends: Sequence[bytes], i
     ],
     ids=["headers alone", "no request", "two requests", "garbage"],
 )
-async def test_a_call_without_its_request_is_ended_with_a_reason_and_nothing_is_logged(
+async def test_call_without_one_valid_request_gets_a_reason_and_is_not_logged(
     sends: Sequence[bytes], is_over: bool, end: tuple[grpc.StatusCode, str], caplog: pytest.LogCaptureFixture
 ) -> None:
     is_late = end[1] == "REQUEST_LATE"
     async with channels(hello_timeout_s=0.2 if is_late else 60.0) as (motion, admin):
         for path in OF_ONE_REQUEST:
             assert await end_of(admin if path.startswith(ADMIN) else motion, path, sends, is_over) == end, path
-        if not is_late:  # a busy machine may be as late with a request of its own
+        if not is_late:  # with the short timeout, a busy machine could be late itself
             catalog = service_pb2_grpc.MotionServiceStub(motion).GetCatalog(service_pb2.GetCatalogRequest())
             assert (await catalog).models[0].model_id == "fake"  # type: ignore[misc]
     assert not [record for record in caplog.records if record.levelname in ("WARNING", "ERROR")]
 
 
-async def test_a_request_that_is_too_long_for_its_method_is_refused_before_its_client_ends_its_side() -> None:
-    too_long = b"\x7a\x80\x20" + b"a" * 4096  # a field that nobody knows
+async def test_too_long_request_is_refused_before_the_client_closes_its_side() -> None:
+    too_long = b"\x7a\x80\x20" + b"a" * 4096  # an unknown field
     async with channels(hello_timeout_s=60.0) as (motion, admin):
         for path in OF_ONE_REQUEST:
             if path != CLIP:
@@ -103,7 +103,7 @@ async def test_a_request_that_is_too_long_for_its_method_is_refused_before_its_c
                 assert end == (grpc.StatusCode.INVALID_ARGUMENT, "REQUEST_TOO_LONG"), path
 
 
-async def test_a_method_whose_name_is_no_text_ends_no_port(caplog: pytest.LogCaptureFixture) -> None:
+async def test_method_name_that_is_not_text_is_unimplemented_and_harmless(caplog: pytest.LogCaptureFixture) -> None:
     async with running(config(admin_listen="127.0.0.1:0")) as application:
         for port, service in ((application.grpc_port, MOTION), (application.admin_port, ADMIN)):
             for path in (b"\xff", f"{service}".encode() + b"\xff"):
@@ -118,25 +118,27 @@ async def test_a_method_whose_name_is_no_text_ends_no_port(caplog: pytest.LogCap
     assert not [record for record in caplog.records if record.levelname in ("WARNING", "ERROR")]
 
 
-async def test_garbage_ends_a_call_for_reflection_too(caplog: pytest.LogCaptureFixture) -> None:
+async def test_malformed_reflection_request_is_refused(caplog: pytest.LogCaptureFixture) -> None:
     async with channels() as (motion, _):
         for path in REFLECTION:
             assert await end_of(motion, path, [GARBAGE]) == (grpc.StatusCode.INVALID_ARGUMENT, "MALFORMED_REQUEST")
     assert not [record for record in caplog.records if record.levelname in ("WARNING", "ERROR")]
 
 
-async def test_garbage_is_charged() -> None:
+async def test_malformed_requests_count_against_the_call_rate() -> None:
     async with channels(peer_calls_per_second=1.0) as (motion, _):
         ends = [await end_of(motion, f"{MOTION}GetCatalog", [GARBAGE]) for _ in range(20)]
         assert (grpc.StatusCode.RESOURCE_EXHAUSTED, "TOO_MANY_CALLS") in ends
 
 
-async def test_clients_that_go_before_they_have_asked_are_not_logged(caplog: pytest.LogCaptureFixture) -> None:
+async def test_calls_cancelled_before_their_request_are_not_logged(caplog: pytest.LogCaptureFixture) -> None:
     async with running(config(peer_calls_per_second=1e6)) as application:
         address = f"127.0.0.1:{application.grpc_port}"
         async with (
             grpc.aio.insecure_channel(address, options=ALONE) as gone,
-            grpc.aio.insecure_channel(address, options=ALONE) as other,  # gRPC may refuse who has given up hundreds
+            grpc.aio.insecure_channel(
+                address, options=ALONE
+            ) as other,  # separate: gRPC may refuse a connection that cancelled hundreds of calls
         ):
             for number in range(300):
                 call = gone.stream_unary(OF_ONE_REQUEST[number % 4])()
@@ -147,7 +149,7 @@ async def test_clients_that_go_before_they_have_asked_are_not_logged(caplog: pyt
     assert not [record for record in caplog.records if record.levelname in ("WARNING", "ERROR")]
 
 
-async def test_answers_that_are_not_let_through_hold_so_many_places_and_leave_others() -> None:
+async def test_unread_answers_count_as_open_calls_and_leave_others_alone() -> None:
     async with running(config(peer_calls=3)) as application:
         address = f"127.0.0.1:{application.grpc_port}"
         asked = service_pb2.GetCatalogRequest()
@@ -171,7 +173,7 @@ async def test_answers_that_are_not_let_through_hold_so_many_places_and_leave_ot
 
 
 @pytest.mark.parametrize("events", [0, 20_000], ids=["a hello", "more than it can pay for behind it"])
-async def test_a_stream_whose_first_answer_is_not_let_through_keeps_its_place_until_its_client_goes(
+async def test_stream_with_a_blocked_answer_holds_its_place_until_its_client_goes(
     events: int, monkeypatch: pytest.MonkeyPatch, caplog: pytest.LogCaptureFixture
 ) -> None:
     monkeypatch.setattr(stream_writer, "LAST_WRITE_S", 0.0)
@@ -191,7 +193,7 @@ async def test_a_stream_whose_first_answer_is_not_let_through_keeps_its_place_un
         (stuck,) = server.service._streams.values()
         await until_true(lambda: stuck.writing_since is not None or stuck.refusal is not None)
         if stuck.writing_since is not None:
-            stuck.writing_since -= limits.stuck_timeout_s  # of this stream alone: others may be slow on a busy machine
+            stuck.writing_since -= limits.stuck_timeout_s  # only this stream: on a busy machine others may be slow
         await until_true(lambda: stuck.refusal is not None)
         stub = service_pb2_grpc.MotionServiceStub(other)
         talk = await Talk(stub, await stub.GetCatalog(service_pb2.GetCatalogRequest())).hello()  # type: ignore[misc]

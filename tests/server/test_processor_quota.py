@@ -1,4 +1,4 @@
-"""The quota of the processor, as control groups of both versions tell it."""
+"""The processor quota and its use, read from control groups of versions 1 and 2."""
 
 import math
 import os
@@ -25,14 +25,14 @@ def membership(tmp_path: Path, text: str) -> Path:
         ("50000 0", math.inf),
     ],
 )
-def test_the_second_version(tmp_path: Path, told: str, cores: float) -> None:
+def test_version_2_quota_is_read(tmp_path: Path, told: str, cores: float) -> None:
     groups = tmp_path / "groups"
     groups.mkdir()
     (groups / "cpu.max").write_text(told)
     assert quota_cores(groups, membership(tmp_path, "0::/\n")) == cores
 
 
-def test_the_least_of_a_group_and_of_those_above_counts(tmp_path: Path) -> None:
+def test_smallest_quota_of_a_group_and_its_parents_counts(tmp_path: Path) -> None:
     groups = tmp_path / "groups"
     for path, told in (("", "max 100000"), ("pod", "150000 100000"), ("pod/one", "200000 100000")):
         (groups / path).mkdir(parents=True, exist_ok=True)
@@ -41,14 +41,14 @@ def test_the_least_of_a_group_and_of_those_above_counts(tmp_path: Path) -> None:
 
 
 @pytest.mark.parametrize("said", [b"0::/pod\n\n", b"nonsense\n0::/pod\n", b"7:name=\xe9:/\xe9\n0::/pod\n"])
-def test_lines_that_say_nothing_of_groups_are_passed_over(tmp_path: Path, said: bytes) -> None:
+def test_membership_lines_that_name_no_group_are_skipped(tmp_path: Path, said: bytes) -> None:
     (tmp_path / "groups/pod").mkdir(parents=True)
     (tmp_path / "groups/pod/cpu.max").write_text("150000 100000")
     (tmp_path / "cgroup").write_bytes(said)
     assert quota_cores(tmp_path / "groups", tmp_path / "cgroup") == 1.5
 
 
-def test_a_group_whose_name_is_no_text(tmp_path: Path) -> None:
+def test_group_name_that_is_not_utf8_is_found(tmp_path: Path) -> None:
     name = os.fsdecode(b"groups/pod-\xe9")
     (tmp_path / name).mkdir(parents=True)
     (tmp_path / name / "cpu.max").write_text("150000 100000")
@@ -56,7 +56,7 @@ def test_a_group_whose_name_is_no_text(tmp_path: Path) -> None:
     assert quota_cores(tmp_path / "groups", tmp_path / "cgroup") == 1.5
 
 
-def test_the_first_version(tmp_path: Path) -> None:
+def test_version_1_quota_is_read(tmp_path: Path) -> None:
     group = tmp_path / "groups/cpu/docker/1234"
     group.mkdir(parents=True)
     (group / "cpu.cfs_quota_us").write_text("50000\n")
@@ -65,14 +65,14 @@ def test_the_first_version(tmp_path: Path) -> None:
     assert quota_cores(tmp_path / "groups", told) == 0.5
 
 
-def test_a_container_is_told_a_path_that_it_does_not_see(tmp_path: Path) -> None:
+def test_path_that_is_not_visible_in_a_container_falls_back_to_the_root(tmp_path: Path) -> None:
     groups = tmp_path / "groups"
     groups.mkdir()
     (groups / "cpu.max").write_text("50000 100000")
     assert quota_cores(groups, membership(tmp_path, "0::/kubepods/pod7/abc\n")) == 0.5
 
 
-def test_without_control_groups_there_is_none(tmp_path: Path) -> None:
+def test_without_control_groups_there_is_no_quota(tmp_path: Path) -> None:
     assert quota_cores(tmp_path, tmp_path / "nothing") == math.inf
 
 
@@ -81,7 +81,7 @@ def write(path: Path, text: str) -> None:
     path.write_text(text)
 
 
-def test_what_is_used_of_a_quota_of_the_second_version(tmp_path: Path) -> None:
+def test_version_2_use_is_counted_in_the_group_with_the_smallest_quota(tmp_path: Path) -> None:
     groups = tmp_path / "groups"
     write(groups / "cpu.max", "max 100000")
     write(groups / "pod/cpu.max", "150000 100000")
@@ -90,12 +90,12 @@ def test_what_is_used_of_a_quota_of_the_second_version(tmp_path: Path) -> None:
     write(groups / "pod/cpu.stat", "usage_usec 3000000\nuser_usec 2000000\nsystem_usec 1000000\n")
     used_s = quota_use(groups, membership(tmp_path, "0::/pod/one\n"))
     assert used_s is not None
-    assert used_s() == pytest.approx(2.0)  # of the group that has the least
+    assert used_s() == pytest.approx(2.0)  # "pod" has the smallest quota: 3 s of 1.5 processors
     write(groups / "pod/cpu.stat", "usage_usec 4500000\n")
     assert used_s() == pytest.approx(3.0)
 
 
-def test_an_account_that_has_gone_says_what_it_said_last(tmp_path: Path) -> None:
+def test_removed_usage_file_keeps_the_last_value(tmp_path: Path) -> None:
     groups = tmp_path / "groups"
     write(groups / "cpu.max", "50000 100000")
     write(groups / "cpu.stat", "usage_usec 1000000\n")
@@ -107,7 +107,7 @@ def test_an_account_that_has_gone_says_what_it_said_last(tmp_path: Path) -> None
 
 
 @pytest.mark.parametrize("controllers", ["cpu,cpuacct", "cpu"])
-def test_what_is_used_of_a_quota_of_the_first_version(tmp_path: Path, controllers: str) -> None:
+def test_version_1_use_is_counted_in_joint_or_separate_hierarchies(tmp_path: Path, controllers: str) -> None:
     groups = tmp_path / "groups"
     for name, text in (
         ("cpu.cfs_quota_us", "50000\n"),
@@ -123,7 +123,7 @@ def test_what_is_used_of_a_quota_of_the_first_version(tmp_path: Path, controller
     assert used_s() == pytest.approx(4.0)
 
 
-def test_the_account_of_another_group_does_not_count(tmp_path: Path) -> None:
+def test_use_of_another_group_does_not_count(tmp_path: Path) -> None:
     groups = tmp_path / "groups"
     for name, text in (("cpu.cfs_quota_us", "50000\n"), ("cpu.cfs_period_us", "100000\n")):
         write(groups / "cpu/limited" / name, text)
@@ -131,14 +131,14 @@ def test_the_account_of_another_group_does_not_count(tmp_path: Path) -> None:
     assert quota_use(groups, membership(tmp_path, "4:cpu:/limited\n3:cpuacct:/\n")) is None
 
 
-def test_a_process_in_the_root_of_all_hierarchies(tmp_path: Path) -> None:
+def test_process_in_the_root_groups_has_no_quota(tmp_path: Path) -> None:
     (tmp_path / "cpu").mkdir()
     told = membership(tmp_path, "4:cpu:/\n3:cpuacct:/\n0::/\n")
     assert quota_use(tmp_path, told) is None
     assert quota_cores(tmp_path, told) == math.inf
 
 
-def test_without_a_quota_nothing_is_told_of_its_use(tmp_path: Path) -> None:
+def test_without_a_quota_no_use_is_counted(tmp_path: Path) -> None:
     groups = tmp_path / "groups"
     write(groups / "cpu.max", "max 100000")
     write(groups / "cpu.stat", "usage_usec 1000000\n")

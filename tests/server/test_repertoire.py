@@ -1,4 +1,4 @@
-"""From a checkpoint's capabilities to what a server offers, with the text encoder that it has."""
+"""What a server offers of a checkpoint's capabilities, given its text encoder."""
 
 from __future__ import annotations
 
@@ -37,7 +37,7 @@ class OtherEncoder(LengthEncoder):
     identity = "other"
 
 
-def test_prompts_are_encoded_and_forms_told_in_the_protocol_s_numbers() -> None:
+def test_presets_and_gaits_are_encoded_and_forms_translated() -> None:
     found = encoded(as_abilities(WHOLE), LengthEncoder(), "m")
     (preset,), (gait,) = found.presets, found.gaits
     assert (preset.preset_id, preset.description, preset.embedding[0]) == ("walk", "walks", len("walk on"))
@@ -47,7 +47,7 @@ def test_prompts_are_encoded_and_forms_told_in_the_protocol_s_numbers() -> None:
     assert found.abilities.domain is not None
 
 
-def test_another_encoder_can_neither_make_the_prompts_nor_judge(caplog: pytest.LogCaptureFixture) -> None:
+def test_another_encoder_drops_presets_gaits_and_the_domain(caplog: pytest.LogCaptureFixture) -> None:
     with caplog.at_level(logging.WARNING):
         found = encoded(as_abilities(WHOLE), OtherEncoder(), "m")
     assert (found.presets, found.gaits, found.abilities.domain) == ((), (), None)
@@ -55,7 +55,7 @@ def test_another_encoder_can_neither_make_the_prompts_nor_judge(caplog: pytest.L
     assert "length-1, not other" in caplog.text
 
 
-def test_an_encoder_that_is_away_costs_the_presets_alone(caplog: pytest.LogCaptureFixture) -> None:
+def test_unavailable_encoder_drops_only_presets_and_gaits(caplog: pytest.LogCaptureFixture) -> None:
     with caplog.at_level(logging.WARNING):
         found = encoded(as_abilities(WHOLE), AwayEncoder(), "m")
     assert (found.presets, found.gaits) == ((), ())
@@ -63,12 +63,12 @@ def test_an_encoder_that_is_away_costs_the_presets_alone(caplog: pytest.LogCaptu
     assert "it is away" in caplog.text
 
 
-def test_a_checkpoint_that_claims_nothing_asks_the_encoder_for_nothing() -> None:
+def test_checkpoint_without_claims_does_not_call_the_encoder() -> None:
     found = encoded(as_abilities(Capabilities()), AwayEncoder(), "m")
     assert (found.presets, found.gaits, dict(found.abilities.forms)) == ((), (), dict(NOTHING_CLAIMED.forms))
 
 
-def test_abilities_cross_to_the_gateway() -> None:
+def test_abilities_survive_the_message_to_the_gateway() -> None:
     abilities = as_abilities(WHOLE)
     ready = TO_GATEWAY.decode(TO_GATEWAY.encode(Ready(0, FACTS, "CC0-1.0", abilities)))
     assert isinstance(ready, Ready)

@@ -1,4 +1,4 @@
-"""The end of the process, whatever has become of what it writes to."""
+"""The end of the server's process when its standard output cannot be written."""
 
 from __future__ import annotations
 
@@ -20,7 +20,7 @@ leave(0)
 
 
 @pytest.mark.parametrize("before", ["pass", "sys.stdout.close()", "sys.stdout = sys.stderr = None"])
-def test_an_orderly_end_is_one_also_where_nothing_can_be_written_any_more(before: str) -> None:
+def test_process_exits_with_code_0_when_its_output_cannot_be_written(before: str) -> None:
     with Path("/dev/full").open("wb") as full:
         ended = subprocess.run(
             [sys.executable, "-c", LEAVING.format(before=before)],

@@ -1,4 +1,4 @@
-"""Speeds that a model's bodies do not step at: taken, with a warning that says how fast they do."""
+"""Speeds beyond those a model was trained for: accepted, with a warning that gives the trained speed."""
 
 from __future__ import annotations
 
@@ -65,38 +65,40 @@ BACKWARD = ("fake steps backward at up to 1.5 m/s; higher speeds are accepted, b
     ("event", "told"),
     [
         (_velocity(0, 3), ()),
-        (_velocity(2.5, 2.5), FORWARD),  # it looks where it goes
+        (_velocity(2.5, 2.5), FORWARD),  # faces where it goes
         (_velocity(0, -1.5, 0), ()),
         (_velocity(0, -1.6, 0), BACKWARD),
         (_velocity(1.6, 0, -math.pi / 2), BACKWARD),
-        (_velocity(1.6, 0, 5 * math.pi / 2), ()),  # ahead, after a turn
-        (_velocity(9, 0, 0), ()),  # sideways nothing is claimed
+        (_velocity(1.6, 0, 5 * math.pi / 2), ()),  # forward, after a full turn
+        (_velocity(9, 0, 0), ()),  # no speed is claimed sideways
     ],
 )
-def test_a_velocity_is_told_of_by_the_way_it_faces(event: session_pb2.SessionEvent, told: tuple[str, ...]) -> None:
+def test_velocity_is_warned_about_by_its_speed_relative_to_the_heading(
+    event: session_pb2.SessionEvent, told: tuple[str, ...]
+) -> None:
     assert _told(event) == told
 
 
-def test_of_several_paths_the_first_that_is_too_fast_is_named() -> None:
+def test_first_path_that_is_too_fast_is_named() -> None:
     event = edit_constraints(waypoint(9), _straight(2, 1.0), _straight(3, 4.0), _straight(4, 4.0))
     (warning,) = warnings_of(event, engine_event(event, KEY, 0.0, {}, CATALOG), CATALOG)
     assert (warning.reason, warning.field) == ("UNTRAINED_SPEED", "edit_constraints.upsert[2]")
 
 
-def test_where_nothing_is_claimed_nothing_is_told() -> None:
+def test_without_claimed_speeds_there_is_no_warning() -> None:
     assert _told(_velocity(0, -9, 0), _catalog(Abilities())) == ()
     walk = GaitText("walk", "walk", 0.0, Direction.FORWARD)
     assert _told(_velocity(0, -9, 0), _catalog(Abilities(gaits=(walk,)))) == ()
 
 
-def test_a_body_that_only_stands_is_told_of_every_speed() -> None:
+def test_model_that_only_stands_warns_about_every_speed() -> None:
     stand = GaitText("stand", "stand", 0.0, Direction.FORWARD, 0.0)
     catalog = _catalog(Abilities(gaits=(stand,)))
     assert len(_told(_velocity(0, 0.5), catalog)) == 1
     assert _told(_velocity(0, 0), catalog) == ()
 
 
-def test_the_catalogue_has_the_speeds() -> None:
+def test_catalogue_gives_the_speeds_of_locomotion_presets() -> None:
     (model,) = CATALOG.response("").models
     assert [preset.to_speed_mps for preset in model.locomotion_presets] == [2.0, 3.0, 1.5]
     (model,) = _catalog(Abilities()).response("").models
@@ -110,7 +112,7 @@ def _trajectory(seconds: float, facing: float | None, *, mps: float = 2.0) -> Ma
     return speeds_of(RootTrajectory(1, 0, xz, heading), FPS)
 
 
-def test_a_trajectory_has_a_speed_for_each_way_it_faces() -> None:
+def test_trajectory_has_a_speed_for_each_direction_it_faces() -> None:
     assert _trajectory(2, None) == {Direction.FORWARD: pytest.approx(2.0, rel=1e-3)}
     assert _trajectory(2, math.pi) == {Direction.BACKWARD: pytest.approx(2.0, rel=1e-3)}
     assert _trajectory(2, -math.pi / 2) == {Direction.LEFT: pytest.approx(2.0, rel=1e-3)}
@@ -118,18 +120,18 @@ def test_a_trajectory_has_a_speed_for_each_way_it_faces() -> None:
     assert _trajectory(0.4, None) == {}, "too short for two steps"
 
 
-def test_a_root_that_sways_is_as_fast_as_its_way() -> None:
+def test_swaying_root_counts_with_the_speed_of_its_path() -> None:
     frames = np.arange(4 * FPS) / FPS
     sway = 0.03 * np.sin(2 * math.pi * 4 * frames)
     xz = np.stack([sway, 1.0 * frames], axis=1).astype(np.float32)
     assert speeds_of(RootTrajectory(1, 0, xz), FPS)[Direction.FORWARD] < 1.02
 
 
-def test_a_path_has_the_speed_that_it_says() -> None:
+def test_path_and_velocity_have_the_speed_they_state() -> None:
     assert speeds_of(RootPath(1, np.ones((2, 2), np.float32), 1.7, 0.1), FPS) == {Direction.FORWARD: 1.7}
     assert speeds_of(SetVelocity(KEY, 1, 0.0, 3.0, 4.0, None, 9), FPS) == {Direction.FORWARD: 5.0}
 
 
-def test_a_trajectory_of_a_model_of_a_frame_a_second_has_a_speed_too() -> None:
+def test_trajectory_at_one_frame_a_second_has_a_speed() -> None:
     path = RootTrajectory(1, 0, np.array([[0.0, 0.0], [0.0, 2.0], [0.0, 3.0]], np.float32))
     assert speeds_of(path, 1) == {Direction.FORWARD: 2.0}

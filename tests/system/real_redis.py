@@ -22,7 +22,7 @@ def start_redis(folder: Path, *more: str) -> subprocess.Popen[bytes]:
     assert program, "neither redis-server nor valkey-server is installed; apt-get install redis-server"
     socket = folder / "redis.sock"
     arguments = ["--port", "0", "--unixsocket", str(socket), "--save", "", "--dir", str(folder), *more]
-    # Its port may be taken for a moment: each outgoing connection takes one.
+    # Tried twice: an outgoing connection of another process may hold its port for a moment.
     for _ in range(2):
         process = subprocess.Popen([program, *arguments], stdout=subprocess.DEVNULL)
         if until(lambda started=process: _answers(socket) or started.poll() is not None) and process.poll() is None:  # type: ignore[misc]

@@ -1,4 +1,4 @@
-"""The C++ client as others get it: installed, linked from outside, loaded from C#, cross-compiled, under sanitizers."""
+"""The C++ client as its users get it: installed, linked, loaded from C#, cross-compiled, and under sanitizers."""
 
 from __future__ import annotations
 
@@ -19,17 +19,17 @@ pytestmark = [pytest.mark.system, pytest.mark.timeout(1500)]
 
 CONSUMER = SOURCE / "tests" / "consumer"
 UNIT_TESTS = ("core_tests", "client_parts_tests", "stream_tests")
-RACE_FOUND = 66  # as ThreadSanitizer ends a program
+RACE_FOUND = 66  # ThreadSanitizer's exit code
 servers, server = test_goodbye.servers, test_lost_clients.server
 
 
 def built() -> Path:
-    """What the tests of tests/cpp use."""
+    """The build that the tests of tests/cpp use."""
     return build("test", "-DMOTIONGEN_TESTS=ON", "-DMOTIONGEN_EXAMPLES=ON")
 
 
 @pytest.mark.parametrize("kind", ["static", "shared"])
-def test_a_project_outside_finds_what_is_installed(kind: str, tmp_path: Path) -> None:
+def test_outside_project_finds_the_installed_library(kind: str, tmp_path: Path) -> None:
     prefix, consumer = tmp_path / "prefix", tmp_path / "consumer"
     folder = built() if kind == "static" else build("shared", "-DBUILD_SHARED_LIBS=ON")
     run("cmake", "--install", folder, "--prefix", prefix)
@@ -53,7 +53,7 @@ def by_pkg_config(prefix: Path, consumer: Path, shared: bool) -> None:
     assert "host:port" in run(consumer / "c_by_pkg_config", environment=environment)
 
 
-def test_a_script_in_c_sharp_plays_a_character(live_server: LiveServer, tmp_path: Path) -> None:
+def test_c_sharp_program_plays_a_character(live_server: LiveServer, tmp_path: Path) -> None:
     folder = built()
     run("mcs", f"-out:{tmp_path / 'Character.exe'}", SOURCE / "examples" / "csharp" / "Character.cs")
     environment = {**os.environ, "LD_LIBRARY_PATH": str(folder)}
@@ -62,7 +62,7 @@ def test_a_script_in_c_sharp_plays_a_character(live_server: LiveServer, tmp_path
     assert "frame 10" in told
 
 
-def test_the_core_compiles_for_windows(tmp_path: Path) -> None:
+def test_core_compiles_for_windows(tmp_path: Path) -> None:
     compiler = "x86_64-w64-mingw32-g++-posix"
     settings = ["-DCMAKE_SYSTEM_NAME=Windows", f"-DCMAKE_CXX_COMPILER={compiler}", "-DMOTIONGEN_CLIENT=OFF"]
     settings.append("-DCMAKE_C_COMPILER=x86_64-w64-mingw32-gcc-posix")
@@ -72,7 +72,7 @@ def test_the_core_compiles_for_windows(tmp_path: Path) -> None:
 
 
 @pytest.mark.parametrize("sanitizer", ["address", "undefined", "thread"])
-def test_nothing_for_the_sanitizers(
+def test_sanitizers_find_nothing(
     sanitizer: str,
     live_server: LiveServer,
     servers: Sequence[FakeServer],
@@ -91,7 +91,9 @@ def test_nothing_for_the_sanitizers(
     for program in UNIT_TESTS:
         subprocess.run([folder / program, "--gtest_brief=1"], check=True, cwd=tmp_path)
     planted = subprocess.run([folder / "planted_race"], stderr=subprocess.DEVNULL)
-    assert planted.returncode == (RACE_FOUND if sanitizer == "thread" else 0), "or it sees nothing of gRPC's threads"
+    assert planted.returncode == (RACE_FOUND if sanitizer == "thread" else 0), (
+        "the planted race must be found, or races on gRPC's threads are not seen"
+    )
     test_goodbye.test_where_nobody_answers_that_was_named_it_goes_to_the_next_and_then_on_in_turn(
         folder.joinpath, servers
     )

@@ -1,4 +1,4 @@
-"""Envoy with deploy/proxies/envoy.yaml: what a server answers to one client sends no other client elsewhere."""
+"""Envoy with deploy/proxies/envoy.yaml: error answers of a server do not move clients to another server."""
 
 from __future__ import annotations
 
@@ -22,7 +22,7 @@ FAILURES = (grpc.StatusCode.INTERNAL, grpc.StatusCode.UNAVAILABLE, grpc.StatusCo
 
 
 class Named(grpc.GenericRpcHandler):
-    """A server's methods: one says its name, one fails as it is told."""
+    """A server's methods: one returns its name, one fails with the status it is asked for."""
 
     def __init__(self, name: bytes) -> None:
         self._name = name
@@ -62,7 +62,7 @@ def servers() -> Iterator[dict[bytes, tuple[grpc.Server, int]]]:
 
 @pytest.fixture
 def ask(servers: dict[bytes, tuple[grpc.Server, int]], tmp_path: Path) -> Iterator[Callable[[str, bytes], bytes]]:
-    """Calls a method through Envoy, always by the same key. Raises grpc.RpcError."""
+    """A function that calls a method through Envoy, always with the same key. It raises grpc.RpcError."""
     credentials = grpc.ssl_channel_credentials((CERTIFICATES / "authority.pem").read_bytes())
     with (
         Envoy(tmp_path, [Behind(port, 0) for _, port in servers.values()]) as proxy,
@@ -77,23 +77,23 @@ def ask(servers: dict[bytes, tuple[grpc.Server, int]], tmp_path: Path) -> Iterat
 
 
 def who(ask: Callable[[str, bytes], bytes]) -> bytes:
-    """The name of the server that the key leads to; none while there is none."""
+    """The name of the server that the key leads to; empty while there is none."""
     try:
         return ask(WHO, b"")
     except grpc.RpcError:
         return b""
 
 
-def test_what_a_server_answers_turns_nobody_away_from_it(ask: Callable[[str, bytes], bytes]) -> None:
+def test_error_answers_move_no_client_to_another_server(ask: Callable[[str, bytes], bytes]) -> None:
     mine = until(lambda: who(ask))
     for _ in range(30):
         for method, request in ((UNKNOWN, b""), *((FAIL, code.name.encode()) for code in FAILURES)):
             with pytest.raises(grpc.RpcError):
                 ask(method, request)
-            assert who(ask) == mine, f"sent elsewhere since a call of {method} was answered with {request!r}"
+            assert who(ask) == mine, f"moved to another server by a call of {method} with {request!r}"
 
 
-def test_a_server_that_is_gone_is_passed_over(
+def test_stopped_server_is_skipped(
     ask: Callable[[str, bytes], bytes], servers: dict[bytes, tuple[grpc.Server, int]]
 ) -> None:
     mine = until(lambda: who(ask))

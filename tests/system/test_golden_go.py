@@ -1,4 +1,4 @@
-"""The golden messages are written and read by Go's protobuf as by ours; needs `go`, and its modules once."""
+"""Go's protobuf writes and reads the golden messages as ours does; needs `go`, and its modules once."""
 
 from __future__ import annotations
 
@@ -39,7 +39,7 @@ def test_go_writes_and_reads_every_golden_message(program: Path) -> None:
 
 
 @pytest.mark.parametrize("line", ["Ping\tclient_time_ns: 301\t08ae02\n", "Ping\tclient_time_ns: 301\t08ad0298060a\n"])
-def test_a_line_that_is_wrong_is_told(program: Path, line: str) -> None:
+def test_wrong_line_is_reported(program: Path, line: str) -> None:
     done = subprocess.run([program], input=line, capture_output=True, text=True)
     assert done.returncode == 1
     assert "line 1" in done.stderr

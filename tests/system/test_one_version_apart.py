@@ -1,4 +1,4 @@
-"""Clients and servers of the last release of the protos, whose sources git has, with those of today."""
+"""Clients and servers of the last release of the protos, taken from git, with those of today."""
 
 from __future__ import annotations
 
@@ -41,7 +41,7 @@ asyncio.run(play(sys.argv[1]))
 
 @pytest.fixture(scope="module")
 def before(tmp_path_factory: pytest.TempPathFactory) -> Path:
-    """The tree as it was when the protos were released last, but for weights."""
+    """The tree at the last release of the protos, without weights."""
     last = ["git", "log", "-1", "--format=%H", "--", "proto/released.binpb"]
     commit = subprocess.run(last, cwd=ROOT, check=True, capture_output=True, text=True).stdout.strip()
     assert commit, "git has no history here: clone it whole"
@@ -54,13 +54,13 @@ def before(tmp_path_factory: pytest.TempPathFactory) -> Path:
 
 
 def environment(tree: Path) -> dict[str, str]:
-    """In which Python finds the parts of a tree before those that are installed."""
+    """An environment in which Python finds the parts of a tree before the installed ones."""
     return {**os.environ, "PYTHONPATH": os.pathsep.join(str(tree / part) for part in (*PARTS, "."))}
 
 
 @contextmanager
 def serving(tree: Path, state: Path) -> Iterator[str]:
-    """A server of a tree, whose engines compute nothing. state: folder of what it keeps. Gives its address."""
+    """A server of a tree, whose engines compute nothing. state: the folder for its state. Yields its address."""
     command = [sys.executable, "-m", "tests.bench.null_server", "--port", "0", "--ops-port", "0", "--devices", "cpu:1"]
     more = ["--profile-s", "0.2", "--log-level", "WARNING", "--admit-load", "100"]
     variables = {**environment(tree), "XDG_STATE_HOME": str(state)}
@@ -71,7 +71,7 @@ def serving(tree: Path, state: Path) -> Iterator[str]:
 
 
 def played(tree: Path, address: str) -> str:
-    """What a client of a tree says that opens a session, changes it, plays two seconds and closes it."""
+    """The output of a client of a tree that opens a session, edits it, plays two seconds and closes it."""
     done = subprocess.run(
         [sys.executable, "-c", PLAYED, address], cwd=tree, env=environment(tree), capture_output=True, text=True
     )
@@ -79,11 +79,11 @@ def played(tree: Path, address: str) -> str:
     return done.stdout.strip()
 
 
-def test_a_client_of_before_plays_on_a_server_of_today(before: Path, tmp_path: Path) -> None:
+def test_client_of_the_last_release_plays_on_todays_server(before: Path, tmp_path: Path) -> None:
     with serving(ROOT, tmp_path) as address:
         assert played(before, address) == played(ROOT, address) == "client 40"
 
 
-def test_a_client_of_today_plays_on_a_server_of_before(before: Path, tmp_path: Path) -> None:
+def test_todays_client_plays_on_a_server_of_the_last_release(before: Path, tmp_path: Path) -> None:
     with serving(before, tmp_path) as address:
         assert played(ROOT, address) == "client 40"

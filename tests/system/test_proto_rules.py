@@ -1,4 +1,4 @@
-"""What proto/buf.yaml forbids: each breach of the rules, and each way to break what was released, is told."""
+"""The rules of proto/buf.yaml: breaches of style, and changes that break a released contract, are reported."""
 
 from __future__ import annotations
 
@@ -48,7 +48,7 @@ SIZE = "  // E.\n  float size_m = 2;\n"
 
 @pytest.fixture
 def shop(tmp_path: Path) -> Path:
-    """A released contract under the rules of ours."""
+    """A released contract with the same rules as ours."""
     shutil.copy(PROTO / "buf.yaml", tmp_path)
     write(tmp_path, SHOP)
     subprocess.run([BUF, "build", "--output", "released.binpb"], cwd=tmp_path, check=True)
@@ -62,14 +62,14 @@ def write(folder: Path, text: str) -> None:
 
 
 def complaints(folder: Path, command: tuple[str, ...]) -> str:
-    """What buf says of the protos in a folder; nothing where it lets them pass."""
+    """Buf's output for the protos in a folder; empty if it accepts them."""
     done = subprocess.run([BUF, *command], cwd=folder, capture_output=True, text=True, check=False)
     assert bool(done.returncode) == bool(done.stdout), done.stderr
     return done.stdout
 
 
 @pytest.mark.parametrize("command", [LINT, FORMAT, BREAKING])
-def test_the_example_and_our_protos_pass(shop: Path, command: tuple[str, ...]) -> None:
+def test_example_and_our_protos_pass(shop: Path, command: tuple[str, ...]) -> None:
     assert complaints(shop, command) == ""
     assert complaints(PROTO, command) == ""
 
@@ -93,13 +93,13 @@ def test_the_example_and_our_protos_pass(shop: Path, command: tuple[str, ...]) -
         (BREAKING, "// F.\nmessage BuyResponse {}\n", "// F.\nmessage Sale {}\n", 'message "BuyResponse" was deleted'),
     ],
 )
-def test_a_breach_is_told(shop: Path, command: tuple[str, ...], given: str, broken: str, complaint: str) -> None:
+def test_breach_is_reported(shop: Path, command: tuple[str, ...], given: str, broken: str, complaint: str) -> None:
     assert given in SHOP
     text = SHOP.replace(given, broken)
     write(shop, text.replace("(BuyResponse)", "(Sale)") if "Sale" in broken else text)
     assert complaint in complaints(shop, command)
 
 
-def test_what_stays_reserved_may_go(shop: Path) -> None:
+def test_field_may_go_if_its_number_and_name_are_reserved(shop: Path) -> None:
     write(shop, SHOP.replace(SIZE, '  reserved 2;\n  reserved "size_m";\n'))
     assert complaints(shop, BREAKING) == ""

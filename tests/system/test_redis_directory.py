@@ -1,4 +1,4 @@
-"""Servers that tell each other of their room in a real Redis."""
+"""Servers that tell each other their free capacity through a real Redis."""
 
 from __future__ import annotations
 
@@ -28,7 +28,7 @@ def replica(name: str, share: float = 0.5) -> Replica:
     return Replica(name, f"{name}:1", "0123456789abcdef", {"m": share})
 
 
-def test_each_learns_of_the_others_as_they_are_now(url: str) -> None:
+def test_each_server_learns_the_current_state_of_the_others(url: str) -> None:
     one, other = RedisDirectory(url), RedisDirectory(url)
     assert one.exchange(replica("one")) == []
     assert other.exchange(replica("other", 0.25)) == [replica("one")]
@@ -41,7 +41,7 @@ def test_each_learns_of_the_others_as_they_are_now(url: str) -> None:
     other.close()
 
 
-def test_of_many_some_are_told_and_not_always_the_same(url: str) -> None:
+def test_varying_selection_of_many_servers_is_returned(url: str) -> None:
     directory = RedisDirectory(url)
     for number in range(40):
         directory.exchange(replica(f"s{number}"))
@@ -54,14 +54,14 @@ def test_of_many_some_are_told_and_not_always_the_same(url: str) -> None:
     directory.close()
 
 
-def test_one_that_says_nothing_is_forgotten(url: str) -> None:
+def test_silent_server_is_forgotten(url: str) -> None:
     directory = RedisDirectory(url)
     directory.exchange(replica("silent"))
     until(lambda: directory.exchange(replica("lively")) == [])
     directory.close()
 
 
-def test_a_redis_that_is_away_is_told(tmp_path: Path) -> None:
+def test_unavailable_redis_raises_an_error(tmp_path: Path) -> None:
     directory = RedisDirectory(url_in(tmp_path))
     with pytest.raises(StoreFailed):
         directory.exchange(replica("one"))

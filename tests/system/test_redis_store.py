@@ -1,4 +1,4 @@
-"""The store that is a Redis, with a real one."""
+"""The Redis store of snapshots, with a real Redis."""
 
 from __future__ import annotations
 
@@ -40,14 +40,14 @@ class TestRedis(StoreContract):
     """A Redis that two servers share."""
 
 
-def test_redis_records_expire_too(redis_url: str) -> None:
+def test_redis_records_expire(redis_url: str) -> None:
     store = RedisStore(redis_url, KEEP_S)
     store.save([(Lease("expiring", 1), b"x")])
     left_ms = redis.Redis.from_url(redis_url).pttl("motiongen:session:expiring")
     assert 0 < int(left_ms) <= KEEP_S * 1000  # type: ignore[arg-type]
 
 
-def test_a_redis_that_is_away_or_full_fails_with_its_address(redis_url: str, tmp_path: Path) -> None:
+def test_unavailable_or_full_redis_raises_an_error_without_its_password(redis_url: str, tmp_path: Path) -> None:
     away = RedisStore(f"unix://user:secret@{tmp_path}/none.sock", KEEP_S)
     with pytest.raises(StoreFailed) as failed:
         away.save([(Lease("a", 1), b"x")])
@@ -61,8 +61,8 @@ def test_a_redis_that_is_away_or_full_fails_with_its_address(redis_url: str, tmp
         client.config_set("maxmemory", "0")
 
 
-def test_a_full_redis_renews_and_forgets_though_it_takes_nothing(redis_url: str) -> None:
-    """By this what was saved outlives the time for which nothing can be, and makes room when its session is over."""
+def test_full_redis_still_renews_and_drops_records(redis_url: str) -> None:
+    """So saved sessions outlive a time in which nothing can be saved, and make room when they are over."""
     store, client = RedisStore(redis_url, KEEP_S), redis.Redis.from_url(redis_url)
     kept, over = Lease("k", 1), Lease("o", 1)
     store.save([(kept, b"x"), (over, b"y")])

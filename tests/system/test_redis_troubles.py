@@ -1,4 +1,4 @@
-"""A real Redis that is slow, full, gone, or another one after a failover: sessions are served on and told."""
+"""A real Redis that hangs, is full, restarts, or fails over: sessions play on, and clients are told of it."""
 
 from __future__ import annotations
 
@@ -36,7 +36,7 @@ def short_delays(monkeypatch: pytest.MonkeyPatch) -> None:
 
 
 class RealRedis:
-    """A Redis of the test's own, on a socket and on a port. process: it, which a test may stop and kill."""
+    """A Redis of the test's own, on a socket and on a port. process: a test may stop and kill it."""
 
     def __init__(self, folder: Path) -> None:
         folder.mkdir()
@@ -66,7 +66,7 @@ def one(tmp_path: Path) -> Iterator[RealRedis]:
 
 
 class Played(NamedTuple):
-    """A session that is saved, what it is told of that from now on, its server, and the line to it."""
+    """A saved session, the durability reports that it gets from now on, its server, and the proxy in front of it."""
 
     session: Session
     told: list[bool]
@@ -76,7 +76,7 @@ class Played(NamedTuple):
 
 @asynccontextmanager
 async def playing(url: str) -> AsyncIterator[Played]:
-    """A session whose server saves it in that Redis."""
+    """A session whose server saves it in the Redis at that URL."""
     server = LocalServer(facts=FACTS_AS_SERVED, snapshots=RedisStore(url, 60))
     async with (
         asyncio.timeout(LIMIT_S),
@@ -93,7 +93,7 @@ async def playing(url: str) -> AsyncIterator[Played]:
 
 
 async def frames_of(session: Session, count: int) -> list[int]:
-    """The numbers of the next frames, taken as fast as they come."""
+    """The numbers of the next frames, played as fast as they come."""
     numbers: list[int] = []
     async for frame in session.frames(realtime=False):
         numbers.append(int(session.playback.row(frame.index)[FRAME]))
@@ -103,7 +103,7 @@ async def frames_of(session: Session, count: int) -> list[int]:
 
 
 async def is_served_on(session: Session) -> None:
-    """An edit is answered and shown, and no frame is left out or repeated."""
+    """Check that an edit is answered and takes effect, and that no frame is left out or repeated."""
     answer = await session.set_prompt("x" * (1 + session.playback.playhead % 500))
     numbers = await frames_of(session, 60)
     assert numbers == list(range(numbers[0], numbers[0] + 60))
@@ -111,7 +111,7 @@ async def is_served_on(session: Session) -> None:
     assert session.reopenings == ()
 
 
-async def test_a_redis_that_does_not_answer_holds_nobody_up(one: RealRedis) -> None:
+async def test_hanging_redis_delays_no_session(one: RealRedis) -> None:
     async with playing(url_in(one.folder)) as (session, told, server, _):
         one.process.send_signal(signal.SIGSTOP)
         try:
@@ -127,7 +127,7 @@ async def test_a_redis_that_does_not_answer_holds_nobody_up(one: RealRedis) -> N
         await is_served_on(session)
 
 
-async def test_a_full_redis_is_told_of_and_used_again_once_there_is_room(one: RealRedis) -> None:
+async def test_full_redis_is_reported_and_used_again_once_there_is_room(one: RealRedis) -> None:
     async with playing(url_in(one.folder)) as (session, told, _, _):
         one.client.config_set("maxmemory", "1")
         await is_served_on(session)
@@ -137,7 +137,7 @@ async def test_a_full_redis_is_told_of_and_used_again_once_there_is_room(one: Re
         await until_true(lambda: told == [False, True])
 
 
-async def test_a_redis_that_is_gone_and_comes_back_empty_has_every_session_again(one: RealRedis) -> None:
+async def test_restarted_empty_redis_gets_every_session_again(one: RealRedis) -> None:
     async with playing(url_in(one.folder)) as (session, told, _, _):
         one.end()
         await is_served_on(session)
@@ -148,7 +148,7 @@ async def test_a_redis_that_is_gone_and_comes_back_empty_has_every_session_again
         assert one.client.dbsize() == 1
 
 
-async def test_a_session_that_stands_is_saved_again_in_a_redis_that_was_emptied(one: RealRedis) -> None:
+async def test_paused_session_is_saved_again_in_an_emptied_redis(one: RealRedis) -> None:
     async with playing(url_in(one.folder)) as (session, told, _, _):
         await session.pause()
         await until_true(lambda: session.durable_seq == session.last_seq)
@@ -157,10 +157,8 @@ async def test_a_session_that_stands_is_saved_again_in_a_redis_that_was_emptied(
         assert one.client.dbsize() == 1
 
 
-async def test_after_a_failover_another_server_goes_on_with_what_the_replica_holds(
-    one: RealRedis, tmp_path: Path
-) -> None:
-    """Behind one address, as a primary with replicas is: the primary dies, its replica is promoted."""
+async def test_after_a_failover_another_server_continues_from_the_redis_replica(one: RealRedis, tmp_path: Path) -> None:
+    """Primary and replica are behind one address: the primary dies, and the replica is promoted."""
     replica = RealRedis(tmp_path / "two")
     try:
         replica.client.replicaof("127.0.0.1", str(one.port))  # type: ignore[no-untyped-call]
@@ -184,7 +182,7 @@ async def test_after_a_failover_another_server_goes_on_with_what_the_replica_hol
                     line.cut()
                     await is_served_on(session)
                     assert (session.stats.resumes, second.engine.num_sessions) == (1, 1)
-                    await until_true(lambda: not first.engine.num_sessions)  # it is fenced
+                    await until_true(lambda: not first.engine.num_sessions)  # the first server has given up the session
                     await session.close()
     finally:
         replica.end()

@@ -1,4 +1,4 @@
-"""Two servers of one Redis, of which one is full: sessions are opened on the other, and go on there after a loss."""
+"""Servers that share a Redis: when one is full, sessions open or resume on another one."""
 
 from __future__ import annotations
 
@@ -21,7 +21,7 @@ from tests.waiting import until, until_true
 pytestmark = pytest.mark.system
 
 ROOM = 3
-"""Sessions that each server lets in."""
+"""The number of sessions that each server admits."""
 
 
 @pytest.fixture
@@ -31,7 +31,7 @@ def replicas(tmp_path: Path) -> Iterator[Replicas]:
 
 
 def come_to(replicas: Replicas, *counts: int) -> None:
-    """Wait until the servers have so many sessions: what they tell of themselves is a moment old."""
+    """Wait until the servers' metrics, which lag behind a little, show these numbers of sessions."""
     until(lambda: tuple(each.metric("motiongen_sessions") for each in replicas.all) == counts)
 
 
@@ -41,7 +41,7 @@ def know_each_other(replicas: Replicas) -> None:
 
 
 async def plays(session: Session) -> None:
-    """Whether frames come, and edits are answered."""
+    """Check that edits are answered and frames come."""
     held = session.playback.buffered_to
     await session.set_prompt("a person runs forward")
     async for _ in session.frames(0.5):
@@ -50,7 +50,7 @@ async def plays(session: Session) -> None:
 
 
 async def opened(client: MotionClient, replicas: Replicas) -> Session:
-    """A session, once there is room: what a server that stands still for seconds told of itself is forgotten."""
+    """Open a session, once a server has room: a server that stalls for seconds is forgotten for a while."""
     while True:
         try:
             return await client.open("a person walks forward")
@@ -60,7 +60,7 @@ async def opened(client: MotionClient, replicas: Replicas) -> Session:
         await asyncio.to_thread(know_each_other, replicas)
 
 
-async def test_a_client_goes_to_the_server_that_has_room(replicas: Replicas) -> None:
+async def test_client_opens_sessions_on_the_server_with_room(replicas: Replicas) -> None:
     first, second = replicas.all
     await asyncio.to_thread(know_each_other, replicas)
     async with MotionClient(first.address, other_addresses=[second.address]) as client:
@@ -75,12 +75,12 @@ async def test_a_client_goes_to_the_server_that_has_room(replicas: Replicas) -> 
             assert (session.stats.resumes, session.reopenings) == (0, ())
 
 
-async def test_behind_a_proxy_the_key_leads_there(replicas: Replicas, tmp_path: Path) -> None:
+async def test_behind_a_proxy_the_key_leads_to_the_server_with_room(replicas: Replicas, tmp_path: Path) -> None:
     credentials = grpc.ssl_channel_credentials((CERTIFICATES / "authority.pem").read_bytes())
     await asyncio.to_thread(know_each_other, replicas)
     with HaProxy(tmp_path, replicas.behind) as proxy:
         scouts = [MotionClient(proxy.address, credentials=credentials) for _ in range(8)]
-        for scout in scouts:  # so that each server has been led to by a key
+        for scout in scouts:  # so that each server has seen a key that leads to it
             await scout.connect()
         await asyncio.to_thread(until, lambda: all(named(replicas)))
         async with MotionClient(proxy.address, credentials=credentials) as client:
@@ -93,14 +93,14 @@ async def test_behind_a_proxy_the_key_leads_there(replicas: Replicas, tmp_path: 
 
 
 def named(replicas: Replicas) -> list[bool]:
-    """Whether each server has told of a key that leads to it."""
+    """For each server, whether it has told a key that leads to it."""
     client = redis.Redis.from_url(replicas.store)
     told = [json.loads(each) for each in client.hgetall(SERVERS).values()]
     client.close()
     return [bool(each["key"]) for each in told]
 
 
-async def test_a_session_that_the_next_server_has_no_room_for_goes_on_at_a_third(tmp_path: Path) -> None:
+async def test_session_resumes_on_a_third_server_if_the_next_has_no_room(tmp_path: Path) -> None:
     with Replicas(tmp_path, 3, ("--max-sessions", str(ROOM)), program=NULL_SERVER) as replicas:
         first, second, third = replicas.all
         await asyncio.to_thread(know_each_other, replicas)

@@ -1,4 +1,4 @@
-"""The wheels of all parts, installed where nothing of this repository can be seen, serve and receive a stream."""
+"""The wheels of all parts, installed where nothing else of this repository is visible, serve and play a stream."""
 
 from __future__ import annotations
 
@@ -40,9 +40,9 @@ def run(*command: str | Path, folder: Path) -> str:
 
 @pytest.fixture(scope="module")
 def installed(tmp_path_factory: pytest.TempPathFactory) -> Path:
-    """The Python of an environment with our wheels, and what others made from the environment that runs the tests."""
+    """The Python of an environment with our wheels, and other packages from the environment that runs the tests."""
     folder = tmp_path_factory.mktemp("wheels")
-    parts = [folder / "sources" / part for part in PARTS]  # pip builds in place, and leaves there what it has built
+    parts = [folder / "sources" / part for part in PARTS]  # copies, since pip leaves build files in the source folders
     for part, copy in zip(PARTS, parts, strict=True):
         shutil.copytree(ROOT / part, copy, symlinks=True, ignore=shutil.ignore_patterns("build", "*.egg-info"))
     options = ["--quiet", "--no-deps", "--no-build-isolation", "--wheel-dir", str(folder / "wheels")]
@@ -52,17 +52,17 @@ def installed(tmp_path_factory: pytest.TempPathFactory) -> Path:
     wheels = sorted((folder / "wheels").glob("*.whl"))
     assert len(wheels) == len(PARTS)
     run(python, "-m", "pip", "install", "--quiet", "--no-index", "--no-deps", *wheels, folder=folder)
-    # a .pth names a folder, whose own .pth files, those of editable installs, are not read
+    # the .pth files in a folder that a .pth file names are not read, so editable installs stay invisible
     (site,) = (folder / "venv" / "lib").glob("python*/site-packages")
     (site / "others.pth").write_text(sysconfig.get_path("purelib") + "\n")
     return python
 
 
-def test_a_stream_from_the_wheels(installed: Path, tmp_path: Path) -> None:
+def test_wheels_serve_and_play_a_stream(installed: Path, tmp_path: Path) -> None:
     assert run(installed, "-W", "error", "-c", PROGRAM, folder=tmp_path).strip() == "frames: 20"
 
 
-def test_the_commands_are_installed(installed: Path, tmp_path: Path) -> None:
+def test_commands_are_installed(installed: Path, tmp_path: Path) -> None:
     assert "usage:" in run(installed.parent / "motiongen", "--help", folder=tmp_path)
     assert "HOST:PORT" in run(installed.parent / "motiongen-compliance", "--help", folder=tmp_path)
     assert "--text-encoder" in run(installed.parent / "motiongen-server", "--help", folder=tmp_path)

@@ -1,4 +1,4 @@
-"""NPZ in ARDY's form: the model library reads what the client writes, and the other way round."""
+"""NPZ in ARDY's format: the model library reads what the client writes, and the other way round."""
 
 from __future__ import annotations
 
@@ -27,7 +27,7 @@ def motion(name: str, num_frames: int = 12) -> Motion:
 
 
 @pytest.mark.parametrize("name", SKELETONS)
-def test_the_library_reads_and_writes_the_same_arrays(name: str, tmp_path: Path) -> None:
+def test_the_model_library_reads_and_writes_the_same_arrays(name: str, tmp_path: Path) -> None:
     made = motion(name)
     write_ardy_npz(tmp_path / "ours.npz", made, "a person walks")
     stored = read_npz(tmp_path / "ours.npz")
@@ -42,7 +42,7 @@ def test_the_library_reads_and_writes_the_same_arrays(name: str, tmp_path: Path)
 
 
 @pytest.mark.parametrize("name", SKELETONS)
-def test_a_motion_comes_back(name: str, tmp_path: Path) -> None:
+def test_motion_round_trips(name: str, tmp_path: Path) -> None:
     made = motion(name)
     write_ardy_npz(tmp_path / "a.npz", made)
     back = read_ardy_npz(tmp_path / "a.npz", made.rig)
@@ -55,7 +55,7 @@ def test_a_motion_comes_back(name: str, tmp_path: Path) -> None:
     )
 
 
-def test_the_motion_of_something_else_is_refused(tmp_path: Path) -> None:
+def test_motion_of_another_rig_and_invalid_files_are_refused(tmp_path: Path) -> None:
     made = motion("core27")
     write_ardy_npz(tmp_path / "a.npz", made)
     with pytest.raises(InvalidInput, match="34 joints"):
@@ -70,7 +70,7 @@ def test_the_motion_of_something_else_is_refused(tmp_path: Path) -> None:
         read_ardy_npz(tmp_path / "c.npz", made.rig)
 
 
-def test_quaternions_and_matrices_are_the_same_rotations() -> None:
+def test_quaternions_and_matrices_represent_the_same_rotations() -> None:
     vectors = np.concatenate([np.eye(3) * np.pi, np.eye(3) * 1e-9, np.zeros((1, 3)), np.eye(3) * -2.5])
     quaternions = axis_angle_to_quaternion(vectors)
     np.testing.assert_allclose(np.linalg.norm(quaternions, axis=-1), 1.0)

@@ -24,40 +24,40 @@ from tests.client.synthetic import catalog
 from tests.waiting import until_true
 
 
-def test_prompts_take_the_time_before_them() -> None:
+def test_a_prompt_starts_at_the_time_given_before_it() -> None:
     options = parse(["stream", "--prompt", "walk", "--at", "4", "--prompt", "run", "--at", "6.5", "--prompt", "sit"])
     assert options.script.prompts == [(0.0, "walk"), (4.0, "run"), (6.5, "sit")]
     assert options.server == "localhost:50051"
 
 
-def test_the_first_prompt_may_wait() -> None:
+def test_the_first_prompt_may_start_later() -> None:
     assert parse(["stream", "--at", "2", "--prompt", "run"]).script.prompts == [(2.0, "run")]
 
 
-def test_waypoints_have_a_place_a_time_and_perhaps_a_heading() -> None:
+def test_waypoints_have_a_place_a_time_and_an_optional_heading() -> None:
     options = parse(["stream", "--waypoint", "0.5,4@3", "--waypoint=-1,2,1.57@5"])
     assert options.waypoint == [TimedWaypoint(3.0, 0.5, 4.0), TimedWaypoint(5.0, -1.0, 2.0, 1.57)]
 
 
-def test_a_clip_takes_a_timeline_and_settings_of_its_server() -> None:
+def test_generate_accepts_a_timeline_and_settings_of_its_server() -> None:
     line = ["generate", "walk", "--at", "2", "--prompt", "run", "--out", "a.npz", "--out", "b.glb", "--start-server"]
     options = parse([*line, "--", "--model", "g1"])
     assert options.script.prompts == [(0.0, "walk"), (2.0, "run")]
     assert options.out == [Path("a.npz"), Path("b.glb")]
     assert options.server_arguments == ["--model", "g1"]
-    assert options.start_timeout is None, "the first start of a model takes as long as its weights take to come"
+    assert options.start_timeout is None, "the first start of a model takes as long as the download of its weights"
 
 
 @pytest.mark.parametrize(
     "command",
     ["generate walk --start-server", "bench --start-server", "view --start-server", "gallery motiongen-mini", "demo"],
 )
-def test_commands_that_start_a_server_may_bound_its_start(command: str) -> None:
+def test_commands_that_start_a_server_accept_a_start_timeout(command: str) -> None:
     assert parse([*command.split(), "--start-timeout", "30"]).start_timeout == 30
 
 
 @pytest.mark.parametrize(("given", "file"), [("walk.bvh", "walk.bvh"), ("out/walk", "out/walk.bvh")])
-def test_the_output_is_a_bvh_file(given: str, file: str) -> None:
+def test_the_output_of_stream_is_a_bvh_file(given: str, file: str) -> None:
     assert parse(["stream", "--prompt", "walk", "--out", given]).out == Path(file)
 
 
@@ -100,19 +100,21 @@ def test_the_output_is_a_bvh_file(given: str, file: str) -> None:
         ("stream --prompt walk --out caf\udce9.bvh", "is not valid UTF-8 text"),
     ],
 )
-def test_wrong_arguments_are_named(arguments: str, complaint: str, capsys: pytest.CaptureFixture[str]) -> None:
+def test_invalid_arguments_are_reported(arguments: str, complaint: str, capsys: pytest.CaptureFixture[str]) -> None:
     assert run(arguments.split()) == 2
     assert complaint in capsys.readouterr().err
 
 
 @pytest.mark.parametrize("command", ["", "stream", "catalog", "demo"])
-def test_help_is_no_error(command: str, capsys: pytest.CaptureFixture[str]) -> None:
+def test_help_exits_with_0(command: str, capsys: pytest.CaptureFixture[str]) -> None:
     assert run([*command.split(), "--help"]) == 0
     assert "usage: motiongen" in capsys.readouterr().out
 
 
 @pytest.mark.parametrize("command", ["catalog", "stream --prompt walk"])
-def test_no_server_is_one_line(command: str, capsys: pytest.CaptureFixture[str]) -> None:
+def test_an_unreachable_server_is_reported_without_a_traceback(
+    command: str, capsys: pytest.CaptureFixture[str]
+) -> None:
     assert run([*command.split(), "--server", "127.0.0.1:1", "--connect-timeout", "0.2"]) == 1
     error = capsys.readouterr().err
     assert error.startswith("error: no motiongen server answers at 127.0.0.1:1")
@@ -124,7 +126,7 @@ async def command(*arguments: str) -> int:
     return await asyncio.to_thread(run, arguments)
 
 
-async def test_stream_writes_what_was_asked_for(
+async def test_stream_writes_the_requested_files(
     server: FakeServer, tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
     out = tmp_path / "new" / "walk"
@@ -143,7 +145,7 @@ async def test_stream_writes_what_was_asked_for(
     assert "CC0-1.0" in printed
 
 
-async def test_the_end_is_no_frame_and_brackets_are_part_of_a_name(
+async def test_times_round_down_to_a_frame_and_brackets_in_file_names_are_shown(
     server: FakeServer, tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
     out = tmp_path / "walk[b].bvh"
@@ -155,7 +157,7 @@ async def test_the_end_is_no_frame_and_brackets_are_part_of_a_name(
 
 
 @pytest.mark.parametrize("asked", ["stream --prompt walk --out {}.bvh", "generate walk --out {}.npz --samples 2"])
-def test_what_cannot_be_written_is_told_before_the_work(
+def test_output_that_cannot_be_written_is_refused_before_the_work(
     asked: str, tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
     (tmp_path / "file").write_text("no folder")
@@ -163,10 +165,18 @@ def test_what_cannot_be_written_is_told_before_the_work(
     assert run([*command, "--server", "127.0.0.1:1", "--connect-timeout", "0.2"]) == 1
     error = capsys.readouterr().err
     assert error.startswith("error: --out: ")
-    assert "a folder that can be made and written" in error
+    assert error.endswith(f"allowed is a folder: {tmp_path / 'file'} is not one\n")
 
 
-def test_a_file_that_goes_wrong_is_one_line(
+@pytest.mark.parametrize(
+    "asked", ["stream --prompt walk --out {}/a/b.bvh", "generate walk --out {}/a/b.npz --samples 2"]
+)
+def test_failed_command_leaves_no_folder_behind(asked: str, tmp_path: Path) -> None:
+    assert run([*asked.format(tmp_path).split(), "--server", "127.0.0.1:1", "--connect-timeout", "0.2"]) == 1
+    assert not any(tmp_path.iterdir())
+
+
+def test_an_os_error_is_reported_in_one_line(
     monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
 ) -> None:
     async def fill_the_disk(options: object) -> int:
@@ -183,7 +193,7 @@ async def test_catalog_lists_models_rigs_and_limits(server: FakeServer, capsys: 
     assert all(word in printed for word in ("synthetic", "stick9", "2.5 M", "max_prompts", "CC0-1.0"))
 
 
-async def test_texts_are_shown_as_they_are(
+async def test_texts_with_markup_are_shown_literally(
     server: FakeServer, capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
 ) -> None:
     offered = catalog(100)
@@ -194,14 +204,23 @@ async def test_texts_are_shown_as_they_are(
     assert "[/red] [bold]CC0 :car:" in capsys.readouterr().out
 
 
-async def test_a_model_that_is_not_there_lists_those_that_are(
+async def test_an_unknown_model_is_refused_with_the_known_ones(
     server: FakeServer, capsys: pytest.CaptureFixture[str]
 ) -> None:
     assert await command("stream", "--server", server.address, "--prompt", "walk", "--model", "big") == 1
     assert "no model is called 'big'; known are: synthetic" in capsys.readouterr().err
 
 
-async def test_a_server_that_stays_away_ends_the_command(
+async def test_clip_longer_than_the_limit_is_refused_in_seconds(
+    server: FakeServer, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    out = ["--out", str(tmp_path / "walk.npz")]
+    assert await command("generate", "walk", "--server", server.address, "--seconds", "100000", *out) == 1
+    error = capsys.readouterr().err
+    assert error.startswith("error: --seconds: 100000.0 was given; allowed is at most ")
+
+
+async def test_a_server_that_does_not_come_back_ends_the_command(
     server: FakeServer, tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
 ) -> None:
     monkeypatch.setattr("motiongen_tools.connection.RECOVER_S", 0)
@@ -223,12 +242,14 @@ async def test_a_server_that_stays_away_ends_the_command(
         ("admin unload g1 --grace 3 --server a:1", "a:1", None),
     ],
 )
-def test_where_to_may_stand_before_or_behind_the_deed(line: str, server: str, token: Path | None) -> None:
+def test_options_of_admin_may_precede_or_follow_the_action(line: str, server: str, token: Path | None) -> None:
     options = parse(line.split())
     assert (options.server, options.token_file) == (server, token)
 
 
-async def test_a_refusal_is_one_line(server: FakeServer, capsys: pytest.CaptureFixture[str]) -> None:
+async def test_a_refusal_by_the_server_is_reported_as_an_error(
+    server: FakeServer, capsys: pytest.CaptureFixture[str]
+) -> None:
     server.refuse = lambda event: "BLANK_PROMPT" if event.WhichOneof("event") == "open" else ""
     assert await command("stream", "--server", server.address, "--prompt", " ") == 1
     assert capsys.readouterr().err.startswith("error: opening a session was refused with BLANK_PROMPT")
@@ -248,7 +269,7 @@ def test_a_missing_extra_says_what_to_install(monkeypatch: pytest.MonkeyPatch) -
 
 
 @pytest.mark.parametrize("deed", ["unload", "reload"])
-def test_a_grace_that_is_no_time_is_one_line(deed: str, capsys: pytest.CaptureFixture[str]) -> None:
+def test_an_invalid_grace_is_reported_as_an_error(deed: str, capsys: pytest.CaptureFixture[str]) -> None:
     assert run(["admin", deed, "g1", "--grace", "1e300", "--server", "localhost:1"]) == 1
     assert capsys.readouterr().err.startswith("error: grace_s: 1e+300 was given; allowed is seconds from 0")
 
@@ -267,7 +288,7 @@ sys.exit(cli.run(["catalog"]))
 """
 
 
-def test_what_a_terminal_has_no_sign_for_ends_no_command() -> None:
+def test_characters_that_the_terminal_cannot_show_are_escaped() -> None:
     done = subprocess.run(
         [sys.executable, "-c", SAYS_MORE_THAN_ASCII],
         env={**os.environ, "PYTHONIOENCODING": "ascii"}, capture_output=True, text=True, check=False,

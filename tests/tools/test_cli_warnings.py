@@ -1,4 +1,4 @@
-"""The command line shows what the library warns of."""
+"""The command line shows warnings of the client library."""
 
 from __future__ import annotations
 
@@ -9,7 +9,7 @@ import pytest
 from motiongen_tools.cli import warnings_shown
 
 
-def test_the_command_line_shows_what_the_library_warns_of_once(capsys: pytest.CaptureFixture[str]) -> None:
+def test_a_warning_of_the_client_library_is_shown_once(capsys: pytest.CaptureFixture[str]) -> None:
     log = logging.getLogger("motiongen_client.session")
     before = list(logging.getLogger("motiongen_client").handlers)
     with warnings_shown():

@@ -1,4 +1,4 @@
-"""What `motiongen generate` says of constraints: how near each sample came, and whether it was near enough."""
+"""What `motiongen generate` reports of constraints: each sample's residual, and whether the constraint was met."""
 
 from __future__ import annotations
 
@@ -27,7 +27,7 @@ def test_the_report_says_whether_a_constraint_was_met(stick_rig: Rig) -> None:
         assert residual["position_m"] == {"mean": 0.05, "worst": 0.05}
 
 
-def test_the_table_counts_the_samples_that_met_it(stick_rig: Rig) -> None:
+def test_the_table_counts_the_samples_that_met_a_constraint(stick_rig: Rig) -> None:
     clips = [clip_of(stick_rig, 0.05, True), clip_of(stick_rig, 0.04, True), clip_of(stick_rig, 0.3, False)]
     console = Console(file=io.StringIO(), width=120)
     console.print(residual_table(clips, [WAYPOINT]))

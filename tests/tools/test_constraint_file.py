@@ -1,4 +1,4 @@
-"""Constraint files: what the client makes of them is what the model library makes of them."""
+"""Constraint files: the client reads the same constraints from them as the model library."""
 
 from __future__ import annotations
 
@@ -44,7 +44,7 @@ def poses(name: str, *frames: int, limbs: tuple[str, ...] | None = None, moved: 
 
 
 @pytest.mark.parametrize("name", SKELETONS)
-def test_whole_poses_are_keyframes(name: str, tmp_path: Path) -> None:
+def test_full_poses_become_keyframes(name: str, tmp_path: Path) -> None:
     constraint = poses(name, 3, 9)
     write_constraints(tmp_path / "c.json", [constraint])
     targets = constraint_targets(load_skeleton(name), [constraint])
@@ -55,7 +55,7 @@ def test_whole_poses_are_keyframes(name: str, tmp_path: Path) -> None:
         np.testing.assert_allclose(keyframe.positions_m, expected, atol=1e-5)
 
 
-def test_a_file_that_is_too_large_is_told_so(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+def test_a_file_that_is_too_large_is_refused(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr("motiongen_tools.constraint_file.MAX_BYTES", 1)
     (tmp_path / "c.json").write_text("[]")
     with pytest.raises(InvalidInput, match=r"at most 1 bytes$"):
@@ -63,7 +63,7 @@ def test_a_file_that_is_too_large_is_told_so(tmp_path: Path, monkeypatch: pytest
 
 
 @pytest.mark.parametrize("limbs", [("LeftHand", "Hips"), ("LeftHand",)])
-def test_limbs_are_as_far_from_a_root_that_shall_be_elsewhere(limbs: tuple[str, ...], tmp_path: Path) -> None:
+def test_limbs_keep_their_offset_from_a_moved_root(limbs: tuple[str, ...], tmp_path: Path) -> None:
     constraint = poses("core27", 2, limbs=limbs, moved=True)
     write_constraints(tmp_path / "c.json", [constraint])
     skeleton = load_skeleton("core27")
@@ -79,7 +79,9 @@ def test_limbs_are_as_far_from_a_root_that_shall_be_elsewhere(limbs: tuple[str, 
 
 @pytest.mark.parametrize("name", SKELETONS)
 @pytest.mark.parametrize("limbs", [("LeftHand", "Hips"), ("RightFoot",), ("LeftFoot", "RightHand")])
-def test_limbs_leave_free_what_the_library_leaves_free(name: str, limbs: tuple[str, ...], tmp_path: Path) -> None:
+def test_limbs_constrain_the_same_joints_as_in_the_model_library(
+    name: str, limbs: tuple[str, ...], tmp_path: Path
+) -> None:
     constraint = poses(name, 7, limbs=limbs)
     write_constraints(tmp_path / "c.json", [constraint])
     targets = constraint_targets(load_skeleton(name), [constraint])
@@ -101,7 +103,7 @@ def test_limbs_leave_free_what_the_library_leaves_free(name: str, limbs: tuple[s
     np.testing.assert_allclose((facing.x_m, facing.z_m), targets.ground[7], atol=1e-5)
 
 
-def test_a_pose_may_stand_elsewhere(tmp_path: Path) -> None:
+def test_a_pose_may_have_another_ground_position(tmp_path: Path) -> None:
     constraint = poses("core27", 2, moved=True)
     assert constraint.ground is not None
     write_constraints(tmp_path / "c.json", [constraint])
@@ -110,7 +112,7 @@ def test_a_pose_may_stand_elsewhere(tmp_path: Path) -> None:
     np.testing.assert_allclose(keyframe.positions_m[0, [0, 2]], constraint.ground[0], atol=1e-6)
 
 
-def test_frames_one_after_another_are_a_path(tmp_path: Path) -> None:
+def test_consecutive_frames_become_root_trajectories(tmp_path: Path) -> None:
     frames = (4, 5, 6, 9, 10, 2)
     ground, heading = torch.randn(6, 2), torch.randn(6)
     write_constraints(tmp_path / "c.json", [RootConstraint(frames, ground, heading)])
@@ -122,7 +124,7 @@ def test_frames_one_after_another_are_a_path(tmp_path: Path) -> None:
     np.testing.assert_allclose(joined, ground, atol=1e-6)
 
 
-def test_the_other_writing_of_headings_and_positions(tmp_path: Path) -> None:
+def test_the_other_form_of_headings_and_positions_is_read(tmp_path: Path) -> None:
     entry = {
         "type": "root2d",
         "frame_indices": [3],
@@ -143,9 +145,9 @@ ROOT: dict[str, Any] = {"type": "root2d", "frame_indices": [3], "root_2d": [[1, 
 @pytest.mark.parametrize(
     ("content", "named"),
     [
-        ("{", "path"),
-        ('"no list"', "path"),
-        ("[1]", "path"),
+        ("{", "constraint file"),
+        ('"no list"', "constraint file"),
+        ("[1]", "constraint file"),
         (json.dumps([ROOT, {"type": "jump"}]), "constraint 1, type"),
         (json.dumps([{**ROOT, "frame_indices": [20]}]), "constraint 0, frame_indices"),
         (json.dumps([{**ROOT, "frame_indices": [True]}]), "constraint 0, frame_indices"),
@@ -156,16 +158,16 @@ ROOT: dict[str, Any] = {"type": "root2d", "frame_indices": [3], "root_2d": [[1, 
         (json.dumps([{"type": "fullbody", "frame_indices": [1]}]), "constraint 0, local_joints_rot"),
         ('[{"type": "root2d", "frame_indices": [1], "root_2d": [[NaN, 1]]}]', "constraint 0, root_2d"),
         (json.dumps([{**ROOT, "root_2d": [[1, 10**400]]}]), "constraint 0, root_2d"),
-        (json.dumps([ROOT]).replace("[1, 2]", f"[1, {'9' * 5000}]"), "path"),
+        (json.dumps([ROOT]).replace("[1, 2]", f"[1, {'9' * 5000}]"), "constraint file"),
     ],
 )
-def test_a_mistake_names_entry_and_field(content: str, named: str, tmp_path: Path) -> None:
+def test_a_mistake_is_reported_with_entry_and_field(content: str, named: str, tmp_path: Path) -> None:
     (tmp_path / "c.json").write_text(content)
     with pytest.raises(InvalidInput) as refused:
         read_constraints(tmp_path / "c.json", rig_of("core27"), 20)
     assert refused.value.field == named
 
 
-def test_a_file_that_is_not_there_is_named(tmp_path: Path) -> None:
+def test_a_missing_file_is_reported(tmp_path: Path) -> None:
     with pytest.raises(InvalidInput, match="a file that can be read"):
         read_constraints(tmp_path / "none.json", rig_of("core27"), 20)

@@ -1,4 +1,4 @@
-"""The demo's judgement and its files, with the fake server; the real one is in tests/e2e."""
+"""The demo's verdict and its files, with the fake server; tests/e2e has the real one."""
 
 from __future__ import annotations
 
@@ -17,7 +17,7 @@ from tests.client.fake_server import FakeServer
 
 @pytest.fixture
 def slow_server() -> Iterator[FakeServer]:
-    """At the built-in model's frame rate: what is shown does not wait for real time."""
+    """A server at the built-in model's frame rate: what is shown does not wait for real time."""
     with FakeServer(frame_rate=20) as running:
         yield running
 
@@ -26,7 +26,7 @@ async def demo(server: FakeServer, out: Path, *more: str) -> int:
     return await asyncio.to_thread(run, ["demo", "--server", server.address, "--out", str(out), *more])
 
 
-async def test_the_whole_script_is_asked_written_drawn_and_measured(
+async def test_the_whole_script_is_played_written_drawn_and_measured(
     slow_server: FakeServer, tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
     assert await demo(slow_server, tmp_path, "--bound", "100") == 0
@@ -47,7 +47,7 @@ async def test_the_whole_script_is_asked_written_drawn_and_measured(
 async def test_a_missed_waypoint_fails_the_demo(
     slow_server: FakeServer, tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
-    """The fake server's characters obey nothing: they go 1 m/s along +Z."""
+    """The fake server's characters ignore all events: they go 1 m/s along +Z."""
     assert await demo(slow_server, tmp_path, "--bound", "0.3", "--seconds", "10.5") == 1
     problems = [line for line in capsys.readouterr().out.splitlines() if line.startswith("problem: ")]
     num_places = sum(isinstance(action, GoTo) for role in CAST for cue in role.cues for action in cue.actions)
@@ -55,11 +55,11 @@ async def test_a_missed_waypoint_fails_the_demo(
     assert all("missed by" in line and "more than 30" in line for line in problems)
 
 
-async def test_what_is_not_due_yet_is_not_missed(slow_server: FakeServer, tmp_path: Path) -> None:
+async def test_goals_that_are_not_due_yet_are_not_missed(slow_server: FakeServer, tmp_path: Path) -> None:
     assert await demo(slow_server, tmp_path, "--seconds", "3") == 0
 
 
-async def test_a_character_that_gets_no_motion_fails_the_demo(
+async def test_a_session_that_is_closed_fails_the_demo(
     slow_server: FakeServer, tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
     def end_of_the_third(event: session_pb2.SessionEvent) -> str:
@@ -73,7 +73,7 @@ async def test_a_character_that_gets_no_motion_fails_the_demo(
     assert "problem: circle: the session has ended (engine_fault): broken" in capsys.readouterr().out
 
 
-async def test_a_refused_cue_and_a_warning_are_told(
+async def test_a_refused_cue_and_a_warning_are_reported(
     slow_server: FakeServer, tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
     def refuse(event: session_pb2.SessionEvent) -> str:

@@ -1,4 +1,4 @@
-"""What the tools say is missing, pip can be asked for: extras that there are, with the packages that are named."""
+"""Messages about missing packages name extras that exist and that contain these packages."""
 
 from __future__ import annotations
 
@@ -24,13 +24,13 @@ def project() -> dict[str, Any]:
 
 
 def missing_extras(path: Path) -> list[list[Any]]:
-    """The arguments of each MissingExtra of a file; None for what is no constant."""
+    """The arguments of each MissingExtra of a file; None for one that is not a constant."""
     calls = [node for node in ast.walk(ast.parse(path.read_text(encoding="utf-8"))) if isinstance(node, ast.Call)]
     found = [call for call in calls if isinstance(call.func, ast.Name) and call.func.id == "MissingExtra"]
     return [[each.value if isinstance(each, ast.Constant) else None for each in call.args] for call in found]
 
 
-def test_every_extra_that_is_asked_for_is_there_and_brings_the_package(project: dict[str, Any]) -> None:
+def test_every_extra_in_a_message_exists_and_contains_the_package(project: dict[str, Any]) -> None:
     asked = [said for path in sorted(PART.rglob("motiongen_tools/**/*.py")) for said in missing_extras(path)]
     assert len(asked) > 6
     for feature, package, extra in asked:
@@ -45,9 +45,9 @@ def test_every_extra_that_is_asked_for_is_there_and_brings_the_package(project: 
 
 
 @pytest.mark.parametrize("command", ["demo", "generate", "gallery"])
-def test_help_names_distributions_that_there_are(command: str, capsys: pytest.CaptureFixture[str]) -> None:
+def test_help_names_only_existing_distributions(command: str, capsys: pytest.CaptureFixture[str]) -> None:
     assert run([command, "--help"]) == 0
-    said = " ".join(capsys.readouterr().out.split()).replace("- ", "-")  # lines end behind hyphens
+    said = " ".join(capsys.readouterr().out.split()).replace("- ", "-")  # lines are wrapped after hyphens
     assert "motiongen package" not in said
     assert re.search(r"package motiongen\b(?!-)", said) is None
     assert "motiongen-ardy" in said or "motiongen-server" in said

@@ -1,4 +1,4 @@
-"""What is written can be read back: BVH by another reader, NPZ by ours, PNG by matplotlib."""
+"""Written files can be read back: BVH by another reader, NPZ by ours, PNG by matplotlib."""
 
 from __future__ import annotations
 
@@ -30,19 +30,19 @@ def rebuilt(angles: np.ndarray) -> np.ndarray:
 
 
 @given(angles=st.tuples(*[st.floats(-3.14, 3.14)] * 3))
-def test_euler_angles_give_the_rotation_again(angles: tuple[float, float, float]) -> None:
+def test_euler_angles_reproduce_the_rotation(angles: tuple[float, float, float]) -> None:
     matrix = rebuilt(np.array(angles))
     again = rebuilt(euler_zxy(matrix[None, None])[0, 0])
     np.testing.assert_allclose(again, matrix, atol=1e-6)
 
 
 @pytest.mark.parametrize("x", [np.pi / 2, -np.pi / 2])
-def test_euler_angles_where_two_axes_fall_together(x: float) -> None:
+def test_euler_angles_reproduce_the_rotation_in_gimbal_lock(x: float) -> None:
     matrix = rebuilt(np.array([0.4, x, 0.9]))
     np.testing.assert_allclose(rebuilt(euler_zxy(matrix[None, None])[0, 0]), matrix, atol=1e-6)
 
 
-def test_turning_round_and_round_has_no_jump() -> None:
+def test_euler_angles_of_continuous_turning_do_not_jump() -> None:
     headings = np.linspace(0, 6 * np.pi, 200)
     turning = np.stack([rotation(1, heading) for heading in headings])[:, None]
     np.testing.assert_allclose(euler_zxy(turning)[:, 0, 2], headings, atol=1e-6)
@@ -64,7 +64,7 @@ def test_a_bvh_file_holds_the_motion(stick_rig: Rig, tmp_path: Path) -> None:
     np.testing.assert_allclose(translations[:, 0] / 100, motion.root_translation_m, atol=1e-5)
 
 
-def test_a_bvh_file_refuses_what_it_cannot_hold(stick_motion: Motion, tmp_path: Path) -> None:
+def test_motion_that_a_bvh_file_cannot_hold_is_refused(stick_motion: Motion, tmp_path: Path) -> None:
     with pytest.raises(InvalidInput, match="no frames"):
         write_bvh(tmp_path / "no.bvh", Motion(stick_motion.rig, 0, stick_motion.rows[:0]))
     spoiled = stick_motion.rows.copy()
@@ -74,7 +74,7 @@ def test_a_bvh_file_refuses_what_it_cannot_hold(stick_motion: Motion, tmp_path: 
     assert not (tmp_path / "no.bvh").exists()
 
 
-def test_an_npz_file_gives_the_same_motion_again(stick_motion: Motion, tmp_path: Path) -> None:
+def test_motion_in_an_npz_file_round_trips(stick_motion: Motion, tmp_path: Path) -> None:
     write_npz(tmp_path / "motion.npz", stick_motion)
     again = read_npz(tmp_path / "motion.npz")
     np.testing.assert_array_equal(again.rows, stick_motion.rows)
@@ -85,7 +85,7 @@ def test_an_npz_file_gives_the_same_motion_again(stick_motion: Motion, tmp_path:
         assert arrays["joint_positions_m"].shape == (40, 9, 3)
 
 
-def test_another_npz_file_is_refused(tmp_path: Path) -> None:
+def test_an_npz_file_of_another_format_is_refused(tmp_path: Path) -> None:
     np.savez(tmp_path / "other.npz", rows=np.zeros(3))
     with pytest.raises(InvalidInput, match="motiongen-motion-1"):
         read_npz(tmp_path / "other.npz")
@@ -102,13 +102,13 @@ def test_a_picture_is_drawn_with_ink_in_every_row(stick_motion: Motion, tmp_path
     assert bottom.sum() > 1000
 
 
-def test_a_picture_of_nothing_is_refused(tmp_path: Path) -> None:
+def test_a_picture_without_panels_is_refused(tmp_path: Path) -> None:
     with pytest.raises(InvalidInput, match="0 panels"):
         write_picture(tmp_path / "no.png", [])
 
 
 @pytest.mark.parametrize("data", [b"", b"not numpy's", b"PK\x03\x04 cut off", None])
-def test_npz_that_is_something_else_is_named(data: bytes | None, tmp_path: Path) -> None:
+def test_a_file_that_is_not_npz_is_refused(data: bytes | None, tmp_path: Path) -> None:
     path = tmp_path / "other.npz"
     if data is None:
         with path.open("wb") as file:
@@ -119,13 +119,13 @@ def test_npz_that_is_something_else_is_named(data: bytes | None, tmp_path: Path)
         read_npz(path)
 
 
-def test_dollars_in_a_text_are_no_formula(stick_motion: Motion, tmp_path: Path) -> None:
+def test_texts_with_dollar_signs_can_be_drawn(stick_motion: Motion, tmp_path: Path) -> None:
     panel = Panel(r"for $5 $\frac{x$", stick_motion, notes=[(20, r"$_{$ and \$")])
     write_picture(tmp_path / "sheet.png", [panel], num_poses=2)
     assert (tmp_path / "sheet.png").stat().st_size > 1000
 
 
-def test_npz_that_unpacks_to_more_than_is_allowed_is_not_unpacked(
+def test_an_npz_file_that_would_decompress_to_too_much_is_refused(
     stick_motion: Motion, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     write_npz(tmp_path / "walk.npz", stick_motion)

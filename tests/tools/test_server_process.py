@@ -1,4 +1,4 @@
-"""A server as a child process: ready, stopped, and what is said when it will not start."""
+"""A server as a child process: ready, stopped, and the errors when it does not start."""
 
 from __future__ import annotations
 
@@ -30,37 +30,37 @@ TINY = [
 ]
 
 
-def test_it_is_ready_when_started_and_ends_with_0_when_stopped() -> None:
+def test_a_server_is_ready_when_started_and_gone_when_stopped() -> None:
     with ServerProcess(TINY) as server:
         assert server.pid is not None
         assert server.ready_s > 0
         with MotionClient(server.address) as client:
             assert client.catalog.models
     assert server.pid is None
-    server.stop()  # a second time is nothing
+    server.stop()  # a second time does nothing
 
 
-def test_a_wrong_setting_is_told_with_the_log() -> None:
+def test_an_invalid_setting_is_reported_with_the_log() -> None:
     with pytest.raises(ServerFailed, match=r"did not start \(exit code 2\)") as failure:
         ServerProcess(["--denoise-steps", "0"]).start()
     assert "denoise_steps is 0" in failure.value.log_tail
 
 
-def test_a_server_that_takes_too_long_is_ended() -> None:
+def test_a_server_that_is_not_ready_in_time_is_reported() -> None:
     with pytest.raises(ServerFailed, match=r"not ready within 0\.01 s"):
         ServerProcess(TINY, ready_timeout_s=0.01).start()
 
 
 @pytest.mark.parametrize("line", ["fetching 15 GiB", "fetching 1 GiB\\rfetching 15 GiB\\r"])
-def test_one_that_takes_long_is_waited_for_and_shows_what_it_does(
-    line: str, pretend: Callable[[str], None], tmp_path: Path
+def test_a_server_that_starts_slowly_is_waited_for_and_its_log_shown(
+    line: str, fake_python: Callable[[str], None], tmp_path: Path
 ) -> None:
-    """It becomes ready only once its log has been told, however long that takes."""
-    for name in ("go", "end"):  # two, since who opens one again may meet the end of what was written before
+    """It becomes ready only once its log has been shown, however long that takes."""
+    for name in ("go", "end"):  # two, since one that is opened again may still give the end of the first write
         os.mkfifo(tmp_path / name)
     ports = json.dumps({"grpc_port": 1, "ops_port": 2})
     waits = [f"read _ < {tmp_path}/{name}" for name in ("go", "end")]
-    pretend(f"trap 'exit 0' TERM; printf '{line}' >&2; {waits[0]}; echo '{ports}'; {waits[1]}; exit 0")
+    fake_python(f"trap 'exit 0' TERM; printf '{line}' >&2; {waits[0]}; echo '{ports}'; {waits[1]}; exit 0")
     told: list[str] = []
 
     def go(line: str) -> None:
@@ -74,13 +74,13 @@ def test_one_that_takes_long_is_waited_for_and_shows_what_it_does(
     assert told[-1] == "fetching 15 GiB"
 
 
-def test_one_that_is_killed_by_others_was_not_too_late(pretend: Callable[[str], None]) -> None:
-    pretend("kill -9 $$")
+def test_a_server_killed_from_outside_is_not_reported_as_too_late(fake_python: Callable[[str], None]) -> None:
+    fake_python("kill -9 $$")
     with pytest.raises(ServerFailed, match=r"did not start \(exit code -9\)"):
         ServerProcess(ready_timeout_s=100).start()
 
 
-def test_a_failure_inside_is_not_hidden_by_a_server_that_died() -> None:
+def test_an_error_in_the_block_is_not_hidden_by_the_death_of_the_server() -> None:
     def kill_and_fail(server: ServerProcess) -> None:
         assert server.pid is not None
         os.kill(server.pid, signal.SIGKILL)
@@ -91,8 +91,8 @@ def test_a_failure_inside_is_not_hidden_by_a_server_that_died() -> None:
 
 
 @pytest.fixture
-def pretend(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Callable[[str], None]:
-    """Have a shell script in place of Python."""
+def fake_python(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Callable[[str], None]:
+    """Puts a shell script in place of Python."""
 
     def write(script: str) -> None:
         program = tmp_path / "python"
@@ -112,8 +112,8 @@ def logs(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
     return folder
 
 
-def test_the_log_of_a_failure_is_kept_and_named(pretend: Callable[[str], None], logs: Path) -> None:
-    pretend("echo many lines >&2; exit 3")
+def test_the_log_of_a_failure_is_kept_and_named(fake_python: Callable[[str], None], logs: Path) -> None:
+    fake_python("echo many lines >&2; exit 3")
     with pytest.raises(ServerFailed) as failure:
         ServerProcess().start()
     (log,) = logs.iterdir()
@@ -122,22 +122,22 @@ def test_the_log_of_a_failure_is_kept_and_named(pretend: Callable[[str], None], 
 
 
 @pytest.mark.parametrize("script", ["echo no ports", 'echo \'{"grpc_port": 1, "ops_port": 2}\'; exit 3'])
-def test_no_log_is_left_of_which_nobody_is_told(script: str, pretend: Callable[[str], None], logs: Path) -> None:
-    pretend(script)
+def test_a_log_that_no_message_names_is_removed(script: str, fake_python: Callable[[str], None], logs: Path) -> None:
+    fake_python(script)
     with pytest.raises((json.JSONDecodeError, KeyError)), ServerProcess():
         raise KeyError("of the command's own, or an interruption")
     assert list(logs.iterdir()) == []
 
 
-def test_what_never_became_a_server_is_not_left_running(pretend: Callable[[str], None], tmp_path: Path) -> None:
-    pretend(f"echo $$ > {tmp_path}/pid; echo no ports; exec sleep 1000")
+def test_a_process_that_never_became_a_server_is_ended(fake_python: Callable[[str], None], tmp_path: Path) -> None:
+    fake_python(f"echo $$ > {tmp_path}/pid; echo no ports; exec sleep 1000")
     with pytest.raises(json.JSONDecodeError), ServerProcess():
         pass
     with pytest.raises(ProcessLookupError):
         os.kill(int((tmp_path / "pid").read_text()), 0)
 
 
-def test_a_server_that_is_not_installed_is_told(pretend: Callable[[str], None]) -> None:
-    pretend("echo 'python: No module named motiongen_server' >&2; exit 1")
+def test_a_server_that_is_not_installed_is_reported(fake_python: Callable[[str], None]) -> None:
+    fake_python("echo 'python: No module named motiongen_server' >&2; exit 1")
     with pytest.raises(ServerFailed, match="install motiongen-server"):
         ServerProcess().start()

@@ -1,4 +1,4 @@
-"""The tables of the command line: names in them are whole, however narrow the terminal."""
+"""The tables of the command line: names are shown in full, however narrow the terminal."""
 
 from __future__ import annotations
 
@@ -12,7 +12,7 @@ from tests.client.fake_server import FakeServer
 from tests.client.synthetic import catalog
 
 
-async def test_names_of_the_catalogue_are_whole_in_80_columns(
+async def test_names_of_the_catalogue_are_shown_in_full_in_80_columns(
     server: FakeServer, capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
 ) -> None:
     offered = catalog(100)
@@ -25,7 +25,7 @@ async def test_names_of_the_catalogue_are_whole_in_80_columns(
     assert [name for name in names if name not in printed] == []
 
 
-def test_a_name_that_is_wider_than_the_terminal_continues_on_the_next_line(
+def test_a_name_wider_than_the_terminal_is_shown_in_full(
     capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
 ) -> None:
     monkeypatch.setenv("COLUMNS", "30")

@@ -1,4 +1,4 @@
-"""A command that is told to end puts in order what is under way, and leaves no server behind."""
+"""A command that is told to end cleans up and leaves no server behind."""
 
 from __future__ import annotations
 
@@ -93,7 +93,7 @@ def started(program: str, *arguments: str) -> subprocess.Popen[str]:
 
 
 @pytest.mark.parametrize("number", [signal.SIGTERM, signal.SIGHUP, signal.SIGINT])
-def test_what_is_under_way_is_put_in_order(number: signal.Signals) -> None:
+def test_a_command_that_gets_a_signal_cleans_up_and_exits(number: signal.Signals) -> None:
     with started(UNDER_WAY) as process:
         assert process.stdout is not None
         assert process.stdout.readline() == "under way\n"
@@ -103,7 +103,7 @@ def test_what_is_under_way_is_put_in_order(number: signal.Signals) -> None:
     assert (process.returncode, out, error) == (128 + number, "put in order\n", said)
 
 
-def test_a_server_that_is_being_started_does_not_stay(tmp_path: Path) -> None:
+def test_a_server_that_is_being_started_is_ended_with_the_command(tmp_path: Path) -> None:
     pretended = tmp_path / "python"
     pretended.write_text(f"#!/bin/sh\necho $$ > {tmp_path}/new && mv {tmp_path}/new {tmp_path}/pid\nexec sleep 1000\n")
     pretended.chmod(0o755)
@@ -116,8 +116,8 @@ def test_a_server_that_is_being_started_does_not_stay(tmp_path: Path) -> None:
         os.kill(int((tmp_path / "pid").read_text()), 0)
 
 
-def test_ctrl_c_while_a_server_is_started_is_no_failure_of_the_server(tmp_path: Path) -> None:
-    """A terminal has all processes hear of it, and a server that loads ends then."""
+def test_ctrl_c_while_a_server_starts_is_reported_as_an_interruption(tmp_path: Path) -> None:
+    """A terminal sends it to all processes, so that a server that is loading ends too."""
     pretended = tmp_path / "python"
     waits = f"trap 'exit 0' INT; mkfifo {tmp_path}/end; echo > {tmp_path}/started; read _ < {tmp_path}/end"
     pretended.write_text(f"#!/bin/bash\n{waits}\n")
@@ -132,28 +132,28 @@ def test_ctrl_c_while_a_server_is_started_is_no_failure_of_the_server(tmp_path: 
     assert (process.returncode, error) == (130, "interrupted\n")
 
 
-def test_ctrl_c_before_anything_has_begun_leaves_no_traceback() -> None:
+def test_ctrl_c_during_the_imports_leaves_no_traceback() -> None:
     with started(BEGINNING) as process:
         _, error = process.communicate()
     assert (process.returncode, error) == (-signal.SIGINT, "")
 
 
 @pytest.mark.parametrize("where", ["arguments", "loop"])
-def test_ctrl_c_while_a_command_begins_is_told_in_a_word(where: str) -> None:
+def test_ctrl_c_at_the_start_of_a_command_prints_only_interrupted(where: str) -> None:
     with started(JUST_BEGUN, where) as process:
         _, error = process.communicate()
     assert (process.returncode, error) == (130, "interrupted\n")
 
 
 @pytest.mark.parametrize("number", [signal.SIGTERM, signal.SIGINT])
-def test_a_viewer_ends_without_a_word_too_many(number: signal.Signals, tmp_path: Path) -> None:
+def test_a_viewer_that_gets_a_signal_prints_one_word_and_exits(number: signal.Signals, tmp_path: Path) -> None:
     (tmp_path / "build").mkdir()
     (tmp_path / "build" / "three.module.js").write_text("export {};")
     view = ["view", "--server", "localhost:1", "--port", "0", "--three", str(tmp_path)]
     with started(VIEWING, *view) as process:
         assert process.stdout is not None
         page = process.stdout.readline().split()[-1]
-        with urllib.request.urlopen(page) as answer:  # it listens from before it has said so
+        with urllib.request.urlopen(page) as answer:  # it listens before it prints its address
             assert answer.status == 200
         bridge = urlsplit(page)
         assert bridge.hostname is not None
@@ -161,7 +161,7 @@ def test_a_viewer_ends_without_a_word_too_many(number: signal.Signals, tmp_path:
         with socket.create_connection((bridge.hostname, bridge.port)) as upload:
             head = f"POST /session/main HTTP/1.1\r\nHost: {bridge.netloc}\r\nExpect: 100-continue"
             upload.sendall(f"{head}\r\nContent-Length: 9\r\n\r\n".encode())
-            assert upload.recv(1024).startswith(b"HTTP/1.1 100 ")  # it waits for what never comes
+            assert upload.recv(1024).startswith(b"HTTP/1.1 100 ")  # it waits for a body that never comes
             process.send_signal(number)
             _, error = process.communicate()
     said = "terminated\n" if number == signal.SIGTERM else "interrupted\n"

@@ -1,4 +1,4 @@
-"""Files are there whole or as they were before."""
+"""`whole_file`: a file has its new content or its old one, whatever fails while it is written."""
 
 from __future__ import annotations
 
@@ -12,7 +12,7 @@ import pytest
 
 from motiongen_client import Motion
 from motiongen_tools import ardy_npz, bvh, npz
-from motiongen_tools.conversion import ConversionFailed, convert_file
+from motiongen_tools.conversion import ConversionFailed, convert_file, convert_to_npz
 from motiongen_tools.whole_file import whole_file
 
 
@@ -28,7 +28,7 @@ def fail(*_: object, **__: object) -> None:
         (bvh.write_bvh, "walk.bvh", "savetxt"),
     ],
 )
-def test_a_full_disk_leaves_what_was_there(
+def test_a_full_disk_leaves_the_old_file(
     write: Callable[[Path, Motion], None], name: str, last: str,
     stick_motion: Motion, tmp_path: Path, monkeypatch: pytest.MonkeyPatch,
 ) -> None:  # fmt: skip
@@ -39,7 +39,7 @@ def test_a_full_disk_leaves_what_was_there(
     assert [(path.name, path.read_text()) for path in tmp_path.iterdir()] == [(name, "of yesterday")]
 
 
-def test_a_converter_that_fails_leaves_what_was_there(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+def test_a_converter_that_fails_leaves_the_old_file(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     pretended = tmp_path / "python"
     fails = 'echo half > "$last"; echo "error: $last: full" >&2; exit 1'
     pretended.write_text(f"#!/bin/sh\nfor last; do :; done\n{fails}\n")
@@ -53,8 +53,31 @@ def test_a_converter_that_fails_leaves_what_was_there(tmp_path: Path, monkeypatc
     assert target.read_text() == "of yesterday"
 
 
+@pytest.mark.parametrize(
+    ("said", "told"),
+    [
+        ("error: $source: line 1: expected HIERARCHY", "walk.bvh: line 1: expected HIERARCHY"),
+        ("No module named motiongen_ardy", "walk.bvh: the converter failed: it is not installed here"),
+    ],
+)
+def test_failed_reading_names_the_uploaded_file_and_no_temporary_one(
+    said: str, told: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    pretended = tmp_path / "python"
+    pretended.write_text(f'#!/bin/sh\nfor each; do source="$target"; target="$each"; done\necho "{said}" >&2; exit 1\n')
+    pretended.chmod(0o755)
+    monkeypatch.setattr(sys, "executable", str(pretended))
+    with pytest.raises(ConversionFailed) as failure:
+        convert_to_npz(tmp_path / "motion.bvh", tmp_path / "converted.npz", source_name="walk.bvh")
+    assert str(failure.value).startswith(told)
+    assert str(tmp_path) not in str(failure.value)
+    assert "converted" not in str(failure.value)
+
+
 @pytest.mark.parametrize("name", ["-walk.bvh", "--fps.bvh", "日本 walk.bvh"])
-def test_a_name_is_no_option_of_the_converter(name: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+def test_a_file_name_is_never_taken_as_an_option_of_the_converter(
+    name: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
     pretended = tmp_path / "python"
     pretended.write_text('#!/bin/sh\nfor last; do :; done\nfor each; do printf "%s\\n" "$each"; done > "$last"\n')
     pretended.chmod(0o755)
@@ -67,7 +90,7 @@ def test_a_name_is_no_option_of_the_converter(name: str, tmp_path: Path, monkeyp
     assert Path(target).name == name
 
 
-def test_a_link_goes_on_pointing_and_a_file_keeps_its_mode(tmp_path: Path) -> None:
+def test_a_symlink_remains_and_its_target_keeps_its_mode(tmp_path: Path) -> None:
     (tmp_path / "real").write_text("old")
     (tmp_path / "real").chmod(0o600)
     (tmp_path / "link").symlink_to("real")
@@ -88,13 +111,13 @@ def gone_folder(part: Path) -> None:
 
 
 @pytest.mark.parametrize("write", [full_disk, gone_folder])
-def test_a_failure_names_the_file_that_was_asked_for(write: Callable[[Path], None], tmp_path: Path) -> None:
+def test_a_failure_names_the_file_that_was_given(write: Callable[[Path], None], tmp_path: Path) -> None:
     with pytest.raises(OSError, match=r"walk\.npz") as failure, whole_file(tmp_path / "walk.npz") as part:
         write(part)
     assert failure.value.filename == str(tmp_path / "walk.npz")
 
 
-def test_what_is_no_file_is_written_as_it_is(tmp_path: Path) -> None:
+def test_a_named_pipe_is_written_directly(tmp_path: Path) -> None:
     os.mkfifo(tmp_path / "pipe")
     with whole_file(tmp_path / "pipe") as part:
         assert part == tmp_path / "pipe"

@@ -18,6 +18,7 @@ COMPANIONS = (
     # How the weights are to be sampled (without these files, as the released ones), and what they were trained for.
     "sampling.yaml", "prompt_paces.safetensors", "capabilities.yaml", "prompt_domain.safetensors",
 )  # fmt: skip
+BY_HAND = "put the files into a folder and give that, or set CHECKPOINTS_DIR to the folder that holds it"
 NO_ROOM = (errno.ENOSPC, errno.EDQUOT)
 
 
@@ -50,8 +51,13 @@ def fetch_files(
     revision: str | None = None,
     cache: Path | None = None,
     endpoint: str | None = None,
+    *,
+    by_hand: str = BY_HAND,
 ) -> Path:
-    """The folder with the files of a repository that match a pattern; otherwise as `fetch_checkpoint`."""
+    """The folder with the files of a repository that match a pattern; otherwise as `fetch_checkpoint`.
+
+    by_hand: what the error recommends if the hub cannot be reached, such as where to put the files.
+    """
     from huggingface_hub import snapshot_download
     from huggingface_hub.errors import HTTPError
 
@@ -62,15 +68,15 @@ def fetch_files(
             )
         )
     except (HTTPError, OSError, ValueError) as error:
-        raise HubError(_advice(repo_id, revision, error)) from error
+        raise HubError(_advice(repo_id, revision, by_hand, error)) from error
 
 
 def _called(repo_id: str, revision: str | None) -> str:
     return f"the repository {repo_id}" + (f" at revision {revision}" if revision else "")
 
 
-def _advice(repo_id: str, revision: str | None, error: Exception) -> str:
-    """What went wrong, and what to do about it."""
+def _advice(repo_id: str, revision: str | None, by_hand: str, error: Exception) -> str:
+    """What went wrong, and what to do about it. by_hand: how to go on without the hub."""
     from huggingface_hub import errors
 
     called = _called(repo_id, revision)
@@ -96,8 +102,7 @@ def _advice(repo_id: str, revision: str | None, error: Exception) -> str:
         return f"{called} is only in part in the cache, and the hub cannot be reached: connect once to fetch the rest"
     if isinstance(error, errors.LocalEntryNotFoundError):
         return (
-            f"{called} is not in the cache, and the hub cannot be reached ({_cause(error)}): connect once, or put the "
-            "files into a folder and give that, or set CHECKPOINTS_DIR to the folder that holds it"
+            f"{called} is not in the cache, and the hub cannot be reached ({_cause(error)}): connect once, or {by_hand}"
         )
     return f"{called} cannot be fetched: {_cause(error)}; the next start goes on where this one stopped"
 

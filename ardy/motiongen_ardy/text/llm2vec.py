@@ -175,11 +175,9 @@ def _find(name: str, kind: str) -> Path:
     if home and is_inside and (Path(home) / name).is_dir():
         return Path(home) / name
     try:
-        return fetch_files(name, MODEL_FILES)
+        return fetch_files(name, MODEL_FILES, by_hand=f"put the files into ${FOLDERS_VARIABLE}/{name}")
     except HubError as error:
-        raise UnknownTextEncoder(
-            f"llm2vec lacks its {kind} {name}: {error}; or put it below {FOLDERS_VARIABLE}"
-        ) from error
+        raise UnknownTextEncoder(f"llm2vec lacks its {kind} {name}: {error}") from error
 
 
 def fingerprint(folders: Llm2VecFolders) -> str:

@@ -12,8 +12,8 @@ from google.protobuf.duration_pb2 import Duration
 from motiongen.v1 import admin_pb2
 from motiongen.v1.admin_pb2_grpc import MotionAdminServiceStub
 from motiongen_client.channel import ChannelSettings, Token
-from motiongen_client.errors import InvalidInput
 from motiongen_client.status import answer_of, error_of
+from motiongen_client.types import check_number, check_text
 
 T = TypeVar("T")
 
@@ -61,6 +61,7 @@ class AdminClient:
 
     async def load_model(self, source: str) -> ModelStatus:
         """Load another model, named as for the server's --model. Returns when sessions can be opened with it."""
+        check_text("source", source)
         call = self._stub.LoadModel(admin_pb2.LoadModelRequest(source=source))
         return _status((await self._answer(call, f"loading {source!r}")).model)
 
@@ -70,6 +71,7 @@ class AdminClient:
         grace_s: how long its sessions may continue. None: refused while any session is open. Raises InvalidInput if
         grace_s is out of range.
         """
+        check_text("model_id", model_id)
         request = admin_pb2.UnloadModelRequest(model_id=model_id, grace=_duration(grace_s))
         return (await self._answer(self._stub.UnloadModel(request), f"unloading {model_id!r}")).closed_sessions
 
@@ -78,6 +80,7 @@ class AdminClient:
 
         grace_s: as for `unload_model`, counted from when the new model is served.
         """
+        check_text("model_id", model_id)
         request = admin_pb2.ReloadModelRequest(model_id=model_id, grace=_duration(grace_s))
         answer = await self._answer(self._stub.ReloadModel(request), f"reloading {model_id!r}")
         return _status(answer.model), answer.closed_sessions
@@ -109,8 +112,8 @@ def _status(message: admin_pb2.ModelStatus) -> ModelStatus:
 def _duration(seconds: float | None) -> Duration | None:
     if seconds is None:
         return None
-    if not 0 <= seconds <= _MOST_GRACE_S:
-        raise InvalidInput("grace_s", seconds, f"seconds from 0 to {_MOST_GRACE_S:g}, or None")
+    allowed = f"seconds from 0 to {_MOST_GRACE_S:g}, or None"
+    check_number("grace_s", seconds, allowed, lambda s: 0 <= s <= _MOST_GRACE_S)
     duration = Duration()
     duration.FromMilliseconds(round(1000 * seconds))
     return duration

@@ -21,12 +21,12 @@ def size_of(event: session_pb2.SessionEvent) -> int:
 class Backlog:
     """How much waits in one stream. queued_bytes: size of the events that its call has not written yet.
 
-    kept_bytes: size of the events given to its sessions while no server had them, until they are answered.
+    unanswered_bytes: size of the events of its sessions that no server has answered yet.
     """
 
     def __init__(self) -> None:
         self.queued_bytes = 0
-        self.kept_bytes = 0
+        self.unanswered_bytes = 0
 
     @property
     def is_queue_full(self) -> bool:
@@ -35,10 +35,11 @@ class Backlog:
 
     def refusal(self, what: str, *, is_heard: bool) -> EventRefused | None:
         """The refusal of an event if too much waits, else None. is_heard: whether a server has the session now."""
-        waiting = self.queued_bytes if is_heard else self.kept_bytes
+        waiting = max(self.queued_bytes, self.unanswered_bytes)
         if waiting <= MOST_WAITING_BYTES:
             return None
-        until = "the server reads them" if is_heard else "the connection to the server is back"
+        until = "the server reads them" if self.is_queue_full else "the server answers them"
+        until = until if is_heard else "the connection to the server is back"
         return EventRefused(
             what,
             "RESOURCE_EXHAUSTED",
@@ -99,7 +100,7 @@ class Unanswered:
     def __init__(self, backlog: Backlog) -> None:
         self._backlog = backlog
         self._events: dict[int, session_pb2.SessionEvent] = {}
-        self._kept_bytes: dict[int, int] = {}  # of events given while no server had the session
+        self._sizes: dict[int, int] = {}
 
     def __iter__(self) -> Iterator[session_pb2.SessionEvent]:
         return iter(self._events.values())
@@ -112,33 +113,32 @@ class Unanswered:
         """The lowest event number; default if there is no event."""
         return min(self._events, default=default)
 
-    def add(self, event: session_pb2.SessionEvent, *, is_kept: bool = False) -> None:
-        """Add an event. is_kept: no server has the session, so it counts towards kept_bytes."""
+    def add(self, event: session_pb2.SessionEvent) -> None:
+        """Add an event."""
         self._events[event.event_seq] = event
-        if is_kept:
-            self._kept_bytes[event.event_seq] = size_of(event)
-            self._backlog.kept_bytes += size_of(event)
+        self._sizes[event.event_seq] = size = size_of(event)
+        self._backlog.unanswered_bytes += size
 
     def pop(self, event_seq: int) -> session_pb2.SessionEvent | None:
         """Remove and return an event that was answered; None if it was not among them."""
-        self._backlog.kept_bytes -= self._kept_bytes.pop(event_seq, 0)
+        self._backlog.unanswered_bytes -= self._sizes.pop(event_seq, 0)
         return self._events.pop(event_seq, None)
 
-    def take_all(self) -> list[tuple[session_pb2.SessionEvent, bool]]:
-        """Remove all events and return copies to be sent under new numbers, each with its is_kept.
+    def take_all(self) -> list[session_pb2.SessionEvent]:
+        """Remove all events and return copies to be sent under new numbers.
 
         They are copies because events that still wait to be written must keep their numbers.
         """
         events = []
-        for number, event in self._events.items():
+        for event in self._events.values():
             again = session_pb2.SessionEvent()
             again.CopyFrom(event)
-            events.append((again, number in self._kept_bytes))
+            events.append(again)
         self.clear()
         return events
 
     def clear(self) -> None:
         """Remove all events: none will be answered."""
-        self._backlog.kept_bytes -= sum(self._kept_bytes.values())
+        self._backlog.unanswered_bytes -= sum(self._sizes.values())
         self._events.clear()
-        self._kept_bytes.clear()
+        self._sizes.clear()

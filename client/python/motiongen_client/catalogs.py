@@ -8,7 +8,7 @@ from motiongen.v1 import service_pb2
 from motiongen.v1.service_pb2_grpc import MotionServiceStub
 from motiongen_client import convert
 from motiongen_client.errors import ServerUnavailable
-from motiongen_client.status import answer_of
+from motiongen_client.status import MOST_TIMEOUT_S, answer_of
 from motiongen_client.types import Catalog, Model, SessionOptions
 
 
@@ -16,7 +16,7 @@ async def newest_catalog(stub: MotionServiceStub, held: Catalog, address: str, t
     """The server's current catalogue; `held` if unchanged. Raises ServerUnavailable or ProtocolViolation."""
     request = service_pb2.GetCatalogRequest(catalog_etag=held.etag)
     try:
-        response = await answer_of(stub.GetCatalog(request, timeout=timeout_s))
+        response = await answer_of(stub.GetCatalog(request, timeout=min(timeout_s, MOST_TIMEOUT_S)))
     except grpc.aio.AioRpcError as error:
         raise ServerUnavailable(address, f"{error.code().name}, {error.details()}") from None
     is_held = response.catalog_etag == held.etag and not response.models

@@ -14,6 +14,7 @@ import grpc
 import grpc.aio
 
 from motiongen_client.errors import InvalidInput, OtherServer
+from motiongen_client.types import as_tuple, check_text, check_type
 
 Token: TypeAlias = str | Callable[[], str]
 Option: TypeAlias = tuple[str, str | int]
@@ -42,6 +43,7 @@ DRAWN_KEY = re.compile(r"[0-9a-f]{16}")
 """Form of the keys drawn at random here. They identify nobody, so servers may tell them to other clients."""
 _UNIX = "unix:"
 _MOST_PORT_DIGITS = 5
+_MOST_OPTION = 2**31 - 1
 _PROXY = "grpc.enable_http_proxy"
 _KEY = re.compile(r"(?!grpc-)[0-9a-z_.-]+(?<!-bin)")
 _TEXT = re.compile(r"[\x20-\x7e]+")
@@ -72,9 +74,14 @@ class ChannelSettings:
     options: Sequence[Option] = ()
 
     def __post_init__(self) -> None:
+        check_text("address", self.address, "host:port, such as localhost:50051, or unix:PATH")
         host = _host_of(self.address)
-        if isinstance(self.token, str):
+        allowed = "what grpc.ssl_channel_credentials() returns, or None"
+        check_type("credentials", self.credentials, grpc.ChannelCredentials | None, allowed)
+        if self.token is not None and not callable(self.token):
             _check_token(self.token)
+        for name in ("metadata", "options"):
+            object.__setattr__(self, name, _pairs(name, getattr(self, name)))
         if self._is_bare and not _is_local(host):
             allowed = "TLS (credentials=grpc.ssl_channel_credentials()) where a token crosses the network"
             raise InvalidInput("credentials", None, allowed)
@@ -83,8 +90,13 @@ class ChannelSettings:
         for key, text in self.metadata:
             if key == "authorization":
                 raise InvalidInput("metadata", key, "token=..., which is sent by TLS or to this machine only")
-            if not _KEY.fullmatch(key) or not _TEXT.fullmatch(text):
+            if not _KEY.fullmatch(key) or not isinstance(text, str) or not _TEXT.fullmatch(text):
                 raise InvalidInput("metadata", key, "pairs of a key in lower case, not of gRPC's own, and ASCII text")
+        for name, value in self.options:
+            check_text("options", name, "names of gRPC options")
+            is_number = isinstance(value, int) and -_MOST_OPTION <= value <= _MOST_OPTION
+            if not is_number and not isinstance(value, bytes):
+                check_text("options", value, f"a text, or a whole number of 32 bits, for {name}")  # type: ignore[arg-type]
 
     def open(self) -> grpc.aio.Channel:
         """A new channel."""
@@ -238,6 +250,21 @@ def _is_local(host: str) -> bool:
         return False
 
 
+def _pairs(name: str, given: Iterable[tuple[str, Any]]) -> tuple[tuple[str, Any], ...]:
+    """Pairs of a text and something. Raises InvalidInput, without what was given, which may be a secret."""
+    allowed = "pairs, such as [('key', 'value')]"
+    try:
+        pairs = as_tuple(name, given, allowed)
+    except InvalidInput:
+        raise InvalidInput(name, type(given).__name__, allowed) from None
+    for pair in pairs:
+        if not isinstance(pair, tuple | list) or len(pair) != 2 or not isinstance(pair[0], str):
+            raise InvalidInput(name, type(pair).__name__, allowed)
+    return tuple((key, value) for key, value in pairs)
+
+
 def _check_token(token: str) -> None:
+    if not isinstance(token, str):
+        raise InvalidInput("token", type(token).__name__, "a text, or a function that returns one")
     if not _TOKEN.fullmatch(token):
         raise InvalidInput("token", f"{len(token)} characters", "printable ASCII without spaces")  # it stays secret

@@ -15,7 +15,7 @@ from motiongen.v1.service_pb2_grpc import MotionServiceStub
 from motiongen_client import clip, convert
 from motiongen_client.backoff import Backoff
 from motiongen_client.catalogs import has_model, newest_catalog
-from motiongen_client.channel import REPLICA_KEY, ChannelSettings, Option, Route, Token, drawn_key, has_drawn_key
+from motiongen_client.channel import ChannelSettings, Option, Route, Token, drawn_key, has_drawn_key
 from motiongen_client.elsewhere import Elsewhere
 from motiongen_client.errors import EventRefused, ServerUnavailable, StreamLost
 from motiongen_client.line_policy import LinePolicy
@@ -23,7 +23,7 @@ from motiongen_client.prompts import Prompt
 from motiongen_client.session import Session
 from motiongen_client.status import MOST_TIMEOUT_S, NOT_ALLOWED, answer_of, error_of
 from motiongen_client.stream import Stream
-from motiongen_client.types import NO_PROMPTS, Catalog, Clip, Constraint, SessionOptions
+from motiongen_client.types import NO_PROMPTS, Catalog, Clip, Constraint, SessionOptions, check_number, check_type
 
 
 class MotionClient:
@@ -53,9 +53,10 @@ class MotionClient:
         other_addresses: where a server without free capacity may send this client, with its token: addresses, or a
         function that says whether one is allowed. Not needed through a proxy, where all servers have the same address.
         """
-        if not any(name == REPLICA_KEY for name, _ in metadata):
-            metadata = (*metadata, (REPLICA_KEY, drawn_key()))
-        self._settings = ChannelSettings(address, credentials, token, metadata, channel_options)
+        settings = ChannelSettings(address, credentials, token, metadata, channel_options)
+        self._settings = settings if settings.routing_key else settings.routed_by(drawn_key())
+        check_number("connect_timeout_s", connect_timeout_s, "a number of seconds", lambda s: s == s)  # any but NaN
+        check_type("policy", policy, LinePolicy | None, "a LinePolicy, or None")
         self.address = address
         self.catalog: Catalog
         self._connect_timeout_s = connect_timeout_s
@@ -204,7 +205,8 @@ class MotionClient:
         ServerUnavailable.
         """
         self._check_connected()
-        wanted = options or SessionOptions()
+        wanted = SessionOptions() if options is None else options
+        check_type("options", wanted, SessionOptions, "SessionOptions, or None")
 
         async def made() -> list[Clip]:
             return await clip.generate_clip(

@@ -26,7 +26,11 @@ from motiongen_client.types import (
     Priority,
     Residual,
     SessionOptions,
+    as_tuple,
     check_frame,
+    check_number,
+    check_type,
+    check_whole,
 )
 
 _log = logging.getLogger(__name__)
@@ -96,6 +100,10 @@ async def generate_clip(
     options = replace(options, model_id=model.model_id)  # name the default: the rig is looked up by it
     asked = {name: model.outputs[name] for name in options.outputs if name in model.outputs}
     rig = catalog.rig(model.rig_id).with_outputs(asked)  # the server refuses unknown ones
+    check_type("later_prompts", later_prompts, Mapping, "a mapping of frames to prompts, such as {40: 'a text'}")
+    constraints = as_tuple("constraints", constraints, "several constraints, such as [Waypoint(...)]")
+    if timeout_s is not None:
+        check_number("timeout_s", timeout_s, "seconds, or None", lambda s: s == s)  # any but NaN
     for frame in later_prompts:
         check_frame("later_prompts", frame)
     check_request(catalog, num_frames, num_samples, options)
@@ -125,9 +133,8 @@ async def generate_clip(
 def check_request(catalog: Catalog, num_frames: int, num_samples: int, options: SessionOptions) -> None:
     """Raise InvalidInput for a request that the server would refuse anyway."""
     limits = catalog.limits
-    if not 1 <= num_frames <= limits.max_clip_frames:
-        raise InvalidInput("frames", num_frames, f"1 to {limits.max_clip_frames} frames")
-    if not 1 <= num_samples <= limits.max_clip_samples:
-        raise InvalidInput("samples", num_samples, f"1 to {limits.max_clip_samples} samples")
+    most_frames, most_samples = limits.max_clip_frames, limits.max_clip_samples
+    check_whole("frames", num_frames, f"1 to {most_frames} frames", least=1, most=most_frames)
+    check_whole("samples", num_samples, f"1 to {most_samples} samples", least=1, most=most_samples)
     if options.priority is not Priority.NEAR or options.lookahead_frames is not None:
         raise InvalidInput("options", options, "a clip without priority and lookahead_frames, which sessions have")

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import asyncio
 import logging
+import math
 from collections import deque
 from collections.abc import Callable, Iterable, Mapping, Sequence
 
@@ -26,8 +27,13 @@ from motiongen_client.types import (
     ServiceLevel,
     SessionEnd,
     SessionOptions,
+    as_tuple,
     check_frame,
+    check_number,
+    check_type,
+    check_whole,
 )
+from motiongen_client.types.checks import MOST_UINT32
 
 _log = logging.getLogger(__name__)
 _WARNINGS_REMEMBERED = 16
@@ -64,6 +70,10 @@ class Conversation(Recovery):
         keep_s: float | None,
     ) -> None:
         """Open the session and wait for the answer. Raises the refusal, or why it can never be opened."""
+        if keep_s is not None:  # checked here, as an error while the opening is heard would end the stream
+            check_number("keep_s", keep_s, "seconds of 0 or more, or None to keep all", lambda s: 0 <= s < math.inf)
+        check_type("later_prompts", later_prompts, Mapping, "a mapping of frames to prompts, such as {40: 'a text'}")
+        constraints = as_tuple("constraints", constraints, "several constraints, such as [Waypoint(...)]")
         self._options, self._keep_s = options, keep_s
         prompts = [] if prompt is None else [convert.prompt_span(PRESENT_PROMPT_ID, prompt, None)]
         for frame, text in later_prompts.items():
@@ -93,8 +103,10 @@ class Conversation(Recovery):
         """What became of a constraint, by an id of `Edit.constraint_ids`, once its last frame can no longer change.
 
         Raises EventRefused if it was refused or its frames passed while the connection was lost. If the session ends
-        first, raises what ended it; for a constraint that was removed, it waits for that.
+        first, raises what ended it; for a constraint that was removed, it waits for that. The last 256 outcomes and the
+        last 256 refusals are kept; raises InvalidInput for an earlier one.
         """
+        check_whole("constraint_id", constraint_id, "one of the constraint_ids of an earlier Edit", least=1)
         return await self._reached.of(constraint_id)
 
     @property
@@ -121,7 +133,7 @@ class Conversation(Recovery):
         report = session_pb2.Playhead(
             frame=max(playback.playhead - offset, 0),
             buffered_to=max(playback.buffered_to - offset, 0),
-            underruns=playback.underruns,
+            underruns=min(playback.underruns, MOST_UINT32),
             answered_seq=self._answered_seq,
         )
         return session_pb2.SessionEvent(session=self.handle, playhead=report)

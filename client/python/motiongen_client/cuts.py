@@ -10,7 +10,7 @@ from motiongen_client import convert
 from motiongen_client.edit import Edit
 from motiongen_client.errors import InvalidInput
 from motiongen_client.motion import Motion
-from motiongen_client.types import StartPose, check_frame
+from motiongen_client.types import StartPose, check_frame, check_type
 
 
 class Cuts(ABC):
@@ -25,6 +25,7 @@ class Cuts(ABC):
 
     def cut_to(self, prior: Motion) -> Edit:
         """Continue from other frames, whole patches of them, as if they had come just before."""
+        check_type("prior", prior, Motion, "a Motion")
         return self._send_edit("the cut", session_pb2.SessionEvent(seek=convert.seek(None, prior)))
 
     def seek(self, frame: int) -> Edit:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from abc import abstractmethod
 from collections.abc import Callable, Iterable
 
 from numpy.typing import ArrayLike
@@ -25,8 +26,11 @@ from motiongen_client.types import (
     RootTrajectory,
     Waypoint,
     as_array,
+    as_tuple,
     check_finite,
+    check_flag,
     check_frame,
+    check_whole,
 )
 
 PRESENT_PROMPT_ID = 1  # the prompt set without a frame; scheduled prompts take the ids above it
@@ -43,7 +47,7 @@ class Direction(Sending):
         self._next_constraint_id = 1
         self._next_prompt_id = PRESENT_PROMPT_ID + 1
         self._scheduled_prompts: dict[int, int] = {}  # prompt id -> start frame, once the server has accepted it
-        self._reached = ReachedBook()
+        self._reached = ReachedBook(self._expects)
         self._changed = Changes()  # set when something has arrived, or is due now
 
     def set_prompt(
@@ -61,8 +65,9 @@ class Direction(Sending):
                 check_frame(name, value)
         if end_frame is not None and end_frame <= (frame or 0):
             raise InvalidInput("end_frame", end_frame, f"a frame above {frame or 0}, the first that it holds for")
-        if prompt_id is not None and not 0 < prompt_id < self._next_prompt_id:
-            raise InvalidInput("prompt_id", prompt_id, "the prompt_id of an earlier Edit")
+        if prompt_id is not None:
+            most = self._next_prompt_id - 1
+            check_whole("prompt_id", prompt_id, "the prompt_id of an earlier Edit", least=1, most=most)
         is_present = frame is None and end_frame is None
         if prompt_id is None and is_present:
             prompt_id = PRESENT_PROMPT_ID
@@ -98,7 +103,7 @@ class Direction(Sending):
 
     def remove_prompts(self, prompt_ids: Iterable[int]) -> Edit:
         """Remove prompts by their ids (`Edit.prompt_id`). Without any prompt in force, the motion has no text."""
-        ids = tuple(prompt_ids)
+        ids = _ids("prompt_ids", prompt_ids)
         edit = session_pb2.EditPrompts(remove=ids)
         sent = self._send_edit("the removal of prompts", session_pb2.SessionEvent(edit_prompts=edit))
         self._unschedule(ids, sent)
@@ -146,8 +151,8 @@ class Direction(Sending):
 
     def replace_constraint(self, constraint_id: int, constraint: Constraint) -> Edit:
         """Replace a constraint by its id (`Edit.constraint_ids`); the new one has the same id."""
-        if not 0 < constraint_id < self._next_constraint_id:
-            raise InvalidInput("constraint_id", constraint_id, "one of the constraint_ids of an earlier Edit")
+        most = self._next_constraint_id - 1
+        check_whole("constraint_id", constraint_id, "one of the constraint_ids of an earlier Edit", least=1, most=most)
         edit = session_pb2.EditConstraints(upsert=[convert.constraint(constraint_id, constraint)])
         sent = self._send_edit("a constraint", session_pb2.SessionEvent(edit_constraints=edit), (constraint_id,))
         sent.is_replacement = True
@@ -165,7 +170,7 @@ class Direction(Sending):
 
     def remove_constraints(self, constraint_ids: Iterable[int]) -> Edit:
         """Remove constraints by their ids (`Edit.constraint_ids`)."""
-        return self._edit_constraints("the removal of constraints", (), remove=tuple(constraint_ids))
+        return self._edit_constraints("the removal of constraints", (), remove=_ids("constraint_ids", constraint_ids))
 
     def clear_constraints(self) -> Edit:
         """Remove all constraints."""
@@ -191,6 +196,7 @@ class Direction(Sending):
             check_finite(name, value)
         if heading_rad is not None:
             check_finite("heading_rad", heading_rad)
+        check_flag("keep_prompt", keep_prompt)
         hold_frames = max(self.rig.frames_in(seconds), 0)
         if hold_frames >= 1 << 32:
             raise InvalidInput("seconds", seconds, "at most Limits.max_hold_frames frames")
@@ -223,10 +229,14 @@ class Direction(Sending):
             self._changed.set()
         return sent
 
+    @abstractmethod
+    def _expects(self, constraint_id: int) -> bool:
+        """Whether the constraint with this id is being set, or was accepted and is not over."""
+
     def _edit_constraints(
         self, what: str, constraints: Iterable[Constraint], *, remove: tuple[int, ...] = (), clear: bool = False
     ) -> Edit:
-        targets = tuple(constraints)
+        targets = as_tuple("constraints", constraints, "several constraints, such as [Waypoint(...)]")
         ids = self._take_constraint_ids(len(targets))
         upsert = [convert.constraint(key, target) for key, target in zip(ids, targets, strict=True)]
         edit = session_pb2.EditConstraints(upsert=upsert, remove=remove, clear=clear)
@@ -242,3 +252,12 @@ class Direction(Sending):
     def _send_play_state(self, what: str, state: session_pb2.PlayState) -> Edit:
         event = session_pb2.SessionEvent(set_play_state=session_pb2.SetPlayState(state=state))
         return self._send_edit(what, event)
+
+
+def _ids(name: str, ids: Iterable[int]) -> tuple[int, ...]:
+    """Ids as a tuple. Raises InvalidInput."""
+    allowed = f"several ids, such as the {name.removesuffix('s')}s of earlier Edits"
+    given = as_tuple(name, ids, allowed)
+    for each in given:
+        check_whole(name, each, allowed)
+    return given

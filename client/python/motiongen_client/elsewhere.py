@@ -9,6 +9,7 @@ from collections.abc import Awaitable, Callable, Collection
 from motiongen_client.errors import EventRefused, MotiongenError, OtherServer
 from motiongen_client.session import Session
 from motiongen_client.stream import Stream
+from motiongen_client.types import as_tuple, check_text
 
 _log = logging.getLogger(__name__)
 
@@ -34,7 +35,7 @@ class Elsewhere:
         """
         self._make_stream = make_stream
         self._takes_keys = takes_keys
-        self.is_allowed = other_addresses if callable(other_addresses) else frozenset(other_addresses).__contains__
+        self.is_allowed = other_addresses if callable(other_addresses) else _among(other_addresses)
         self._streams: dict[OtherServer, asyncio.Task[Stream]] = {}
         self._moving: set[asyncio.Task[None]] = set()
 
@@ -135,6 +136,15 @@ class Elsewhere:
             task.cancel()
         await asyncio.gather(*tasks, return_exceptions=True)
         self._streams.clear()
+
+
+def _among(addresses: Collection[str]) -> Callable[[str], bool]:
+    """Raises InvalidInput for anything but addresses; the signs of a single one would be taken for several."""
+    allowed = "several addresses, such as ['host:50051'], or a function that says whether one is allowed"
+    given = as_tuple("other_addresses", addresses, allowed)
+    for each in given:
+        check_text("other_addresses", each, allowed)
+    return frozenset(given).__contains__
 
 
 def _failed(task: asyncio.Task[Stream]) -> bool:

@@ -105,10 +105,10 @@ class EventRefused(MotiongenError):
     """The server refused an event. The event changed nothing, and the session continues.
 
     event: what was tried; code: name of the google.rpc code; reason: stable name of the mistake, listed in
-    docs/protocol.md, or OUTBOX_FULL if this client refused the event because too many bytes wait to be sent; field:
-    path of the field at fault; allowed: what would have been accepted there; retry_after_s: how long to wait before
-    trying the same again, None if waiting is not known to help; other_servers: servers with free capacity for the
-    refused session, best first. `MotionClient.open` has already tried those that it may.
+    docs/protocol.md, or OUTBOX_FULL if this client refused the event because too many bytes wait to be sent or
+    answered; field: path of the field at fault; allowed: what would have been accepted there; retry_after_s: how long
+    to wait before trying the same again, None if waiting is not known to help; other_servers: servers with free
+    capacity for the refused session, best first. `MotionClient.open` has already tried those that it may.
     """
 
     def __init__(

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 
-from motiongen_client.errors import InvalidInput
+from motiongen_client.types import check_number
 
 
 @dataclass(frozen=True)
@@ -23,8 +23,7 @@ class LinePolicy:
     pong_timeout_s: float = 5.0
 
     def __post_init__(self) -> None:
-        if self.recover_s is not None and self.recover_s < 0:
-            raise InvalidInput("recover_s", self.recover_s, "seconds of 0 or more, or None for ever")
+        if self.recover_s is not None:
+            check_number("recover_s", self.recover_s, "seconds of 0 or more, or None for ever", lambda s: s >= 0)
         for name in ("hello_timeout_s", "ping_s", "pong_timeout_s"):
-            if getattr(self, name) <= 0:
-                raise InvalidInput(name, getattr(self, name), "seconds above 0")
+            check_number(name, getattr(self, name), "seconds above 0", lambda s: s > 0)

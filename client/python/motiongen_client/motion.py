@@ -165,8 +165,13 @@ class Motion:
     rows: Float32
 
     def __post_init__(self) -> None:
+        if not isinstance(self.rig, Rig):
+            raise InvalidInput("rig", self.rig, "a Rig")
+        allowed = f"an array of float32, of shape (frames, {self.rig.row_width})"
+        if not isinstance(self.rows, np.ndarray) or self.rows.dtype.kind not in "iuf":
+            raise InvalidInput("rows", self.rows, allowed)
         if self.rows.ndim != 2 or self.rows.shape[1] != self.rig.row_width:
-            raise InvalidInput("rows", self.rows.shape, f"an array of shape (frames, {self.rig.row_width})")
+            raise InvalidInput("rows", self.rows.shape, allowed)
 
     def __len__(self) -> int:
         return len(self.rows)

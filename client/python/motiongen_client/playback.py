@@ -20,6 +20,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from motiongen_client.errors import InvalidInput, ProtocolViolation
+from motiongen_client.types import check_frame, check_number, check_whole
 
 Rows = NDArray[np.float32]
 
@@ -35,17 +36,20 @@ _EARLY_FRAMES = 1e-6
 class Playback:
     """The frames of one session, from the first one kept to the last one received.
 
-    keep_frames: how many frames behind the playhead stay readable; None keeps all of them.
+    keep_frames: how many frames behind the playhead stay readable, beside those that `advance` has just reached; None
+    keeps all of them.
     plan, plan_from: the latest plan's number and first frame.
     """
 
     def __init__(
         self, frame_rate_hz: float, row_width: int, *, start_frame: int = 0, keep_frames: int | None = None
     ) -> None:
-        if frame_rate_hz <= 0:
-            raise InvalidInput("frame_rate_hz", frame_rate_hz, "a number above 0")
-        if keep_frames is not None and keep_frames < 0:
-            raise InvalidInput("keep_frames", keep_frames, "a whole number of 0 or more, or None to keep all frames")
+        check_number("frame_rate_hz", frame_rate_hz, "a number above 0", lambda each: 0 < each < math.inf)
+        check_whole("row_width", row_width, "a whole number of 1 or more", least=1)
+        check_frame("start_frame", start_frame)
+        if keep_frames is not None:
+            allowed = "a whole number of 0 or more, or None to keep all frames"
+            check_number("keep_frames", keep_frames, allowed, lambda each: each >= 0)
         self.frame_rate_hz = frame_rate_hz
         self.row_width = row_width
         self.playhead = start_frame
@@ -189,6 +193,7 @@ class Playback:
             self._due_s = now_s
         num_due = max(math.floor((now_s - self._due_s) * self._pace_hz + _EARLY_FRAMES) + 1, 0)
         reached = self._move(min(num_due, num_left))
+        self._forget(reached.start)
         if num_due > num_left:
             if self._held_since_s is None:
                 self._held_since_s = self._due_s
@@ -204,6 +209,7 @@ class Playback:
         if not self.playhead <= frame < self.buffered_to:
             raise InvalidInput("frame", frame, f"a frame from {self.playhead} to {self.buffered_to - 1}")
         reached = self._move(frame - self.playhead) if self._started else self._start(frame)
+        self._forget(frame)
         self._due_s = self._held_since_s = None
         self._share = 0.0
         return reached
@@ -219,8 +225,7 @@ class Playback:
 
     def set_time_scale(self, scale: float) -> None:
         """Play at another pace from the next `advance` on: 0.5 is half as fast. Raises InvalidInput if not positive."""
-        if not 0 < scale < math.inf:
-            raise InvalidInput("scale", scale, "a number above 0; pause to stand still")
+        check_number("scale", scale, "a number above 0; pause to stand still", lambda each: 0 < each < math.inf)
         self._pace_hz = self.frame_rate_hz * scale
         self._due_s = self._held_since_s = None
 
@@ -259,7 +264,6 @@ class Playback:
     def _start(self, frame: int) -> range:
         self._started = True
         first, self.playhead = self.playhead, frame
-        self._forget()
         return range(first, frame + 1)
 
     def _move(self, num_frames: int) -> range:
@@ -269,7 +273,6 @@ class Playback:
             self._share = 0.0
         if self._due_s is not None:
             self._due_s += num_frames / self._pace_hz
-        self._forget()
         return range(first, self.playhead + 1)
 
     def _count_held(self, held_frames: int) -> None:
@@ -277,10 +280,11 @@ class Playback:
         self.underruns += max(held_frames - self._held_frames, 0)
         self._held_frames = max(held_frames, self._held_frames)
 
-    def _forget(self) -> None:
+    def _forget(self, before: int) -> None:
+        """Drop old frames, all of them before a frame: those that were newly reached are still to be read."""
         if self._keep_frames is None:
             return
-        surplus = self.playhead - self._keep_frames - self._first_kept
+        surplus = min(self.playhead - self._keep_frames, before) - self._first_kept
         if surplus > 0:
             del self._rows[:surplus]
             self._first_kept += surplus

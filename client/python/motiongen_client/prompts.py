@@ -8,7 +8,7 @@ from typing import TypeAlias
 from numpy.typing import ArrayLike
 
 from motiongen_client.errors import InvalidInput
-from motiongen_client.types import as_array
+from motiongen_client.types import as_array, check_text
 
 
 @dataclass(frozen=True)
@@ -18,6 +18,7 @@ class Preset:
     preset_id: str
 
     def __post_init__(self) -> None:
+        check_text("preset_id", self.preset_id, "an id of Model.presets")
         if not self.preset_id:
             raise InvalidInput("preset_id", self.preset_id, "an id of Model.presets")
 
@@ -34,6 +35,8 @@ class TextEmbedding:
     text: str = ""
 
     def __post_init__(self) -> None:
+        check_text("text_encoder", self.text_encoder, "the name in Model.text_encoder")
+        check_text("text", self.text)
         object.__setattr__(self, "values", as_array("values", self.values, (None,)))
 
 

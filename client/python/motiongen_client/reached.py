@@ -4,9 +4,9 @@ from __future__ import annotations
 
 import asyncio
 from collections import Counter
-from collections.abc import Iterable
+from collections.abc import Callable, Iterable
 
-from motiongen_client.errors import EventRefused, MotiongenError
+from motiongen_client.errors import EventRefused, InvalidInput, MotiongenError
 from motiongen_client.types import ConstraintReached
 
 MOST_KEPT = 256
@@ -16,7 +16,10 @@ MOST_KEPT = 256
 class ReachedBook:
     """The constraints of one session whose outcome is known, and those that callers wait for."""
 
-    def __init__(self) -> None:
+    def __init__(self, expects: Callable[[int], bool]) -> None:
+        """expects: whether the outcome of the constraint with an id may still come."""
+        self._expects = expects
+        self._forgotten_to = 0  # the highest id of those whose outcome is not remembered any more
         self._told: dict[int, ConstraintReached] = {}
         self._heard: dict[tuple[int, int], None] = {}  # id and frame of the latest reports
         self._replacing: Counter[int] = Counter()  # id -> number of unanswered replacements
@@ -28,7 +31,7 @@ class ReachedBook:
     def note(self, reached: ConstraintReached, *, is_former: bool = False) -> bool:
         """Take a report. Returns False if it is already known: a server repeats reports to a session that resumes.
 
-        is_former: it concerns a constraint that has since been replaced.
+        is_former: it concerns a constraint that has since been replaced, so it is the outcome of none that has the id.
         """
         key = reached.constraint_id
         if (key, reached.frame) in self._heard:
@@ -36,9 +39,11 @@ class ReachedBook:
         self._heard[key, reached.frame] = None
         if len(self._heard) > MOST_KEPT:
             del self._heard[next(iter(self._heard))]
+        if is_former:
+            return True
         if key in self._replacing:
             self._before[key] = reached  # a server reports on the new one only after accepting it
-        elif not is_former:
+        else:
             self._tell(reached)
         return True
 
@@ -46,8 +51,7 @@ class ReachedBook:
         key = reached.constraint_id
         self._told.pop(key, None)
         self._told[key] = reached
-        if len(self._told) > MOST_KEPT:
-            del self._told[next(iter(self._told))]
+        self._forget_oldest(self._told)
         waiting = self._awaited.pop(key, None)
         if waiting is not None:
             waiting.set_result(reached)
@@ -69,12 +73,14 @@ class ReachedBook:
         if is_last:
             del self._replacing[constraint_id]
         before = self._before.pop(constraint_id, None) if is_last or is_accepted else None
-        if before is None or is_accepted:
+        if is_accepted:
             return
         if isinstance(before, EventRefused):
             self.refuse([constraint_id], before)
-        else:
+        elif before is not None:
             self._tell(before)
+        elif (forgotten := self._forgotten(constraint_id)) is not None:
+            self._give_up(self._awaited.pop(constraint_id, None), forgotten)
 
     def refuse(self, constraint_ids: Iterable[int], refusal: EventRefused) -> None:
         """No server has these constraints, so none will report on them: callers that wait for one get the refusal.
@@ -88,18 +94,22 @@ class ReachedBook:
                 self._before.setdefault(key, refusal)
                 continue
             self._refused[key] = refusal
-            if len(self._refused) > MOST_KEPT:
-                del self._refused[next(iter(self._refused))]
+            self._forget_oldest(self._refused)
             self._give_up(self._awaited.pop(key, None), refusal)
 
     async def of(self, constraint_id: int) -> ConstraintReached:
-        """Wait for what became of a constraint. Raises its refusal, or the end of the session."""
+        """Wait for what became of a constraint. Raises its refusal, or the end of the session.
+
+        Raises InvalidInput if it is known no more: it would be waited for until the session's end.
+        """
         if constraint_id in self._told:
             return self._told[constraint_id]
         if constraint_id in self._refused:
             raise self._refused[constraint_id]
         if self._failure is not None:
             raise self._failure
+        if (forgotten := self._forgotten(constraint_id)) is not None:
+            raise forgotten
         waiting = self._awaited.get(constraint_id)
         if waiting is None:
             waiting = self._awaited[constraint_id] = asyncio.get_running_loop().create_future()
@@ -111,6 +121,19 @@ class ReachedBook:
         for waiting in self._awaited.values():
             self._give_up(waiting, failure)
         self._awaited.clear()
+
+    def _forget_oldest(self, outcomes: dict[int, ConstraintReached] | dict[int, EventRefused]) -> None:
+        if len(outcomes) > MOST_KEPT:
+            oldest = next(iter(outcomes))
+            del outcomes[oldest]
+            self._forgotten_to = max(self._forgotten_to, oldest)
+
+    def _forgotten(self, constraint_id: int) -> InvalidInput | None:
+        """The error for a constraint whose outcome may have been forgotten, as no other will come; else None."""
+        if constraint_id > self._forgotten_to or self._expects(constraint_id):
+            return None
+        allowed = f"one that still applies, or whose outcome is among the last {MOST_KEPT}; await it before that"
+        return InvalidInput("constraint_id", constraint_id, allowed)
 
     @staticmethod
     def _give_up(waiting: asyncio.Future[ConstraintReached] | None, failure: MotiongenError) -> None:

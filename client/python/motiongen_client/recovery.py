@@ -65,9 +65,9 @@ class Recovery(Reopening):
         """Move to another stream, under this handle. now: that stream has a call, so ask its server at once."""
         self.handle, self._carrier = handle, carrier
         held, self._unanswered = self._unanswered.take_all(), Unanswered(carrier.backlog)
-        for event, is_kept in held:
+        for event in held:
             event.session = handle
-            self._unanswered.add(event, is_kept=is_kept)
+            self._unanswered.add(event)
         if now:
             self.reattach(catalog)
 

@@ -23,7 +23,7 @@ from motiongen_client.edit import LOST_MEANWHILE, Edit
 from motiongen_client.errors import EventRefused, InvalidInput, MotiongenError, SessionEnded, UnknownName
 from motiongen_client.frame_shift import passed_targets, shifted
 from motiongen_client.motion import Motion
-from motiongen_client.types import Catalog, Opened, Priority, Reopened, SessionOptions, StartPose
+from motiongen_client.types import Catalog, Opened, Priority, Reopened, SessionOptions, StartPose, as_tuple
 from motiongen_client.wishes import Wishes
 
 _log = logging.getLogger(__name__)
@@ -98,6 +98,10 @@ class Reopening(Direction):
         if priority is not None:
             given["priority"] = priority
         if guidance is not None:
+            allowed = "a pair: the weights of text and of constraints"
+            guidance = as_tuple("guidance", guidance, allowed)  # type: ignore[assignment]
+            if len(guidance) != 2:
+                raise InvalidInput("guidance", guidance, allowed)
             given["text_guidance"], given["constraint_guidance"] = guidance
         replace(self._options, **given)  # raises InvalidInput if one is invalid
         message = convert.set_options(priority, lookahead_frames, denoise_steps, guidance, history_frames)
@@ -200,21 +204,23 @@ class Reopening(Direction):
             self._break_off(SessionEnded("model_unloaded", f"its rig, {self.opened.rig_id}, is not served any more"))
             return
         self.opened = opened
-        wished = [(event, False) for event in self._wishes.events_from(self._offset)]
-        held = [(event, is_kept) for event, is_kept in self._unanswered.take_all() if self._is_asked(event)]
+        wished = self._wishes.events_from(self._offset)
+        held = [event for event in self._unanswered.take_all() if self._is_asked(event)]
         numbers = {}
         passed = EventRefused("a constraint", "FAILED_PRECONDITION", "FRAME_COMMITTED", LOST_MEANWHILE)
-        for event, is_kept in (*wished, *held):
+        for event in (*wished, *held):
             self._say_as_frames(event)
             if shifted(event, self._offset) is None:
                 continue
             self._reached.refuse(passed_targets(event, self._offset), passed)
             numbers[event.event_seq] = self._next_seq
             event.session, event.event_seq = self.handle, self._next_seq
-            self._unanswered.add(event, is_kept=is_kept)
+            self._unanswered.add(event)
             self._next_seq += 1
         self._edits.renumber(numbers)
-        self._reached.refuse(self._wishes.passed_at(self._offset), passed)
+        for key in self._wishes.passed_at(self._offset):
+            self._reached.refuse([key], passed)
+            self._wishes.end(key)
         self._wishes.take_reopening(self._offset, opened.placements)
         self._send_unanswered()
         if self._failure is not None:
@@ -223,6 +229,11 @@ class Reopening(Direction):
         self.reopenings = (*self.reopenings, told)
         _log.warning("session %d was opened anew at frame %d: %s", self.handle, told.frame, told.reason)
         call_back(self.on_reopened, told)
+
+    def _expects(self, constraint_id: int) -> bool:
+        """Whether the constraint with this id is being set, or was accepted and is not over."""
+        being_set = (target for event in self._unanswered for target in event.edit_constraints.upsert)
+        return self._wishes.holds(constraint_id) or any(each.constraint_id == constraint_id for each in being_set)
 
     def _is_asked(self, event: session_pb2.SessionEvent) -> bool:
         """Whether an application asked for the event, as opposed to wishes sent again at the last reopening."""

@@ -107,7 +107,7 @@ class Sending(Cuts):
     def _say(self, event: session_pb2.SessionEvent) -> None:
         if event.HasField("close"):
             self._repeating.finish()
-        self._unanswered.add(event, is_kept=not self._is_attached)
+        self._unanswered.add(event)
         self._next_seq += 1
         if self._is_attached:
             self._transmit(event)

@@ -14,7 +14,7 @@ from motiongen_client.motion import Frame, Motion, Rig
 from motiongen_client.posing import Poser
 from motiongen_client.reopening import Line
 from motiongen_client.sampling import Sampler
-from motiongen_client.types import Catalog, SessionEnd
+from motiongen_client.types import Catalog, SessionEnd, check_finite, check_flag, check_frame
 
 
 @dataclass(frozen=True)
@@ -121,6 +121,7 @@ class Session(Conversation):
 
     def frame_in(self, seconds: float) -> int:
         """The frame that will be shown `seconds` from now."""
+        check_finite("seconds", seconds)
         return self.playback.playhead + self.rig.frames_in(seconds)
 
     async def frames(self, seconds: float | None = None, *, realtime: bool = True) -> AsyncGenerator[Frame, None]:
@@ -133,6 +134,9 @@ class Session(Conversation):
         Raises SessionEnded if the server ends the session and StreamLost if the stream breaks: after the buffered
         frames, or at once if the session is paused, since those would never become due.
         """
+        if seconds is not None:
+            check_finite("seconds", seconds)
+        check_flag("realtime", realtime)
         num_left = None if seconds is None else self.rig.frames_in(seconds)
         while num_left is None or num_left > 0:
             self._changed.clear()
@@ -197,6 +201,9 @@ class Session(Conversation):
 
     def motion(self, first_frame: int | None = None, end_frame: int | None = None) -> Motion:
         """The frames shown so far that are still kept, or those from first_frame up to end_frame - 1."""
+        for name, value in (("first_frame", first_frame), ("end_frame", end_frame)):
+            if value is not None:
+                check_frame(name, value)
         first = self.playback.first_kept if first_frame is None else first_frame
         shown_to = self.playback.playhead + 1 if self.playback.started else self.playback.playhead
         rows = self.playback.rows(first, shown_to if end_frame is None else end_frame)

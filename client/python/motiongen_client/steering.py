@@ -14,7 +14,7 @@ from numpy.typing import ArrayLike
 
 from motiongen_client.errors import InvalidInput
 from motiongen_client.motion import Float32
-from motiongen_client.types import as_array, check_finite
+from motiongen_client.types import as_array, check_finite, check_number
 
 MOST_CORNERS = 256
 """Limit on the corners of one `RootPath`."""
@@ -36,8 +36,8 @@ def stick_velocity(
     """
     for name, value in (("right", right), ("forward", forward), ("camera_heading_rad", camera_heading_rad)):
         check_finite(name, value)
-    if not 0 <= dead_zone < 1:
-        raise InvalidInput("dead_zone", dead_zone, "0 or more, below 1")
+    check_finite("speed_mps", speed_mps)
+    check_number("dead_zone", dead_zone, "0 or more, below 1", lambda share: 0 <= share < 1)
     push = math.hypot(right, forward)
     if push <= dead_zone:
         return 0.0, 0.0
@@ -49,7 +49,12 @@ def stick_velocity(
 
 
 def camera_relative(right_m: float, forward_m: float, camera_heading_rad: float) -> tuple[float, float]:
-    """World x and z of an offset relative to the camera: to its right, and ahead of it, both in metres."""
+    """World x and z of an offset relative to the camera: to its right, and ahead of it, both in metres.
+
+    Raises InvalidInput.
+    """
+    for name, value in (("right_m", right_m), ("forward_m", forward_m), ("camera_heading_rad", camera_heading_rad)):
+        check_finite(name, value)
     sin, cos = math.sin(camera_heading_rad), math.cos(camera_heading_rad)
     return forward_m * sin - right_m * cos, forward_m * cos + right_m * sin
 
@@ -63,8 +68,7 @@ def drawn_corners(points_m: ArrayLike, *, within_m: float = 0.1) -> Float32:
     points = as_array("points_m", points_m, (None, 2))
     if len(points) == 0:
         raise InvalidInput("points_m", "no point", "one x, z pair or more")
-    if not within_m > 0:
-        raise InvalidInput("within_m", within_m, "metres above 0")
+    check_number("within_m", within_m, "metres above 0", lambda metres: metres > 0)
     kept = _kept(points, within_m)
     while kept.sum() > MOST_CORNERS:
         within_m *= 2

@@ -20,7 +20,7 @@ from motiongen_client.line_policy import LinePolicy
 from motiongen_client.prompts import Prompt
 from motiongen_client.reports import Reports
 from motiongen_client.session import Session
-from motiongen_client.types import NO_PROMPTS, Catalog, Constraint, SessionOptions
+from motiongen_client.types import NO_PROMPTS, Catalog, Constraint, SessionOptions, check_number, check_type
 
 
 class Stream:
@@ -49,8 +49,7 @@ class Stream:
         route: decides where the channels made by `connect` lead; None: always to the same server. on_catalog: called
         with each catalogue fetched from the route's own address.
         """
-        if not 1 <= report_hz <= 5:
-            raise InvalidInput("report_hz", report_hz, "a number from 1 to 5")
+        check_number("report_hz", report_hz, "a number from 1 to 5", lambda each: 1 <= each <= 5)
         self._address = address
         self._catalog = catalog
         self._reports = Reports(1 / report_hz, self._report_playheads)
@@ -108,7 +107,8 @@ class Stream:
         While the connection is lost, it waits for the next. Raises EventRefused if the server refuses the session, and
         StreamLost if the stream is lost for good.
         """
-        options = options or SessionOptions()
+        options = SessionOptions() if options is None else options
+        check_type("options", options, SessionOptions, "SessionOptions, or None")
         while True:
             await self._calls.until_connected()
             call = self._calls.number

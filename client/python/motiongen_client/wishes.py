@@ -55,8 +55,12 @@ class Wishes:
             return False
         return frame < target.frame
 
+    def holds(self, constraint_id: int) -> bool:
+        """Whether a constraint with this id was accepted and is not over."""
+        return constraint_id in self._constraints
+
     def end(self, constraint_id: int) -> None:
-        """The server has told what became of a constraint, which is thus over, even if it was met early."""
+        """It is known what became of a constraint, which is thus over, even if it was met early."""
         self._constraints.pop(constraint_id, None)
         self._placements.pop(constraint_id, None)
 

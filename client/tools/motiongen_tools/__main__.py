@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import os
 import signal
 import sys
 
@@ -11,7 +12,8 @@ def main() -> int:
     is_usual = signal.getsignal(signal.SIGINT) is signal.default_int_handler
     if is_usual:  # until the imports are done, Ctrl-C has nothing to clean up
         signal.signal(signal.SIGINT, signal.SIG_DFL)
-    # Imported here because it takes a second.
+    os.environ.setdefault("GRPC_VERBOSITY", "NONE")  # the command itself reports what went wrong, once
+    # Imported here because it takes a second, and because gRPC reads its variable when it is imported.
     from motiongen_tools.cli import run
 
     if is_usual:

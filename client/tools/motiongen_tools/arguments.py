@@ -41,18 +41,19 @@ def check_file_to_read(option: str, path: Path) -> None:
 
 
 def check_file_to_write(option: str, path: Path) -> None:
-    """Check before the work that a file can be written; creates its folder. Raises InvalidInput."""
+    """Check before the work that a file can be written; its folder may be missing. Raises InvalidInput."""
     check_folder_to_write(option, path.parent)
     if path.is_dir() or (path.exists() and not os.access(path, os.W_OK)):
         raise InvalidInput(option, str(path), "a file that can be written")
 
 
 def check_folder_to_write(option: str, folder: Path) -> None:
-    """Check before the work that a folder can be written to; creates it. Raises InvalidInput."""
-    try:
-        folder.mkdir(parents=True, exist_ok=True)
-    except OSError as error:
-        allowed = f"a folder that can be made and written ({error.strerror})"
-        raise InvalidInput(option, str(folder), allowed) from None
-    if not os.access(folder, os.W_OK | os.X_OK):
-        raise InvalidInput(option, str(folder), "a folder that can be written")
+    """Check before the work that a folder can be written to, or can be created. Raises InvalidInput.
+
+    It is not created yet, so that work that fails leaves no empty folder behind.
+    """
+    existing = next(path for path in (folder.absolute(), *folder.absolute().parents) if os.path.lexists(path))
+    if not existing.is_dir():
+        raise InvalidInput(option, str(folder), f"a folder: {existing} is not one")
+    if not os.access(existing, os.W_OK | os.X_OK):
+        raise InvalidInput(option, str(folder), f"a folder that can be written: {existing} cannot be")

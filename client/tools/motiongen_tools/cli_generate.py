@@ -33,7 +33,7 @@ from motiongen_tools.cli_stream import parse_seconds, parse_waypoint
 from motiongen_tools.connection import client_of
 from motiongen_tools.console import make_console, make_table, starting
 from motiongen_tools.constraint_file import read_constraints
-from motiongen_tools.conversion import ConversionFailed, convert_file
+from motiongen_tools.conversion import convert_file, convert_to_npz
 from motiongen_tools.out_files import check_out, is_without_clock, out_path, sample_paths
 from motiongen_tools.server_process import ServerProcess
 from motiongen_tools.whole_file import whole_file
@@ -92,6 +92,9 @@ async def generate(options: argparse.Namespace) -> int:
             model = catalog.model(options.model) if options.model else catalog.models[0]
             rig = catalog.rig(model.rig_id)
             num_frames = max(1, rig.frames_in(options.seconds))
+            longest_s = catalog.limits.max_clip_frames / rig.frame_rate_hz
+            if options.seconds > longest_s:
+                raise InvalidInput("--seconds", options.seconds, f"at most {longest_s:g}")
             constraints: list[Constraint] = [waypoint.in_frames(rig, num_frames) for waypoint in options.waypoint]
             if options.constraints is not None:
                 longest = catalog.limits.max_trajectory_frames
@@ -157,7 +160,7 @@ def read_prior(path: Path, rig: Rig, rate_hz: float | None) -> Motion:
     with tempfile.TemporaryDirectory() as folder:
         converted = Path(folder) / "history.npz"
         rate = ("--fps", str(rate_hz or rig.frame_rate_hz)) if is_without_clock(path) else ()
-        convert_file(path, converted, *rate)
+        convert_to_npz(path, converted, *rate)
         return read_ardy_npz(converted, rig)
 
 
@@ -188,10 +191,8 @@ def write_motion(path: Path, motion: Motion, text: str, rate_hz: float | None) -
             source = Path(folder) / "motion.npz"
             write_ardy_npz(source, motion, text)  # the client's own NPZ form cannot hold the prompt
             is_controller = path.name.endswith(".controller.csv") and rate_hz is not None
-            try:
-                return convert_file(source, path, *(("--rate-hz", str(rate_hz)) if is_controller else ()))
-            except ConversionFailed as failure:  # it names a temporary file
-                raise ConversionFailed(str(failure).replace(str(source), "the motion")) from None
+            rate = ("--rate-hz", str(rate_hz)) if is_controller else ()
+            return convert_file(source, path, *rate, source_name="the motion")
     return []
 
 

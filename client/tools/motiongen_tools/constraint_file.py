@@ -39,16 +39,16 @@ def read_constraints(path: Path | str, rig: Rig, num_frames: int, max_path_frame
     """
     try:
         if Path(path).stat().st_size > MAX_BYTES:
-            raise InvalidInput("path", str(path), f"a file of at most {MAX_BYTES} bytes")
+            raise InvalidInput("constraint file", str(path), f"a file of at most {MAX_BYTES} bytes")
         entries = json.loads(Path(path).read_text(encoding="utf-8"))
     except InvalidInput:
         raise
     except OSError as error:
-        raise InvalidInput("path", str(path), f"a file that can be read ({error.strerror})") from None
+        raise InvalidInput("constraint file", str(path), f"a file that can be read ({error.strerror})") from None
     except (ValueError, RecursionError) as error:  # not text, not JSON, or a number with thousands of digits
-        raise InvalidInput("path", str(path), f"a JSON list of constraints: {error}") from None
+        raise InvalidInput("constraint file", str(path), f"a JSON list of constraints: {error}") from None
     if not isinstance(entries, list) or not all(isinstance(entry, dict) for entry in entries):
-        raise InvalidInput("path", str(path), "a JSON list of objects with type and frame_indices")
+        raise InvalidInput("constraint file", str(path), "a JSON list of objects with type and frame_indices")
     found: list[Constraint] = []
     for index, fields in enumerate(entries):
         found += _Entry(f"constraint {index}", fields, rig, num_frames, max_path_frames).constraints()

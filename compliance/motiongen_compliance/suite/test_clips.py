@@ -25,7 +25,7 @@ def clip(num_frames: int, num_samples: int = 1, **opening: object) -> service_pb
     )
 
 
-def told(target: Target) -> Iterator[tuple[service_pb2.GenerateClipRequest, str, str]]:
+def mistakes(target: Target) -> Iterator[tuple[service_pb2.GenerateClipRequest, str, str]]:
     """Mistakes that every server must refuse, whatever its model, with the reason and field of each."""
     model, limits = target.catalog.models[0], target.catalog.limits
     yield clip(0), "CLIP_LENGTH_OUT_OF_RANGE", "frame_count"
@@ -73,8 +73,8 @@ async def test_every_sample_is_opened_sent_in_order_and_summed_up(target: Target
         assert set(sequence[1:-1]) == {"chunk"}
 
 
-async def test_a_mistake_ends_the_call_with_its_reason(target: Target) -> None:
-    for request, reason, field in told(target):
+async def test_mistake_ends_the_call_with_its_reason(target: Target) -> None:
+    for request, reason, field in mistakes(target):
         with pytest.raises(grpc.aio.AioRpcError) as failure:
             _ = [response async for response in target.stub.GenerateClip(request, timeout=LIMIT_S)]
         assert failure.value.code() is grpc.StatusCode.INVALID_ARGUMENT, request
@@ -89,7 +89,7 @@ async def test_a_mistake_ends_the_call_with_its_reason(target: Target) -> None:
         assert [violation.field for violation in wrong.field_violations] == [field]
 
 
-async def test_a_client_that_goes_away_leaves_a_server_that_serves(target: Target) -> None:
+async def test_server_goes_on_after_clients_cancel_their_clips(target: Target) -> None:
     limits = target.catalog.limits
     for _ in range(5):
         call = target.stub.GenerateClip(clip(limits.max_clip_frames, 2), timeout=LIMIT_S)

@@ -1,4 +1,4 @@
-"""How sessions and streams end: closed by the client, lost without its knowledge, or ended by the server."""
+"""How sessions and streams end when the client closes them or finishes writing."""
 
 from __future__ import annotations
 
@@ -9,7 +9,7 @@ from motiongen_compliance.messages import addressed, close, edit_prompts, span
 from motiongen_compliance.target import Target
 
 
-async def test_close_is_answered_with_the_sum_of_the_session(target: Target) -> None:
+async def test_close_is_answered_with_the_number_of_frames(target: Target) -> None:
     talk = await target.talk()
     heard = await talk.open(1)
     await talk.open(2)
@@ -21,7 +21,7 @@ async def test_close_is_answered_with_the_sum_of_the_session(target: Target) -> 
     await talk.plays_on(2)
 
 
-async def test_when_the_client_has_finished_its_sessions_close_and_the_stream_ends_well(target: Target) -> None:
+async def test_finished_client_gets_its_sessions_closed_and_status_ok(target: Target) -> None:
     talk, other = await target.talk(), await target.talk()
     await other.open(1)
     for handle in (1, 2, 3):
@@ -33,13 +33,13 @@ async def test_when_the_client_has_finished_its_sessions_close_and_the_stream_en
     await other.plays_on(1)
 
 
-async def test_a_stream_without_sessions_ends_well(target: Target) -> None:
+async def test_stream_without_sessions_ends_with_status_ok(target: Target) -> None:
     talk = await target.talk()
     await talk.call.done_writing()
     assert await talk.to_the_end() is grpc.StatusCode.OK
 
 
-async def test_what_is_under_way_when_the_client_finishes_is_answered(target: Target) -> None:
+async def test_events_sent_before_finishing_are_answered(target: Target) -> None:
     talk = await target.talk()
     heard = await talk.open(1)
     await talk.send(addressed(edit_prompts(span("dance")), 1, 2), addressed(close(), 1, 3))

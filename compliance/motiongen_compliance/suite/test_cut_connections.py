@@ -1,4 +1,4 @@
-"""Connections are cut, rather than calls ended: "After a loss" promises that nothing is lost or sent twice."""
+"""Connections that are cut, without an orderly end of their calls: nothing is lost or sent twice ("After a loss")."""
 
 from __future__ import annotations
 
@@ -23,22 +23,20 @@ async def cut(line: TcpLine, talk: Talk) -> None:
 
 
 async def come_back(distant: Target, heard: Heard) -> Talk:
-    """A new stream, on which the session is resumed."""
+    """Resume the session on a new stream. Returns the stream."""
     async with asyncio.timeout(LIMIT_S):
         while True:
             try:
                 talk = await distant.talk()
             except grpc.aio.AioRpcError as lost:
                 if lost.code() not in CUT:
-                    raise  # with those, the call began on the connection that was cut
+                    raise  # a status in CUT: the call began on the connection that was cut
             else:
                 await talk.resume(1, heard)
                 return talk
 
 
-async def test_a_session_goes_on_by_its_token_however_often_its_connection_is_cut(
-    distant: Target, line: TcpLine
-) -> None:
+async def test_session_resumes_after_every_cut_of_its_connection(distant: Target, line: TcpLine) -> None:
     talk = await distant.talk()
     heard = await talk.open(1)
     for _ in range(3):
@@ -51,14 +49,14 @@ async def test_a_session_goes_on_by_its_token_however_often_its_connection_is_cu
     assert (await talk.edit(1, PAUSE)).code == 0
 
 
-async def test_an_event_that_was_on_its_way_is_said_again_and_answered_once(distant: Target, line: TcpLine) -> None:
+async def test_event_resent_after_a_cut_is_answered_once(distant: Target, line: TcpLine) -> None:
     talk = await distant.talk()
     heard = await talk.open(1)
     for seq in range(2, 8):
         event = addressed(edit_prompts(span(f"prompt number {seq}")), 1, seq)
         heard.sent_seq = seq
         await talk.send(event)
-        await cut(line, talk)  # whether it reached the server is not known
+        await cut(line, talk)  # it may or may not have reached the server
         talk = await come_back(distant, heard)
         await talk.send(event)
         assert (await talk.answer(1, seq)).code == 0

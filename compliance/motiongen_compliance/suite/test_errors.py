@@ -13,7 +13,7 @@ from motiongen_compliance.target import Scene, Target
 PROMPT, CONSTRAINT = "edit_prompts.upsert[0]", "edit_constraints.upsert[0]"
 
 
-async def test_unknown_names_are_answered_with_those_there_are(target: Target) -> None:
+async def test_unknown_names_are_refused_with_the_known_ones(target: Target) -> None:
     talk = await target.talk()
     await talk.ask_open(1, rig_id="smurf")
     assert rig_of(talk.catalog).rig_id in (await talk.answer(1, 1)).allowed
@@ -21,7 +21,7 @@ async def test_unknown_names_are_answered_with_those_there_are(target: Target) -
     assert talk.catalog.models[0].model_id in (await talk.answer(2, 1)).allowed
 
 
-async def test_committed_frames_are_refused_and_the_first_free_one_is_named(scene: Scene) -> None:
+async def test_edit_of_committed_frames_is_refused_with_the_first_free_frame(scene: Scene) -> None:
     talk = scene.talk
     heard = talk.sessions[1]
     while not heard.committed_to:
@@ -41,7 +41,7 @@ async def test_committed_frames_are_refused_and_the_first_free_one_is_named(scen
 
 
 @pytest.mark.parametrize("event", [PAUSE, edit_prompts(span()), edit_constraints()], ids=["state", "prompt", "target"])
-async def test_an_event_for_a_handle_that_is_not_open(scene: Scene, event: Event) -> None:
+async def test_event_for_a_handle_that_is_not_open_is_refused(scene: Scene, event: Event) -> None:
     talk = scene.talk
     await talk.send(addressed(event, 33, 1))
     await talk.until(lambda: 33 in talk.sessions)
@@ -50,7 +50,7 @@ async def test_an_event_for_a_handle_that_is_not_open(scene: Scene, event: Event
     await scene.others_play_on()
 
 
-async def test_a_handle_in_use_is_refused_and_its_session_lives(scene: Scene) -> None:
+async def test_open_on_a_handle_in_use_is_refused_and_its_session_unharmed(scene: Scene) -> None:
     talk = scene.talk
     await talk.send(addressed(opening(), 1, 1))
     mistake = Mistake("", lambda c: opening(), "HANDLE_IN_USE", "session", "SessionClosed", Status.ALREADY_EXISTS)
@@ -64,7 +64,7 @@ async def test_a_handle_in_use_is_refused_and_its_session_lives(scene: Scene) ->
 @pytest.mark.parametrize(
     ("event", "number"), [(Event(playhead=session_pb2.Playhead()), 5), (PAUSE, 0)], ids=["report", "edit"]
 )
-async def test_a_number_where_none_belongs(scene: Scene, event: Event, number: int) -> None:
+async def test_event_number_that_is_not_allowed_is_refused(scene: Scene, event: Event, number: int) -> None:
     talk = scene.talk
     await talk.send(addressed(event, 1, number))
     check(
@@ -74,7 +74,7 @@ async def test_a_number_where_none_belongs(scene: Scene, event: Event, number: i
     await scene.others_play_on()
 
 
-async def test_a_playhead_out_of_range_is_refused(scene: Scene) -> None:
+async def test_playhead_out_of_range_is_refused(scene: Scene) -> None:
     talk = scene.talk
     await talk.send(Event(session=1, playhead=session_pb2.Playhead(frame=2**60)))
     mistake = Mistake("", lambda c: Event(), "FRAME_OUT_OF_RANGE", "playhead.frame", "9007199254740992")
@@ -83,7 +83,7 @@ async def test_a_playhead_out_of_range_is_refused(scene: Scene) -> None:
     await scene.others_play_on()
 
 
-async def test_events_that_come_too_fast_are_refused_one_by_one(scene: Scene) -> None:
+async def test_events_that_come_too_fast_are_each_answered_and_some_refused(scene: Scene) -> None:
     talk = scene.talk
     heard = talk.sessions[1]
     last = 2 * round(talk.catalog.limits.max_events_per_second) + 20

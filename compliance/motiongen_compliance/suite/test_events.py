@@ -22,7 +22,7 @@ FAILED_PRECONDITION = grpc.StatusCode.FAILED_PRECONDITION.value[0]
 UNIMPLEMENTED = grpc.StatusCode.UNIMPLEMENTED.value[0]
 
 
-async def test_every_numbered_event_gets_one_answer_in_order(scene: Scene) -> None:
+async def test_every_numbered_event_is_answered_once_and_accepted(scene: Scene) -> None:
     talk = scene.talk
     heard = talk.sessions[1]
     events = [
@@ -41,7 +41,7 @@ async def test_every_numbered_event_gets_one_answer_in_order(scene: Scene) -> No
     await scene.others_play_on()
 
 
-async def test_applied_seq_says_what_has_been_answered(target: Target) -> None:
+async def test_applied_seq_counts_only_answered_events(target: Target) -> None:
     talk = await target.talk()
     heard = await talk.open(1)
     answered = {1}
@@ -58,7 +58,7 @@ async def test_applied_seq_says_what_has_been_answered(target: Target) -> None:
     assert heard.applied_seq == 7
 
 
-async def test_a_repetition_is_dropped_and_a_gap_refused(scene: Scene) -> None:
+async def test_repeated_event_is_dropped_and_a_gap_in_numbers_refused(scene: Scene) -> None:
     talk = scene.talk
     await talk.edit(1, PAUSE)
     await talk.send(addressed(PAUSE, 1, 2), addressed(RESUME, 1, 4))
@@ -70,7 +70,7 @@ async def test_a_repetition_is_dropped_and_a_gap_refused(scene: Scene) -> None:
     await scene.others_play_on()
 
 
-async def test_an_event_that_the_server_does_not_know(scene: Scene) -> None:
+async def test_unknown_event_is_refused_as_unimplemented(scene: Scene) -> None:
     talk = scene.talk
     member_1000 = b"\xc2\x3e\x00"
     outcome = await talk.edit(1, session_pb2.SessionEvent.FromString(member_1000))
@@ -82,14 +82,14 @@ async def test_an_event_that_the_server_does_not_know(scene: Scene) -> None:
     await scene.others_play_on()
 
 
-async def test_an_edit_that_alters_no_frame_has_no_effective_frame(target: Target) -> None:
+async def test_edit_that_changes_no_frame_has_no_effective_frame(target: Target) -> None:
     talk = await target.talk()
     await talk.open(1, prompts=[span("walk")])
     outcome = await talk.edit(1, edit_constraints())
     assert (outcome.code, outcome.HasField("effective_frame")) == (OK, False)
 
 
-async def test_an_edit_of_the_far_future_is_answered_at_once(target: Target) -> None:
+async def test_edit_of_the_far_future_is_answered_at_once(target: Target) -> None:
     talk = await target.talk()
     heard = await talk.open(1)
     outcome = await talk.edit(1, edit_constraints(waypoint(5000, x=3.0, z=4.0)))
@@ -97,7 +97,7 @@ async def test_an_edit_of_the_far_future_is_answered_at_once(target: Target) -> 
     assert heard.end < 5000
 
 
-async def test_a_playhead_for_a_session_that_is_not_there_is_dropped(scene: Scene) -> None:
+async def test_playhead_of_an_unknown_session_is_dropped(scene: Scene) -> None:
     talk = scene.talk
     await talk.send(session_pb2.SessionEvent(session=77, playhead=session_pb2.Playhead(frame=3)))
     await talk.ping(2)
@@ -105,7 +105,7 @@ async def test_a_playhead_for_a_session_that_is_not_there_is_dropped(scene: Scen
     await scene.others_play_on()
 
 
-async def test_ping_brings_its_number_back(target: Target) -> None:
+async def test_ping_is_answered_with_its_number(target: Target) -> None:
     talk = await target.talk()
     for number in (-1, 0, 2**62):
         pong = await talk.ping(number)
@@ -113,7 +113,7 @@ async def test_ping_brings_its_number_back(target: Target) -> None:
         assert pong.server_time_ns > 0
 
 
-async def test_ping_and_events_share_a_message(target: Target) -> None:
+async def test_ping_and_events_may_share_a_message(target: Target) -> None:
     talk = await target.talk()
     opening = session_pb2.SessionEvent(session=1, event_seq=1, open=session_pb2.OpenSession())
     await talk.say(service_pb2.StreamMotionRequest(ping=service_pb2.Ping(client_time_ns=5), events=[opening]))
@@ -121,7 +121,7 @@ async def test_ping_and_events_share_a_message(target: Target) -> None:
     assert [response.pong.client_time_ns for response in talk.responses if response.HasField("pong")] == [5]
 
 
-async def test_events_after_the_close_are_refused_before_the_end_is_told(scene: Scene) -> None:
+async def test_events_after_a_close_are_refused_before_session_closed(scene: Scene) -> None:
     talk = scene.talk
     heard = talk.sessions[1]
     await talk.send(addressed(close(), 1, 2), addressed(PAUSE, 1, 3))
@@ -132,7 +132,7 @@ async def test_events_after_the_close_are_refused_before_the_end_is_told(scene: 
     await scene.others_play_on()
 
 
-async def test_what_was_sent_behind_a_refused_open_is_refused_and_the_handle_begins_with_1_again(scene: Scene) -> None:
+async def test_events_after_a_refused_open_are_refused_and_its_handle_stays_free(scene: Scene) -> None:
     talk = scene.talk
     refused = session_pb2.SessionEvent(session=9, event_seq=1, open=session_pb2.OpenSession(model_id="none"))
     heard = await talk.ask_open(9, model_id="none")
@@ -142,13 +142,13 @@ async def test_what_was_sent_behind_a_refused_open_is_refused_and_the_handle_beg
         assert (await talk.answer(9, number)).reason in {"SESSION_NOT_OPEN", "SESSION_CLOSED"}
     heard.outcomes.clear()
     await talk.send(refused)
-    assert (await talk.answer(9, 1)).reason == "UNKNOWN_MODEL", "the number is not used up"
+    assert (await talk.answer(9, 1)).reason == "UNKNOWN_MODEL", "number 1 is free again"
     await talk.open(9)
     assert (await talk.edit(9, PAUSE)).code == OK
     await scene.others_play_on()
 
 
-async def test_reports_that_come_too_fast_are_refused_with_the_number_0(scene: Scene) -> None:
+async def test_playheads_that_come_too_fast_are_refused_with_number_0(scene: Scene) -> None:
     talk = scene.talk
     heard = talk.sessions[1]
     report = session_pb2.SessionEvent(session=1, playhead=session_pb2.Playhead(frame=1))
@@ -160,7 +160,7 @@ async def test_reports_that_come_too_fast_are_refused_with_the_number_0(scene: S
     await scene.others_play_on()
 
 
-async def test_a_paused_session_is_edited_as_a_playing_one(scene: Scene) -> None:
+async def test_paused_session_is_edited_like_a_playing_one(scene: Scene) -> None:
     talk = scene.talk
     heard = talk.sessions[1]
     assert (await talk.edit(1, PAUSE)).code == OK
@@ -168,7 +168,7 @@ async def test_a_paused_session_is_edited_as_a_playing_one(scene: Scene) -> None
     lookahead = heard.opened.lookahead_frames
     await talk.until(lambda: heard.end == lookahead)
     outcome = await talk.edit(1, edit_prompts(span("another")))
-    assert outcome.HasField("effective_frame"), "frames that were sent are replaced"
+    assert outcome.HasField("effective_frame"), "frames that were sent already are replaced"
     await talk.until(lambda: heard.next_frame == lookahead)
     assert heard.end == lookahead
     await scene.others_play_on()

@@ -71,7 +71,7 @@ def apart_rad(one: Numbers, other: Numbers) -> float:
 
 
 @pytest.mark.parametrize(("scalar_type", "metres", "radians"), [(F16, 0.001, 0.0015), (QUANTISED, 0.0006, 0.0035)])
-async def test_a_session_has_the_same_motion_in_another_form(
+async def test_session_in_a_compact_form_has_the_same_motion(
     target: Target, scalar_type: int, metres: float, radians: float
 ) -> None:
     talk, rig = await target.talk(), rig_of(target.catalog)
@@ -92,7 +92,7 @@ async def test_a_session_has_the_same_motion_in_another_form(
 
 
 @pytest.mark.parametrize("scalar_type", [F16, QUANTISED])
-async def test_a_clip_has_the_same_motion_in_another_form(target: Target, scalar_type: int) -> None:
+async def test_clip_in_a_compact_form_has_the_same_motion(target: Target, scalar_type: int) -> None:
     rig, found = rig_of(target.catalog), []
     for form in (F32, scalar_type):
         opening = session_pb2.OpenSession(seed=7, scalar_type=form, prompts=[span("walk")])  # type: ignore[arg-type]
@@ -106,7 +106,7 @@ async def test_a_clip_has_the_same_motion_in_another_form(target: Target, scalar
     assert apart_rad(found[0][1], found[1][1]) <= 0.0035 + ROUNDING
 
 
-async def test_rotations_are_of_length_1_and_of_q_and_minus_q_neighbours_have_the_nearer(target: Target) -> None:
+async def test_rotations_have_length_1_and_keep_their_sign_from_frame_to_frame(target: Target) -> None:
     talk, rig = await target.talk(), rig_of(target.catalog)
     heard = await talk.open(1, prompts=[span("walk")])
     for text in ("turn around", "dance"):

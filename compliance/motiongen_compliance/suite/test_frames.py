@@ -1,4 +1,4 @@
-"""Frames and plans. `Heard` checks the rules of order on every message; these tests provoke the cases that matter."""
+"""Frames and plans. `Heard` checks the rules of order on every message; these tests provoke the important cases."""
 
 from __future__ import annotations
 
@@ -9,7 +9,7 @@ from motiongen_compliance.messages import PAUSE, RESUME, edit_prompts, span
 from motiongen_compliance.target import Target
 
 
-async def test_a_silent_client_gets_one_lookahead_and_no_more(target: Target) -> None:
+async def test_silent_client_gets_one_lookahead_of_frames_and_no_more(target: Target) -> None:
     talk = await target.talk()
     heard = await talk.open(1)
     assert heard.opened is not None
@@ -18,10 +18,10 @@ async def test_a_silent_client_gets_one_lookahead_and_no_more(target: Target) ->
     await talk.open(2)
     await talk.plays_on(2)
     await talk.ping(1)
-    assert heard.end == lookahead, "nothing came while another session opened and played on"
+    assert heard.end == lookahead, "frames came without credit"
 
 
-async def test_the_playhead_is_credit(target: Target) -> None:
+async def test_playhead_extends_the_credit(target: Target) -> None:
     talk = await target.talk()
     heard = await talk.open(1)
     assert heard.opened is not None
@@ -33,7 +33,7 @@ async def test_the_playhead_is_credit(target: Target) -> None:
         await talk.until(lambda playhead=playhead: heard.end == playhead + lookahead)
 
 
-async def test_a_playhead_that_falls_is_ignored(target: Target) -> None:
+async def test_playhead_that_goes_back_is_ignored(target: Target) -> None:
     talk = await target.talk()
     heard = await talk.open(1)
     assert heard.opened is not None
@@ -59,7 +59,7 @@ async def test_windows_follow_each_other_as_plans_that_replace_nothing(target: T
     assert len(heard.plans) >= 4
 
 
-async def test_an_edit_makes_a_plan_that_names_it_and_replaces_from_its_effective_frame(target: Target) -> None:
+async def test_edit_makes_a_plan_that_names_it_and_starts_at_its_effective_frame(target: Target) -> None:
     talk = await target.talk()
     heard = await talk.open(1, prompts=[span("stand")])
     outcome = await talk.edit(1, edit_prompts(span("run fast")))
@@ -71,7 +71,7 @@ async def test_an_edit_makes_a_plan_that_names_it_and_replaces_from_its_effectiv
     assert heard.applied_seq == 2
 
 
-async def test_what_is_committed_does_not_change(target: Target) -> None:
+async def test_edits_do_not_change_committed_frames(target: Target) -> None:
     talk = await target.talk()
     heard = await talk.open(1, prompts=[span("stand")])
     for index in range(6):
@@ -84,7 +84,7 @@ async def test_what_is_committed_does_not_change(target: Target) -> None:
     assert len([plan for plan in heard.plans if plan.cause == session_pb2.PLAN_CAUSE_EDIT]) >= 3
 
 
-async def test_a_paused_session_gets_its_lookahead_and_goes_on_when_it_plays(target: Target) -> None:
+async def test_paused_session_gets_its_lookahead_and_continues_when_played(target: Target) -> None:
     talk = await target.talk()
     heard = await talk.open(1)
     assert (await talk.edit(1, PAUSE)).code == 0
@@ -95,7 +95,7 @@ async def test_a_paused_session_gets_its_lookahead_and_goes_on_when_it_plays(tar
     await talk.plays_on(1)
 
 
-async def test_the_same_seed_gives_the_same_motion_whoever_is_served(target: Target) -> None:
+async def test_same_seed_gives_the_same_motion_beside_other_sessions(target: Target) -> None:
     talk = await target.talk()
     first = await talk.open(1, seed=11, prompts=[span("walk")])
     for handle in (2, 3, 4):

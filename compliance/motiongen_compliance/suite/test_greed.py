@@ -1,4 +1,4 @@
-"""Clients that ask for much and read nothing, and hellos that are well formed but absurd."""
+"""Clients that send too much, and hellos with extreme values."""
 
 from __future__ import annotations
 
@@ -13,7 +13,7 @@ from motiongen_compliance.target import Scene, Target
 
 
 @pytest.mark.parametrize("seconds", [10**18, -(10**18), 0, 3600])
-async def test_any_flush_interval_is_moved_into_the_range(target: Target, seconds: int) -> None:
+async def test_any_flush_interval_is_clamped_to_the_allowed_range(target: Target, seconds: int) -> None:
     talk = target.stream()
     hello = service_pb2.ClientHello()
     hello.flush_interval.seconds = seconds
@@ -23,7 +23,7 @@ async def test_any_flush_interval_is_moved_into_the_range(target: Target, second
     await talk.plays_on(1)
 
 
-async def test_a_client_s_name_that_is_too_long_ends_its_stream_alone(scene: Scene, target: Target) -> None:
+async def test_too_long_client_agent_ends_only_its_own_stream(scene: Scene, target: Target) -> None:
     talk = target.stream()
     await talk.say(service_pb2.StreamMotionRequest(hello=service_pb2.ClientHello(client_agent="x" * 129)))
     assert await talk.to_the_end() is grpc.StatusCode.INVALID_ARGUMENT
@@ -33,7 +33,7 @@ async def test_a_client_s_name_that_is_too_long_ends_its_stream_alone(scene: Sce
     await scene.others_play_on()
 
 
-async def test_a_close_is_taken_however_fast_the_events_before_it_came(scene: Scene) -> None:
+async def test_close_is_accepted_however_fast_the_events_before_it_came(scene: Scene) -> None:
     talk = scene.talk
     heard = talk.sessions[1]
     last = 2 * round(talk.catalog.limits.max_events_per_second) + 20

@@ -1,4 +1,4 @@
-"""Bytes that are no message of the protocol, or too long: the call ends with a status, others are unaffected."""
+"""Bytes that are not a message of the protocol, or too many: the call ends with a status, others are unaffected."""
 
 from __future__ import annotations
 
@@ -13,7 +13,7 @@ from motiongen_compliance.mistakes import Status
 from motiongen_compliance.target import Scene, Target
 
 SERVICE = "/motiongen.v1.MotionService"
-NO_MESSAGE = b"\x0a\xff"  # a field that is longer than the message
+NO_MESSAGE = b"\x0a\xff"  # a field longer than the message
 HELLO = service_pb2.StreamMotionRequest(hello=service_pb2.ClientHello()).SerializeToString()
 
 
@@ -35,7 +35,7 @@ async def end_of(target: Target, method: str, messages: list[bytes]) -> tuple[gr
 
 
 @pytest.mark.parametrize("before", [[], [HELLO]], ids=["first", "later"])
-async def test_what_is_no_message_ends_its_stream_alone(scene: Scene, target: Target, before: list[bytes]) -> None:
+async def test_malformed_message_ends_only_its_own_stream(scene: Scene, target: Target, before: list[bytes]) -> None:
     ended = await end_of(target, "StreamMotion", [*before, NO_MESSAGE])
     assert ended == (Status.INVALID_ARGUMENT, "MALFORMED_REQUEST")
     await scene.others_play_on()
@@ -52,7 +52,7 @@ async def test_what_is_no_message_ends_its_stream_alone(scene: Scene, target: Ta
         ("GenerateClip", [], Status.UNIMPLEMENTED, "ONE_REQUEST_EXPECTED"),
     ],
 )
-async def test_a_call_takes_one_request_that_can_be_read(
+async def test_call_takes_exactly_one_valid_request(
     scene: Scene, target: Target, method: str, messages: list[bytes], code: grpc.StatusCode, reason: str
 ) -> None:
     assert await end_of(target, method, messages) == (code, reason)
@@ -68,7 +68,7 @@ def message_of(num_bytes: int) -> service_pb2.StreamMotionRequest:
     return of(num_bytes - (of(num_bytes).ByteSize() - num_bytes))
 
 
-async def test_a_message_may_be_as_long_as_the_limit_and_no_longer(scene: Scene) -> None:
+async def test_message_up_to_the_size_limit_is_accepted_and_a_longer_one_ends_the_stream(scene: Scene) -> None:
     most = scene.talk.catalog.limits.max_request_bytes
     longest = message_of(most)
     assert longest.ByteSize() == most

@@ -1,4 +1,4 @@
-"""The catalogue, the greeting, and how sessions open."""
+"""The catalogue, hello, and how sessions open."""
 
 from __future__ import annotations
 
@@ -15,7 +15,7 @@ from motiongen_compliance.target import Target
 HELLO = service_pb2.StreamMotionRequest(hello=service_pb2.ClientHello())
 
 
-async def test_the_catalogue_is_whole_and_an_etag_saves_it(target: Target) -> None:
+async def test_catalogue_is_consistent_and_left_out_for_a_known_etag(target: Target) -> None:
     catalog = target.catalog
     rig, model = rig_of(catalog), catalog.models[0]
     assert {each.rig_id for each in catalog.models} <= {each.rig_id for each in catalog.rigs}
@@ -64,7 +64,7 @@ async def test_events_may_come_with_hello(target: Target) -> None:
     ],
     ids=["event", "ping", "nothing", "twice"],
 )
-async def test_a_stream_without_one_hello_ends_with_details(
+async def test_stream_that_does_not_begin_with_one_hello_ends_with_details(
     target: Target, messages: list[service_pb2.StreamMotionRequest], reason: str
 ) -> None:
     other = await target.talk()
@@ -82,7 +82,7 @@ async def test_a_stream_without_one_hello_ends_with_details(
     await other.plays_on(1)
 
 
-async def test_what_is_left_out_is_told(target: Target) -> None:
+async def test_session_opened_states_the_defaults(target: Target) -> None:
     talk, catalog = await target.talk(), target.catalog
     heard = await talk.open(0)
     opened = heard.opened
@@ -97,7 +97,7 @@ async def test_what_is_left_out_is_told(target: Target) -> None:
     assert heard.applied_seq == 1
 
 
-async def test_what_is_asked_for_is_taken(target: Target) -> None:
+async def test_options_of_an_open_are_accepted(target: Target) -> None:
     talk, catalog = await target.talk(), target.catalog
     heard = await talk.open(
         7,
@@ -119,7 +119,7 @@ async def test_what_is_asked_for_is_taken(target: Target) -> None:
     assert heard.opened.denoise_steps == catalog.models[0].max_denoise_steps
 
 
-async def test_session_ids_differ_also_where_a_handle_is_used_again(target: Target) -> None:
+async def test_session_ids_differ_even_when_a_handle_is_reused(target: Target) -> None:
     talk, other = await target.talk(), await target.talk()
     sessions = [await talk.open(1), await talk.open(2), await other.open(1)]
     await talk.close(1)
@@ -127,7 +127,7 @@ async def test_session_ids_differ_also_where_a_handle_is_used_again(target: Targ
     assert len({heard.opened.session_id for heard in sessions if heard.opened}) == 4
 
 
-async def test_a_repeated_open_is_dropped_and_another_refused(target: Target) -> None:
+async def test_repeated_open_is_dropped_and_a_different_one_refused(target: Target) -> None:
     talk = await target.talk()
     heard = await talk.open(1, request_id="mine")
     await talk.open(2)
@@ -144,7 +144,7 @@ async def test_a_repeated_open_is_dropped_and_another_refused(target: Target) ->
     await talk.plays_on(2)
 
 
-async def test_a_handle_may_be_used_again_after_its_session_closed(target: Target) -> None:
+async def test_handle_may_be_reused_after_its_session_closed(target: Target) -> None:
     talk = await target.talk()
     await talk.open(1)
     await talk.plays_on(1)
@@ -155,7 +155,7 @@ async def test_a_handle_may_be_used_again_after_its_session_closed(target: Targe
     await talk.plays_on(1)
 
 
-async def test_one_message_carries_many_sessions_both_ways(target: Target) -> None:
+async def test_one_message_carries_many_sessions_in_both_directions(target: Target) -> None:
     talk = await target.talk()
     handles = range(10, 22)
     await talk.send(
@@ -169,7 +169,7 @@ async def test_one_message_carries_many_sessions_both_ways(target: Target) -> No
     assert {talk.sessions[handle].opened.seed for handle in handles} == set(handles)  # type: ignore[union-attr]
 
 
-async def test_an_open_can_be_followed_at_once(target: Target) -> None:
+async def test_close_may_follow_an_open_at_once(target: Target) -> None:
     talk = await target.talk()
     opening = session_pb2.OpenSession(prompts=[span("a text nobody has sent before")])
     await talk.send(session_pb2.SessionEvent(session=3, event_seq=1, open=opening), addressed(close(), 3, 2))

@@ -11,7 +11,7 @@ def options(**fields: int) -> session_pb2.SessionEvent:
     return session_pb2.SessionEvent(set_options=session_pb2.SetOptions(**fields))  # type: ignore[arg-type]
 
 
-async def test_they_are_taken_without_a_frame_and_the_session_goes_on(target: Target) -> None:
+async def test_options_change_without_an_effective_frame_and_the_session_goes_on(target: Target) -> None:
     model = target.catalog.models[0]
     talk = await target.talk()
     await talk.open(1)
@@ -21,7 +21,7 @@ async def test_they_are_taken_without_a_frame_and_the_session_goes_on(target: Ta
     await talk.plays_on(1)
 
 
-async def test_a_longer_lookahead_brings_more_frames_and_a_shorter_one_takes_none_back(target: Target) -> None:
+async def test_longer_lookahead_brings_more_frames_and_a_shorter_one_keeps_them(target: Target) -> None:
     limits, talk = target.catalog.limits, await target.talk()
     least = target.catalog.models[0].horizon_frames
     heard = await talk.open(1, lookahead_frames=least)
@@ -35,7 +35,7 @@ async def test_a_longer_lookahead_brings_more_frames_and_a_shorter_one_takes_non
     await talk.plays_on(1)
 
 
-async def test_what_cannot_be_is_refused_and_the_next_event_is_taken(target: Target) -> None:
+async def test_option_out_of_range_is_refused_and_the_next_event_accepted(target: Target) -> None:
     model = target.catalog.models[0]
     talk = await target.talk()
     await talk.open(1)
@@ -44,7 +44,7 @@ async def test_what_cannot_be_is_refused_and_the_next_event_is_taken(target: Tar
     assert (await talk.edit(1, edit_constraints(waypoint(900)))).code == 0
 
 
-async def test_where_a_constraint_was_put_is_told(target: Target) -> None:
+async def test_placement_of_a_constraint_is_reported(target: Target) -> None:
     talk = await target.talk()
     await talk.open(1)
     there = waypoint(0, 5, x=0.5)
@@ -59,7 +59,7 @@ async def test_where_a_constraint_was_put_is_told(target: Target) -> None:
     assert placement.first_frame <= heard.reached[0].frame <= placement.last_frame
 
 
-async def test_a_cut_is_a_plan_of_its_own_cause_and_the_session_goes_on(target: Target) -> None:
+async def test_seek_makes_a_cut_and_the_session_goes_on(target: Target) -> None:
     talk = await target.talk()
     await talk.open(1)
     pose = session_pb2.StartPose(x=3.0, z=-2.0, heading=1.0)
@@ -71,7 +71,7 @@ async def test_a_cut_is_a_plan_of_its_own_cause_and_the_session_goes_on(target: 
     assert (refused.reason, refused.field) == ("AMBIGUOUS_START", "seek")
 
 
-async def test_a_session_goes_on_from_a_frame_of_its_own_that_is_held(target: Target) -> None:
+async def test_seek_continues_from_an_earlier_frame_of_the_session(target: Target) -> None:
     talk = await target.talk()
     heard = await talk.open(1)
     while heard.end < target.catalog.models[0].patch_frames + 1:
@@ -85,7 +85,7 @@ async def test_a_session_goes_on_from_a_frame_of_its_own_that_is_held(target: Ta
     await talk.plays_on(1)
 
 
-async def test_a_frame_that_is_not_held_is_refused_with_those_that_are(target: Target) -> None:
+async def test_seek_to_a_frame_that_is_not_held_is_refused(target: Target) -> None:
     talk = await target.talk()
     await talk.open(1)
     ahead = await talk.edit(1, session_pb2.SessionEvent(seek=session_pb2.Seek(frame=2**40)))

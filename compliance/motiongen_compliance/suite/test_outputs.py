@@ -24,7 +24,7 @@ def offered(target: Target) -> list[motion_pb2.ChannelBlock]:
     return list(target.catalog.models[0].outputs)
 
 
-async def test_frames_of_a_session_have_what_it_asked_for_in_that_order(
+async def test_session_has_the_requested_outputs_in_their_order(
     target: Target, offered: list[motion_pb2.ChannelBlock]
 ) -> None:
     asked = offered[::-1]
@@ -36,7 +36,7 @@ async def test_frames_of_a_session_have_what_it_asked_for_in_that_order(
         await talk.plays_on(1)
 
 
-async def test_places_and_speeds_fit_the_rows_that_they_belong_to(
+async def test_positions_and_velocities_match_their_frames_roots(
     target: Target, offered: list[motion_pb2.ChannelBlock]
 ) -> None:
     names = {block.name for block in offered} & {"joint_positions_m", "joint_velocities_mps"}
@@ -56,7 +56,7 @@ async def test_places_and_speeds_fit_the_rows_that_they_belong_to(
         np.testing.assert_allclose(speed[1:], np.diff(root, axis=0) * rig.frame_rate, atol=1e-3)
 
 
-async def test_a_clip_has_them_too(target: Target, offered: list[motion_pb2.ChannelBlock]) -> None:
+async def test_clip_has_the_requested_outputs(target: Target, offered: list[motion_pb2.ChannelBlock]) -> None:
     opening = session_pb2.OpenSession(outputs=[block.name for block in offered])
     width = 4 * sum(block.width for block in (*rig_of(target.catalog).blocks, *offered))
     request = service_pb2.GenerateClipRequest(open=opening, frame_count=30)
@@ -67,7 +67,7 @@ async def test_a_clip_has_them_too(target: Target, offered: list[motion_pb2.Chan
             assert len(response.chunk.data) == width * response.chunk.frame_count
 
 
-async def test_a_session_that_resumes_goes_on_with_them(target: Target, offered: list[motion_pb2.ChannelBlock]) -> None:
+async def test_resumed_session_keeps_its_outputs(target: Target, offered: list[motion_pb2.ChannelBlock]) -> None:
     first = await target.talk()
     heard = await first.open(1, outputs=[block.name for block in offered])
     first.call.cancel()
@@ -79,7 +79,7 @@ async def test_a_session_that_resumes_goes_on_with_them(target: Target, offered:
 
 
 @pytest.mark.parametrize("twice", [False, True])
-async def test_one_that_is_not_offered_or_comes_twice_is_refused(
+async def test_unknown_or_repeated_output_is_refused(
     target: Target, offered: list[motion_pb2.ChannelBlock], twice: bool
 ) -> None:
     name = offered[0].name if twice and offered else "heart_rate"

@@ -16,7 +16,7 @@ async def play_past(talk: Talk, handle: int, frame: int) -> None:
         await talk.plays_on(handle)
 
 
-async def test_a_constraint_is_answered_once_with_its_distance(target: Target) -> None:
+async def test_constraint_is_reported_once_with_its_error(target: Target) -> None:
     talk = await target.talk()
     far = waypoint(30, 3, x=90.0, z=-90.0, heading=0.5)
     anywhere = waypoint(30, 4, x=90.0, z=-90.0)
@@ -32,7 +32,7 @@ async def test_a_constraint_is_answered_once_with_its_distance(target: Target) -
     assert not met.HasField("rotation_error_rad")
 
 
-async def test_a_client_that_resumes_hears_what_it_missed(target: Target) -> None:
+async def test_resuming_client_is_told_again_what_it_may_have_missed(target: Target) -> None:
     first = await target.talk()
     heard = await first.open(1, constraints=[waypoint(30)])
     await play_past(first, 1, 30)
@@ -46,7 +46,7 @@ async def test_a_client_that_resumes_hears_what_it_missed(target: Target) -> Non
     assert heard.reached == told
 
 
-async def test_a_heading_and_rotations_need_no_place(target: Target) -> None:
+async def test_headings_and_rotations_have_no_position_error(target: Target) -> None:
     heading = motion_pb2.Constraint(constraint_id=1, frame=20, heading=motion_pb2.HeadingTarget(heading=3.0))
     turn = motion_pb2.JointRotations(joints=[0], rotations=[0.0, 1.0, 0.0, 0.0])
     turned = motion_pb2.Constraint(constraint_id=2, frame=21, joint_rotations=turn)
@@ -59,7 +59,7 @@ async def test_a_heading_and_rotations_need_no_place(target: Target) -> None:
         assert reached.met == (reached.rotation_error_rad <= target.catalog.models[0].default_tolerance_rad)
 
 
-async def test_a_clip_says_what_is_met(target: Target) -> None:
+async def test_clip_reports_which_constraints_are_met(target: Target) -> None:
     near, far = waypoint(10, 1, x=90.0), waypoint(5, 2, x=90.0)
     near.tolerance_m = 1000.0
     opening = session_pb2.OpenSession(constraints=[near, far])
@@ -72,7 +72,7 @@ async def test_a_clip_says_what_is_met(target: Target) -> None:
     ]
 
 
-async def test_the_catalogue_says_how_near_is_near_enough(target: Target) -> None:
+async def test_catalogue_states_the_default_tolerances(target: Target) -> None:
     model = target.catalog.models[0]
     assert model.default_tolerance_m > 0
     assert 0 < model.default_tolerance_rad < 3.15
@@ -87,7 +87,7 @@ async def test_the_catalogue_says_how_near_is_near_enough(target: Target) -> Non
         ("tolerance_rad", float("nan"), "NOT_FINITE"),
     ],
 )
-async def test_a_tolerance_that_cannot_be_is_refused(target: Target, field: str, value: float, reason: str) -> None:
+async def test_tolerance_out_of_range_is_refused(target: Target, field: str, value: float, reason: str) -> None:
     talk = await target.talk()
     await talk.open(1)
     constraint: motion_pb2.Constraint = waypoint(900)
@@ -96,7 +96,7 @@ async def test_a_tolerance_that_cannot_be_is_refused(target: Target, field: str,
     assert (outcome.reason, outcome.field) == (reason, f"edit_constraints.upsert[0].{field}")
 
 
-async def test_a_foot_that_is_to_stand_is_answered_or_refused_by_name(target: Target) -> None:
+async def test_foot_contact_is_reported_or_refused_by_name(target: Target) -> None:
     feet = [limb.name for limb in rig_of(target.catalog).limbs if limb.name in ("LeftFoot", "RightFoot")]
     standing = motion_pb2.FootContact(limb=feet[0] if feet else "LeftFoot", x=90.0, z=0.0)
     talk = await target.talk()

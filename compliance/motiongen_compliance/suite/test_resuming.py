@@ -1,4 +1,4 @@
-"""Resuming a session: what is sent again, what continues, who may take it over, and when it is too late."""
+"""Resuming a session: what is sent again, what continues, the takeover of a stream, and resumes that are refused."""
 
 from __future__ import annotations
 
@@ -15,11 +15,11 @@ from motiongen_compliance.target import Target
 
 
 async def lost(talk: Talk) -> None:
-    """End a stream as a lost transport does."""
+    """End a stream as the loss of its transport would."""
     talk.call.cancel()
 
 
-async def test_a_session_goes_on_where_its_client_is(target: Target) -> None:
+async def test_resumed_session_continues_where_its_client_is(target: Target) -> None:
     first = await target.talk()
     heard = await first.open(1)
     await first.plays_on(1)
@@ -33,11 +33,11 @@ async def test_a_session_goes_on_where_its_client_is(target: Target) -> None:
     assert (await second.close(1)).reason == session_pb2.CLOSE_REASON_CLIENT
 
 
-async def test_frames_that_were_lost_on_the_way_are_sent_again(target: Target) -> None:
+async def test_frames_lost_on_the_way_are_sent_again(target: Target) -> None:
     first = await target.talk()
     heard = await first.ask_open(1)
     await first.until(lambda: heard.chunks)
-    first.sessions[1] = copy.deepcopy(heard)  # what the server sends now does not reach the client
+    first.sessions[1] = copy.deepcopy(heard)  # as if later messages did not reach the client
     await first.plays_on(1)
     heard.playhead = first.sessions[1].playhead
     assert first.sessions[1].end > heard.end
@@ -49,14 +49,14 @@ async def test_frames_that_were_lost_on_the_way_are_sent_again(target: Target) -
     await second.plays_on(1)
 
 
-async def test_plans_that_were_lost_on_the_way_are_made_up_for_by_one_notice(target: Target) -> None:
+async def test_plans_lost_on_the_way_are_replaced_by_one_resume_plan(target: Target) -> None:
     first = await target.talk()
     heard = await first.open(1)
     assert heard.opened is not None
     lookahead = heard.opened.lookahead_frames
     await first.until(lambda: heard.end >= lookahead)
     held, plan = heard.next_frame, heard.plans[-1].plan
-    first.sessions[1] = copy.deepcopy(heard)  # what the server sends now does not reach the client
+    first.sessions[1] = copy.deepcopy(heard)  # as if later messages did not reach the client
     await first.send(*(addressed(edit_prompts(span(text)), 1, seq) for seq, text in ((2, "run"), (3, "dance"))))
     heard.sent_seq = 3
     await first.until(lambda: first.sessions[1].applied_seq >= 3)
@@ -72,7 +72,7 @@ async def test_plans_that_were_lost_on_the_way_are_made_up_for_by_one_notice(tar
     await second.plays_on(1)
 
 
-async def test_answers_that_may_not_have_been_heard_are_told_again_and_a_repetition_does_nothing(
+async def test_unconfirmed_answers_are_sent_again_and_repeated_events_dropped(
     target: Target,
 ) -> None:
     first = await target.talk()
@@ -92,7 +92,7 @@ async def test_answers_that_may_not_have_been_heard_are_told_again_and_a_repetit
     assert len(heard.plans) == plans, "events whose numbers were seen before are dropped"
 
 
-async def test_answers_that_were_heard_are_not_told_again(target: Target) -> None:
+async def test_confirmed_answers_are_not_sent_again(target: Target) -> None:
     first = await target.talk()
     heard = await first.open(1)
     for text in ("run", "dance"):
@@ -104,7 +104,7 @@ async def test_answers_that_were_heard_are_not_told_again(target: Target) -> Non
     assert [outcome.event_seq for outcome in heard.outcomes] == [2, 3, 4]
 
 
-async def test_a_stream_that_is_still_there_is_fenced(target: Target) -> None:
+async def test_resume_takes_the_session_over_from_a_stream_that_still_lives(target: Target) -> None:
     first, second = await target.talk(), await target.talk()
     heard = await first.open(1)
     other = await first.open(2)
@@ -127,7 +127,7 @@ async def test_a_stream_that_is_still_there_is_fenced(target: Target) -> None:
     await second.plays_on(5)
 
 
-async def test_a_resume_that_was_under_way_for_long_takes_nothing_over(target: Target) -> None:
+async def test_late_resume_of_an_older_attempt_is_refused(target: Target) -> None:
     first, second = await target.talk(), await target.talk()
     heard = await first.open(1)
     first.sessions[1] = copy.deepcopy(heard)
@@ -156,9 +156,7 @@ async def test_a_resume_that_was_under_way_for_long_takes_nothing_over(target: T
         ({"resume_point": None}, "RESUME_SUPERSEDED", "open.resume_point.attempt"),
     ],
 )  # fmt: skip
-async def test_a_resume_that_cannot_be_is_refused(
-    target: Target, fields: dict[str, object], reason: str, field: str
-) -> None:
+async def test_invalid_resume_is_refused(target: Target, fields: dict[str, object], reason: str, field: str) -> None:
     first, second = await target.talk(), await target.talk()
     heard = await first.open(1)
     await lost(first)
@@ -172,7 +170,7 @@ async def test_a_resume_that_cannot_be_is_refused(
     await second.plays_on(1)
 
 
-async def test_a_client_that_holds_nothing_says_so_by_its_attempt_alone(target: Target) -> None:
+async def test_resume_without_any_frames_starts_at_frame_0(target: Target) -> None:
     first, second = await target.talk(), await target.talk()
     heard = await first.open(1)
     assert heard.opened is not None
@@ -185,7 +183,7 @@ async def test_a_client_that_holds_nothing_says_so_by_its_attempt_alone(target: 
     await second.plays_on(1)
 
 
-async def test_a_client_that_finishes_writing_leaves_nothing_to_resume(target: Target) -> None:
+async def test_session_of_a_client_that_finished_writing_cannot_be_resumed(target: Target) -> None:
     first = await target.talk()
     heard = await first.open(1)
     await first.call.done_writing()
@@ -197,7 +195,7 @@ async def test_a_client_that_finishes_writing_leaves_nothing_to_resume(target: T
     assert (await second.answer(1, 1)).reason == "SESSION_NOT_KEPT"
 
 
-async def test_an_edit_that_waits_for_its_prompt_outlives_the_transport(target: Target) -> None:
+async def test_edit_waiting_for_its_prompt_survives_a_lost_transport(target: Target) -> None:
     first = await target.talk()
     heard = await first.open(1)
     await first.send(addressed(edit_prompts(span("a prompt that has to be encoded first")), 1, 2))

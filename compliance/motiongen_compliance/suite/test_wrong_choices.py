@@ -1,4 +1,4 @@
-"""Prompts, options, cuts and opens that ask for the impossible: the answer names the field, and nothing changes."""
+"""Invalid prompts, options, cuts and opens: the answer names the field, and nothing changes."""
 
 from __future__ import annotations
 
@@ -55,62 +55,71 @@ PROMPTS = [
         f"{PROMPT}.preset_id",
     ),
     Mistake(
-        "preset and numbers",
+        "preset and embedding",
         lambda c: prompt(embedding=encoded(c), preset_id="walk"),
         "AMBIGUOUS_PROMPT",
         f"{PROMPT}.preset_id",
     ),
     Mistake(
-        "no preset",
+        "unknown preset",
         lambda c: prompt(preset_id="none of this name"),
         "UNKNOWN_PRESET",
         f"{PROMPT}.preset_id",
         code=Status.NOT_FOUND,
     ),
     Mistake(
-        "another encoder",
+        "embedding of another encoder",
         lambda c: prompt(embedding=encoded(c, encoder="another")),
         "WRONG_TEXT_ENCODER",
         f"{PROMPT}.embedding.text_encoder",
         code=NO_ENCODER,
     ),
     Mistake(
-        "no encoder",
+        "embedding of no encoder",
         lambda c: prompt(embedding=encoded(c, encoder="")),
         "WRONG_TEXT_ENCODER",
         f"{PROMPT}.embedding.text_encoder",
         code=NO_ENCODER,
     ),
     Mistake(
-        "a number short", lambda c: prompt(embedding=encoded(c, missing=1)), "WRONG_LENGTH",
+        "embedding too short", lambda c: prompt(embedding=encoded(c, missing=1)), "WRONG_LENGTH",
         f"{PROMPT}.embedding.values",
     ),
-    Mistake("NaN", lambda c: prompt(embedding=encoded(c, NAN)), "NOT_FINITE", f"{PROMPT}.embedding.values"),
-    Mistake("infinity", lambda c: prompt(embedding=encoded(c, INF)), "NOT_FINITE", f"{PROMPT}.embedding.values"),
-    Mistake("huge", lambda c: prompt(embedding=encoded(c, 1.1e4)), "VALUE_OUT_OF_RANGE", f"{PROMPT}.embedding.values"),
-    Mistake("far end", lambda c: edit_prompts(span(end=2**53 + 1)), "FRAME_OUT_OF_RANGE", f"{PROMPT}.end_frame"),
+    Mistake("NaN embedding", lambda c: prompt(embedding=encoded(c, NAN)), "NOT_FINITE", f"{PROMPT}.embedding.values"),
     Mistake(
-        "many prompts",
+        "infinite embedding", lambda c: prompt(embedding=encoded(c, INF)), "NOT_FINITE", f"{PROMPT}.embedding.values"
+    ),
+    Mistake(
+        "huge embedding", lambda c: prompt(embedding=encoded(c, 1.1e4)), "VALUE_OUT_OF_RANGE",
+        f"{PROMPT}.embedding.values",
+    ),
+    Mistake(
+        "end frame too large", lambda c: edit_prompts(span(end=2**53 + 1)), "FRAME_OUT_OF_RANGE",
+        f"{PROMPT}.end_frame",
+    ),
+    Mistake(
+        "too many prompts",
         lambda c: edit_prompts(*(span("walk", n + 1) for n in range(c.limits.max_prompts + 1))),
         "TOO_MANY_PROMPTS",
         "edit_prompts.upsert",
         code=Status.RESOURCE_EXHAUSTED,
     ),
-    Mistake("removed id 0", lambda c: edit_prompts(remove=[0]), "INVALID_ID", "edit_prompts.remove[0]"),
+    Mistake("id 0 removed", lambda c: edit_prompts(remove=[0]), "INVALID_ID", "edit_prompts.remove[0]"),
 ]  # fmt: skip
 
 OPTIONS = [
-    Mistake("class", lambda c: options(priority=9), "INVALID_PRIORITY", "set_options.priority"),
+    Mistake("invalid class", lambda c: options(priority=9), "INVALID_PRIORITY", "set_options.priority"),
     Mistake(
-        "looks near", lambda c: options(lookahead_frames=1), "LOOKAHEAD_OUT_OF_RANGE", "set_options.lookahead_frames"
+        "lookahead too short", lambda c: options(lookahead_frames=1), "LOOKAHEAD_OUT_OF_RANGE",
+        "set_options.lookahead_frames",
     ),
     Mistake(
-        "looks far",
+        "lookahead too long",
         lambda c: options(lookahead_frames=c.limits.max_lookahead_frames + 1),
         "LOOKAHEAD_OUT_OF_RANGE",
         "set_options.lookahead_frames",
     ),
-    Mistake("no steps", lambda c: options(denoise_steps=0), "DENOISE_STEPS_OUT_OF_RANGE", "set_options.denoise_steps"),
+    Mistake("0 steps", lambda c: options(denoise_steps=0), "DENOISE_STEPS_OUT_OF_RANGE", "set_options.denoise_steps"),
     Mistake(
         "too much history",
         lambda c: options(history_frames=c.models[0].max_history_frames + patch(c)),
@@ -118,17 +127,17 @@ OPTIONS = [
         "set_options.history_frames",
     ),
     Mistake(
-        "half a patch", lambda c: options(history_frames=2 * patch(c) - 1), "HISTORY_OUT_OF_RANGE",
+        "history in part patches", lambda c: options(history_frames=2 * patch(c) - 1), "HISTORY_OUT_OF_RANGE",
         "set_options.history_frames",
     ),
     Mistake(
-        "guided too much",
+        "guidance too large",
         lambda c: options(guidance=session_pb2.Guidance(text=1.01 * c.limits.max_guidance)),
         "GUIDANCE_OUT_OF_RANGE",
         "set_options.guidance.text",
     ),
     Mistake(
-        "guided by NaN",
+        "NaN guidance",
         lambda c: options(guidance=session_pb2.Guidance(constraint=NAN)),
         "NOT_FINITE",
         "set_options.guidance.constraint",
@@ -146,22 +155,22 @@ CUTS = [
         "seek.start_pose",
     ),
     Mistake("NaN pose", lambda c: cut(start_pose=session_pb2.StartPose(x=NAN)), "NOT_FINITE", "seek.start_pose.x"),
-    Mistake("far frame", lambda c: cut(frame=2**53 + 1), "FRAME_OUT_OF_RANGE", "seek.frame"),
+    Mistake("frame too large", lambda c: cut(frame=2**53 + 1), "FRAME_OUT_OF_RANGE", "seek.frame"),
     Mistake(
-        "no frames", lambda c: cut(prior_frames=prior(c, 0)), "PRIOR_FRAMES_OUT_OF_RANGE",
+        "no prior frames", lambda c: cut(prior_frames=prior(c, 0)), "PRIOR_FRAMES_OUT_OF_RANGE",
         "seek.prior_frames.frame_count",
     ),
 ]  # fmt: skip
 
 OPENINGS = [
     Mistake(
-        "half a patch",
+        "prior frames in part patches",
         lambda c: opening(prior_frames=prior(c, 2 * patch(c) - 1)),
         "PRIOR_FRAMES_OUT_OF_RANGE",
         "open.prior_frames.frame_count",
     ),
     Mistake(
-        "many frames",
+        "too many prior frames",
         lambda c: opening(prior_frames=prior(c, (c.limits.max_trajectory_frames // patch(c) + 1) * patch(c))),
         "PRIOR_FRAMES_OUT_OF_RANGE",
         "open.prior_frames.frame_count",
@@ -171,13 +180,13 @@ OPENINGS = [
         "open.prior_frames.data",
     ),
     Mistake(
-        "other scalars",
+        "prior frames of another type",
         lambda c: opening(prior_frames=prior(c, patch(c), scalar_type=motion_pb2.SCALAR_TYPE_F16_LE)),
         "INVALID_SCALAR_TYPE",
         "open.prior_frames.scalar_type",
     ),
     Mistake(
-        "no rotations",
+        "prior frames without rotations",
         lambda c: opening(prior_frames=prior(c, patch(c), length=1.1)),
         "NOT_A_ROTATION",
         "open.prior_frames.data",
@@ -193,13 +202,14 @@ OPENINGS = [
         "open.start_pose",
     ),
     Mistake(
-        "history", lambda c: opening(history_frames=2 * patch(c) - 1), "HISTORY_OUT_OF_RANGE", "open.history_frames"
+        "history in part patches", lambda c: opening(history_frames=2 * patch(c) - 1), "HISTORY_OUT_OF_RANGE",
+        "open.history_frames",
     ),
     Mistake("snapshot", lambda c: opening(snapshot=b"x"), "NOT_SERVED", "open.snapshot", code=Status.UNIMPLEMENTED),
 ]  # fmt: skip
 
 
-async def test_prompts_that_mean_nothing_are_refused(scene: Scene) -> None:
+async def test_invalid_prompts_are_refused(scene: Scene) -> None:
     await refuse_all(scene, PROMPTS)
 
 
@@ -207,18 +217,18 @@ async def test_options_out_of_range_are_refused(scene: Scene) -> None:
     await refuse_all(scene, OPTIONS)
 
 
-async def test_cuts_to_nowhere_are_refused(scene: Scene) -> None:
+async def test_invalid_cuts_are_refused(scene: Scene) -> None:
     await refuse_all(scene, CUTS)
 
 
-async def test_what_is_not_served_is_refused_by_its_name(scene: Scene) -> None:
+async def test_snapshots_are_refused_as_not_served(scene: Scene) -> None:
     snapshot = Event(take_snapshot=session_pb2.TakeSnapshot())
     await refuse_all(
         scene, [Mistake("snapshot", lambda c: snapshot, "NOT_SERVED", "take_snapshot", code=Status.UNIMPLEMENTED)]
     )
 
 
-async def test_openings_that_cannot_be_are_refused_whole(scene: Scene) -> None:
+async def test_invalid_opens_are_refused(scene: Scene) -> None:
     talk = scene.talk
     for handle, mistake in enumerate(OPENINGS, 20):
         await talk.send(addressed(mistake.make(talk.catalog), handle, 1))
@@ -227,7 +237,7 @@ async def test_openings_that_cannot_be_are_refused_whole(scene: Scene) -> None:
     await scene.others_play_on()
 
 
-async def test_a_session_goes_on_from_frames_of_another_by_its_opening_or_a_cut(scene: Scene) -> None:
+async def test_open_or_cut_may_continue_from_frames_of_another_session(scene: Scene) -> None:
     talk, num_frames = scene.talk, patch(scene.talk.catalog)
     held = b"".join(talk.sessions[2].frames[frame] for frame in range(num_frames))
     others = motion_pb2.FrameChunk(frame_count=num_frames, data=held)
@@ -240,7 +250,7 @@ async def test_a_session_goes_on_from_frames_of_another_by_its_opening_or_a_cut(
     await scene.others_play_on()
 
 
-async def test_a_prompt_may_come_as_numbers(scene: Scene) -> None:
+async def test_prompt_may_be_an_embedding_or_a_preset(scene: Scene) -> None:
     talk = scene.talk
     outcome = await talk.edit(1, prompt(embedding=encoded(talk.catalog), text="what the numbers say, for people"))
     assert outcome.code == 0, outcome

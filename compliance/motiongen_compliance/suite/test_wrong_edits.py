@@ -47,7 +47,7 @@ REFUSED_EDITS = [
     ),
     Mistake("prompt id 0", lambda c: edit_prompts(span(prompt_id=0)), "INVALID_ID", f"{PROMPT}.prompt_id", "1 or more"),
     Mistake(
-        "far prompt",
+        "prompt frame too large",
         lambda c: edit_prompts(span(start=2**53 + 1)),
         "FRAME_OUT_OF_RANGE",
         f"{PROMPT}.start_frame",
@@ -77,7 +77,7 @@ REFUSED_EDITS = [
         "1 or more",
     ),
     Mistake(
-        "many constraints",
+        "too many constraints",
         lambda c: edit_constraints(*(waypoint(500, i + 1) for i in range(c.limits.max_constraints + 1))),
         "TOO_MANY_CONSTRAINTS",
         "edit_constraints.upsert",
@@ -85,17 +85,23 @@ REFUSED_EDITS = [
         Status.RESOURCE_EXHAUSTED,
     ),
     Mistake(
-        "heading that is no number",
+        "NaN heading target",
         lambda c: target_of(heading=motion_pb2.HeadingTarget(heading=NAN)),
         "NOT_FINITE",
         f"{CONSTRAINT}.heading.heading",
         "finite radians",
     ),
-    Mistake("no joint turned", lambda c: turned([], []), "INVALID_JOINTS", f"{TURNED}.joints", "one or more"),
-    Mistake("joint turned twice", lambda c: turned([0, 0], UNIT * 2), "INVALID_JOINTS", f"{TURNED}.joints", "once"),
-    Mistake("too few turns", lambda c: turned([0], [1.0]), "WRONG_LENGTH", f"{TURNED}.rotations", "4 numbers"),
-    Mistake("free turn", lambda c: turned([0], [0.0] * 4), "NOT_A_ROTATION", f"{TURNED}.rotations", "1 within"),
-    Mistake("infinite turn", lambda c: turned([0], [INF] * 4), "NOT_FINITE", f"{TURNED}.rotations", "finite numbers"),
+    Mistake("rotation of no joint", lambda c: turned([], []), "INVALID_JOINTS", f"{TURNED}.joints", "one or more"),
+    Mistake(
+        "rotation of a joint twice", lambda c: turned([0, 0], UNIT * 2), "INVALID_JOINTS", f"{TURNED}.joints", "once"
+    ),
+    Mistake("rotation too short", lambda c: turned([0], [1.0]), "WRONG_LENGTH", f"{TURNED}.rotations", "4 numbers"),
+    Mistake(
+        "rotation of length 0", lambda c: turned([0], [0.0] * 4), "NOT_A_ROTATION", f"{TURNED}.rotations", "1 within"
+    ),
+    Mistake(
+        "infinite rotation", lambda c: turned([0], [INF] * 4), "NOT_FINITE", f"{TURNED}.rotations", "finite numbers"
+    ),
     Mistake("no target", lambda c: target_of(), "NO_TARGET", f"{CONSTRAINT}.target", "waypoint, joint_targets"),
     Mistake(
         "NaN x",
@@ -112,38 +118,38 @@ REFUSED_EDITS = [
         "finite metres",
     ),
     Mistake(
-        "minus infinite heading",
+        "infinite heading",
         lambda c: edit_constraints(waypoint(500, heading=-INF)),
         "NOT_FINITE",
         f"{CONSTRAINT}.waypoint.heading",
         "finite radians",
     ),
     Mistake(
-        "far x",
+        "x out of range",
         lambda c: edit_constraints(waypoint(500, x=2 * c.limits.max_coordinate_m)),
         "COORDINATE_OUT_OF_RANGE",
         f"{CONSTRAINT}.waypoint.x",
         "within",
     ),
     Mistake(
-        "far frame",
+        "frame too large",
         lambda c: edit_constraints(waypoint(2**64 - 1)),
         "FRAME_OUT_OF_RANGE",
         f"{CONSTRAINT}.frame",
         "9007199254740992",
     ),
-    Mistake("empty path", lambda c: path([], []), "WRONG_LENGTH", f"{PATH}.positions", "2 numbers"),
-    Mistake("odd path", lambda c: path([1.0] * 3, []), "WRONG_LENGTH", f"{PATH}.positions", "2 num"),
+    Mistake("empty trajectory", lambda c: path([], []), "WRONG_LENGTH", f"{PATH}.positions", "2 numbers"),
+    Mistake("odd number of coordinates", lambda c: path([1.0] * 3, []), "WRONG_LENGTH", f"{PATH}.positions", "2 num"),
     Mistake(
-        "long path",
+        "trajectory too long",
         lambda c: path([0.0] * (2 * c.limits.max_trajectory_frames + 2), []),
         "WRONG_LENGTH",
         f"{PATH}.positions",
         "frames",
     ),
-    Mistake("NaN path", lambda c: path([0, NAN], []), "NOT_FINITE", f"{PATH}.positions", "finite"),
+    Mistake("NaN trajectory", lambda c: path([0, NAN], []), "NOT_FINITE", f"{PATH}.positions", "finite"),
     Mistake(
-        "few headings",
+        "too few headings",
         lambda c: path([0.0] * 4, [0.0]),
         "WRONG_LENGTH",
         f"{PATH}.headings",
@@ -157,7 +163,7 @@ REFUSED_EDITS = [
         "finite radians",
     ),
     Mistake(
-        "no joint",
+        "no target joint",
         lambda c: joints([], [], []),
         "INVALID_JOINTS",
         f"{JOINTS}.joints",
@@ -178,28 +184,28 @@ REFUSED_EDITS = [
         "once",
     ),
     Mistake(
-        "few positions",
+        "too few positions",
         lambda c: joints([0], [0.0] * 2, []),
         "WRONG_LENGTH",
         f"{JOINTS}.positions",
         "3",
     ),
     Mistake(
-        "infinite joint",
+        "infinite position",
         lambda c: joints([0], [INF, 0, 0], []),
         "NOT_FINITE",
         f"{JOINTS}.positions",
         "fin",
     ),
     Mistake(
-        "few rotations",
+        "too few rotations",
         lambda c: joints([0], [0.0] * 3, [1.0]),
         "WRONG_LENGTH",
         f"{JOINTS}.rotations",
         "4 numbers",
     ),
     Mistake(
-        "no rotation",
+        "not a rotation",
         lambda c: joints([0], [0.0] * 3, [2.0, 0.0, 0.0, 0.0]),
         "NOT_A_ROTATION",
         f"{JOINTS}.rotations",
@@ -212,15 +218,21 @@ REFUSED_EDITS = [
         f"{JOINTS}.rotations",
         "finite",
     ),
-    Mistake("short pose", lambda c: pose(c, 0.0, 1), "WRONG_LENGTH", f"{CONSTRAINT}.keyframe.positions", "3 for each"),
-    Mistake("NaN pose", lambda c: pose(c, NAN), "NOT_FINITE", f"{CONSTRAINT}.keyframe.positions", "finite metres"),
-    Mistake("no state", lambda c: play_state(0), "INVALID_PLAY_STATE", "set_play_state.state", "PLAYING"),
-    Mistake("odd state", lambda c: play_state(7), "INVALID_PLAY_STATE", "set_play_state.state", "PAUSED"),
+    Mistake(
+        "keyframe too short",
+        lambda c: pose(c, 0.0, 1),
+        "WRONG_LENGTH",
+        f"{CONSTRAINT}.keyframe.positions",
+        "3 for each",
+    ),
+    Mistake("NaN keyframe", lambda c: pose(c, NAN), "NOT_FINITE", f"{CONSTRAINT}.keyframe.positions", "finite metres"),
+    Mistake("no play state", lambda c: play_state(0), "INVALID_PLAY_STATE", "set_play_state.state", "PLAYING"),
+    Mistake("unknown play state", lambda c: play_state(7), "INVALID_PLAY_STATE", "set_play_state.state", "PAUSED"),
 ]
 
 
 @pytest.mark.parametrize("mistake", REFUSED_EDITS, ids=lambda mistake: mistake.name)
-async def test_a_wrong_edit_changes_nothing(scene: Scene, mistake: Mistake) -> None:
+async def test_invalid_edit_is_refused_and_changes_nothing(scene: Scene, mistake: Mistake) -> None:
     talk = scene.talk
     check(await talk.edit(1, mistake.make(talk.catalog)), mistake)
     assert talk.sessions[1].applied_seq == 2, "its number is used up"

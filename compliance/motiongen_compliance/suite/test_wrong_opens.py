@@ -12,26 +12,30 @@ from motiongen_compliance.target import Scene
 REFUSED_OPENS = [
     Mistake("unknown rig", lambda c: opening(rig_id="smurf"), "UNKNOWN_RIG", "open.rig_id", "", Status.NOT_FOUND),
     Mistake("unknown model", lambda c: opening(model_id="x"), "UNKNOWN_MODEL", "open.model_id", "", Status.NOT_FOUND),
-    Mistake("long id", lambda c: opening(request_id="x" * 65), "REQUEST_ID_TOO_LONG", "open.request_id", "64"),
-    Mistake("priority", lambda c: opening(priority=9), "INVALID_PRIORITY", "open.priority", "HERO"),
-    Mistake("scalar type", lambda c: opening(scalar_type=9), "INVALID_SCALAR_TYPE", "open.scalar_type", "F32_LE"),
     Mistake(
-        "short lookahead",
+        "request id too long", lambda c: opening(request_id="x" * 65), "REQUEST_ID_TOO_LONG", "open.request_id", "64"
+    ),
+    Mistake("invalid priority", lambda c: opening(priority=9), "INVALID_PRIORITY", "open.priority", "HERO"),
+    Mistake(
+        "invalid scalar type", lambda c: opening(scalar_type=9), "INVALID_SCALAR_TYPE", "open.scalar_type", "F32_LE"
+    ),
+    Mistake(
+        "lookahead too short",
         lambda c: opening(lookahead_frames=1),
         "LOOKAHEAD_OUT_OF_RANGE",
         "open.lookahead_frames",
         " to ",
     ),
     Mistake(
-        "long lookahead",
+        "lookahead too long",
         lambda c: opening(lookahead_frames=c.limits.max_lookahead_frames + 1),
         "LOOKAHEAD_OUT_OF_RANGE",
         "open.lookahead_frames",
         " to ",
     ),
-    Mistake("no steps", lambda c: opening(denoise_steps=0), "DENOISE_STEPS_OUT_OF_RANGE", "open.denoise_steps", " to "),
+    Mistake("0 steps", lambda c: opening(denoise_steps=0), "DENOISE_STEPS_OUT_OF_RANGE", "open.denoise_steps", " to "),
     Mistake(
-        "many steps",
+        "too many steps",
         lambda c: opening(denoise_steps=c.models[0].max_denoise_steps + 1),
         "DENOISE_STEPS_OUT_OF_RANGE",
         "open.denoise_steps",
@@ -60,7 +64,7 @@ REFUSED_OPENS = [
         "characters",
     ),
     Mistake(
-        "many prompts",
+        "too many prompts",
         lambda c: opening(prompts=[span(f"{i}", i + 1) for i in range(c.limits.max_prompts + 1)]),
         "TOO_MANY_PROMPTS",
         "open.prompts",
@@ -89,7 +93,7 @@ REFUSED_OPENS = [
         "finite radians",
     ),
     Mistake(
-        "start far off",
+        "start out of range",
         lambda c: opening(start_pose=session_pb2.StartPose(x=2 * c.limits.max_coordinate_m)),
         "COORDINATE_OUT_OF_RANGE",
         "open.start_pose.x",
@@ -99,7 +103,7 @@ REFUSED_OPENS = [
 
 
 @pytest.mark.parametrize("mistake", REFUSED_OPENS, ids=lambda mistake: mistake.name)
-async def test_a_wrong_open_is_refused_whole(scene: Scene, mistake: Mistake) -> None:
+async def test_invalid_open_is_refused_and_its_handle_stays_free(scene: Scene, mistake: Mistake) -> None:
     talk = scene.talk
     await talk.send(addressed(mistake.make(talk.catalog), 9, 1))
     await talk.until(lambda: 9 in talk.sessions and talk.sessions[9].outcome(1))

@@ -48,51 +48,75 @@ def many_trajectories(catalog: Catalog) -> Event:
 
 
 FRAMES = [
-    Mistake("ends before", lambda c: there(frame=90, last_frame=89), "EMPTY_SPAN", f"{TARGET}.last_frame"),
-    Mistake("far end", lambda c: there(frame=90, last_frame=2**53 + 1), "FRAME_OUT_OF_RANGE", f"{TARGET}.last_frame"),
+    Mistake("end before begin", lambda c: there(frame=90, last_frame=89), "EMPTY_SPAN", f"{TARGET}.last_frame"),
     Mistake(
-        "any and last",
+        "end frame too large",
+        lambda c: there(frame=90, last_frame=2**53 + 1),
+        "FRAME_OUT_OF_RANGE",
+        f"{TARGET}.last_frame",
+    ),
+    Mistake(
+        "any frame and a last frame",
         lambda c: there(at_any_frame=True, last_frame=90),
         "AMBIGUOUS_FRAMES",
         f"{TARGET}.at_any_frame",
     ),
-    Mistake("any and frame", lambda c: there(at_any_frame=True, frame=90), "AMBIGUOUS_FRAMES", f"{TARGET}.frame"),
-    Mistake("led at any", lambda c: led(4, at_any_frame=True), "AMBIGUOUS_FRAMES", f"{TARGET}.at_any_frame"),
-    Mistake("led and last", lambda c: led(4, frame=90, last_frame=95), "AMBIGUOUS_FRAMES", f"{TARGET}.last_frame"),
-    Mistake("led too far", lambda c: led(4, frame=2**53), "FRAME_OUT_OF_RANGE", f"{TARGET}.frame"),
+    Mistake(
+        "any frame and a frame", lambda c: there(at_any_frame=True, frame=90), "AMBIGUOUS_FRAMES", f"{TARGET}.frame"
+    ),
+    Mistake(
+        "trajectory at any frame", lambda c: led(4, at_any_frame=True), "AMBIGUOUS_FRAMES", f"{TARGET}.at_any_frame"
+    ),
+    Mistake(
+        "trajectory with a last frame",
+        lambda c: led(4, frame=90, last_frame=95),
+        "AMBIGUOUS_FRAMES",
+        f"{TARGET}.last_frame",
+    ),
+    Mistake("trajectory frame too large", lambda c: led(4, frame=2**53), "FRAME_OUT_OF_RANGE", f"{TARGET}.frame"),
     Mistake("path at a frame", lambda c: beside(frame=90), "AMBIGUOUS_FRAMES", f"{TARGET}.frame"),
-    Mistake("path and last", lambda c: beside(last_frame=90), "AMBIGUOUS_FRAMES", f"{TARGET}.last_frame"),
+    Mistake("path with a last frame", lambda c: beside(last_frame=90), "AMBIGUOUS_FRAMES", f"{TARGET}.last_frame"),
 ]
 
 WEIGHTS = [
-    Mistake("no weight", lambda c: there(frame=900, weight=0.0), "WEIGHT_OUT_OF_RANGE", f"{TARGET}.weight"),
-    Mistake("less than none", lambda c: there(frame=900, weight=-1.0), "WEIGHT_OUT_OF_RANGE", f"{TARGET}.weight"),
-    Mistake("too heavy", lambda c: there(frame=900, weight=10.1), "WEIGHT_OUT_OF_RANGE", f"{TARGET}.weight"),
+    Mistake("weight 0", lambda c: there(frame=900, weight=0.0), "WEIGHT_OUT_OF_RANGE", f"{TARGET}.weight"),
+    Mistake("negative weight", lambda c: there(frame=900, weight=-1.0), "WEIGHT_OUT_OF_RANGE", f"{TARGET}.weight"),
+    Mistake("weight too large", lambda c: there(frame=900, weight=10.1), "WEIGHT_OUT_OF_RANGE", f"{TARGET}.weight"),
     Mistake("NaN weight", lambda c: there(frame=900, weight=NAN), "NOT_FINITE", f"{TARGET}.weight"),
 ]
 
 PATHS = [
-    Mistake("no corner", lambda c: path([]), "WRONG_LENGTH", f"{PATH}.positions"),
-    Mistake("half a corner", lambda c: path([1.0, 2.0, 3.0]), "WRONG_LENGTH", f"{PATH}.positions"),
-    Mistake("many corners", lambda c: path([1.0] * (2 * 257)), "WRONG_LENGTH", f"{PATH}.positions"),
+    Mistake("path without corners", lambda c: path([]), "WRONG_LENGTH", f"{PATH}.positions"),
+    Mistake("odd number of coordinates", lambda c: path([1.0, 2.0, 3.0]), "WRONG_LENGTH", f"{PATH}.positions"),
+    Mistake("too many corners", lambda c: path([1.0] * (2 * 257)), "WRONG_LENGTH", f"{PATH}.positions"),
     Mistake("NaN corner", lambda c: path([0.0, NAN]), "NOT_FINITE", f"{PATH}.positions"),
     Mistake(
-        "far corner",
+        "corner out of range",
         lambda c: path([0.0, 2 * c.limits.max_coordinate_m]),
         "COORDINATE_OUT_OF_RANGE",
         f"{PATH}.positions",
     ),
-    Mistake("stands", lambda c: path([0.0, 2.0], speed_mps=0.0), "SPEED_OUT_OF_RANGE", f"{PATH}.speed_mps"),
+    Mistake("speed 0", lambda c: path([0.0, 2.0], speed_mps=0.0), "SPEED_OUT_OF_RANGE", f"{PATH}.speed_mps"),
     Mistake(
-        "flies",
+        "speed too large",
         lambda c: path([0.0, 2.0], speed_mps=1.01 * c.limits.max_speed_mps),
         "SPEED_OUT_OF_RANGE",
         f"{PATH}.speed_mps",
     ),
     Mistake("NaN speed", lambda c: path([0.0, 2.0], speed_mps=NAN), "NOT_FINITE", f"{PATH}.speed_mps"),
-    Mistake("cut off", lambda c: path([0.0, 2.0], smoothing_m=10.1), "SMOOTHING_OUT_OF_RANGE", f"{PATH}.smoothing_m"),
-    Mistake("sharp", lambda c: path([0.0, 2.0], smoothing_m=-0.1), "SMOOTHING_OUT_OF_RANGE", f"{PATH}.smoothing_m"),
-    Mistake("endless", lambda c: path([0.0, 5000.0], speed_mps=1.0), "PATH_TOO_LONG", PATH),
+    Mistake(
+        "smoothing too large",
+        lambda c: path([0.0, 2.0], smoothing_m=10.1),
+        "SMOOTHING_OUT_OF_RANGE",
+        f"{PATH}.smoothing_m",
+    ),
+    Mistake(
+        "negative smoothing",
+        lambda c: path([0.0, 2.0], smoothing_m=-0.1),
+        "SMOOTHING_OUT_OF_RANGE",
+        f"{PATH}.smoothing_m",
+    ),
+    Mistake("path too long", lambda c: path([0.0, 5000.0], speed_mps=1.0), "PATH_TOO_LONG", PATH),
 ]
 
 VELOCITIES = [
@@ -103,9 +127,9 @@ VELOCITIES = [
     Mistake("NaN x", lambda c: velocity(x=NAN, hold_frames=1), "NOT_FINITE", "set_velocity.x"),
     Mistake("infinite z", lambda c: velocity(z=INF, hold_frames=1), "NOT_FINITE", "set_velocity.z"),
     Mistake("NaN heading", lambda c: velocity(heading=NAN, hold_frames=1), "NOT_FINITE", "set_velocity.heading"),
-    Mistake("held for nothing", lambda c: velocity(x=1.0), "HOLD_OUT_OF_RANGE", "set_velocity.hold_frames"),
+    Mistake("hold of 0 frames", lambda c: velocity(x=1.0), "HOLD_OUT_OF_RANGE", "set_velocity.hold_frames"),
     Mistake(
-        "held too long",
+        "hold too long",
         lambda c: velocity(x=1.0, hold_frames=c.limits.max_hold_frames + 1),
         "HOLD_OUT_OF_RANGE",
         "set_velocity.hold_frames",
@@ -113,7 +137,7 @@ VELOCITIES = [
 ]  # fmt: skip
 
 
-async def test_frames_that_contradict_each_other_are_refused(scene: Scene) -> None:
+async def test_contradictory_frames_are_refused(scene: Scene) -> None:
     await refuse_all(scene, FRAMES)
 
 
@@ -121,16 +145,16 @@ async def test_weights_out_of_range_are_refused(scene: Scene) -> None:
     await refuse_all(scene, WEIGHTS)
 
 
-async def test_paths_that_cannot_be_walked_are_refused(scene: Scene) -> None:
+async def test_invalid_paths_are_refused(scene: Scene) -> None:
     await refuse_all(scene, PATHS)
 
 
-async def test_velocities_that_cannot_be_are_refused(scene: Scene) -> None:
+async def test_invalid_velocities_are_refused(scene: Scene) -> None:
     await refuse_all(scene, VELOCITIES)
 
 
-async def test_trajectories_that_are_too_long_together_are_refused(scene: Scene) -> None:
-    if not scene.talk.catalog.limits.max_held_trajectory_frames:  # a server without this limit
+async def test_trajectories_too_long_in_total_are_refused(scene: Scene) -> None:
+    if not scene.talk.catalog.limits.max_held_trajectory_frames:  # this server has no such limit
         return
     outcome = await scene.talk.edit(1, many_trajectories(scene.talk.catalog))
     if outcome.reason != "UNSUPPORTED_CONSTRAINT":
@@ -140,7 +164,7 @@ async def test_trajectories_that_are_too_long_together_are_refused(scene: Scene)
     await scene.others_play_on()
 
 
-async def test_a_velocity_makes_a_plan_that_names_it_and_the_next_one_takes_its_place(scene: Scene) -> None:
+async def test_velocities_are_accepted_and_named_by_their_plans(scene: Scene) -> None:
     talk, heard = scene.talk, scene.talk.sessions[1]
     for event in (
         velocity(z=1.0, hold_frames=40),

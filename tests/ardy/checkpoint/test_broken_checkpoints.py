@@ -1,4 +1,4 @@
-"""No folder, however broken, does worse to `load_checkpoint` than a CheckpointError."""
+"""Broken checkpoint folders: `load_checkpoint` loads them or raises CheckpointError, and nothing else."""
 
 from __future__ import annotations
 
@@ -63,7 +63,7 @@ def with_config(change: Any) -> bytes:
     ["../secret", "/etc/passwd", "${checkpoint_dir}/../secret", "~/secret", "a\\..\\b", "${oc.env:HOME}/x", "a:b"],
 )
 @pytest.mark.parametrize("key", ["ckpt_path", "stats_path"])
-def test_a_path_out_of_the_folder_is_refused(tmp_path: Path, path: str, key: str) -> None:
+def test_a_path_that_leaves_the_folder_is_refused(tmp_path: Path, path: str, key: str) -> None:
     def change(config: Any) -> None:
         (config["denoiser"] if key == "ckpt_path" else config["denoiser"]["motion_rep"])[key] = path
 
@@ -71,7 +71,7 @@ def test_a_path_out_of_the_folder_is_refused(tmp_path: Path, path: str, key: str
 
 
 @pytest.mark.parametrize("name", ["denoiser.safetensors", MEAN, "config.yaml"])
-def test_a_link_out_of_the_folder_is_refused(tmp_path: Path, name: str) -> None:
+def test_a_symlink_to_a_file_outside_the_folder_is_refused(tmp_path: Path, name: str) -> None:
     folder = write_folder(tmp_path / "model", {name: None})
     outside = tmp_path / "outside"
     outside.write_bytes(FILES[name])
@@ -80,39 +80,39 @@ def test_a_link_out_of_the_folder_is_refused(tmp_path: Path, name: str) -> None:
         load_checkpoint(folder)
 
 
-def test_a_pipe_is_refused_and_not_waited_for(tmp_path: Path) -> None:
+def test_a_named_pipe_is_refused_without_blocking(tmp_path: Path) -> None:
     folder = write_folder(tmp_path, {MEAN: None})
     os.mkfifo(folder / MEAN)
     with pytest.raises(CheckpointError, match="not a regular file"):
         load_checkpoint(folder)
 
 
-def test_a_folder_in_place_of_a_file_is_refused(tmp_path: Path) -> None:
+def test_a_directory_in_place_of_a_weights_file_is_refused(tmp_path: Path) -> None:
     folder = write_folder(tmp_path, {"denoiser.safetensors": None})
     (folder / "denoiser.safetensors").mkdir()
     with pytest.raises(CheckpointError, match="not a regular file"):
         load_checkpoint(folder)
 
 
-def test_aliases_that_multiply_are_refused(tmp_path: Path) -> None:
+def test_yaml_aliases_that_expand_exponentially_are_refused(tmp_path: Path) -> None:
     lines = ["a0: &a0 [x, x, x, x, x, x, x, x, x, x]"]
     lines += [f"a{level}: &a{level} [{', '.join([f'*a{level - 1}'] * 10)}]" for level in range(1, 12)]
     assert "too large when its anchors are followed" in refusal(tmp_path, {"config.yaml": "\n".join(lines).encode()})
 
 
-def test_aliases_that_multiply_in_a_key_are_refused_unseen(tmp_path: Path) -> None:
+def test_yaml_aliases_that_expand_within_a_key_are_refused(tmp_path: Path) -> None:
     lines = ["? &a0 [x, x, x, x, x, x, x, x, x, x]", ": 1"]
-    for level in range(1, 5):  # written out, as many as would take a second; a few more would take all memory
+    for level in range(1, 5):  # expanded, this many would take a second; a few more would take all memory
         lines += [f"? &a{level} [{', '.join([f'*a{level - 1}'] * 10)}]", ": 1"]
     assert "a list or a mapping as a key" in refusal(tmp_path, {"config.yaml": "\n".join(lines).encode()})
 
 
-def test_aliases_that_multiply_a_long_text_are_refused(tmp_path: Path) -> None:
+def test_yaml_aliases_that_repeat_a_long_text_are_refused(tmp_path: Path) -> None:
     text = f"a: &a {'x' * 30_000}\nb: [{', '.join(['*a'] * 9)}]"
     assert "too large when its anchors are followed" in refusal(tmp_path, {"config.yaml": text.encode()})
 
 
-HUGE = "0x" + "f" * 5000  # Python writes out no number of so many digits
+HUGE = "0x" + "f" * 5000  # Python refuses to convert an integer with so many digits to text
 
 
 @pytest.mark.parametrize(
@@ -124,18 +124,18 @@ HUGE = "0x" + "f" * 5000  # Python writes out no number of so many digits
         ("sampling.yaml", f"approach_frames: {'9' * 400}", "whole number of 400 characters"),
     ],
 )
-def test_yaml_that_could_be_neither_written_nor_sent_is_refused(
+def test_yaml_values_that_cannot_be_printed_or_sent_are_refused(
     tmp_path: Path, name: str, text: str, said: str
 ) -> None:
     assert said in refusal(tmp_path, {name: text.encode()})
 
 
-def test_a_whole_number_beyond_every_float_is_out_of_range() -> None:
+def test_an_integer_too_large_for_a_float_is_out_of_range() -> None:
     with pytest.raises(ConfigError, match="from 0 to 100"):
         SamplingOptions(approach_frames=10**400)
 
 
-def test_names_of_tensors_that_nobody_can_send_are_told_all_the_same(tmp_path: Path) -> None:
+def test_tensor_names_with_lone_surrogates_are_reported_escaped(tmp_path: Path) -> None:
     content = FILES["denoiser.safetensors"]
     length = int.from_bytes(content[:8], "little")
     header = json.loads(content[8 : 8 + length])
@@ -151,12 +151,12 @@ def test_names_of_tensors_that_nobody_can_send_are_told_all_the_same(tmp_path: P
 @pytest.mark.parametrize(
     "text", ["a: &a [*a]", "[" * 5000, "{a: " * 2000, "? " * 3000, "? [x]\n: y", "a: 1\na: 2", "", "-"]
 )
-def test_yaml_that_is_no_configuration_is_refused(tmp_path: Path, text: str) -> None:
+def test_yaml_that_is_not_a_configuration_is_refused(tmp_path: Path, text: str) -> None:
     assert "config.yaml" in refusal(tmp_path, {"config.yaml": text.encode()})
 
 
 class Trap:
-    """What a pickle of this would do."""
+    """An object that touches the marker file when it is unpickled."""
 
     def __init__(self, marker: Path) -> None:
         self.marker = marker
@@ -175,7 +175,7 @@ def test_pickles_are_never_opened(tmp_path: Path) -> None:
     assert not marker.exists()
 
 
-def test_statistics_that_are_none_are_all_listed(tmp_path: Path) -> None:
+def test_invalid_statistics_are_all_listed(tmp_path: Path) -> None:
     for name, values in (("mean", np.full(334, np.nan)), ("std", np.zeros(334))):
         np.save(tmp_path / f"{name}.npy", values)
     changes: dict[str, bytes | None] = {
@@ -189,7 +189,7 @@ def test_statistics_that_are_none_are_all_listed(tmp_path: Path) -> None:
 
 
 @pytest.mark.parametrize("part", ["motion", "pre_quantization"])
-def test_a_deviation_whose_square_is_infinite_is_refused(tmp_path: Path, part: str) -> None:
+def test_a_std_whose_square_overflows_float32_is_refused(tmp_path: Path, part: str) -> None:
     name = f"stats/{part}/std.npy"
     (tmp_path / "std.npy").write_bytes(FILES[name])
     deviations = np.load(tmp_path / "std.npy")
@@ -199,7 +199,7 @@ def test_a_deviation_whose_square_is_infinite_is_refused(tmp_path: Path, part: s
     assert f"stats/{part}: a std is 1e+20, whose square no float32 holds" in text
 
 
-def test_everything_that_is_wrong_is_listed_at_once(tmp_path: Path) -> None:
+def test_all_errors_of_a_config_are_listed_at_once(tmp_path: Path) -> None:
     def change(config: Any) -> None:
         config["denoiser"].update(num_layers=0, surprise=1)
         config["autoencoder"]["motion_rep"]["skeleton"]["_target_"] = "os.system"

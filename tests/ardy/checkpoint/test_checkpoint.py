@@ -31,7 +31,7 @@ TINY = GOLDEN / "tiny-core27" / "checkpoint"
 
 @pytest.fixture
 def folder(tmp_path: Path) -> Path:
-    """A copy of a sound checkpoint, to be broken."""
+    """A copy of a valid checkpoint, to be broken."""
     return Path(shutil.copytree(TINY, tmp_path / "model"))
 
 
@@ -42,7 +42,7 @@ def change_config(folder: Path, change: Callable[[dict[str, Any]], None]) -> Non
     path.write_text(yaml.safe_dump(content))
 
 
-def test_saved_equals_loaded(golden: GoldenModel, tmp_path: Path) -> None:
+def test_a_saved_checkpoint_loads_unchanged(golden: GoldenModel, tmp_path: Path) -> None:
     save_checkpoint(golden.model, tmp_path)
     again = load_checkpoint(tmp_path)
     assert again.config == golden.model.config
@@ -52,7 +52,7 @@ def test_saved_equals_loaded(golden: GoldenModel, tmp_path: Path) -> None:
         assert load_file(original).keys() == load_file(tmp_path / original.name).keys()
 
 
-def test_a_tokenizer_can_stand_alone(golden: GoldenModel, tmp_path: Path) -> None:
+def test_a_tokenizer_can_be_saved_and_loaded_alone(golden: GoldenModel, tmp_path: Path) -> None:
     assert golden.model.tokenizer is not None
     save_tokenizer(golden.model.tokenizer, tmp_path)
     again = load_tokenizer(tmp_path)
@@ -89,7 +89,7 @@ def test_missing_extra_and_misshapen_tensors_are_all_listed(folder: Path) -> Non
 
 
 @pytest.mark.parametrize("dtype", [torch.int64, torch.bool, torch.uint8, torch.float8_e4m3fn, torch.int16])
-def test_tensors_of_others_may_be_of_any_type_and_weights_may_not(folder: Path, dtype: torch.dtype) -> None:
+def test_types_of_tensors_are_checked_for_weights_only(folder: Path, dtype: torch.dtype) -> None:
     path = folder / "denoiser.safetensors"
     tensors = load_file(path)
     save_file(tensors | {"text_encoder.position_ids": torch.zeros(3, dtype=dtype)}, path)
@@ -182,7 +182,7 @@ def test_bad_statistics_are_refused(folder: Path) -> None:
         load_checkpoint(folder)
 
 
-def test_loading_a_model_brings_in_no_compiler() -> None:
+def test_loading_a_model_imports_no_compiler() -> None:
     code = (
         "import sys\n"
         "from motiongen_ardy.checkpoint.checkpoint import load_checkpoint\n"

@@ -44,7 +44,7 @@ def fetch(hub: FakeHub, cache: Path, revision: str | None = None) -> Path:
     return fetch_checkpoint(REPOSITORY, revision, cache=cache, endpoint=hub.endpoint)
 
 
-def test_a_repository_becomes_a_folder_that_loads(hub: FakeHub, tmp_path: Path) -> None:
+def test_a_fetched_repository_loads_as_a_checkpoint(hub: FakeHub, tmp_path: Path) -> None:
     hub.files |= files_of(TINY)
     folder = fetch(hub, tmp_path)
     assert load_checkpoint(folder).config == load_checkpoint(TINY).config
@@ -57,7 +57,7 @@ def test_only_the_checkpoint_and_its_card_are_fetched(hub: FakeHub, tmp_path: Pa
     assert sorted(hub.downloads()) == sorted([*CHECKPOINT_FILES, "README.md"])
 
 
-def test_a_repository_of_ours_is_sampled_as_its_folder_is(hub: FakeHub, tmp_path: Path) -> None:
+def test_sampling_options_and_paces_are_fetched_with_the_checkpoint(hub: FakeHub, tmp_path: Path) -> None:
     ours = load_checkpoint(TINY)
     ours.sampling = replace(ours.sampling, project_root=True, fit_prompts=True)
     ours.paces = paces()
@@ -68,17 +68,17 @@ def test_a_repository_of_ours_is_sampled_as_its_folder_is(hub: FakeHub, tmp_path
     assert fetched.paces is not None
 
 
-def test_what_is_in_the_cache_is_not_fetched_again(hub: FakeHub, tmp_path: Path) -> None:
+def test_cached_files_are_not_fetched_again(hub: FakeHub, tmp_path: Path) -> None:
     fetch(hub, tmp_path)
     hub.requests.clear()
     fetch(hub, tmp_path)
     assert hub.downloads() == []
 
 
-def test_a_download_that_breaks_off_goes_on_where_it_stopped(
+def test_an_interrupted_download_resumes_where_it_stopped(
     hub: FakeHub, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    monkeypatch.setattr(constants, "DOWNLOAD_CHUNK_SIZE", 1000)  # what the client keeps of a download that breaks off
+    monkeypatch.setattr(constants, "DOWNLOAD_CHUNK_SIZE", 1000)  # an interrupted download is kept in whole chunks
     hub.cut = name = "denoiser.safetensors"
     hub.files[name] = bytes(range(200)) * 50
     folder = fetch(hub, tmp_path)
@@ -87,7 +87,7 @@ def test_a_download_that_breaks_off_goes_on_where_it_stopped(
     assert (folder / name).read_bytes() == hub.files[name]
 
 
-def test_a_cached_commit_needs_no_network_at_all(hub: FakeHub, tmp_path: Path) -> None:
+def test_a_cached_commit_is_found_without_a_request(hub: FakeHub, tmp_path: Path) -> None:
     online = fetch(hub, tmp_path, COMMIT)
     hub.requests.clear()
     assert fetch(hub, tmp_path, COMMIT) == online
@@ -95,13 +95,13 @@ def test_a_cached_commit_needs_no_network_at_all(hub: FakeHub, tmp_path: Path) -
 
 
 @pytest.mark.parametrize("revision", [None, "v1", COMMIT])
-def test_the_cache_serves_while_the_hub_is_away(tmp_path: Path, revision: str | None) -> None:
+def test_the_cache_is_used_while_the_hub_is_unreachable(tmp_path: Path, revision: str | None) -> None:
     with serving(FakeHub(REPOSITORY, dict.fromkeys(CHECKPOINT_FILES, b""))) as hub:
         online = fetch(hub, tmp_path, revision)
     assert fetch(hub, tmp_path, revision) == online
 
 
-def test_an_empty_cache_while_the_hub_is_away_says_how_to_go_on(tmp_path: Path) -> None:
+def test_an_unreachable_hub_with_an_empty_cache_is_reported_with_advice(tmp_path: Path) -> None:
     with serving(FakeHub(REPOSITORY, {})) as hub:
         pass
     with pytest.raises(HubError, match=r"not in the cache.*cannot be reached.*CHECKPOINTS_DIR"):
@@ -123,13 +123,15 @@ def test_offline_mode_is_honoured(hub: FakeHub, tmp_path: Path, monkeypatch: pyt
         ((404, "RepoNotFound"), "does not exist, or is private"),
     ],
 )
-def test_a_refusal_says_what_to_do(hub: FakeHub, tmp_path: Path, refusal: tuple[int, str], words: str) -> None:
+def test_a_refusal_by_the_hub_is_reported_with_advice(
+    hub: FakeHub, tmp_path: Path, refusal: tuple[int, str], words: str
+) -> None:
     hub.refusal = refusal
     with pytest.raises(HubError, match=words):
         fetch(hub, tmp_path)
 
 
-def test_an_unknown_revision_is_named(hub: FakeHub, tmp_path: Path) -> None:
+def test_an_unknown_revision_is_named_in_the_error(hub: FakeHub, tmp_path: Path) -> None:
     with pytest.raises(HubError, match="at revision v9 does not exist"):
         fetch(hub, tmp_path, "v9")
 
@@ -140,7 +142,7 @@ def test_a_repository_without_a_checkpoint_is_refused(hub: FakeHub, tmp_path: Pa
         fetch(hub, tmp_path)
 
 
-def test_a_full_disk_says_what_to_do(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+def test_a_full_disk_is_reported_with_advice(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     def full(*_: Any, **__: Any) -> str:
         raise OSError(errno.ENOSPC, "No space left on device")
 
@@ -149,7 +151,7 @@ def test_a_full_disk_says_what_to_do(tmp_path: Path, monkeypatch: pytest.MonkeyP
         fetch_checkpoint(REPOSITORY, cache=tmp_path)
 
 
-def test_a_bad_repository_name_is_refused_without_asking_anybody(hub: FakeHub, tmp_path: Path) -> None:
+def test_an_invalid_repository_name_is_refused_without_a_request(hub: FakeHub, tmp_path: Path) -> None:
     with pytest.raises(HubError, match="no name of a repository"):
         fetch_checkpoint("a/b/../c", cache=tmp_path, endpoint=hub.endpoint)
     assert hub.requests == []

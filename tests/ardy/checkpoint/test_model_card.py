@@ -17,7 +17,7 @@ Asked = list[tuple[str, str | None]]
 
 @pytest.fixture
 def asked(monkeypatch: pytest.MonkeyPatch) -> Asked:
-    """What the hub was asked for; it answers with a folder that does not matter."""
+    """The requests to the hub, which answers each with a folder that does not matter."""
     requests: Asked = []
 
     def answer(repository: str, revision: str | None = None) -> Path:
@@ -35,7 +35,7 @@ def checkpoint(folder: Path) -> Path:
     return folder
 
 
-def test_the_built_in_model_needs_nobody(asked: Asked) -> None:
+def test_the_built_in_model_is_found_without_the_hub(asked: Asked) -> None:
     assert (model_folder(BUILT_IN_MODEL) / "config.yaml").is_file()
     assert asked == []
 
@@ -53,14 +53,16 @@ def test_the_built_in_model_needs_nobody(asked: Asked) -> None:
         ("somebody/walker@refs/pr/3", "somebody/walker", "refs/pr/3"),
     ],
 )
-def test_a_released_name_or_a_repository_is_asked_of_the_hub(
+def test_released_names_and_repositories_are_fetched_from_the_hub(
     asked: Asked, name: str, repository: str, revision: str | None
 ) -> None:
     model_folder(name)
     assert asked == [(repository, revision)]
 
 
-def test_a_folder_comes_before_the_hub(asked: Asked, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+def test_a_local_folder_takes_precedence_over_the_hub(
+    asked: Asked, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
     checkpoint(tmp_path / "somebody" / "walker")
     monkeypatch.chdir(tmp_path)
     assert model_folder("somebody/walker") == Path("somebody/walker")
@@ -68,7 +70,7 @@ def test_a_folder_comes_before_the_hub(asked: Asked, tmp_path: Path, monkeypatch
 
 
 @pytest.mark.parametrize("name", ["core", "ARDY-Core-RP-20FPS-Horizon40", "my-own"])
-def test_checkpoints_dir_comes_before_the_hub(
+def test_checkpoints_dir_takes_precedence_over_the_hub(
     asked: Asked, tmp_path: Path, monkeypatch: pytest.MonkeyPatch, name: str
 ) -> None:
     monkeypatch.setenv("CHECKPOINTS_DIR", str(tmp_path))
@@ -77,7 +79,7 @@ def test_checkpoints_dir_comes_before_the_hub(
     assert asked == []
 
 
-def test_a_pinned_revision_is_never_a_folder_of_checkpoints_dir(
+def test_a_pinned_revision_ignores_checkpoints_dir(
     asked: Asked, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     monkeypatch.setenv("CHECKPOINTS_DIR", str(tmp_path))
@@ -103,21 +105,21 @@ def test_a_pinned_revision_is_never_a_folder_of_checkpoints_dir(
         "~nobody-at-all/x",
     ],
 )
-def test_a_name_that_stands_for_nothing_lists_what_does(
+def test_an_unknown_name_is_refused_with_the_known_ones(
     asked: Asked, name: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    monkeypatch.chdir(tmp_path)  # "../x" is there in some other place
+    monkeypatch.chdir(tmp_path)  # elsewhere, "../x" might exist
     with pytest.raises(UnknownModel, match=r"motiongen-mini.*core, core40, core8, g1.*CHECKPOINTS_DIR"):
         model_folder(name)
     assert asked == []
 
 
-def test_a_folder_without_a_config_is_named(asked: Asked, tmp_path: Path) -> None:
+def test_a_folder_without_a_config_is_refused(asked: Asked, tmp_path: Path) -> None:
     with pytest.raises(UnknownModel, match=r"holds no config\.yaml"):
         model_folder(str(tmp_path))
 
 
-def test_what_the_hub_refuses_reaches_the_caller(monkeypatch: pytest.MonkeyPatch) -> None:
+def test_an_error_of_the_hub_reaches_the_caller(monkeypatch: pytest.MonkeyPatch) -> None:
     def refuse(repository: str, revision: str | None = None) -> Path:
         raise HubError(f"{repository} is gated")
 
@@ -127,7 +129,7 @@ def test_what_the_hub_refuses_reaches_the_caller(monkeypatch: pytest.MonkeyPatch
         model_folder("core")
 
 
-def test_our_card_names_model_licence_and_attribution() -> None:
+def test_the_built_in_card_names_model_licence_and_attribution() -> None:
     card = read_model_card(model_folder(BUILT_IN_MODEL))
     assert (card.model_id, card.licence) == (BUILT_IN_MODEL, "CC-BY-NC-4.0")
     assert "Bandai Namco" in card.attribution
@@ -148,13 +150,13 @@ def test_our_card_names_model_licence_and_attribution() -> None:
         "---\n",
     ],
 )
-def test_a_card_that_says_nothing_leaves_the_licence_unknown(tmp_path: Path, card: str) -> None:
+def test_an_unusable_card_leaves_the_licence_unknown(tmp_path: Path, card: str) -> None:
     folder = checkpoint(tmp_path / "walker")
     (folder / "README.md").write_text(card)
     assert read_model_card(folder) == model_card.ModelCard("walker", "unknown", "")
 
 
-def test_a_card_says_no_more_than_anybody_reads(tmp_path: Path) -> None:
+def test_long_fields_of_a_card_are_truncated(tmp_path: Path) -> None:
     folder = checkpoint(tmp_path / "walker")
     (folder / "README.md").write_text(f"---\nname: {'x' * 9000}\nlicense: [mit, {'y' * 9000}]\n---\n")
     card = read_model_card(folder)
@@ -162,13 +164,13 @@ def test_a_card_says_no_more_than_anybody_reads(tmp_path: Path) -> None:
     assert card.licence.startswith("mit, y")
 
 
-def test_a_card_as_hubs_write_it_gives_the_licence(tmp_path: Path) -> None:
+def test_license_name_of_a_hub_card_is_taken_as_the_licence(tmp_path: Path) -> None:
     folder = checkpoint(tmp_path / "walker")
     (folder / "README.md").write_text("---\nlicense: other\nlicense_name: nvidia-open-model-license\n---\n# Walker\n")
     assert read_model_card(folder).licence == "nvidia-open-model-license"
 
 
-def test_a_name_too_long_for_any_file_system_is_unknown_in_a_short_message() -> None:
+def test_an_overlong_name_is_refused_with_a_short_message() -> None:
     with pytest.raises(UnknownModel, match="a name of 5000 characters") as unknown:
         model_folder("x" * 5000)
     assert len(str(unknown.value)) < 200

@@ -1,4 +1,4 @@
-"""The file of prompts' paces: what is written is read again, and nothing else is."""
+"""The file of prompt paces: round trip, and the contents that are refused."""
 
 from __future__ import annotations
 
@@ -33,7 +33,7 @@ def paces(width: int = WIDTH) -> PromptPaces:
     )
 
 
-def test_what_is_written_is_read(tmp_path: Path) -> None:
+def test_written_paces_are_read_back(tmp_path: Path) -> None:
     written = paces()
     write_paces(tmp_path / PACES_FILE, written)
     read = read_paces(tmp_path / PACES_FILE, WIDTH)
@@ -55,7 +55,7 @@ def test_what_is_written_is_read(tmp_path: Path) -> None:
         ({"gaits": torch.zeros(0, WIDTH), "from_mps": torch.zeros(0), "quarters": torch.zeros(0)}, "gaits has the"),
     ],
 )
-def test_numbers_that_cannot_be_are_refused(tmp_path: Path, changes: dict[str, Tensor], message: str) -> None:
+def test_invalid_numbers_and_shapes_are_refused(tmp_path: Path, changes: dict[str, Tensor], message: str) -> None:
     write_paces(tmp_path / PACES_FILE, replace(paces(), **changes))
     with pytest.raises(CheckpointError, match=message):
         read_paces(tmp_path / PACES_FILE, WIDTH)
@@ -67,7 +67,7 @@ def test_paces_of_another_text_encoder_are_refused(tmp_path: Path) -> None:
         read_paces(tmp_path / PACES_FILE, WIDTH)
 
 
-def test_another_file_is_refused(tmp_path: Path) -> None:
+def test_a_file_that_lacks_tensors_is_refused(tmp_path: Path) -> None:
     from safetensors.torch import save_file
 
     save_file({"mean": torch.zeros(WIDTH)}, tmp_path / PACES_FILE)
@@ -75,7 +75,7 @@ def test_another_file_is_refused(tmp_path: Path) -> None:
         read_paces(tmp_path / PACES_FILE, WIDTH)
 
 
-def test_whole_numbers_are_no_paces(tmp_path: Path) -> None:
+def test_integer_tensors_are_refused(tmp_path: Path) -> None:
     from safetensors.torch import load_file, save_file
 
     write_paces(tmp_path / PACES_FILE, paces())
@@ -85,7 +85,7 @@ def test_whole_numbers_are_no_paces(tmp_path: Path) -> None:
         read_paces(tmp_path / PACES_FILE, WIDTH)
 
 
-def test_a_model_that_needs_them_is_saved_with_them(tmp_path: Path) -> None:
+def test_a_model_that_fits_prompts_is_saved_with_its_paces(tmp_path: Path) -> None:
     model = load_checkpoint(TINY)
     model.sampling, model.paces = replace(model.sampling, fit_prompts=True), paces()
     save_checkpoint(model, tmp_path)
@@ -94,7 +94,7 @@ def test_a_model_that_needs_them_is_saved_with_them(tmp_path: Path) -> None:
     torch.testing.assert_close(read.gaits, paces().gaits)
 
 
-def test_a_checkpoint_has_them_where_the_file_lies(tmp_path: Path) -> None:
+def test_a_checkpoint_that_fits_prompts_requires_a_paces_file(tmp_path: Path) -> None:
     folder = tmp_path / "checkpoint"
     shutil.copytree(TINY, folder)
     assert load_checkpoint(folder).paces is None

@@ -1,4 +1,4 @@
-"""The released sizes: models built from them have exactly the numbers that the released files hold."""
+"""The released models' configurations: parameter counts, layout of the folder, windows and nicknames."""
 
 from __future__ import annotations
 
@@ -13,12 +13,13 @@ from motiongen_ardy.core.skeleton import load_skeleton
 from motiongen_ardy.core.stats import Stats
 from motiongen_ardy.model.model import build_model
 
-# Counted in the released Core-Horizon40 files by others, and for the robot by building the public modules.
+# Parameters of denoiser and tokenizer: others counted those of the released Core-Horizon40 files; those of the robot
+# were counted by building the public modules.
 COUNTS = {"core27": (155_823_252, 35_430_052), "g134": (157_887_636, 35_785_204)}
 
 
 @pytest.mark.parametrize("name", RELEASED)
-def test_parameter_counts(name: str) -> None:
+def test_parameter_counts_are_those_of_the_released_files(name: str) -> None:
     config = RELEASED[name]
     width = load_skeleton(config.skeleton).feature_dim + LOCAL_ROOT_WIDTH
     stats = Stats(torch.zeros(width), torch.ones(width))
@@ -31,13 +32,13 @@ def test_parameter_counts(name: str) -> None:
 
 
 @pytest.mark.parametrize("name", RELEASED)
-def test_configurations_survive_the_released_layout(name: str) -> None:
+def test_configurations_round_trip_through_the_released_layout(name: str) -> None:
     assert read_model_config(write_model_config(RELEASED[name])) == (RELEASED[name], FolderLayout())
 
 
-def test_a_window_holds_ten_seconds() -> None:
+def test_maximum_windows_are_about_ten_seconds() -> None:
     assert [config.max_window_frames for config in RELEASED.values()] == [200, 200, 248, 248]
 
 
-def test_every_nickname_is_of_a_released_model() -> None:
+def test_every_released_model_has_a_nickname_and_no_other_has() -> None:
     assert set(NICKNAMES.values()) == set(RELEASED)

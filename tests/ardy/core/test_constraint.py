@@ -47,7 +47,7 @@ def turn_columns(layout: Any, joint: int) -> set[int]:
 
 
 @pytest.mark.parametrize("case", CASES)
-def test_golden_conditions(golden: Any, case: str) -> None:
+def test_conditions_match_the_golden_vectors(golden: Any, case: str) -> None:
     vectors = golden.vectors("conditions")
     listed = json.loads((golden.folder / "vectors" / "conditions.json").read_text())
     skeleton = golden.model.skeleton
@@ -60,7 +60,7 @@ def test_golden_conditions(golden: Any, case: str) -> None:
     assert torch.equal(same_mask, mask)
 
 
-def test_a_waypoint_constrains_the_ground_and_maybe_the_heading(layout: Any) -> None:
+def test_a_waypoint_constrains_ground_position_and_optional_heading(layout: Any) -> None:
     targets = Targets(layout.skeleton)
     targets.add_waypoints([2, 5], torch.tensor([[1.0, 2.0], [3.0, 4.0]]))
     targets.add_waypoints([7], torch.tensor([[5.0, 6.0]]), torch.tensor([torch.pi / 2]))
@@ -91,7 +91,7 @@ def test_a_keyframe_constrains_positions_but_no_rotation(layout: Any, pose: Any)
     assert torch.atan2(observed[0, 4], observed[0, 3]).item() == pytest.approx(0.5, abs=1e-5)
 
 
-def test_a_shifted_ground_moves_the_root_and_not_the_pose(layout: Any, pose: Any) -> None:
+def test_a_shifted_ground_position_moves_the_root_and_not_the_pose(layout: Any, pose: Any) -> None:
     plain, shifted = Targets(layout.skeleton), Targets(layout.skeleton)
     plain.add_keyframes([0], pose[1])
     shifted.add_keyframes([0], pose[1], torch.tensor([[-3.0, 4.0]]))
@@ -112,7 +112,7 @@ def test_an_end_effector_constrains_its_chain_and_the_root(layout: Any, pose: An
     torch.testing.assert_close(observed[0, first : first + 6], matrix_to_6d(rotations[0, chain[0]]))
 
 
-def test_a_limb_without_hips_is_as_far_from_its_root_wherever_that_shall_be(layout: Any, pose: Any) -> None:
+def test_a_limb_without_hips_keeps_its_offset_from_a_moved_root(layout: Any, pose: Any) -> None:
     rotations, positions = pose
     plain, shifted, later, copied = (Targets(layout.skeleton) for _ in range(4))
     plain.add_end_effectors([0], ["LeftHand"], positions, rotations)
@@ -125,7 +125,7 @@ def test_a_limb_without_hips_is_as_far_from_its_root_wherever_that_shall_be(layo
         assert columns(targets.fill(layout, 0, 1)[0] - expected, 0) == {0, 2}
 
 
-def test_a_root_of_another_pose_comes_before_that_of_a_limb_without_hips(layout: Any, pose: Any) -> None:
+def test_a_keyframe_root_takes_precedence_over_that_of_a_limb_without_hips(layout: Any, pose: Any) -> None:
     rotations, positions = pose
     targets, expected = Targets(layout.skeleton), Targets(layout.skeleton)
     moved = positions + torch.tensor([5.0, 0.0, 0.0])
@@ -138,7 +138,7 @@ def test_a_root_of_another_pose_comes_before_that_of_a_limb_without_hips(layout:
     assert torch.equal(seen, told)
 
 
-def test_any_joints_leave_the_heading_free(layout: Any, pose: Any) -> None:
+def test_joint_targets_leave_the_heading_free(layout: Any, pose: Any) -> None:
     targets = Targets(layout.skeleton)
     targets.add_joints(0, [0, 5], pose[1][0, [0, 5]])
     targets.add_joints(1, [0, 5], pose[1][0, [0, 5]], pose[0][0, [0, 5]])
@@ -147,7 +147,7 @@ def test_any_joints_leave_the_heading_free(layout: Any, pose: Any) -> None:
     assert columns(mask, 1) == columns(mask, 0) | turn_columns(layout, 0) | turn_columns(layout, 5)
 
 
-def test_the_later_target_holds(layout: Any, pose: Any) -> None:
+def test_a_later_target_replaces_an_earlier_one(layout: Any, pose: Any) -> None:
     targets = Targets(layout.skeleton)
     targets.add_keyframes([0], pose[1])
     targets.add_waypoints([0], torch.tensor([[8.0, 9.0]]))
@@ -156,14 +156,14 @@ def test_the_later_target_holds(layout: Any, pose: Any) -> None:
     assert mask[0, layout.position_block].all(), "a waypoint leaves the pose of a keyframe"
 
 
-def test_joints_without_the_root_are_refused(layout: Any, pose: Any) -> None:
+def test_joint_targets_without_a_root_position_are_refused(layout: Any, pose: Any) -> None:
     targets = Targets(layout.skeleton)
     targets.add_joints(3, [5], pose[1][0, [5]])
     with pytest.raises(ConstraintError, match=r"frame 3 .*where the root is"):
         targets.fill(layout, 0, 8)
 
 
-def test_joints_without_the_root_are_seen_from_its_place_on_the_ground(layout: Any, pose: Any) -> None:
+def test_joint_targets_are_relative_to_a_waypoint_at_the_same_frame(layout: Any, pose: Any) -> None:
     whole, alone = Targets(layout.skeleton), Targets(layout.skeleton)
     whole.add_joints(3, [0, 5], pose[1][0, [0, 5]])
     alone.add_joints(3, [5], pose[1][0, [5]])
@@ -194,14 +194,14 @@ def test_joints_without_the_root_are_seen_from_its_place_on_the_ground(layout: A
         (lambda t, r, p: t.add_joints(0, [0], p[0, :1], r[0, :1] / 0), "joint rotations hold NaN"),
     ],
 )
-def test_meaningless_targets_are_refused(layout: Any, pose: Any, add: Any, message: str) -> None:
+def test_invalid_targets_are_refused(layout: Any, pose: Any, add: Any, message: str) -> None:
     targets = Targets(layout.skeleton)
     with pytest.raises(ConstraintError, match=message):
         add(targets, *pose)
     assert not targets.frames, "a refused target leaves nothing behind"
 
 
-def test_what_is_asked_for_holds_over_what_leads_along() -> None:
+def test_requested_targets_override_those_that_follow_from_a_velocity() -> None:
     skeleton = load_skeleton("core27")
     targets = Targets(skeleton)
     targets.add_lead(10, torch.zeros(9, 2), torch.zeros(9), 4)

@@ -1,4 +1,4 @@
-"""What targets may be given, and that they hold it for themselves."""
+"""The values that targets accept, and that targets keep copies of them."""
 
 from __future__ import annotations
 
@@ -29,7 +29,7 @@ def layout_of(name: str) -> Representation:
     return Representation(skeleton, 20, Stats(torch.zeros(width), torch.ones(width)))
 
 
-def test_later_changes_of_what_was_given_change_no_target() -> None:
+def test_later_changes_to_the_arrays_given_do_not_affect_targets() -> None:
     targets = Targets(CORE)
     place, pose, turn = np.zeros((1, 2), np.float32), POSE[None].clone(), torch.eye(3)[None]
     for frame in (3, 5):
@@ -64,7 +64,7 @@ def read_only(values: Tensor) -> np.ndarray:
     ],
     ids=["float64", "with a graph", "strided", "numpy float64", "reversed", "fortran", "read-only"],
 )
-def test_numbers_may_be_of_any_kind(given: Callable[[Tensor], Any]) -> None:
+def test_arrays_may_be_of_any_type_and_memory_layout(given: Callable[[Tensor], Any]) -> None:
     poses = torch.stack([POSE, POSE + torch.tensor([0.0, 0.0, 1.0])])
     plain, other = Targets(CORE), Targets(CORE)
     plain.add_keyframes([2, 4], poses)
@@ -73,7 +73,7 @@ def test_numbers_may_be_of_any_kind(given: Callable[[Tensor], Any]) -> None:
     assert torch.equal(other.fill(layout, 0, 6)[0], plain.fill(layout, 0, 6)[0])
 
 
-def test_targets_are_on_the_processor_whatever_the_default_device_is() -> None:
+def test_targets_stay_on_the_cpu_whatever_the_default_device() -> None:
     with torch.device("meta"):
         targets = Targets(CORE)
         targets.add_keyframes([2], POSE[None].numpy())
@@ -81,7 +81,7 @@ def test_targets_are_on_the_processor_whatever_the_default_device_is() -> None:
 
 
 @pytest.mark.parametrize("frames", [np.array([2, 4]), torch.tensor([2, 4]), range(2, 5, 2), (2, 4)])
-def test_frames_may_be_any_whole_numbers(frames: Any) -> None:
+def test_frames_may_be_any_sequence_of_integers(frames: Any) -> None:
     targets = Targets(CORE)
     targets.add_waypoints(frames, torch.ones(2, 2), torch.zeros(2))
     assert targets.frames == {2, 4}
@@ -105,7 +105,9 @@ def test_frames_may_be_any_whole_numbers(frames: Any) -> None:
 @pytest.mark.parametrize(
     ("frame", "message"), [(-1, "hold -1; they are counted from 0"), (1.5, "must be a whole number"), ("1", "whole")]
 )
-def test_frames_that_no_motion_has_are_refused(add: Callable[[Targets, Any], None], frame: Any, message: str) -> None:
+def test_frames_that_are_negative_or_not_integers_are_refused(
+    add: Callable[[Targets, Any], None], frame: Any, message: str
+) -> None:
     targets = Targets(CORE)
     with pytest.raises(ConstraintError, match=message):
         add(targets, frame)
@@ -115,7 +117,7 @@ def test_frames_that_no_motion_has_are_refused(add: Callable[[Targets, Any], Non
 @pytest.mark.parametrize(
     "matrix", [torch.zeros(3, 3), 2 * torch.eye(3), torch.diag(torch.tensor([1.0, 1.0, -1.0])), torch.ones(3, 3)]
 )
-def test_a_matrix_that_is_no_rotation_is_refused(matrix: Tensor) -> None:
+def test_a_matrix_that_is_not_a_rotation_is_refused(matrix: Tensor) -> None:
     targets = Targets(CORE)
     turns = torch.eye(3).repeat(1, CORE.num_joints, 1, 1)
     turns[0, 5] = matrix
@@ -129,7 +131,7 @@ def test_a_matrix_that_is_no_rotation_is_refused(matrix: Tensor) -> None:
     assert not targets.frames
 
 
-def test_too_large_a_number_is_refused_without_a_warning() -> None:
+def test_a_number_too_large_for_float32_is_refused_without_a_warning() -> None:
     with pytest.raises(ConstraintError, match="infinite"):
         Targets(CORE).add_waypoints([0], np.array([[1e300, 0.0]]))
 
@@ -143,7 +145,7 @@ def test_targets_of_another_skeleton_are_refused() -> None:
         residuals(random_motion(CORE, 4, seed=1).motion, [targets])
 
 
-def test_poses_of_a_motion_are_taken_at_frames_that_it_has(tmp_path: Any) -> None:
+def test_pose_constraints_are_made_only_at_frames_of_the_motion(tmp_path: Any) -> None:
     motion = random_motion(CORE, 6, seed=1).motion
     asked = pose_constraint(motion, np.array([1, 4]))  # type: ignore[arg-type]
     write_constraints(tmp_path / "poses.json", [asked])

@@ -1,4 +1,4 @@
-"""A file is there whole or as it was before, whoever else writes it and whatever is there."""
+"""`written_whole`: a file has its new content or its old one, whoever else writes it and whatever its path is."""
 
 from __future__ import annotations
 
@@ -10,7 +10,7 @@ import pytest
 from motiongen_ardy.core.files import written_whole
 
 
-def test_what_is_there_stays_where_writing_fails(tmp_path: Path) -> None:
+def test_a_failed_write_leaves_the_old_file(tmp_path: Path) -> None:
     path = tmp_path / "walk.npz"
     path.write_text("of yesterday")
 
@@ -24,7 +24,7 @@ def test_what_is_there_stays_where_writing_fails(tmp_path: Path) -> None:
     assert [(one.name, one.read_text()) for one in tmp_path.iterdir()] == [("walk.npz", "of yesterday")]
 
 
-def test_two_writers_at_once_leave_the_file_of_one_of_them(tmp_path: Path) -> None:
+def test_concurrent_writers_leave_the_whole_file_of_one_of_them(tmp_path: Path) -> None:
     path = tmp_path / "walk.npz"
     with written_whole(path) as first, written_whole(path) as second:
         first.write_text("a long first file")
@@ -33,14 +33,14 @@ def test_two_writers_at_once_leave_the_file_of_one_of_them(tmp_path: Path) -> No
     assert list(tmp_path.iterdir()) == [path]
 
 
-def test_a_name_may_be_as_long_as_the_file_system_takes_it(tmp_path: Path) -> None:
+def test_a_name_may_be_as_long_as_the_file_system_allows(tmp_path: Path) -> None:
     path = tmp_path / ("x" * 250)
     with written_whole(path) as partial:
         partial.write_text("new")
     assert path.read_text() == "new"
 
 
-def test_a_link_goes_on_pointing_and_a_file_keeps_its_mode(tmp_path: Path) -> None:
+def test_a_symlink_remains_and_its_target_keeps_its_mode(tmp_path: Path) -> None:
     (tmp_path / "real").write_text("old")
     (tmp_path / "real").chmod(0o600)
     (tmp_path / "link").symlink_to("real")
@@ -51,15 +51,15 @@ def test_a_link_goes_on_pointing_and_a_file_keeps_its_mode(tmp_path: Path) -> No
     assert (tmp_path / "real").stat().st_mode & 0o777 == 0o600
 
 
-def test_a_new_file_has_the_usual_mode_whoever_writes_it(tmp_path: Path) -> None:
+def test_a_new_file_has_the_default_mode_whatever_the_writer_sets(tmp_path: Path) -> None:
     (tmp_path / "usual").touch()
     with written_whole(tmp_path / "new") as partial:
-        partial.touch(0o600)  # as the library of safetensors makes them
+        partial.touch(0o600)  # as the safetensors library does
     assert (tmp_path / "new").stat().st_mode == (tmp_path / "usual").stat().st_mode
 
 
-def test_what_is_no_file_is_written_and_stays_what_it_is(tmp_path: Path) -> None:
-    """Also by a library that puts another file in the place of what it is to write, as that of safetensors does."""
+def test_a_named_pipe_is_written_and_remains_a_pipe(tmp_path: Path) -> None:
+    """Even by a library that replaces the file that it is to write, as safetensors does."""
     pipe = tmp_path / "pipe"
     os.mkfifo(pipe)
     reading = os.open(pipe, os.O_RDONLY | os.O_NONBLOCK)
@@ -71,7 +71,7 @@ def test_what_is_no_file_is_written_and_stays_what_it_is(tmp_path: Path) -> None
     assert pipe.is_fifo()
 
 
-def test_what_a_folder_is_cannot_be_written(tmp_path: Path) -> None:
+def test_writing_to_a_directory_is_refused(tmp_path: Path) -> None:
     (tmp_path / "folder").mkdir()
 
     def write() -> None:
@@ -82,7 +82,7 @@ def test_what_a_folder_is_cannot_be_written(tmp_path: Path) -> None:
         write()
 
 
-def test_a_pipe_that_a_shell_makes_is_written_as_it_is() -> None:
+def test_a_pipe_given_by_its_file_descriptor_is_written() -> None:
     reading, writing = os.pipe()
     with os.fdopen(reading), os.fdopen(writing, "w"):
         given = Path(f"/dev/fd/{writing}")
@@ -92,7 +92,7 @@ def test_a_pipe_that_a_shell_makes_is_written_as_it_is() -> None:
         assert given.is_fifo()
 
 
-def test_links_in_a_circle_are_told_as_the_system_tells_them(tmp_path: Path) -> None:
+def test_circular_symlinks_raise_the_error_of_the_system(tmp_path: Path) -> None:
     (tmp_path / "one").symlink_to("other")
     (tmp_path / "other").symlink_to("one")
 
@@ -105,7 +105,7 @@ def test_links_in_a_circle_are_told_as_the_system_tells_them(tmp_path: Path) -> 
     assert (tmp_path / "one").is_symlink()
 
 
-def test_a_link_to_what_is_not_there_yet_makes_it(tmp_path: Path) -> None:
+def test_writing_through_a_dangling_symlink_creates_its_target(tmp_path: Path) -> None:
     (tmp_path / "link").symlink_to("real")
     with written_whole(tmp_path / "link") as partial:
         partial.write_text("new")
@@ -113,7 +113,7 @@ def test_a_link_to_what_is_not_there_yet_makes_it(tmp_path: Path) -> None:
     assert (tmp_path / "real").read_text() == "new"
 
 
-def test_a_folder_that_is_not_there_is_told_by_the_name_that_was_given(tmp_path: Path) -> None:
+def test_a_missing_folder_is_reported_with_the_path_that_was_given(tmp_path: Path) -> None:
     path = tmp_path / "none" / "walk.npz"
 
     def write() -> None:

@@ -1,4 +1,4 @@
-"""Features, root operations and statistics against the golden vectors, and their own laws."""
+"""Features, root operations and statistics: the golden vectors, and properties that hold for any features."""
 
 from __future__ import annotations
 
@@ -23,7 +23,7 @@ def random_features(seed: int, layout: Representation = CORE, num_frames: int = 
     return layout.features(local, torch.randn(1, num_frames, 3, generator=generator))
 
 
-def test_features_and_their_canonical_form(golden: GoldenModel) -> None:
+def test_features_and_their_canonical_form_match_the_golden_vectors(golden: GoldenModel) -> None:
     layout, vectors = golden.model.representation, golden.vectors("features")
     features = layout.features(vectors["in.local_rot_mats"], vectors["in.root_positions"], vectors["in.lengths"])
     vectors.check("out.features", features)
@@ -31,7 +31,7 @@ def test_features_and_their_canonical_form(golden: GoldenModel) -> None:
     vectors.check("out.features_canonical", torch.cat([layout.canonicalize(row[None]) for row in features]))
 
 
-def test_the_way_back_from_noisy_features(golden: GoldenModel) -> None:
+def test_motion_from_noisy_features_matches_the_golden_vectors(golden: GoldenModel) -> None:
     layout, vectors = golden.model.representation, golden.vectors("features")
     given_features = vectors["inverse.in.features"]
     motion = layout.motion(given_features)
@@ -41,7 +41,7 @@ def test_the_way_back_from_noisy_features(golden: GoldenModel) -> None:
     vectors.check_equal("inverse.out.foot_contacts", motion.foot_contacts)
 
 
-def test_root_operations(golden: GoldenModel) -> None:
+def test_root_operations_match_the_golden_vectors(golden: GoldenModel) -> None:
     layout, vectors = golden.model.representation, golden.vectors("root")
     root = vectors["in.root_normalized"]
     vectors.check("out.local_root_normalized", layout.local_root(root, vectors["in.lengths"]))
@@ -54,7 +54,7 @@ def test_root_operations(golden: GoldenModel) -> None:
     vectors.check("out.translated_2d", layout.translate_ground(vectors["in.features"], vectors["in.translation_2d"]))
 
 
-def test_normalization(golden: GoldenModel) -> None:
+def test_normalization_matches_the_golden_vectors(golden: GoldenModel) -> None:
     layout, vectors = golden.model.representation, golden.vectors("normalization")
     vectors.check("out.normalized", layout.normalize(vectors["in.features"]))
     vectors.check("out.unnormalized", layout.denormalize(vectors["in.features"]))

@@ -1,4 +1,4 @@
-"""Rotations and kinematics against the golden vectors and against each other."""
+"""Rotations and kinematics: the golden vectors, and properties of the conversions."""
 
 from __future__ import annotations
 
@@ -29,7 +29,7 @@ def random_rotations(seed: int, *shape: int) -> torch.Tensor:
     return rotation.matrix_from_6d(torch.randn(*shape, 6, generator=generator, dtype=torch.float64))
 
 
-def test_every_conversion(common_vectors: Callable[[str], Vectors]) -> None:
+def test_conversions_match_the_golden_vectors(common_vectors: Callable[[str], Vectors]) -> None:
     vectors = common_vectors("rotations")
     vectors.check("out.matrix_to_six", rotation.matrix_to_6d(vectors["in.matrices"]))
     vectors.check("out.six_to_matrix", rotation.matrix_from_6d(vectors["in.six"]))
@@ -38,7 +38,7 @@ def test_every_conversion(common_vectors: Callable[[str], Vectors]) -> None:
     vectors.check("out.y_rotation", rotation.rotation_y(vectors["in.angles"]))
 
 
-def test_kinematics(golden: GoldenModel) -> None:
+def test_kinematics_match_the_golden_vectors(golden: GoldenModel) -> None:
     skeleton, vectors = golden.model.skeleton, golden.vectors("kinematics")
     rotations, positions = forward_kinematics(skeleton, vectors["in.local_rot_mats"], vectors["in.root_positions"])
     vectors.check("out.global_rot_mats", rotations)
@@ -50,7 +50,7 @@ def test_kinematics(golden: GoldenModel) -> None:
 
 @settings(max_examples=30, deadline=None)
 @given(seed=st.integers(0, 10_000))
-def test_round_trips(seed: int) -> None:
+def test_conversions_and_kinematics_can_be_inverted(seed: int) -> None:
     matrices = random_rotations(seed, 5)
     torch.testing.assert_close(rotation.matrix_from_6d(rotation.matrix_to_6d(matrices)), matrices)
     torch.testing.assert_close(rotation.quaternion_to_matrix(rotation.matrix_to_quaternion(matrices)), matrices)
@@ -74,7 +74,7 @@ def test_quaternions_are_exact_whichever_component_is_largest(axis: int, angle: 
 
 @settings(max_examples=30, deadline=None)
 @given(seed=st.integers(0, 10_000))
-def test_local_quaternions_are_those_of_local_rotations(seed: int) -> None:
+def test_local_quaternions_represent_the_local_rotations(seed: int) -> None:
     skeleton, rotations = load_skeleton("core27"), random_rotations(seed, 2, 3, 27)
     found = local_quaternions(skeleton, rotations).movedim(0, -1)
     torch.testing.assert_close(rotation.quaternion_to_matrix(found), global_to_local(skeleton, rotations))
@@ -82,13 +82,13 @@ def test_local_quaternions_are_those_of_local_rotations(seed: int) -> None:
 
 
 @pytest.mark.parametrize("shape", [(), (5,), (2, 5), (2, 3, 5), (0, 5), (2, 0)])
-def test_positions_take_any_leading_dimensions(shape: tuple[int, ...]) -> None:
+def test_positions_are_computed_for_any_leading_dimensions(shape: tuple[int, ...]) -> None:
     skeleton, root = load_skeleton("core27"), torch.ones(*shape, 3, dtype=torch.float64)
     rotations, positions = forward_kinematics(skeleton, random_rotations(3, *shape, 27), root)
     torch.testing.assert_close(positions_from_global(skeleton, rotations, root), positions)
 
 
-def test_positions_of_a_row_do_not_depend_on_the_others() -> None:
+def test_positions_of_a_row_do_not_depend_on_other_rows() -> None:
     skeleton = load_skeleton("core27")
     rotations, root = random_rotations(4, 33, 41, 27).float(), torch.ones(33, 41, 3)
     together = positions_from_global(skeleton, rotations, root)
@@ -113,7 +113,7 @@ def test_a_quarter_turn_about_y_faces_plus_x() -> None:
     torch.testing.assert_close(facing, torch.tensor([1.0, 0.0, 0.0]), atol=1e-6, rtol=0)
 
 
-def test_every_skeleton_is_sound() -> None:
+def test_every_skeleton_has_ordered_parents_and_its_root_at_the_origin() -> None:
     for name in skeleton_names():
         skeleton = load_skeleton(name)
         assert skeleton.parents[0] == -1
@@ -121,7 +121,7 @@ def test_every_skeleton_is_sound() -> None:
         assert not skeleton.neutral_joints[0].any()
 
 
-def test_unknown_names_are_refused_with_what_is_known() -> None:
+def test_unknown_names_are_refused_with_the_known_ones() -> None:
     with pytest.raises(UnknownSkeleton, match="core27"):
         load_skeleton("core28")
     with pytest.raises(UnknownJoint, match="Hips"):

@@ -1,4 +1,4 @@
-"""The four skeletons: consistent trees, the widths that models of them have, and models of each."""
+"""The four skeletons: their trees, sizes and neutral poses, and a model of each."""
 
 from __future__ import annotations
 
@@ -55,11 +55,11 @@ def ancestors(skeleton: Skeleton, joint: int) -> set[int]:
     return set() if parent < 0 else {parent} | ancestors(skeleton, parent)
 
 
-def test_these_are_all() -> None:
+def test_the_skeletons_are_the_four_tested_here() -> None:
     assert set(skeleton_names()) == set(SIZES)
 
 
-def test_sizes(skeleton: Skeleton) -> None:
+def test_numbers_of_joints_and_features(skeleton: Skeleton) -> None:
     assert (skeleton.num_joints, skeleton.feature_dim) == SIZES[skeleton.name]
     assert len(set(skeleton.joint_names)) == skeleton.num_joints == len(skeleton.parents)
     assert skeleton.neutral_joints.shape == (skeleton.num_joints, 3)
@@ -70,7 +70,7 @@ def test_parents_precede_their_children(skeleton: Skeleton) -> None:
     assert all(0 <= parent < joint for joint, parent in enumerate(skeleton.parents) if joint)
 
 
-def test_chains_lead_outwards(skeleton: Skeleton) -> None:
+def test_joints_of_a_limb_chain_descend_from_its_first(skeleton: Skeleton) -> None:
     for chain in (skeleton.left_foot, skeleton.right_foot, skeleton.left_hand, skeleton.right_hand):
         assert len(chain) >= 2
         for joint in chain[1:]:  # a hand may branch into fingers
@@ -86,14 +86,14 @@ def test_left_is_at_positive_x_and_feet_are_below(skeleton: Skeleton) -> None:
     assert np.ptp(neutral[:, 1]) < 2.5
 
 
-def test_no_rotation_is_the_neutral_pose(skeleton: Skeleton) -> None:
+def test_identity_rotations_give_the_neutral_pose(skeleton: Skeleton) -> None:
     root = torch.tensor([1.0, 0.9, -2.0], dtype=torch.float64)
     rest = torch.eye(3, dtype=torch.float64).expand(skeleton.num_joints, 3, 3)
     _, positions = forward_kinematics(skeleton, rest, root)
     assert torch.allclose(positions, torch.tensor(skeleton.neutral_joints) + root)
 
 
-def test_the_line_of_the_hips_is_between_their_places(skeleton: Skeleton) -> None:
+def test_the_hip_line_joins_the_positions_of_the_hips(skeleton: Skeleton) -> None:
     generator = torch.Generator().manual_seed(3)
     turns = axis_angle_to_matrix(3.0 * torch.rand(2, 5, skeleton.num_joints, 3, generator=generator))
     places = positions_from_global(skeleton, turns, torch.rand(2, 5, 3, generator=generator))
@@ -101,7 +101,7 @@ def test_the_line_of_the_hips_is_between_their_places(skeleton: Skeleton) -> Non
     torch.testing.assert_close(hip_lines(skeleton, turns), places[..., right, :] - places[..., left, :])
 
 
-def test_features_give_the_motion_back(skeleton: Skeleton) -> None:
+def test_motion_is_recovered_from_its_features(skeleton: Skeleton) -> None:
     layout = make_model(skeleton).representation
     rotations = torch.linalg.qr(torch.randn(6, skeleton.num_joints, 3, 3, generator=torch.Generator().manual_seed(1)))[
         0
@@ -116,7 +116,7 @@ def test_features_give_the_motion_back(skeleton: Skeleton) -> None:
 
 
 @pytest.mark.parametrize("name", sorted(set(SKELETON_CLASSES.values())))
-def test_a_model_of_it_is_saved_loaded_and_generates(name: str, tmp_path: Path) -> None:
+def test_a_model_of_each_skeleton_is_saved_loaded_and_generates(name: str, tmp_path: Path) -> None:
     model = make_model(load_skeleton(name))
     save_checkpoint(model, tmp_path)
     loaded = load_checkpoint(tmp_path)

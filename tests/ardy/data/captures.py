@@ -1,4 +1,4 @@
-"""Captures as a user would have them: BVH files of our own rig, a retarget file for it, and a table of labels."""
+"""Captures as a user would have them: BVH files of the Core-27 rig, a retarget file for it, and a table of labels."""
 
 from __future__ import annotations
 
@@ -27,7 +27,7 @@ def write_capture(path: Path, number: int = 0, num_frames: int = 40) -> Path:
 
 
 def write_retarget(path: Path, feet: str = "") -> Path:
-    """A retarget file whose source is our own rig, in centimetres."""
+    """A retarget file whose source is the Core-27 rig, in centimetres."""
     joints = "\n".join(f"  {name}: {{from: {name}}}" for name in CORE.joint_names)
     root = CORE.joint_names[0]
     path.write_text(

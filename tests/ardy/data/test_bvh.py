@@ -1,4 +1,4 @@
-"""Reading BVH: hierarchy, channel orders, and files that are not sound."""
+"""Reading BVH: hierarchy, channel orders, and invalid files."""
 
 from __future__ import annotations
 
@@ -38,7 +38,7 @@ def clip() -> Bvh:
     return parse_bvh(CLIP)
 
 
-def test_the_hierarchy_and_rate(clip: Bvh) -> None:
+def test_hierarchy_and_frame_rate_are_read(clip: Bvh) -> None:
     assert clip.joint_names == ("Hips", "Spine")
     assert clip.parents == (-1, 0)
     assert clip.num_frames == 2
@@ -63,7 +63,7 @@ def test_rotations_multiply_in_channel_order_and_turn_the_child(clip: Bvh) -> No
     torch.testing.assert_close(rotations[1, 1], half_turn)
 
 
-def test_two_channel_orders_of_one_rotation_differ() -> None:
+def test_the_order_of_channels_changes_the_rotation() -> None:
     angles = "0 90 0 30 40 50 0 0 0"
     one = CLIP.replace("0 90 0 0 0 90 0 0 0", angles)
     other = one.replace("Zrotation Xrotation Yrotation", "Xrotation Yrotation Zrotation")
@@ -86,13 +86,13 @@ def test_two_channel_orders_of_one_rotation_differ() -> None:
         ("0 90 0 0 0 90 0 0 0", "0 90 0 0 0 nan 0 0 0"),
     ],
 )
-def test_a_file_that_is_not_sound_is_refused_by_name_and_line(old: str, new: str, tmp_path: Path) -> None:
+def test_an_invalid_file_is_refused_with_its_name_and_line(old: str, new: str, tmp_path: Path) -> None:
     path = tmp_path / "broken.bvh"
     path.write_text(CLIP.replace(old, new, 1))
     with pytest.raises(BvhError, match=r"broken\.bvh, line \d+"):
         read_bvh(path)
 
 
-def test_an_angle_is_in_degrees(clip: Bvh) -> None:
+def test_angles_are_in_degrees(clip: Bvh) -> None:
     turned = clip.pose()[0][0, 0]
     assert math.degrees(math.atan2(float(turned[0, 2]), float(turned[2, 2]))) == pytest.approx(90)

@@ -1,4 +1,4 @@
-"""Mirroring, resampling, captions, retargets and the set on disk."""
+"""Labels, mirroring, resampling, captions, retarget files, and the training set on disk."""
 
 from __future__ import annotations
 
@@ -30,7 +30,7 @@ def labels_table(path: Path, texts: str, encoding: str = "utf-8") -> Path:
     return path
 
 
-def test_a_labels_table_is_read_as_spreadsheets_write_it(tmp_path: Path) -> None:
+def test_a_labels_table_with_a_byte_order_mark_is_read(tmp_path: Path) -> None:
     (label,) = read_labels(labels_table(tmp_path / "marked.csv", "he walks|she walks", "utf-8-sig"))
     assert (label.id, label.texts) == ("a", ("he walks", "she walks"))
 
@@ -40,7 +40,7 @@ def test_a_clip_without_a_text_is_refused(tmp_path: Path) -> None:
         read_labels(labels_table(tmp_path / "bars.csv", "| |"))
 
 
-def test_an_id_with_the_sign_that_joins_ids_is_refused(tmp_path: Path) -> None:
+def test_an_id_with_a_plus_sign_is_refused(tmp_path: Path) -> None:
     path = labels_table(tmp_path / "plus.csv", "he walks")
     path.write_text(path.read_text().replace("\na,", "\na+b,"))
     with pytest.raises(LabelsError, match=r"line 2: id 'a\+b' has a \+"):
@@ -57,7 +57,7 @@ def test_a_model_of_another_skeleton_or_frame_rate_is_refused(skeleton: str, fps
 
 @settings(max_examples=20, deadline=None)
 @given(seed=st.integers(0, 10_000))
-def test_mirroring_swaps_sides_in_space_and_undoes_itself(seed: int) -> None:
+def test_mirroring_swaps_sides_and_is_its_own_inverse(seed: int) -> None:
     generator = torch.Generator().manual_seed(seed)
     quaternions = matrix_to_quaternion(matrix_from_6d(torch.randn(3, 27, 6, generator=generator)))
     root = torch.randn(3, 3, generator=generator)
@@ -73,11 +73,11 @@ def test_mirroring_swaps_sides_in_space_and_undoes_itself(seed: int) -> None:
 
 
 @pytest.mark.parametrize(("frames", "expected"), [(1, 1), (2, 1), (4, 3), (91, 61)])
-def test_the_number_of_resampled_frames(frames: int, expected: int) -> None:
+def test_number_of_resampled_frames(frames: int, expected: int) -> None:
     assert resampled_length(frames, 30, 20) == expected
 
 
-def test_resampling_turns_at_constant_rate_across_the_whole_circle() -> None:
+def test_resampling_keeps_a_constant_rate_over_several_turns() -> None:
     angles = torch.arange(31).double() * 0.3  # far beyond one turn
     rotations = rotation_y(angles)[:, None]
     positions = angles[:, None, None].expand(-1, 1, 3)
@@ -87,13 +87,13 @@ def test_resampling_turns_at_constant_rate_across_the_whole_circle() -> None:
     torch.testing.assert_close(moved[:, 0, 0], expected, atol=1e-9, rtol=0)
 
 
-def test_captions_swap_sides_and_keep_their_case() -> None:
+def test_mirrored_captions_swap_sides_and_keep_their_case() -> None:
     assert mirror_caption("Left, then the right hand; leftover") == "Right, then the left hand; leftover"
     assert mirror_content("walk-turn-left") == "walk-turn-right"
     assert mirror_caption(mirror_caption("a person turns left")) == "a person turns left"
 
 
-def test_plain_captions_promise_plain_motion() -> None:
+def test_captions_of_a_normal_style_differ_from_those_of_other_styles() -> None:
     plain, styled = paraphrases("walk", "normal"), paraphrases("walk", "elderly")
     assert "a person walks forward" in plain
     assert not set(plain) & set(styled)
@@ -101,7 +101,7 @@ def test_plain_captions_promise_plain_motion() -> None:
     assert paraphrases("walk", "no such style") == ()
 
 
-def test_the_built_in_retargets_are_sound_and_name_their_joints() -> None:
+def test_the_built_in_retargets_can_be_read() -> None:
     names = {retarget.name for retarget in built_in_retargets()}
     assert names == {"bandai_namco", "cmu", "cmu_bvh", "react_idle"}
     assert all(retarget.skeleton is CORE for retarget in built_in_retargets())
@@ -117,7 +117,7 @@ def test_the_built_in_retargets_are_sound_and_name_their_joints() -> None:
         ("metres_per_unit: \udcff", "is not readable YAML"),
     ],
 )
-def test_what_is_no_sound_yaml_is_no_retarget(tmp_path: Path, line: str, message: str) -> None:
+def test_invalid_yaml_is_refused_as_a_retarget(tmp_path: Path, line: str, message: str) -> None:
     path = tmp_path / "mine.yaml"
     path.write_text(f"name: mine\nskeleton: core27\n{line}\n", encoding="utf-8", errors="surrogateescape")
     with pytest.raises(RetargetError, match=message):
@@ -132,7 +132,7 @@ def test_what_is_no_sound_yaml_is_no_retarget(tmp_path: Path, line: str, message
         ("  Neck: {from: Neck}\n", "", r"fill.Neck.fraction: must be 0\.\.1; found 1\.5"),
     ],
 )
-def test_numbers_of_a_retarget_must_make_a_body(tmp_path: Path, there: str, wanted: str, message: str) -> None:
+def test_a_retarget_with_invalid_proportions_is_refused(tmp_path: Path, there: str, wanted: str, message: str) -> None:
     fill = "" if wanted else "fill: {Neck: {between: [Hips, Head], fraction: 1.5}}\n"
     path = write_retarget(tmp_path / "mine.yaml", fill)
     path.write_text(path.read_text().replace(there, wanted))
@@ -140,7 +140,7 @@ def test_numbers_of_a_retarget_must_make_a_body(tmp_path: Path, there: str, want
         read_retarget(path)
 
 
-def test_a_whole_number_of_any_size_is_a_number(tmp_path: Path) -> None:
+def test_a_large_integer_is_accepted_as_a_scale(tmp_path: Path) -> None:
     path = write_retarget(tmp_path / "mine.yaml")
     path.write_text(path.read_text().replace("scale: 1.0", f"scale: 1{31 * '0'}"))
     assert read_retarget(path).scale == 1e31
@@ -153,7 +153,7 @@ def test_a_retarget_file_with_an_unknown_key_lists_the_known_ones(tmp_path: Path
         read_retarget(path)
 
 
-def test_a_set_is_read_as_it_was_written(tmp_path: Path) -> None:
+def test_a_training_set_round_trips_through_its_files(tmp_path: Path) -> None:
     dataset = swinging_dataset()
     dataset.save(tmp_path, skipped=[("bad", "it has no frames")])
     again = MotionDataset.load(tmp_path, "train")

@@ -1,4 +1,4 @@
-"""The command that makes and judges sets, given what is odd: it says so in a line, or does what it is asked."""
+"""The command that builds and shows training sets: unusual input works, or is refused with a message."""
 
 from __future__ import annotations
 
@@ -19,17 +19,15 @@ from tests.ardy.train.clips import swinging_clip, swinging_dataset
 ROW = "a,a.bvh,stand,normal,train,a person stands"
 
 
-def line(folder: Path, *rows: str) -> list[str]:
-    """A command that builds a set of the table's rows in `folder`/set."""
+def build_arguments(folder: Path, *rows: str) -> list[str]:
+    """The arguments that build a set from these rows of the table in `folder`/set."""
     write_retarget(folder / "own.yaml")
     write_table(folder / "labels.csv", *rows)
     out = str(folder / "set")
     return ["build", str(folder), str(folder / "labels.csv"), out, "--retarget", str(folder / "own.yaml")]
 
 
-def test_captures_become_a_set_and_what_cannot_be_used_is_named(
-    tmp_path: Path, capsys: pytest.CaptureFixture[str]
-) -> None:
+def test_a_set_is_built_and_unusable_captures_are_named(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
     whole = write_capture(tmp_path / "a.bvh").read_text()
     (tmp_path / "slow.bvh").write_text(whole.replace("Frame Time: 0.05", "Frame Time: 50.0"))
     (tmp_path / "cut.bvh").write_text(whole[: len(whole) // 2])
@@ -37,7 +35,7 @@ def test_captures_become_a_set_and_what_cannot_be_used_is_named(
     (tmp_path / "empty.bvh").touch()
     names = ("slow", "cut", "marked", "empty", "gone")
     rows = [f"{name},{name}.bvh,stand,normal,train,a person stands" for name in names]
-    assert command.main(line(tmp_path, ROW, *rows)) == 0
+    assert command.main(build_arguments(tmp_path, ROW, *rows)) == 0
     document = json.loads((tmp_path / "set" / "clips.json").read_text())
     assert [clip["id"] for clip in document["clips"]] == ["a", "marked"]
     reasons = {entry["id"]: entry["reason"] for entry in document["skipped"]}
@@ -49,29 +47,29 @@ def test_captures_become_a_set_and_what_cannot_be_used_is_named(
 
 
 @pytest.mark.parametrize("units", ["1e40", "1000001"])  # hundredths of a metre
-def test_a_capture_further_away_than_a_set_can_tell_apart_is_left_out(
+def test_a_capture_too_far_from_the_origin_is_skipped(
     tmp_path: Path, units: str, capsys: pytest.CaptureFixture[str]
 ) -> None:
     head, times = write_capture(tmp_path / "a.bvh").read_text().split("Frame Time: ")
     first, *frames = times.splitlines()
     away = [" ".join([units, *frame.split()[1:]]) for frame in frames]
     (tmp_path / "far.bvh").write_text("\n".join([f"{head}Frame Time: {first}", *away, ""]))
-    assert command.main([*line(tmp_path, ROW, ROW.replace("a,a", "far,far")), "--strict"]) == 1
+    assert command.main([*build_arguments(tmp_path, ROW, ROW.replace("a,a", "far,far")), "--strict"]) == 1
     assert "skipped far: it lies" in capsys.readouterr().out
     assert [clip.id for clip in MotionDataset.load(tmp_path / "set").clips] == ["a"]
 
 
-def test_a_set_that_cannot_be_written_is_not_made(
+def test_a_set_that_cannot_be_written_is_refused_before_it_is_built(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
 ) -> None:
     write_capture(tmp_path / "a.bvh")
     (tmp_path / "set").touch()
-    monkeypatch.setattr(command, "build", lambda *_: pytest.fail("an hour's work that nobody could keep"))
-    assert command.main(line(tmp_path, ROW)) == 2
+    monkeypatch.setattr(command, "build", lambda *_: pytest.fail("a set was built that cannot be saved"))
+    assert command.main(build_arguments(tmp_path, ROW)) == 2
     assert "no set can be written there" in capsys.readouterr().err
 
 
-def test_a_full_disk_leaves_the_set_of_before_whole(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+def test_a_full_disk_leaves_the_previous_set_intact(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     before = swinging_dataset()
     before.save(tmp_path)
     after = replace(before, clips=tuple(replace(clip, content="run") for clip in reversed(before.clips)))
@@ -89,15 +87,17 @@ def test_a_full_disk_leaves_the_set_of_before_whole(tmp_path: Path, monkeypatch:
         np.testing.assert_array_equal(clip.root_positions.numpy(), one.root_positions.numpy())
 
 
-def test_rows_of_the_package_stand_back_for_those_of_the_table(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+def test_rows_of_the_table_take_precedence_over_those_of_the_package(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
     write_capture(tmp_path / "a.bvh")
     own = command.read_labels(write_table(tmp_path / "more.csv", "theirs,./a.bvh,idle,none,test,a person waits"))
     monkeypatch.setattr(command, "more_labels", lambda _: own)
-    assert command.main(line(tmp_path, ROW)) == 0
+    assert command.main(build_arguments(tmp_path, ROW)) == 0
     assert [clip.id for clip in MotionDataset.load(tmp_path / "set").clips] == ["a"]
 
 
-def test_a_retarget_file_of_another_encoding_or_with_half_a_foot_is_refused(tmp_path: Path) -> None:
+def test_a_retarget_file_that_is_not_utf8_or_lacks_a_joint_is_refused(tmp_path: Path) -> None:
     path = tmp_path / "own.yaml"
     path.write_bytes("name: Müller".encode("latin-1"))
     with pytest.raises(RetargetError, match="is not readable YAML"):
@@ -107,7 +107,7 @@ def test_a_retarget_file_of_another_encoding_or_with_half_a_foot_is_refused(tmp_
         read_retarget(write_retarget(path, f"feet: {{from: {names}, to: {names}}}\n"))
 
 
-def test_labels_and_captions_are_shown_as_they_stand(
+def test_labels_and_captions_with_markup_characters_can_be_shown(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
 ) -> None:
     monkeypatch.setenv("COLUMNS", "200")
@@ -127,16 +127,14 @@ def test_labels_and_captions_are_shown_as_they_stand(
         (["build", "a", "b", "c", "--fps", "1e9"], "--fps: must be 1000 at most, as of models, not 1e9"),
     ],
 )
-def test_numbers_that_mean_nothing_are_refused(
-    arguments: list[str], said: str, capsys: pytest.CaptureFixture[str]
-) -> None:
+def test_options_out_of_range_are_refused(arguments: list[str], said: str, capsys: pytest.CaptureFixture[str]) -> None:
     with pytest.raises(SystemExit) as ended:
         command.main(arguments)
     assert ended.value.code == 2
     assert said in capsys.readouterr().err
 
 
-def test_a_picture_that_cannot_be_written_is_told(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+def test_a_picture_that_cannot_be_written_is_reported(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
     MotionDataset(CORE, 20.0, (swinging_clip(0, 40),)).save(tmp_path)
     assert command.main(["look", str(tmp_path), "--png", str(tmp_path / "clips.json" / "clips.png")]) == 2
     assert "cannot be written" in capsys.readouterr().err

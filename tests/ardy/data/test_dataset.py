@@ -1,4 +1,4 @@
-"""The training set on disk: what is damaged is told, and what is written is there whole or not at all."""
+"""The training set on disk: damage is reported, and an interrupted save changes nothing."""
 
 from __future__ import annotations
 
@@ -12,7 +12,7 @@ from tests.ardy.train.clips import swinging_dataset
 
 
 @pytest.mark.parametrize("kept", [0, 4, 1000, -200, -1])
-def test_a_file_that_was_cut_off_is_told(kept: int, tmp_path: Path) -> None:
+def test_a_truncated_motion_file_is_reported(kept: int, tmp_path: Path) -> None:
     swinging_dataset().save(tmp_path)
     path = tmp_path / MOTION_FILE
     path.write_bytes(path.read_bytes()[:kept])
@@ -20,7 +20,7 @@ def test_a_file_that_was_cut_off_is_told(kept: int, tmp_path: Path) -> None:
         MotionDataset.load(tmp_path)
 
 
-def test_a_file_with_wrong_bytes_is_told(tmp_path: Path) -> None:
+def test_a_corrupt_motion_file_is_reported(tmp_path: Path) -> None:
     swinging_dataset().save(tmp_path)
     path = tmp_path / MOTION_FILE
     content = bytearray(path.read_bytes())
@@ -30,7 +30,7 @@ def test_a_file_with_wrong_bytes_is_told(tmp_path: Path) -> None:
         MotionDataset.load(tmp_path)
 
 
-def test_one_who_is_interrupted_leaves_the_set_as_it_was(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+def test_an_interrupted_save_leaves_the_motion_file_unchanged(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     dataset = swinging_dataset()
     dataset.save(tmp_path)
     before = (tmp_path / MOTION_FILE).read_bytes()

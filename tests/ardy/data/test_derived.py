@@ -1,4 +1,4 @@
-"""Derived clips as a whole: what they are called, which frames their captions are of, and what keeps them out."""
+"""Derived clips: their sources and labels, the frames of their captions, and the reasons to drop one."""
 
 from __future__ import annotations
 
@@ -33,7 +33,7 @@ def captures(style: str = "normal") -> list[Clip]:
 
 
 @pytest.mark.parametrize("kind", sorted(RECIPES))
-def test_every_recipe_gives_clips_whose_spans_cover_all_frames(kind: str) -> None:
+def test_every_recipe_makes_clips_with_ordered_captioned_spans(kind: str) -> None:
     shelf = Shelf(CORE, FPS, captures(), np.random.default_rng(3))
     made = [entry for entry in (attempt(kind, shelf) for _ in range(20)) if entry is not None]
     assert len(made) >= 3
@@ -51,7 +51,7 @@ def attempt(kind: str, shelf: Shelf) -> Made | None:
         return None
 
 
-def test_the_same_seed_gives_the_same_clips_and_says_of_what_they_are_made() -> None:
+def test_a_seed_determines_the_clips_which_name_their_sources() -> None:
     clips = captures()
     made, _ = make(clips, CORE, FPS, 5, 0.004)
     again, _ = make(clips, CORE, FPS, 5, 0.004)
@@ -59,7 +59,7 @@ def test_the_same_seed_gives_the_same_clips_and_says_of_what_they_are_made() -> 
     assert [entry.id for entry in made] == [entry.id for entry in again]
     assert all(torch.equal(a.root_positions, b.root_positions) for a, b in zip(made, again, strict=True))
     ids = {entry.id for entry in clips}
-    assert any("+" in entry.derived_from for entry in made), "a start is made of a walk and a stand"
+    assert any("+" in entry.derived_from for entry in made), "a start is derived from a walk and a stand"
     for entry in made:
         sources = entry.derived_from.split("+")
         assert set(sources) <= ids
@@ -72,13 +72,13 @@ def test_the_same_seed_gives_the_same_clips_and_says_of_what_they_are_made() -> 
 
 
 @pytest.mark.parametrize("dataset", ["", "mine", "dataset-1"])
-def test_captures_of_any_name_are_drawn_from(dataset: str) -> None:
+def test_captures_of_any_dataset_are_put_on_the_shelf(dataset: str) -> None:
     named = [dataclasses.replace(entry, dataset=dataset) for entry in captures()]
     shelf = Shelf(CORE, FPS, named, np.random.default_rng(0))
     assert [len(kind) for kind in (shelf.walks, shelf.runs, shelf.gestures, shelf.stands)] == [3, 1, 1, 1]
 
 
-def test_what_is_known_to_be_unfit_is_not_drawn_from() -> None:
+def test_captures_known_to_be_unfit_are_not_put_on_the_shelf() -> None:
     walk = captures()[0]
     unfit = [dataclasses.replace(walk, dataset="cmu"), dataclasses.replace(walk, flags=("uneven_ground",))]
     assert Shelf(CORE, FPS, unfit, np.random.default_rng(0)).walks == []
@@ -92,7 +92,7 @@ def test_a_label_without_phrases_makes_no_clip_and_is_counted() -> None:
     assert not any("flag" in entry.content for entry in made)
 
 
-def test_nothing_turns_left_in_the_style_kept_for_the_test() -> None:
+def test_walks_in_the_held_out_style_turn_only_right() -> None:
     made, _ = make(captures("exhausted"), CORE, FPS, 5, 0.01)
     turning = [entry for entry in made if mirror_content(entry.content) != entry.content and "strafe" not in entry.id]
     assert turning
@@ -101,7 +101,7 @@ def test_nothing_turns_left_in_the_style_kept_for_the_test() -> None:
     assert all(entry.content.endswith("right") and not entry.mirror_allowed for entry in turning)
 
 
-def test_a_clip_that_glides_is_dropped() -> None:
+def test_a_clip_whose_feet_slide_is_dropped() -> None:
     walk = captures()[0]
     shelf = Shelf(CORE, FPS, captures(), np.random.default_rng(0))
     poses = shelf.poses(walk)
@@ -111,7 +111,7 @@ def test_a_clip_that_glides_is_dropped() -> None:
     assert fault(good, quality(CORE, poses.quaternions, slid, FPS), CORE) == "slowest_ratio"
 
 
-def test_only_the_turn_of_a_walk_is_called_one() -> None:
+def test_only_the_turning_frames_of_a_walk_are_labelled_as_a_turn() -> None:
     walk = walking(120)
     turn = math.pi / 2 * np.clip((np.arange(120) - 50) / 20, 0, 1)
     made = warp(CORE, walk, FPS, turn, travel=turn, stride=np.ones(120)).poses
@@ -132,7 +132,7 @@ def test_a_long_clip_is_cut_into_equal_pieces() -> None:
     assert whole.num_frames == 95
 
 
-def test_rows_are_added_only_for_files_that_are_there(tmp_path: Path) -> None:
+def test_rows_of_the_package_are_added_only_for_existing_files(tmp_path: Path) -> None:
     assert more_labels(tmp_path) == ()
     (tmp_path / "cmu-131").mkdir()
     (tmp_path / "cmu-131" / "131_02.bvh").write_text("")
@@ -145,7 +145,7 @@ def test_every_derived_content_has_captions_and_a_mirror_image() -> None:
         assert paraphrases(mirror_content(content), "tired")
 
 
-def test_figures_are_told_apart_by_how_a_clip_was_made() -> None:
+def test_figures_are_grouped_by_how_a_clip_was_made() -> None:
     clips = captures()
     made, _ = make(clips, CORE, FPS, 5, 0.002)
     kinds = by_kind(MotionDataset(CORE, FPS, (*clips, *made)))

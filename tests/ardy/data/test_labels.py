@@ -1,4 +1,4 @@
-"""The labels table: what it says is taken whole or refused, and nothing of it is lost without a word."""
+"""The table of labels: each row is read in full or refused; nothing is lost silently."""
 
 from __future__ import annotations
 
@@ -12,7 +12,7 @@ from tests.ardy.data.captures import HEADER, write_table
 GOOD = "a,a.bvh,walk,normal,train,he walks"
 
 
-def test_a_text_with_commas_and_quotes_is_taken_whole(tmp_path: Path) -> None:
+def test_a_text_with_commas_and_quotes_is_read_in_full(tmp_path: Path) -> None:
     row = 'b,b.bvh,walk,normal,train,"he walks, then says ""hello""|she walks"'
     _, label = read_labels(write_table(tmp_path / "labels.csv", GOOD, row))
     assert label.texts == ('he walks, then says "hello"', "she walks")
@@ -28,18 +28,18 @@ def test_a_text_with_commas_and_quotes_is_taken_whole(tmp_path: Path) -> None:
         ("b,x/../a.bvh,walk,normal,train,he walks", "'b' has the file of 'a'"),
     ],
 )
-def test_what_would_be_lost_or_told_twice_is_refused(row: str, said: str, tmp_path: Path) -> None:
+def test_malformed_rows_and_duplicate_files_are_refused(row: str, said: str, tmp_path: Path) -> None:
     with pytest.raises(LabelsError, match=said):
         read_labels(write_table(tmp_path / "labels.csv", GOOD, row))
 
 
-def test_a_quotation_mark_left_open_does_not_take_in_the_rows_after_it(tmp_path: Path) -> None:
+def test_an_unclosed_quotation_mark_does_not_swallow_later_rows(tmp_path: Path) -> None:
     rows = (GOOD, 'b,b.bvh,walk,normal,train,"he walks', "c,c.bvh,walk,normal,train,she walks")
     with pytest.raises(LabelsError, match="after line 2"):
         read_labels(write_table(tmp_path / "labels.csv", *rows))
 
 
-def test_a_column_that_is_there_twice_is_refused(tmp_path: Path) -> None:
+def test_a_duplicate_column_is_refused(tmp_path: Path) -> None:
     path = write_table(tmp_path / "labels.csv", GOOD + ",she walks")
     path.write_text(path.read_text().replace(HEADER, HEADER + ",texts"))
     with pytest.raises(LabelsError, match="columns are there twice: texts"):

@@ -1,4 +1,4 @@
-"""Legs put to goals, feet planted, ways bent, starts and stops."""
+"""Legs solved for goals, planted feet, bent paths, starts, stops and joins."""
 
 from __future__ import annotations
 
@@ -19,7 +19,7 @@ THIGH, SHIN = np.array([0.0, -0.41, 0.0]), np.array([0.0, -0.46, 0.0])
 
 
 def solved_ankle(goal: tuple[float, float, float]) -> tuple[np.ndarray, np.ndarray, float]:
-    """Knee and ankle of a straight leg that was sent to a goal, its hip at the origin."""
+    """Knee, ankle and shortfall in metres of a straight leg solved for a goal, its hip at the origin."""
     identity = np.eye(3)[None]
     leg = solve_leg(np.zeros((1, 3)), np.array([goal]), identity, identity, THIGH, SHIN)
     knee = leg.thigh[0] @ THIGH
@@ -35,13 +35,13 @@ def test_a_leg_reaches_its_goal_with_the_knee_forward(goal: tuple[float, float, 
     assert (knee - (knee @ along) * along)[2] > 0.05
 
 
-def test_a_goal_out_of_reach_is_missed_along_the_way_to_it() -> None:
+def test_a_leg_stretches_towards_a_goal_out_of_reach() -> None:
     _, ankle, short = solved_ankle((0.0, -1.0, 0.0))
     assert np.linalg.norm(ankle) == pytest.approx(MAX_REACH * 0.87)
     assert short == pytest.approx(1.0 - MAX_REACH * 0.87)
 
 
-def test_planted_feet_stay_and_swings_are_lifted() -> None:
+def test_planted_feet_stay_and_swinging_feet_are_lifted() -> None:
     raw = sliding(100, 1.0)
     _, positions = global_pose(CORE, *_pair(replant(CORE, raw).poses))
     for side, chain in enumerate((CORE.left_foot, CORE.right_foot)):
@@ -52,7 +52,7 @@ def test_planted_feet_stay_and_swings_are_lifted() -> None:
         assert swing.max() > positions[:, chain[0], 1].min() + 0.03
 
 
-def test_a_way_is_turned_while_the_body_faces_as_before() -> None:
+def test_a_path_can_be_turned_while_the_body_keeps_its_heading() -> None:
     walk = walking()
     frames = walk.num_frames
     quarter = np.full(frames, math.pi / 2)
@@ -64,7 +64,7 @@ def test_a_way_is_turned_while_the_body_faces_as_before() -> None:
     assert np.abs(yaw_of(rotations[:, 0])).max() < 1e-6
 
 
-def test_a_bent_way_turns_the_body_and_keeps_the_feet() -> None:
+def test_a_bent_path_turns_the_body_without_sliding_feet() -> None:
     walk = walking()
     turn = np.linspace(0, math.pi, walk.num_frames)
     made = warp(CORE, walk, FPS, turn, travel=turn, stride=np.ones(walk.num_frames))
@@ -88,7 +88,7 @@ def test_a_start_lifts_a_foot_before_the_body_moves_and_then_walks() -> None:
     assert quality(CORE, made.quaternions, made.root, FPS).slowest_ratio < 0.05
 
 
-def test_a_stop_ends_at_rest_beside_the_standing_foot() -> None:
+def test_a_stop_ends_at_rest_with_the_feet_side_by_side() -> None:
     walk, stand = walking(), standing()
     raw, told = stop(CORE, walk, stand, passes(CORE, walk)[-1], 14)
     made = replant(CORE, raw).poses
@@ -99,7 +99,7 @@ def test_a_stop_ends_at_rest_beside_the_standing_foot() -> None:
     assert abs(apart[2]) < 0.05
 
 
-def test_joined_motions_go_on_in_the_direction_of_the_first() -> None:
+def test_joined_motions_continue_in_the_direction_of_the_first() -> None:
     first, second = walking(80), walking(80)
     turned = Poses(
         second.quaternions.copy(), (yaw_matrix(np.array(1.0)) @ second.root[..., None])[..., 0], second.contacts

@@ -1,4 +1,4 @@
-"""A set whose rows somebody mended by hand: a slip is told, and never trains another motion or letters for captions."""
+"""A training set whose rows were edited by hand: mistakes are reported, not trained on."""
 
 from __future__ import annotations
 
@@ -39,7 +39,7 @@ def first(**changes: Any) -> dict[str, Any]:
         ({"skeleton": 27}, "skeleton is '27', no str"),
     ],
 )
-def test_a_slip_in_the_rows_is_told(tmp_path: Path, changes: dict[str, Any], message: str) -> None:
+def test_an_invalid_value_in_the_rows_is_reported(tmp_path: Path, changes: dict[str, Any], message: str) -> None:
     swinging_dataset().save(tmp_path)
     document = json.loads((tmp_path / "clips.json").read_text())
     document["clips"][0] |= changes.pop("clips", {})
@@ -49,7 +49,7 @@ def test_a_slip_in_the_rows_is_told(tmp_path: Path, changes: dict[str, Any], mes
 
 
 @pytest.mark.parametrize("name", ["fps", "skeleton", "clips", "skipped"])
-def test_a_field_that_is_not_there_is_told_and_no_traceback(
+def test_a_missing_field_is_reported_without_a_traceback(
     tmp_path: Path, name: str, capsys: pytest.CaptureFixture[str]
 ) -> None:
     swinging_dataset().save(tmp_path)
@@ -60,7 +60,7 @@ def test_a_field_that_is_not_there_is_told_and_no_traceback(
     assert f"{name} is missing; mend it, or build the set again" in capsys.readouterr().err
 
 
-def test_motion_that_is_not_finite_is_told_and_that_of_other_floats_is_read(tmp_path: Path) -> None:
+def test_other_float_types_are_read_and_motion_that_is_not_finite_is_refused(tmp_path: Path) -> None:
     dataset = swinging_dataset()
     dataset.save(tmp_path)
     with np.load(tmp_path / "motion.npz") as file:

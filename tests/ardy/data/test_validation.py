@@ -1,4 +1,4 @@
-"""The validation split: fixed, cut out of train alone, and closed under derivation."""
+"""The validation split: always the same, taken from the train split only, and closed under derivation."""
 
 from __future__ import annotations
 
@@ -7,7 +7,7 @@ from motiongen_ardy.data.validation import is_validation, origins, with_validati
 IDS = [f"clip_{number:04d}" for number in range(2000)]
 
 
-def test_about_one_train_clip_in_25_is_validation_and_always_the_same() -> None:
+def test_about_one_train_clip_in_25_is_always_held_out_for_validation() -> None:
     splits = dict.fromkeys(IDS, "train")
     cut = with_validation(splits, {})
     count = sum(split == "validation" for split in cut.values())
@@ -15,11 +15,11 @@ def test_about_one_train_clip_in_25_is_validation_and_always_the_same() -> None:
     assert cut == with_validation(dict(reversed(splits.items())), {})
 
 
-def test_test_clips_stay_where_they_are() -> None:
+def test_clips_of_the_test_split_stay_in_it() -> None:
     assert set(with_validation(dict.fromkeys(IDS, "test"), {}).values()) == {"test"}
 
 
-def test_derived_clips_follow_what_they_were_made_of() -> None:
+def test_derived_clips_are_validation_if_any_source_is() -> None:
     held = next(one for one in IDS if is_validation([one]))
     free = next(one for one in IDS if not is_validation([one]))
     derived_from = {"a": held, "b": "a", "c": free, "d": f"{free}+b", held: "", free: ""}
@@ -44,5 +44,5 @@ def test_pieces_of_a_capture_stay_together() -> None:
     assert {cut[piece] for piece in pieces[free]} == {"train"}
 
 
-def test_a_ring_of_derivations_ends() -> None:
+def test_circular_derivations_end() -> None:
     assert origins("a", {"a": "b", "b": "a"}) == []

@@ -1,4 +1,4 @@
-"""A made-up walk and a made-up stand for tests: T-posed bodies whose feet are planted by the code under test."""
+"""Synthetic walks and stands for tests: T-posed bodies whose feet are planted by the code under test."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""A small held-out split made by formula, and settings that evaluate little of it."""
+"""A small synthetic held-out split, and settings that evaluate little of it."""
 
 from __future__ import annotations
 

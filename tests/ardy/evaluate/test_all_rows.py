@@ -1,4 +1,4 @@
-"""Every part of the evaluation runs to its end on a model that has learned nothing."""
+"""Every family of the evaluation that needs no judge runs to its end on an untrained model."""
 
 from __future__ import annotations
 
@@ -14,7 +14,7 @@ from tests.ardy.conftest import GOLDEN
 from tests.ardy.evaluate.held_out import FEW, held_out
 
 
-def test_all_parts_that_need_no_judge_end_with_figures(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+def test_all_rows_that_need_no_judge_yield_figures(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     held_out().save(tmp_path / "data")
     monkeypatch.setattr(command, "QUICK", FEW)
     rows = [name for name in FAMILIES if name != "matching"]
@@ -23,7 +23,7 @@ def test_all_parts_that_need_no_judge_end_with_figures(tmp_path: Path, monkeypat
     monkeypatch.setattr(sys, "argv", line)
     with pytest.raises(SystemExit) as ended:
         command.main()
-    assert ended.value.code == 1, "it has learned nothing, so it misses its bounds, and that is told"
+    assert ended.value.code == 1, "an untrained model misses its bounds, and the exit code says so"
     figures = json.loads((tmp_path / "figures.json").read_text())["figures"]
     judged = {figure["family"] for figure in figures}
     assert judged == {

@@ -1,4 +1,4 @@
-"""The command line of the evaluation: what cannot be judged is told apart from what has missed a bound."""
+"""The command line of the evaluation: exit code 2 for what cannot be judged, 1 for a missed bound."""
 
 from __future__ import annotations
 
@@ -46,7 +46,7 @@ def no_hub(repository: str, revision: str | None = None) -> Path:
         ([TINY, "--text-encoder", "hashed", "--rows", "feet,matching"], "is no judge for core27 at 20 frames a second"),
     ],
 )
-def test_what_cannot_be_judged_ends_with_2_and_one_line(
+def test_input_that_cannot_be_judged_exits_with_2_and_one_line(
     arguments: list[str],
     said: str,
     tmp_path: Path,
@@ -66,7 +66,7 @@ def test_what_cannot_be_judged_ends_with_2_and_one_line(
 
 
 @pytest.mark.parametrize("option", ["--text-guidance", "--constraint-guidance"])
-def test_a_weight_that_is_no_number_is_refused(
+def test_a_guidance_weight_that_is_not_finite_is_refused(
     option: str, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
 ) -> None:
     monkeypatch.setattr(sys, "argv", ["evaluate", TINY, "data", option, "nan"])
@@ -76,7 +76,7 @@ def test_a_weight_that_is_no_number_is_refused(
     assert f"argument {option}: 'nan' is no weight; give a finite number" in capsys.readouterr().err
 
 
-def test_figures_that_cannot_be_written_are_not_made(
+def test_figures_that_cannot_be_written_are_refused_before_judging(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
 ) -> None:
     dataset = swinging_dataset()
@@ -101,10 +101,10 @@ def test_figures_that_cannot_be_written_are_not_made(
     assert (tmp_path / "new" / "folder").is_dir()
 
 
-def evaluated(
+def run_evaluation(
     data: Path, monkeypatch: pytest.MonkeyPatch, *options: str, model: str = TINY, rows: str = "seam"
 ) -> object:
-    """The exit code of the command, a step and few takes, of some rows."""
+    """The exit code of the command for some rows, with one denoising step and few takes."""
     monkeypatch.setattr(command, "QUICK", FEW)
     line = ["evaluate", model, str(data), "--text-encoder", "hashed", "--quick", "--steps", "1", "--rows", rows]
     monkeypatch.setattr(sys, "argv", [*line, *options])
@@ -114,14 +114,14 @@ def evaluated(
 
 
 @pytest.mark.parametrize(("option", "place"), [("--png", "file"), ("--takes", "file"), ("--json", "folder")])
-def test_sheets_and_takes_that_cannot_be_written_are_not_made_either(
+def test_sheets_and_takes_that_cannot_be_written_are_refused_before_judging(
     option: str, place: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
 ) -> None:
     held_out().save(tmp_path / "data")
     (tmp_path / "file").touch()
     (tmp_path / "folder").mkdir()
-    monkeypatch.setattr(command, "_judge", lambda *_: pytest.fail("hours of work that nobody could keep"))
-    assert evaluated(tmp_path / "data", monkeypatch, option, str(tmp_path / place)) == 2
+    monkeypatch.setattr(command, "_judge", lambda *_: pytest.fail("judged, although nothing can be written"))
+    assert run_evaluation(tmp_path / "data", monkeypatch, option, str(tmp_path / place)) == 2
     assert place in capsys.readouterr().err
 
 
@@ -130,35 +130,35 @@ def test_a_split_of_too_short_clips_is_refused(
 ) -> None:
     short = tuple(replace(swinging_clip(number, 19), split="test") for number in range(3))
     replace(swinging_dataset(), clips=short).save(tmp_path)
-    assert evaluated(tmp_path, monkeypatch) == 2
+    assert run_evaluation(tmp_path, monkeypatch) == 2
     assert "no clip of this split is longer than 20 frames" in capsys.readouterr().err
 
 
-def test_what_no_clip_is_there_for_is_named(
+def test_rows_without_any_suitable_clip_are_named(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
 ) -> None:
-    """Two that stand are no ground to judge walking by."""
+    """Two clips of standing give nothing to judge walking by."""
     still = held_out()
     replace(still, clips=(still.clips[0], still.clips[2])).save(tmp_path)
-    evaluated(tmp_path, monkeypatch, rows="path,pose")
+    run_evaluation(tmp_path, monkeypatch, rows="path,pose")
     told = capsys.readouterr().err
     assert "no takes to judge these by: path: clip's own; path: circle" in told
     assert "heading: 0 degrees off the way" in told
-    assert evaluated(tmp_path, monkeypatch, rows="pose") == 2
+    assert run_evaluation(tmp_path, monkeypatch, rows="pose") == 2
     assert "no bound could be judged" in capsys.readouterr().err
 
 
-def test_motion_that_is_not_finite_is_no_model_that_misses_nothing(
+def test_motion_that_is_not_finite_exits_with_2(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
 ) -> None:
     held_out().save(tmp_path)
     made = sampler.commit_window
     monkeypatch.setattr(sampler, "commit_window", lambda *given: made(*given) * torch.nan)
-    assert evaluated(tmp_path, monkeypatch, rows="feet") == 2
+    assert run_evaluation(tmp_path, monkeypatch, rows="feet") == 2
     assert "the model's motion is not finite from frame 0 on" in capsys.readouterr().err
 
 
-def test_a_judge_of_ones_own_is_trained_and_used(
+def test_a_judge_of_the_users_own_is_trained_and_used(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
 ) -> None:
     held_out().save(tmp_path / "data")
@@ -168,14 +168,14 @@ def test_a_judge_of_ones_own_is_trained_and_used(
     judge = ["--steps", "1", "--text-encoder", "hashed", "--text-width", "32"]
     assert judge_training.main([str(tmp_path / "train"), str(tmp_path / "judge"), *judge]) == 0
     options = ("--judge", str(tmp_path / "judge"), "--json", str(tmp_path / "figures.json"))
-    assert evaluated(tmp_path / "data", monkeypatch, *options, rows="matching") in (0, 1), capsys.readouterr().err
+    assert run_evaluation(tmp_path / "data", monkeypatch, *options, rows="matching") in (0, 1), capsys.readouterr().err
     rows = [figure["row"] for figure in json.loads((tmp_path / "figures.json").read_text())["figures"]]
     assert "R-precision top-3 of 32" in rows
     assert judge_training.main([str(tmp_path / "gone"), str(tmp_path / "judge")]) == 2
     assert "no clips.json" in capsys.readouterr().err
 
 
-def test_without_a_judge_all_other_rows_are_judged(
+def test_without_a_judge_only_the_matching_rows_are_left_out(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
 ) -> None:
     held_out().save(tmp_path)
@@ -189,24 +189,24 @@ def test_without_a_judge_all_other_rows_are_judged(
 
 
 @pytest.mark.parametrize("rows", ["pose", "text", "session"])
-def test_models_of_other_skeletons_rates_and_tokens_are_judged_too(
+def test_a_robot_model_at_another_frame_rate_is_judged_too(
     rows: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
 ) -> None:
-    """A robot at 25 frames a second, without head and neck, in tokens that do not go into 6 s."""
+    """G1 at 25 frames a second, without head and neck; 6 s are not a whole number of its tokens."""
     skeleton = load_skeleton("g134")
     still = torch.zeros(200, skeleton.num_joints, 4)
     still[..., 0] = 1
     clips = tuple(replace(clip, local_rotations=still) for clip in held_out().clips)
     MotionDataset(skeleton, 25.0, clips).save(tmp_path)
     takes = ("--takes", str(tmp_path / "takes"))
-    code = evaluated(tmp_path, monkeypatch, *takes, model=str(GOLDEN / "tiny-g134" / "checkpoint"), rows=rows)
+    code = run_evaluation(tmp_path, monkeypatch, *takes, model=str(GOLDEN / "tiny-g134" / "checkpoint"), rows=rows)
     assert code in (0, 1), capsys.readouterr().err
     titles = {str(np.load(take)["title"]) for take in (tmp_path / "takes").iterdir()}
     assert rows != "pose" or all(title.endswith("at frame 53") for title in titles), "1.5 s after the history"
 
 
 @pytest.mark.parametrize("option", ["--seeds", "--threads"])
-def test_no_seeds_or_threads_are_refused(
+def test_zero_seeds_or_threads_are_refused(
     option: str, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
 ) -> None:
     monkeypatch.setattr(sys, "argv", ["evaluate", TINY, "data", option, "0"])
@@ -216,7 +216,7 @@ def test_no_seeds_or_threads_are_refused(
     assert f"argument {option}: '0' is not a whole number of 1 or more" in capsys.readouterr().err
 
 
-def test_figures_that_are_not_finite_are_json_all_the_same(tmp_path: Path) -> None:
+def test_figures_that_are_not_finite_are_written_as_valid_json(tmp_path: Path) -> None:
     figure = summarize(("feet", "a row", "moving"), "m", [Sample("one", 0.5)], data=math.nan)
     assert figure is not None
     Report({"steps": 4}, [figure]).write(tmp_path / "figures.json")

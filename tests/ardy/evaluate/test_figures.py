@@ -1,4 +1,4 @@
-"""Figures: intervals, bounds, status, and reports that are written, read and laid side by side."""
+"""Figures: intervals, bounds, status, and reports that are written, read and compared."""
 
 from __future__ import annotations
 
@@ -21,7 +21,7 @@ def made(value: float, bound: Bound | None = None, company: Company | None = Non
     return figure
 
 
-def test_bounds() -> None:
+def test_a_bound_is_met_within_its_limits() -> None:
     assert Bound(most=1.0).met(1.0)
     assert not Bound(most=1.0).met(1.1)
     assert Bound(0.9, 1.1).met(1.0)
@@ -29,7 +29,7 @@ def test_bounds() -> None:
     assert [str(Bound(most=0.02)), str(Bound(least=0.8)), str(Bound(0.9, 1.1))] == ["<= 0.02", ">= 0.8", "0.9 to 1.1"]
 
 
-def test_a_goal_counts_only_with_feet_that_hold() -> None:
+def test_a_met_bound_counts_only_if_the_feet_do_not_slide() -> None:
     bound = Bound(most=0.1)
     assert made(0.05).status == ""
     assert made(0.05, bound).status == "yes"
@@ -38,14 +38,14 @@ def test_a_goal_counts_only_with_feet_that_hold() -> None:
     assert made(0.20, bound, Company(0.05, 30.0, kept=True)).status == "no"
 
 
-def test_what_is_not_a_number_is_left_out() -> None:
+def test_samples_that_are_nan_are_left_out() -> None:
     assert summarize(NAME, "m", [Sample("a", math.nan)]) is None
     figure = summarize(NAME, "m", [Sample("a", math.nan), Sample("b", 2.0)])
     assert figure is not None
     assert (figure.num, figure.mean, figure.interval) == (1, 2.0, None)
 
 
-def test_the_worst_is_in_the_bad_direction() -> None:
+def test_the_worst_values_are_those_in_the_bad_direction() -> None:
     samples = [Sample(str(number), float(number)) for number in range(101)]
     low = summarize(NAME, "m", samples, more_is_better=True)
     high = summarize(NAME, "m", samples)
@@ -70,7 +70,7 @@ def test_one_seed_has_no_interval() -> None:
     assert seed_interval([Sample("a", 1.0), Sample("b", 2.0)]) is None
 
 
-def test_a_report_is_read_back_and_laid_beside_another(tmp_path: Path) -> None:
+def test_a_report_is_read_back_and_compared_with_another(tmp_path: Path) -> None:
     path = tmp_path / "one.json"
     figures = [made(0.05, Bound(most=0.1), Company(0.04, 30.0, kept=True))]
     Report({"model": "m"}, figures).write(path)
@@ -89,13 +89,13 @@ def test_missed_figures_fail_a_report() -> None:
 
 
 @pytest.mark.parametrize("content", ["", "[]", "3", json.dumps({"figures": []})])
-def test_what_is_no_report_is_refused(tmp_path: Path, content: str) -> None:
+def test_a_file_that_is_not_a_report_is_refused(tmp_path: Path, content: str) -> None:
     (tmp_path / "bad.json").write_text(content)
     with pytest.raises(ReportError, match=r"bad\.json"):
         read_report(tmp_path / "bad.json")
 
 
-def test_a_table_goes_between_the_marks(tmp_path: Path) -> None:
+def test_a_table_replaces_the_text_between_the_marks(tmp_path: Path) -> None:
     page = tmp_path / "page.md"
     page.write_text(f"before\n{BEGIN}\nold\n{END}\nafter\n")
     put_between_marks(page, "new")

@@ -1,4 +1,4 @@
-"""The judge of text and motion: vectors, files, and that training brings matching pairs together."""
+"""The judge of text and motion: its vectors, its files, and training that brings matching pairs together."""
 
 from __future__ import annotations
 
@@ -21,7 +21,7 @@ def motion(num_frames: int, seed: int) -> torch.Tensor:
     return torch.randn(num_frames, LAYOUT.feature_dim, generator=generator)
 
 
-def test_vectors_are_unit_and_do_not_depend_on_company() -> None:
+def test_vectors_have_unit_length_and_do_not_depend_on_the_batch() -> None:
     judge = TextJudge(frame_dim(LAYOUT), 16).eval()
     motions = [motion(40, 1), motion(90, 2)]
     together = judge.embed(LAYOUT, motions)
@@ -30,7 +30,7 @@ def test_vectors_are_unit_and_do_not_depend_on_company() -> None:
         assert torch.allclose(together[row], judge.embed(LAYOUT, [one])[0], atol=1e-5)
 
 
-def test_where_a_motion_starts_does_not_matter() -> None:
+def test_frames_do_not_depend_on_where_a_motion_starts_or_faces() -> None:
     features = motion(40, 3)
     moved = LAYOUT.translate_ground(LAYOUT.rotate(features[None], torch.tensor([1.0])), torch.tensor([[3.0, 4.0]]))[0]
     same = LAYOUT.rotate(features[None], torch.tensor([0.0]))[0]
@@ -44,7 +44,7 @@ def test_a_saved_judge_is_read_back(tmp_path: Path) -> None:
     assert torch.allclose(judge.embed(LAYOUT, [motion(50, 4)]), again.embed(LAYOUT, [motion(50, 4)]), atol=5e-3)
 
 
-def test_a_judge_for_other_texts_or_none_is_refused(tmp_path: Path) -> None:
+def test_a_missing_judge_or_one_of_another_text_width_is_refused(tmp_path: Path) -> None:
     with pytest.raises(JudgeMissing, match="judge_training"):
         load_judge(LAYOUT, 16, tmp_path)
     save_judge(TextJudge(frame_dim(LAYOUT), 16), tmp_path)
@@ -53,7 +53,7 @@ def test_a_judge_for_other_texts_or_none_is_refused(tmp_path: Path) -> None:
 
 
 def test_a_judge_of_another_rate_or_encoder_is_refused(tmp_path: Path) -> None:
-    """Its figures would be numbers without meaning: what it reads is frames, and vectors of one encoder."""
+    """Its figures would be meaningless: it was trained on frames at one rate and vectors of one encoder."""
     with pytest.raises(JudgeMissing, match=r"core27 at 30 frames a second .* it knows motion at 20; train one with"):
         load_judge(natural_layout(load_skeleton("core27"), 30), 256)
     save_judge(TextJudge(frame_dim(LAYOUT), 16, 30, "mine"), tmp_path)
@@ -65,7 +65,7 @@ def test_a_judge_of_another_rate_or_encoder_is_refused(tmp_path: Path) -> None:
     assert load_judge(LAYOUT, 16, tmp_path, "mine").text_encoder == "mine"
 
 
-def test_training_brings_pairs_together_and_spares_what_says_the_same() -> None:
+def test_training_brings_pairs_together_and_ignores_equal_texts() -> None:
     torch.manual_seed(0)
     judge = TextJudge(6, 8)
     frames, texts = torch.randn(8, 20, 6), torch.randn(8, 8)
@@ -82,7 +82,7 @@ def test_training_brings_pairs_together_and_spares_what_says_the_same() -> None:
     assert float(contrastive_loss(judge, alike).detach()) == pytest.approx(0.0, abs=1e-6)
 
 
-def test_the_judge_of_the_package_knows_its_texts() -> None:
+def test_the_built_in_judge_accepts_only_its_text_encoder() -> None:
     judge = load_judge(LAYOUT, 256)
     assert judge.std.min() > 0
     assert judge.text_encoder == load_text_encoder("static").identity

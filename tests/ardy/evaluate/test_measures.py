@@ -35,24 +35,24 @@ def stepping(num_frames: int) -> Tensor:
     return positions
 
 
-def test_a_pushed_statue_glides() -> None:
+def test_a_pushed_statue_glides_all_the_time() -> None:
     positions = statue(60)
     assert feet.slowest_foot(SKELETON, positions, FPS) == pytest.approx(1.0, abs=1e-3)
     assert feet.glide_share(SKELETON, positions, FPS) == 1.0
     assert feet.skating_ratio(SKELETON, positions) == 1.0
 
 
-def test_a_foot_that_stays_does_not() -> None:
+def test_a_body_with_a_planted_foot_does_not_glide() -> None:
     positions = stepping(60)
     assert feet.slowest_foot(SKELETON, positions, FPS) == pytest.approx(0.0, abs=1e-4)
     assert feet.glide_share(SKELETON, positions, FPS) == 0.0
 
 
-def test_who_stands_has_no_ratio() -> None:
+def test_a_standing_body_has_no_slowest_foot_ratio() -> None:
     assert math.isnan(feet.slowest_foot(SKELETON, statue(60, 0.0), FPS))
 
 
-def test_skate_counts_only_what_is_labelled_as_contact() -> None:
+def test_skating_counts_only_joints_labelled_as_in_contact() -> None:
     positions = stepping(40)
     labels = torch.zeros(40, 4, dtype=torch.bool)
     labels[:, :2] = True
@@ -62,14 +62,14 @@ def test_skate_counts_only_what_is_labelled_as_contact() -> None:
     assert math.isnan(feet.skate_in_contact(SKELETON, positions, torch.zeros_like(labels), FPS))
 
 
-def test_height_and_penetration_are_opposite() -> None:
+def test_a_sunk_body_penetrates_the_ground_and_a_raised_one_does_not() -> None:
     raised, sunk = statue(5) + torch.tensor([0.0, 0.1, 0.0]), statue(5) - torch.tensor([0.0, 0.1, 0.0])
     assert feet.penetration(SKELETON, raised) == 0.0
     assert feet.penetration(SKELETON, sunk) > 0.05
     assert feet.foot_height(SKELETON, raised) - feet.foot_height(SKELETON, sunk) == pytest.approx(0.2, abs=1e-5)
 
 
-def test_first_lift_tells_time_and_way() -> None:
+def test_first_lift_reports_its_time_and_the_distance_before_it() -> None:
     positions = statue(60, 0.0)
     positions[20:, :, 2] += torch.arange(1, 41)[:, None] / FPS  # 1 m/s from frame 20 on
     positions[30:, SKELETON.left_foot[1], 1] += 0.05
@@ -79,7 +79,7 @@ def test_first_lift_tells_time_and_way() -> None:
     assert lift.glided_m == pytest.approx(0.5, abs=0.06)
 
 
-def test_who_leans_over_feet_that_stay_does_not_glide() -> None:
+def test_leaning_over_planted_feet_is_not_gliding() -> None:
     positions = statue(60, 0.0)
     positions[20:40, 0, 2] += torch.arange(1, 21) / FPS / 10
     lift = feet.first_lift(SKELETON, positions[:40], 20, FPS)
@@ -87,7 +87,7 @@ def test_who_leans_over_feet_that_stay_does_not_glide() -> None:
     assert lift.glided_m == pytest.approx(0.0, abs=1e-5)
 
 
-def test_without_a_lift_all_of_the_way_is_glided() -> None:
+def test_without_a_lift_the_whole_distance_is_glided() -> None:
     positions = statue(60, 0.0)
     positions[20:, :, 2] += torch.arange(1, 41)[:, None] / FPS
     lift = feet.first_lift(SKELETON, positions, 20, FPS)
@@ -95,7 +95,7 @@ def test_without_a_lift_all_of_the_way_is_glided() -> None:
     assert lift.glided_m == pytest.approx(1.95, abs=0.06)
 
 
-def test_toes_swivel_only_while_they_are_down() -> None:
+def test_toes_swivel_only_while_they_are_on_the_ground() -> None:
     dragged = statue(21)  # 1 m over the ground
     assert feet.swivelled(SKELETON, dragged) == pytest.approx(1.0, abs=1e-3)
     stepped = dragged.clone()
@@ -103,7 +103,7 @@ def test_toes_swivel_only_while_they_are_down() -> None:
     assert feet.swivelled(SKELETON, stepped) == pytest.approx(0.2, abs=0.06)
 
 
-def test_a_stop_has_a_time_and_steps() -> None:
+def test_a_stop_is_measured_in_seconds_and_steps() -> None:
     positions = statue(80)
     positions[40:] = positions[40]  # stops at 2 s
     positions[24:28, SKELETON.left_foot[1], 1] += 0.06
@@ -113,7 +113,7 @@ def test_a_stop_has_a_time_and_steps() -> None:
     assert steps == 2
 
 
-def test_speeds_and_angles() -> None:
+def test_ground_speed_travel_angle_and_turn_rate() -> None:
     positions = statue(40, 2.0)
     root = positions[:, 0, [0, 2]]
     assert ground_speed(root, FPS).mean() == pytest.approx(2.0, abs=1e-3)
@@ -125,14 +125,14 @@ def test_speeds_and_angles() -> None:
     assert turn_rate(torch.remainder(spin, math.tau), FPS).mean() == pytest.approx(6.0, abs=1e-3)
 
 
-def test_accelerations_of_a_fall() -> None:
+def test_acceleration_of_a_free_fall() -> None:
     time = torch.arange(20) / FPS
     positions = torch.zeros(20, 1, 3)
     positions[:, 0, 1] = -0.5 * 9.81 * time**2
     assert accelerations(positions, FPS) == pytest.approx(torch.full((18, 1), 9.81), abs=1e-2)
 
 
-def test_seams_show_the_jump_into_a_window_and_no_other() -> None:
+def test_seam_jumps_are_measured_only_at_the_given_frames() -> None:
     positions = statue(60)
     positions[30:] += torch.tensor([0.2, 0.0, 0.0])
     quiet, jump = seam_jumps(positions, [15, 30], FPS)
@@ -143,7 +143,7 @@ def test_seams_show_the_jump_into_a_window_and_no_other() -> None:
     assert len(seam_jumps(positions, [0, 1, 59], FPS)) == 0
 
 
-def test_lean_and_freeze() -> None:
+def test_lean_of_a_lying_body_and_share_of_frozen_frames() -> None:
     upright = statue(40, 0.0)
     assert float(lean(SKELETON, upright).max()) < 10
     tilted = upright[..., [0, 2, 1]]  # lies on its face
@@ -152,7 +152,7 @@ def test_lean_and_freeze() -> None:
     assert frozen_share(statue(40), FPS) == 0.0
 
 
-def test_ranks_and_distance() -> None:
+def test_ranks_of_matching_texts_and_frechet_distance() -> None:
     texts = torch.eye(40)
     labels = [str(number) for number in range(40)]
     assert ranks(texts, texts, labels).tolist() == [0] * 40

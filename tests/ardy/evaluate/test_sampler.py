@@ -1,4 +1,4 @@
-"""Takes come out as the rollout makes them, whoever shares their batch."""
+"""Takes equal those that the rollout generates, whatever else is in their batch."""
 
 from __future__ import annotations
 
@@ -22,7 +22,7 @@ TOLERANCE = 2e-4
 
 
 class Words:
-    """A text encoder whose vectors depend on the words alone."""
+    """A text encoder whose vectors depend on nothing but the length of a text."""
 
     def __init__(self, width: int) -> None:
         self.width = width
@@ -56,7 +56,7 @@ def goal(model: Model, frame: int) -> Targets:
     return targets
 
 
-def test_a_take_is_a_rollout(model: Model, sampler: Sampler) -> None:
+def test_a_take_equals_the_rollout_of_the_same_request(model: Model, sampler: Sampler) -> None:
     horizon = model.config.horizon
     change, end = horizon + horizon // 2, 3 * horizon
     take = Take("a", 5, end, ((0, "walk"), (change, "stand")), targets=goal(model, horizon + 3), start=(1.0, 2.0, 0.5))
@@ -79,7 +79,7 @@ def test_a_take_is_a_rollout(model: Model, sampler: Sampler) -> None:
     assert done.window_starts == (0, second, change, change + horizon)
 
 
-def test_company_does_not_matter(model: Model, sampler: Sampler) -> None:
+def test_takes_do_not_depend_on_others_in_their_batch(model: Model, sampler: Sampler) -> None:
     horizon = model.config.horizon
     takes = [
         Take("a", 1, 2 * horizon, ((0, "walk"),)),
@@ -94,14 +94,14 @@ def test_company_does_not_matter(model: Model, sampler: Sampler) -> None:
         assert torch.allclose(result.features, alone.features, atol=TOLERANCE, rtol=TOLERANCE)
 
 
-def test_a_take_goes_on_from_its_history(model: Model, sampler: Sampler) -> None:
+def test_a_take_continues_from_its_history(model: Model, sampler: Sampler) -> None:
     first = sampler.run([Take("a", 1, 16, ((0, "walk"),))])[0]
     second = sampler.run([Take("a", 2, 16 + model.config.horizon, ((0, "walk"),), history=first.features)])[0]
     assert torch.allclose(second.features[:16], first.features, atol=1e-4)
     assert second.window_starts == (16,)
 
 
-def test_a_velocity_holds_only_while_it_is_in_force() -> None:
+def test_a_velocity_is_in_force_from_its_frame_until_the_next() -> None:
     take = Take("a", 0, 100, ((0, ""),), steers=(Steer(20, 0.0, 1.0, hold_frames=30), Steer(40, 1.0, 0.0)))
     assert take.steer_at(19) is None
     assert take.steer_at(20) == take.steers[0]

@@ -1,4 +1,4 @@
-"""Malformed files: good files with bytes changed, and files put together from the words of a format."""
+"""Malformed files: good files with bytes changed, and files assembled from the words of a format."""
 
 from __future__ import annotations
 

@@ -25,7 +25,7 @@ CORE = load_skeleton("core27")
 
 @pytest.mark.parametrize("units_per_metre", [100.0, 1.0, 1000.0, 1 / 0.0254])
 @pytest.mark.parametrize("name", skeleton_names())
-def test_motion_of_every_skeleton_comes_back(tmp_path: Path, name: str, units_per_metre: float) -> None:
+def test_motion_of_every_skeleton_round_trips(tmp_path: Path, name: str, units_per_metre: float) -> None:
     stored = random_motion(load_skeleton(name), 7, seed=1, fps=25)
     write_bvh(tmp_path / "motion.bvh", stored, units_per_metre)
     again = read_bvh(tmp_path / "motion.bvh")
@@ -34,7 +34,7 @@ def test_motion_of_every_skeleton_comes_back(tmp_path: Path, name: str, units_pe
     torch.testing.assert_close(again.positions(), stored.positions(), atol=1e-5, rtol=0)
 
 
-def test_joints_may_have_any_name(tmp_path: Path) -> None:
+def test_joint_names_may_be_any_unicode(tmp_path: Path) -> None:
     names = tuple(f"{name}_\u9aa8" for name in CORE.joint_names)
     stored = random_motion(replace(CORE, joint_names=names), 3, seed=1)
     write_bvh(tmp_path / "motion.bvh", stored)
@@ -43,8 +43,8 @@ def test_joints_may_have_any_name(tmp_path: Path) -> None:
 
 
 @pytest.mark.parametrize("name", skeleton_names())
-def test_the_channels_put_every_joint_where_it_was(tmp_path: Path, name: str) -> None:
-    """Read by nothing of the writer's: the file's own hierarchy, channels and kinematics."""
+def test_channels_of_the_file_reproduce_the_joint_positions(tmp_path: Path, name: str) -> None:
+    """Read by code that the writer does not use: the file's own hierarchy, channels and kinematics."""
     skeleton = load_skeleton(name)
     stored = random_motion(skeleton, 5, seed=4)
     write_bvh(tmp_path / "motion.bvh", stored)
@@ -55,7 +55,7 @@ def test_the_channels_put_every_joint_where_it_was(tmp_path: Path, name: str) ->
 
 
 @pytest.mark.parametrize("away_rad", [0.0, 1e-7, 1e-5, 1e-4, 3e-4, 1e-3])
-def test_rotations_near_where_two_axes_are_one_lose_nothing(tmp_path: Path, away_rad: float) -> None:
+def test_rotations_near_gimbal_lock_keep_their_precision(tmp_path: Path, away_rad: float) -> None:
     stored = random_motion(CORE, 6, seed=2)
     z, y = torch.linspace(-3, 3, 6, dtype=torch.float64), torch.linspace(2, -2, 6, dtype=torch.float64)
     middle = axis_rotation(0, torch.full_like(z, np.pi / 2 - away_rad))
@@ -65,7 +65,7 @@ def test_rotations_near_where_two_axes_are_one_lose_nothing(tmp_path: Path, away
     torch.testing.assert_close(again.motion.local_rotations, stored.motion.local_rotations, atol=2e-6, rtol=0)
 
 
-def test_a_file_of_television_is_refused_whatever_digits_its_time_has(tmp_path: Path) -> None:
+def test_television_frame_rates_are_refused_however_they_are_rounded(tmp_path: Path) -> None:
     path = tmp_path / "motion.bvh"
     write_bvh(path, random_motion(CORE, 2, seed=1))
     text = path.read_text()
@@ -83,8 +83,8 @@ def test_a_file_of_television_is_refused_whatever_digits_its_time_has(tmp_path: 
         max_size=5,
     )
 )
-def test_angles_make_the_rotation_again(angles: list[tuple[float, float, float]]) -> None:
-    """Also where the middle angle is a right angle and the other two cannot be told apart."""
+def test_euler_angles_reproduce_the_rotation(angles: list[tuple[float, float, float]]) -> None:
+    """Even where the middle angle is a right angle and the other two cannot be told apart."""
 
     def matrix(z: float, x: float, y: float) -> np.ndarray:
         (sz, sx, sy), (cz, cx, cy) = np.sin([z, x, y]), np.cos([z, x, y])
@@ -98,7 +98,7 @@ def test_angles_make_the_rotation_again(angles: list[tuple[float, float, float]]
     np.testing.assert_allclose(again, rotations, atol=2e-5)
 
 
-def test_turning_round_and_round_never_jumps(tmp_path: Path) -> None:
+def test_euler_angles_of_continuous_turning_do_not_jump(tmp_path: Path) -> None:
     stored = random_motion(CORE, 200, seed=0, size=0.2)  # turns at 2 rad/s for ten seconds
     write_bvh(tmp_path / "spin.bvh", stored)
     steps = np.abs(np.diff(parse_file(tmp_path / "spin.bvh").values, axis=0))
@@ -132,7 +132,7 @@ def without_last_line(text: str) -> str:
         (lambda text: "HIERARCHY\nROOT r\n{\nOFFSET 0 0 0\nCHANNELS 0\n" + "}\n" * 9, "expected MOTION"),
     ],
 )
-def test_files_that_are_no_motion_of_ours_are_refused(
+def test_invalid_files_and_foreign_skeletons_are_refused(
     tmp_path: Path, text: str, change: Callable[[str], str], message: str
 ) -> None:
     path = tmp_path / "bad.bvh"
@@ -141,7 +141,7 @@ def test_files_that_are_no_motion_of_ours_are_refused(
         read_bvh(path)
 
 
-def test_a_skeleton_of_endless_joints_is_refused(tmp_path: Path) -> None:
+def test_a_skeleton_with_too_many_joints_is_refused(tmp_path: Path) -> None:
     opened = "HIERARCHY\nROOT j\n{\nOFFSET 0 0 0\nCHANNELS 1 Xrotation\n"
     opened += "".join(f"JOINT j{index}\n{{\nOFFSET 0 0 0\nCHANNELS 1 Xrotation\n" for index in range(3000))
     (tmp_path / "deep.bvh").write_text(opened)
@@ -150,7 +150,7 @@ def test_a_skeleton_of_endless_joints_is_refused(tmp_path: Path) -> None:
 
 
 def test_bones_that_stretch_are_refused(tmp_path: Path, text: str) -> None:
-    """Position channels below the root are read, and have to say what the OFFSET says."""
+    """Position channels below the root are read, and must agree with the OFFSET."""
     lines = text.splitlines()
     spine = next(index for index, line in enumerate(lines) if "JOINT Spine" in line and "Spine1" not in line)
     lines[spine + 3] = "CHANNELS 6 Xposition Yposition Zposition Zrotation Xrotation Yrotation"

@@ -1,4 +1,4 @@
-"""What the Python client writes is read here, so that its motion can go into every format."""
+"""The Python client's NPZ files are read, so that their motion can be converted to every format."""
 
 from __future__ import annotations
 
@@ -20,7 +20,7 @@ from tests.ardy.formats.motions import random_motion
 
 
 @pytest.mark.parametrize("name", ["core27", "g134"])
-def test_the_clients_motion_is_read_and_written_in_other_formats(tmp_path: Path, name: str) -> None:
+def test_motion_of_the_client_is_read_and_converted(tmp_path: Path, name: str) -> None:
     stored = random_motion(load_skeleton(name), 6, seed=1)
     write_npz(tmp_path / "client.npz", client_motion(stored))
     again = read_motion(tmp_path / "client.npz")
@@ -46,7 +46,7 @@ def test_the_clients_motion_is_read_and_written_in_other_formats(tmp_path: Path,
         (lambda arrays: arrays.update(foot_contact=np.full((6, 4), np.nan, np.float32)), "foot_contact holds NaN"),
     ],
 )
-def test_what_the_client_would_not_write_is_refused(
+def test_arrays_that_the_client_would_not_write_are_refused(
     tmp_path: Path, change: Callable[[dict[str, Any]], object], message: str
 ) -> None:
     path = tmp_path / "client.npz"

@@ -1,4 +1,4 @@
-"""Constraint lists: what is read, what is refused, and that what is written comes back."""
+"""Constraint lists: round trip, forms that are read, and entries and files that are refused."""
 
 from __future__ import annotations
 
@@ -33,8 +33,8 @@ GOLDEN = Path(__file__).resolve().parents[2] / "data" / "golden"
 CASES: dict[str, Any] = json.loads((GOLDEN / "tiny-core27" / "vectors" / "conditions.json").read_text())["cases"]
 
 
-def same(first: Any, second: Any) -> None:
-    """Both lists ask for the same, bit for bit."""
+def assert_same_targets(first: Any, second: Any) -> None:
+    """Both lists of constraints give the same targets, bit for bit."""
     one, other = constraint_targets(CORE, first), constraint_targets(CORE, second)
     for group in ("ground", "height", "heading", "positions", "rotations"):
         mine, theirs = getattr(one, group), getattr(other, group)
@@ -43,11 +43,11 @@ def same(first: Any, second: Any) -> None:
 
 
 @pytest.mark.parametrize("case", sorted(CASES))
-def test_what_is_written_comes_back(tmp_path: Path, case: str) -> None:
+def test_written_constraints_are_read_back_unchanged(tmp_path: Path, case: str) -> None:
     constraints = parse_constraints(CASES[case], CORE)
     write_constraints(tmp_path / "again.json", constraints)
     again = read_constraints(tmp_path / "again.json", CORE)
-    same(constraints, again)
+    assert_same_targets(constraints, again)
     kinds = [entry["type"] for entry in json.loads((tmp_path / "again.json").read_text())]
     assert kinds == [entry["type"] for entry in CASES[case]]
 
@@ -58,7 +58,9 @@ def test_what_is_written_comes_back(tmp_path: Path, case: str) -> None:
     place=st.floats(-1e6, 1e6),
     angle=st.none() | st.floats(-10, 10),
 )
-def test_any_root_comes_back(tmp_path_factory: Any, frames: list[int], place: float, angle: float | None) -> None:
+def test_any_root_constraint_round_trips(
+    tmp_path_factory: Any, frames: list[int], place: float, angle: float | None
+) -> None:
     path = tmp_path_factory.getbasetemp() / "root.json"
     ground = torch.full((len(frames), 2), place)
     heading = None if angle is None else torch.full((len(frames),), angle)
@@ -73,7 +75,9 @@ def test_any_root_comes_back(tmp_path_factory: Any, frames: list[int], place: fl
 
 @pytest.mark.parametrize("limbs", [None, *LIMB_TYPES.values(), ("LeftHand", "RightFoot", "Hips")])
 @pytest.mark.parametrize("name", skeleton_names())
-def test_poses_of_every_skeleton_come_back(tmp_path: Path, name: str, limbs: tuple[str, ...] | None) -> None:
+def test_pose_constraints_of_every_skeleton_round_trip(
+    tmp_path: Path, name: str, limbs: tuple[str, ...] | None
+) -> None:
     skeleton = load_skeleton(name)
     motion = random_motion(skeleton, 6, seed=1).motion
     write_constraints(tmp_path / "poses.json", [pose_constraint(motion, [1, 4], limbs)])
@@ -86,7 +90,7 @@ def test_poses_of_every_skeleton_come_back(tmp_path: Path, name: str, limbs: tup
         torch.testing.assert_close(torch.from_numpy(position), positions[frame, joint], atol=1e-4, rtol=0)
 
 
-def test_headings_are_angles_or_pairs() -> None:
+def test_headings_may_be_angles_or_pairs_of_cosine_and_sine() -> None:
     """ARDY writes angles, Kimodo the cosine and the sine; the shape decides."""
     angles = [0.3, -2.0, math.pi / 2]
     entry = {"type": "root2d", "frame_indices": [0, 1, 2], "root_2d": [[0, 0]] * 3}
@@ -100,7 +104,7 @@ def test_headings_are_angles_or_pairs() -> None:
 
 
 @pytest.mark.parametrize("name", ["root_2d", "smooth_root_2d"])
-def test_both_names_of_the_ground_are_read(name: str) -> None:
+def test_both_names_of_the_ground_position_are_read(name: str) -> None:
     entry = {"type": "root2d", "frame_indices": [4], name: [[1.0, 2.0]], "somebody_elses": {"colour": 3}}
     assert constraint_targets(CORE, parse_constraints([entry], CORE)).ground[4].tolist() == [1, 2]
     moved = {**CASES["fullbody"][0], name: [[7.0, 8.0]] * len(CASES["fullbody"][0]["frame_indices"])}
@@ -144,7 +148,7 @@ def change(**fields: object) -> Any:
         ("end_effector", change(joint_names=[["Nose"]]), "holds list"),
     ],
 )
-def test_bad_entries_are_refused(case: str, edit: Any, message: str) -> None:
+def test_invalid_entries_are_refused(case: str, edit: Any, message: str) -> None:
     entries = copy.deepcopy(CASES[case])
     edit(entries[0])
     with pytest.raises(FormatError, match=message):
@@ -152,7 +156,7 @@ def test_bad_entries_are_refused(case: str, edit: Any, message: str) -> None:
 
 
 @pytest.mark.parametrize("content", [None, {}, "list", [3], [None]])
-def test_json_that_is_no_list_of_objects_is_refused(content: object) -> None:
+def test_json_that_is_not_a_list_of_objects_is_refused(content: object) -> None:
     with pytest.raises(FormatError, match="give a"):
         parse_constraints(content, CORE)
 
@@ -171,7 +175,7 @@ def test_frames_beyond_the_clip_are_refused() -> None:
         (b"\xff\xfe[]", "not UTF-8"),
         (b"[" * 100_000, "nested too deeply"),
         (b'[{"type": "root2d", "type": "fullbody"}]', "'type' twice"),
-        # with a look at all names for each of them this would take minutes
+        # a search through all names for each name would take minutes
         (b"[{" + b",".join(b'"%d": 0' % (number % 200_000) for number in range(200_001)) + b"}]", "'0' twice"),
         (b'[{"type": "root2d", "frame_indices": [0], "root_2d": [[NaN, 0]]}]', "the number NaN"),
         (b'[{"type": "root2d", "frame_indices": [0], "root_2d": [[1e999, 0]]}]', "NaN or infinite"),

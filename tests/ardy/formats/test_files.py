@@ -1,4 +1,4 @@
-"""Any motion file by its name, and the command that converts."""
+"""Motion files, whose format follows from their name, and the command that converts them."""
 
 from __future__ import annotations
 
@@ -21,7 +21,7 @@ def walk() -> StoredMotion:
 
 
 @pytest.mark.parametrize("chosen", MOTION_FORMATS, ids=lambda one: one.name)
-def test_every_format_is_written_and_those_that_are_read_come_back(
+def test_every_format_is_written_and_readable_ones_round_trip(
     tmp_path: Path, walk: StoredMotion, chosen: object
 ) -> None:
     suffix, readable = chosen.suffix, chosen.read is not None  # type: ignore[attr-defined]
@@ -37,7 +37,7 @@ def test_every_format_is_written_and_those_that_are_read_come_back(
     torch.testing.assert_close(again.positions(), walk.positions(), atol=1e-4, rtol=0)
 
 
-def test_names_decide_before_endings_and_unknown_ones_are_refused(tmp_path: Path) -> None:
+def test_a_format_given_by_name_overrides_the_ending_of_the_file(tmp_path: Path) -> None:
     assert format_of(tmp_path / "a.controller.csv").name == "g1-controller-csv"
     assert format_of(tmp_path / "a.csv").name == "g1-csv"
     assert format_of(tmp_path / "a.csv", "npz").name == "npz"
@@ -49,7 +49,7 @@ def test_names_decide_before_endings_and_unknown_ones_are_refused(tmp_path: Path
         format_of(tmp_path / "a.npz", "fbx")
 
 
-def test_samples_are_named_as_upstream_names_them() -> None:
+def test_sample_files_are_named_as_by_ardy() -> None:
     assert sample_paths(Path("out/walk.npz"), 1) == [Path("out/walk.npz")]
     assert sample_paths(Path("out/walk.controller.csv"), 2) == [
         Path("out/walk/walk_00.controller.csv"),
@@ -58,7 +58,9 @@ def test_samples_are_named_as_upstream_names_them() -> None:
     assert sample_paths(Path("walk.npz"), 101)[-1] == Path("walk/walk_100.npz")
 
 
-def test_the_command_converts(tmp_path: Path, walk: StoredMotion, capsys: pytest.CaptureFixture[str]) -> None:
+def test_the_command_converts_motion_files(
+    tmp_path: Path, walk: StoredMotion, capsys: pytest.CaptureFixture[str]
+) -> None:
     write_motion(tmp_path / "walk.bvh", walk)
     target = tmp_path / "walk.controller.csv"
     assert main([str(tmp_path / "walk.bvh"), str(target), "--rate-hz", "50"]) == 0
@@ -68,7 +70,7 @@ def test_the_command_converts(tmp_path: Path, walk: StoredMotion, capsys: pytest
     assert read_motion(tmp_path / "walk.data", name="npz").motion.num_frames == 51
 
 
-def test_the_clock_of_a_file_without_one_can_be_told(tmp_path: Path, walk: StoredMotion) -> None:
+def test_the_frame_rate_of_a_file_without_one_can_be_given(tmp_path: Path, walk: StoredMotion) -> None:
     write_motion(tmp_path / "walk.csv", walk)
     assert read_motion(tmp_path / "walk.csv", ReadOptions(fps=50)).motion.fps == 50
 
@@ -88,7 +90,7 @@ def test_the_clock_of_a_file_without_one_can_be_told(tmp_path: Path, walk: Store
         (("walk.csv", "out.npz", "--from", "npz"), "not a readable NPZ"),
     ],
 )
-def test_the_command_says_what_is_wrong(
+def test_the_command_reports_errors_on_stderr(
     tmp_path: Path, walk: StoredMotion, capsys: pytest.CaptureFixture[str], names: tuple[str, ...], message: str
 ) -> None:
     write_motion(tmp_path / "walk.csv", walk)

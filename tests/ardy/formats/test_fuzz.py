@@ -1,4 +1,4 @@
-"""No file makes a reader do anything but read it or refuse it with a FormatError of a readable length."""
+"""Malformed files: each reader reads a file or refuses it with a FormatError of a readable length."""
 
 from __future__ import annotations
 
@@ -27,7 +27,7 @@ def known(folder: Path) -> dict[str, Reader]:
 @pytest.mark.parametrize("name", NAMES)
 def test_good_files_are_read(folder: Path, known: dict[str, Reader], name: str) -> None:
     for content in known[name].good:
-        assert read_or_refuse(known[name], folder / "file", content), "the start of every mutation is sound"
+        assert read_or_refuse(known[name], folder / "file", content), "every mutation starts from a valid file"
 
 
 @pytest.mark.parametrize("name", NAMES)
@@ -42,6 +42,6 @@ def test_any_file_is_read_or_refused(folder: Path, known: dict[str, Reader], nam
     check()
 
 
-def test_there_is_a_case_for_every_reader(known: dict[str, Reader]) -> None:
+def test_the_fuzzed_readers_are_those_listed_here(known: dict[str, Reader]) -> None:
     assert tuple(known) == NAMES
     assert isinstance(known["npz"].words, st.SearchStrategy)

@@ -1,4 +1,4 @@
-"""The robot's two CSV forms: ARDY's 36 columns, and the one that a controller can follow."""
+"""The robot's two CSV formats: ARDY's 36 columns, and the one that a controller can follow."""
 
 from __future__ import annotations
 
@@ -36,7 +36,7 @@ def walk() -> StoredMotion:
     return qpos_motion("walk", walking_qpos(26, 25), 25)
 
 
-def test_qpos_comes_back(tmp_path: Path, walk: StoredMotion) -> None:
+def test_qpos_round_trips(tmp_path: Path, walk: StoredMotion) -> None:
     report = write_qpos_csv(tmp_path / "walk.csv", walk)
     assert report.lines == ()
     np.testing.assert_allclose(read_qpos(tmp_path / "walk.csv"), walking_qpos(26, 25), atol=1e-6)
@@ -46,8 +46,8 @@ def test_qpos_comes_back(tmp_path: Path, walk: StoredMotion) -> None:
     assert torch.equal(again.motion.foot_contacts, walk.motion.foot_contacts)
 
 
-def test_the_columns_are_upstreams(tmp_path: Path) -> None:
-    """numpy.loadtxt, as ARDY's users read it: no header, 36 columns, root first, then the hinges of the legs."""
+def test_the_columns_are_those_of_ardy(tmp_path: Path) -> None:
+    """Read by numpy.loadtxt, as ARDY's users do: no header, 36 columns, the root first and then the hinges."""
     qpos = random_qpos(4, 7)
     write_qpos_csv(tmp_path / "motion.csv", qpos_motion("random", qpos, 25))
     table = np.loadtxt(tmp_path / "motion.csv", delimiter=",")
@@ -56,7 +56,7 @@ def test_the_columns_are_upstreams(tmp_path: Path) -> None:
     np.testing.assert_allclose(table[:, 7:], qpos[:, 7:], atol=1e-5)
 
 
-def test_what_the_hinges_cannot_do_is_told(tmp_path: Path) -> None:
+def test_rotation_that_the_hinges_cannot_do_is_reported(tmp_path: Path) -> None:
     report = write_qpos_csv(tmp_path / "odd.csv", random_motion(ROBOT.skeleton, 4, seed=1))
     (line,) = report.lines
     assert line.startswith("rotation lost that the hinges cannot do: ")
@@ -64,7 +64,7 @@ def test_what_the_hinges_cannot_do_is_told(tmp_path: Path) -> None:
 
 
 @pytest.mark.parametrize("rate_hz", [None, 50, 100, 500])
-def test_the_controllers_form_has_a_clock_limits_and_velocities(
+def test_the_controller_format_has_times_and_joint_velocities(
     tmp_path: Path, walk: StoredMotion, rate_hz: float | None
 ) -> None:
     report = write_controller_csv(tmp_path / "walk.controller.csv", walk, rate_hz)
@@ -85,7 +85,7 @@ def test_the_controllers_form_has_a_clock_limits_and_velocities(
     torch.testing.assert_close(again.positions()[-1], walk.positions()[-1], atol=1e-5, rtol=0)
 
 
-def test_angles_beyond_the_range_are_clamped_only_for_the_controller(tmp_path: Path) -> None:
+def test_angles_out_of_range_are_clamped_only_in_the_controller_format(tmp_path: Path) -> None:
     qpos = walking_qpos(6, 25)
     qpos[3, KNEE] = -0.5
     stored = qpos_motion("bent", qpos, 25)
@@ -99,8 +99,8 @@ def test_angles_beyond_the_range_are_clamped_only_for_the_controller(tmp_path: P
     assert (kept[:, 7:] <= ROBOT.upper + 1e-8).all()
 
 
-def test_the_quaternion_never_changes_its_sign(tmp_path: Path) -> None:
-    """A robot that turns round once passes the place where w of the nearest quaternion changes its sign."""
+def test_the_sign_of_the_quaternion_is_continuous_over_whole_turns(tmp_path: Path) -> None:
+    """A robot that turns passes angles at which w of the shortest rotation's quaternion changes its sign."""
     qpos = walking_qpos(100, 25)
     angle = torch.linspace(0, 4 * math.pi, 100, dtype=torch.float64)
     qpos[:, 3], qpos[:, 6] = torch.cos(angle / 2), torch.sin(angle / 2)
@@ -109,7 +109,7 @@ def test_the_quaternion_never_changes_its_sign(tmp_path: Path) -> None:
     assert ((quaternions[1:] * quaternions[:-1]).sum(1) > 0.9).all()
 
 
-def test_a_motion_of_people_is_refused_before_the_file_is_opened(tmp_path: Path) -> None:
+def test_motion_of_another_skeleton_is_refused_before_a_file_is_created(tmp_path: Path) -> None:
     stored = random_motion(load_skeleton("core27"), 4, seed=1)
     for write in (write_qpos_csv, write_controller_csv):
         with pytest.raises(FormatError, match="a motion of core27; this format holds motion of g134 alone"):
@@ -140,7 +140,7 @@ def edited(line: int, column: int, word: str) -> Callable[[str], str]:
         (lambda text: text.replace("\n", "\n\n", 1), "line 2 has 1 columns"),
     ],
 )
-def test_bad_qpos_files_are_refused(
+def test_invalid_qpos_files_are_refused(
     tmp_path: Path, walk: StoredMotion, change: Callable[[str], str], message: str
 ) -> None:
     path = tmp_path / "bad.csv"
@@ -162,7 +162,7 @@ def test_bad_qpos_files_are_refused(
         (edited(3, 40, "fast"), "line 4 holds 'fast'"),
     ],
 )
-def test_bad_controller_files_are_refused(
+def test_invalid_controller_files_are_refused(
     tmp_path: Path, walk: StoredMotion, change: Callable[[str], str], message: str
 ) -> None:
     path = tmp_path / "bad.controller.csv"
@@ -172,7 +172,7 @@ def test_bad_controller_files_are_refused(
         read_trajectory(path)
 
 
-def test_a_rate_that_is_not_whole_is_no_motion(tmp_path: Path, walk: StoredMotion) -> None:
+def test_a_fractional_rate_is_read_as_a_trajectory_and_not_as_motion(tmp_path: Path, walk: StoredMotion) -> None:
     write_controller_csv(tmp_path / "slow.controller.csv", walk, 12.5)
     assert read_trajectory(tmp_path / "slow.controller.csv").rate_hz == 12.5
     with pytest.raises(FormatError, match="give a whole number of frames a second"):

@@ -1,4 +1,4 @@
-"""What a model generates goes into every format that its skeleton has, and comes back."""
+"""Generated motion is written to every format that its skeleton has, and read back."""
 
 from __future__ import annotations
 
@@ -18,7 +18,7 @@ GOLDEN = Path(__file__).resolve().parents[2] / "data" / "golden"
 
 
 def generated(name: str) -> StoredMotion:
-    """Two windows of a golden model, whose weights are random: wild poses, which formats have to keep all the same."""
+    """Two windows of a golden model. Its weights are random, so the poses are wild, but formats must keep them."""
     model = load_checkpoint(GOLDEN / name / "checkpoint")
     config = model.config
     request = RolloutRequest(2 * config.horizon, torch.zeros(config.denoiser.text_dim), seed=1, num_steps=2)
@@ -27,7 +27,7 @@ def generated(name: str) -> StoredMotion:
 
 
 @pytest.mark.parametrize("name", ["tiny-core27", "tiny-g134"])
-def test_it_goes_into_every_format(tmp_path: Path, name: str) -> None:
+def test_generated_motion_round_trips_through_every_format(tmp_path: Path, name: str) -> None:
     stored = generated(name)
     fitting = [one for one in MOTION_FORMATS if stored.skeleton.name == "g134" or not one.name.startswith("g1")]
     assert len(fitting) == (5 if name == "tiny-g134" else 3)
@@ -41,13 +41,13 @@ def test_it_goes_into_every_format(tmp_path: Path, name: str) -> None:
         assert (again.skeleton.name, again.motion.fps) == (stored.skeleton.name, stored.motion.fps)
         assert again.motion.num_frames == stored.motion.num_frames
         if chosen.name.startswith("g1"):
-            assert any("the hinges cannot do" in line for line in said), "hinges lose most of a random pose, and say so"
+            assert any("the hinges cannot do" in line for line in said), "the hinges cannot do most of a random pose"
             torch.testing.assert_close(again.motion.root_positions, stored.motion.root_positions, atol=1e-4, rtol=1e-6)
         else:
             torch.testing.assert_close(again.positions(), stored.positions(), atol=1e-4, rtol=1e-5)
 
 
-def test_its_residuals_are_those_of_what_was_written(tmp_path: Path) -> None:
+def test_residuals_of_generated_motion_are_the_same_after_writing(tmp_path: Path) -> None:
     stored = generated("tiny-core27")
     asked = [RootConstraint((3,), torch.tensor([[1.0, 2.0]])), pose_constraint(stored.motion, [8])]
     targets = [constraint_targets(stored.skeleton, [one]) for one in asked]

@@ -1,4 +1,4 @@
-"""What motion may be given in to be written, and what settings of torch must not change."""
+"""Writers accept motion in any type, layout and device, and torch's default device does not change their files."""
 
 from __future__ import annotations
 
@@ -38,7 +38,7 @@ def stored(local: Tensor, root: Tensor, **more: Any) -> StoredMotion:
     ],
     ids=["with a graph", "float64", "strided"],
 )
-def test_numbers_of_any_kind_are_written_alike(tmp_path: Path, chosen: MotionFormat, change: Any) -> None:
+def test_tensors_of_any_type_and_layout_are_written_alike(tmp_path: Path, chosen: MotionFormat, change: Any) -> None:
     local, root = WALK.motion.local_rotations, WALK.motion.root_positions
     write_motion(tmp_path / f"plain{chosen.suffix}", stored(local, root))
     write_motion(tmp_path / f"other{chosen.suffix}", stored(change(local), change(root)))
@@ -47,7 +47,7 @@ def test_numbers_of_any_kind_are_written_alike(tmp_path: Path, chosen: MotionFor
 
 
 @pytest.mark.parametrize("dtype", [torch.int64, torch.bfloat16])
-def test_numbers_that_are_no_float32_are_written(tmp_path: Path, dtype: torch.dtype) -> None:
+def test_tensors_of_int64_and_bfloat16_are_written(tmp_path: Path, dtype: torch.dtype) -> None:
     turns = torch.eye(3, dtype=dtype).expand(3, ROBOT.num_joints, 3, 3)
     for chosen in MOTION_FORMATS:
         path = tmp_path / f"still{chosen.suffix}"
@@ -64,7 +64,7 @@ def test_motion_on_any_device_is_written_alike(tmp_path: Path, chosen: MotionFor
         parts = (here.local_rotations, here.root_positions, here.foot_contacts)
         there = Motion(*(part.to(AWAY) for part in parts), here.fps)
         write_motion(tmp_path / f"there{chosen.suffix}", StoredMotion(ROBOT, there))
-    constant.cache_clear()  # of tables that lie there
+    constant.cache_clear()  # some cached tables are on the pretended device
     written, other = (tmp_path / f"{name}{chosen.suffix}" for name in ("here", "there"))
     assert written.read_bytes() == other.read_bytes()
 
@@ -81,7 +81,7 @@ def test_files_are_the_same_whatever_the_default_device_is(tmp_path: Path, chose
     assert again.motion.root_positions.device.type == "cpu"
 
 
-def test_the_robot_s_facts_may_first_be_asked_for_while_serving() -> None:
+def test_robot_tables_loaded_in_inference_mode_can_be_used_in_autograd() -> None:
     load_g1.cache_clear()
     with torch.inference_mode():
         load_g1()
@@ -91,7 +91,7 @@ def test_the_robot_s_facts_may_first_be_asked_for_while_serving() -> None:
 
 
 @pytest.mark.parametrize("fps", [True, 0, 1001, 20.0])
-def test_a_rate_is_a_whole_number(fps: Any) -> None:
+def test_frame_rates_that_are_not_integers_in_range_are_refused(fps: Any) -> None:
     motion = WALK.motion
     with pytest.raises(FormatError, match="give a whole number of 1 to 1000"):
         StoredMotion(ROBOT, Motion(motion.local_rotations, motion.root_positions, motion.foot_contacts, fps))
@@ -106,13 +106,13 @@ def test_a_long_text_is_kept_whole_or_refused(tmp_path: Path) -> None:
         stored(local, root, text="x" * (MAX_TEXT_LENGTH + 1))
 
 
-def test_a_text_that_no_file_can_hold_is_refused() -> None:
+def test_a_text_with_a_lone_surrogate_is_refused() -> None:
     with pytest.raises(FormatError, match=r"half of a surrogate pair, '.ud83e'; give whole characters"):
         stored(WALK.motion.local_rotations, WALK.motion.root_positions, text="waves \ud83e")
 
 
 @pytest.mark.parametrize("suffix", [".csv", ".controller.csv"])
-def test_a_skeleton_that_a_file_cannot_have_is_refused(tmp_path: Path, suffix: str) -> None:
+def test_reading_a_robot_file_with_another_skeleton_is_refused(tmp_path: Path, suffix: str) -> None:
     path = tmp_path / f"walk{suffix}"
     write_motion(path, WALK)
     assert read_motion(path, ReadOptions(ROBOT)).skeleton is ROBOT
@@ -144,5 +144,5 @@ def test_rates_of_film_and_television_are_refused_however_they_are_rounded(frame
     ("frame_time_s", "fps"),
     [(0.0333, 30), (0.033333, 30), (0.00833, 120), (0.0083333, 120), (0.0166667, 60), (0.05, 20)],
 )
-def test_times_of_few_digits_are_those_of_whole_rates(frame_time_s: float, fps: int) -> None:
+def test_rounded_frame_times_are_read_as_whole_rates(frame_time_s: float, fps: int) -> None:
     assert whole_fps("walk", 1 / frame_time_s) == fps

@@ -1,4 +1,4 @@
-"""Binary glTF, read as the specification says and by nothing of the writer's: nodes, skin, mesh, animation."""
+"""Binary glTF, read as its specification says and without the writer's code: nodes, skin, mesh, animation."""
 
 from __future__ import annotations
 
@@ -79,7 +79,7 @@ class Glb:
 
 
 @pytest.mark.parametrize("name", skeleton_names())
-def test_the_animation_puts_every_joint_where_it_was(tmp_path: Path, name: str) -> None:
+def test_the_animation_reproduces_the_joint_positions(tmp_path: Path, name: str) -> None:
     skeleton = load_skeleton(name)
     stored = random_motion(skeleton, 6, seed=1, fps=25)
     write_glb(tmp_path / "motion.glb", stored)
@@ -96,7 +96,7 @@ def test_the_animation_puts_every_joint_where_it_was(tmp_path: Path, name: str) 
         np.testing.assert_allclose(glb.world(frame)[: skeleton.num_joints, :3, 3], expected[frame], atol=1e-5)
 
 
-def test_quaternions_are_unit_and_never_flip(tmp_path: Path) -> None:
+def test_quaternions_have_unit_length_and_never_change_sign(tmp_path: Path) -> None:
     write_glb(tmp_path / "spin.glb", random_motion(load_skeleton("core27"), 200, seed=0))
     for (_, path), values in Glb(tmp_path / "spin.glb").tracks().items():
         if path == "rotation":
@@ -104,8 +104,8 @@ def test_quaternions_are_unit_and_never_flip(tmp_path: Path) -> None:
             assert ((values[1:] * values[:-1]).sum(1) > 0).all()
 
 
-def test_the_body_moves_with_the_bones(tmp_path: Path) -> None:
-    """Skinned as viewers do it, each diamond's ends lie on the joints of its bone, in every frame and at rest."""
+def test_the_mesh_moves_with_the_bones(tmp_path: Path) -> None:
+    """Skinned as viewers do it, the ends of each diamond lie on the joints of its bone."""
     skeleton = load_skeleton("core27")
     stored = random_motion(skeleton, 3, seed=5)
     write_glb(tmp_path / "motion.glb", stored)
@@ -136,7 +136,7 @@ def test_the_body_moves_with_the_bones(tmp_path: Path) -> None:
     assert lowest == pytest.approx(0, abs=1e-6), "at rest the body stands on the ground"
 
 
-def test_without_the_library_the_message_says_what_to_install(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+def test_without_pygltflib_the_error_says_what_to_install(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     real = builtins.__import__
 
     def without(name: str, *rest: Any, **named: Any) -> Any:

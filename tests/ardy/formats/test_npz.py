@@ -1,4 +1,4 @@
-"""NPZ: what is written comes back, with the names others read; what cannot be is refused before memory is taken."""
+"""NPZ: round trip, arrays named as by ARDY, and invalid files, which are refused before memory is allocated."""
 
 from __future__ import annotations
 
@@ -34,7 +34,7 @@ def arrays(tmp_path: Path, stored: StoredMotion) -> dict[str, Any]:
 
 
 @pytest.mark.parametrize("name", skeleton_names())
-def test_motion_of_every_skeleton_comes_back(tmp_path: Path, name: str) -> None:
+def test_motion_of_every_skeleton_round_trips(tmp_path: Path, name: str) -> None:
     stored = random_motion(load_skeleton(name), 7, seed=1, fps=25)
     write_npz(tmp_path / "motion.npz", stored)
     again = read_npz(tmp_path / "motion.npz")
@@ -45,7 +45,7 @@ def test_motion_of_every_skeleton_comes_back(tmp_path: Path, name: str) -> None:
     assert torch.equal(again.motion.foot_contacts, stored.motion.foot_contacts)
 
 
-def test_the_names_and_shapes_are_upstreams(arrays: dict[str, Any], stored: StoredMotion) -> None:
+def test_names_and_shapes_of_arrays_are_those_of_ardy(arrays: dict[str, Any], stored: StoredMotion) -> None:
     shapes = {name: array.shape for name, array in arrays.items()}
     assert shapes == {
         "local_rot_mats": (9, 27, 3, 3), "global_rot_mats": (9, 27, 3, 3), "posed_joints": (9, 27, 3),
@@ -63,7 +63,9 @@ def test_the_names_and_shapes_are_upstreams(arrays: dict[str, Any], stored: Stor
     np.testing.assert_allclose(arrays["global_root_heading"], forward[:, ::-1], atol=1e-5)
 
 
-def test_what_is_not_there_follows_from_the_poses(tmp_path: Path, arrays: dict[str, Any], stored: StoredMotion) -> None:
+def test_missing_arrays_are_derived_from_the_poses(
+    tmp_path: Path, arrays: dict[str, Any], stored: StoredMotion
+) -> None:
     least = {name: arrays[name] for name in ("local_rot_mats", "root_positions", "fps")}
     np.savez(tmp_path / "least.npz", **least)
     again = read_npz(tmp_path / "least.npz")
@@ -71,7 +73,7 @@ def test_what_is_not_there_follows_from_the_poses(tmp_path: Path, arrays: dict[s
     assert torch.equal(again.motion.foot_contacts, stored.motion.foot_contacts)
 
 
-def test_doubles_and_columns_first_are_read(tmp_path: Path, arrays: dict[str, Any], stored: StoredMotion) -> None:
+def test_doubles_in_fortran_order_are_read(tmp_path: Path, arrays: dict[str, Any], stored: StoredMotion) -> None:
     arrays["local_rot_mats"] = np.asfortranarray(arrays["local_rot_mats"].astype(np.float64))
     np.savez_compressed(tmp_path / "other.npz", **arrays)
     assert torch.equal(read_npz(tmp_path / "other.npz").motion.local_rotations, stored.motion.local_rotations)
@@ -117,7 +119,7 @@ def spoiled(array: Any) -> Any:
         (bad(text=np.array(["a", "b"])), r"text has shape \(2,\)"),
     ],
 )
-def test_motion_without_meaning_is_refused(tmp_path: Path, arrays: dict[str, Any], change: Any, message: str) -> None:
+def test_invalid_arrays_are_refused(tmp_path: Path, arrays: dict[str, Any], change: Any, message: str) -> None:
     change(arrays)
     np.savez(tmp_path / "bad.npz", **arrays)
     with pytest.raises(FormatError, match=message):
@@ -126,7 +128,7 @@ def test_motion_without_meaning_is_refused(tmp_path: Path, arrays: dict[str, Any
 
 @pytest.mark.parametrize("order", ["<", ">"])
 @pytest.mark.parametrize("code", [0xD800, 0x110000, 0xFFFFFFFF])
-def test_text_of_what_are_no_characters_is_refused(
+def test_text_with_invalid_code_points_is_refused(
     tmp_path: Path, arrays: dict[str, Any], order: str, code: int
 ) -> None:
     content = np.array([ord("a"), code], f"{order}u4").tobytes()
@@ -137,14 +139,14 @@ def test_text_of_what_are_no_characters_is_refused(
 
 
 @pytest.mark.parametrize("text", ["", "a \U0001f9cd walks, \u00fc"])
-def test_any_text_comes_back_in_either_order_of_bytes(tmp_path: Path, arrays: dict[str, Any], text: str) -> None:
+def test_text_in_big_endian_order_is_read(tmp_path: Path, arrays: dict[str, Any], text: str) -> None:
     arrays["text"] = np.asarray(text, f">U{max(1, len(text))}")
     np.savez(tmp_path / "other.npz", **arrays)
     assert read_npz(tmp_path / "other.npz").text == text
 
 
 class Trap:
-    """A pickle that would write a file on being read."""
+    """An object that writes a file when it is unpickled."""
 
     path = ""
 
@@ -164,8 +166,8 @@ def test_pickles_are_refused_and_not_executed(tmp_path: Path, arrays: dict[str, 
     assert not (tmp_path / "trap").exists()
 
 
-def test_a_bomb_is_refused_unread(tmp_path: Path) -> None:
-    """The directory of the archive says how much would come out; that is looked at first."""
+def test_a_zip_bomb_is_refused_before_it_is_decompressed(tmp_path: Path) -> None:
+    """The directory of the archive states the decompressed sizes; they are checked first."""
     path = tmp_path / "bomb.npz"
     with zipfile.ZipFile(path, "w", zipfile.ZIP_DEFLATED) as archive:
         archive.writestr("local_rot_mats.npy", b"\0" * 1000)
@@ -177,7 +179,7 @@ def test_a_bomb_is_refused_unread(tmp_path: Path) -> None:
         read_npz(path)
 
 
-def test_a_header_that_lies_about_the_size_is_refused(tmp_path: Path, arrays: dict[str, Any]) -> None:
+def test_an_array_header_with_a_false_size_is_refused(tmp_path: Path, arrays: dict[str, Any]) -> None:
     content = io.BytesIO()
     np.lib.format.write_array_header_1_0(content, {"descr": "<f4", "fortran_order": False, "shape": (9999, 27, 3, 3)})
     np.savez(tmp_path / "lies.npz", root_positions=arrays["root_positions"], fps=arrays["fps"])
@@ -188,14 +190,14 @@ def test_a_header_that_lies_about_the_size_is_refused(tmp_path: Path, arrays: di
 
 
 @pytest.mark.parametrize("name", ["../fps.npy", "a/b.npy", "..\\fps.npy", "readme.txt"])
-def test_members_that_are_no_plain_names_are_refused(tmp_path: Path, name: str) -> None:
+def test_members_without_plain_array_names_are_refused(tmp_path: Path, name: str) -> None:
     with zipfile.ZipFile(tmp_path / "odd.npz", "w") as archive:
         archive.writestr(name, b"x")
     with pytest.raises(FormatError, match="plain names, each once"):
         read_npz(tmp_path / "odd.npz")
 
 
-def test_a_name_twice_is_refused(tmp_path: Path) -> None:
+def test_a_duplicate_member_is_refused(tmp_path: Path) -> None:
     with zipfile.ZipFile(tmp_path / "twice.npz", "w") as archive:
         archive.writestr("fps.npy", b"x")
         with pytest.warns(UserWarning, match="Duplicate name"):

@@ -1,4 +1,4 @@
-"""Root paths: keyframes and dense trajectories, written, read, and turned into constraints."""
+"""Root points, sparse or one per frame: written, read, and turned into constraints."""
 
 from __future__ import annotations
 
@@ -18,7 +18,7 @@ POINT = st.tuples(*[st.floats(-1e4, 1e4, width=32)] * 3)
 
 @settings(max_examples=40, deadline=None)
 @given(first=st.integers(0, 10**9 - 10), points=st.lists(POINT, max_size=8), dense=st.booleans(), data=st.data())
-def test_any_path_comes_back(
+def test_root_points_round_trip(
     tmp_path_factory: pytest.TempPathFactory,
     first: int,
     points: list[tuple[float, float, float]],
@@ -36,7 +36,7 @@ def test_any_path_comes_back(
     assert again.points.tolist() == [list(point) for point in points]
 
 
-def test_upstreams_two_forms_and_a_missing_type(tmp_path: Path) -> None:
+def test_both_forms_are_read_and_a_missing_type_means_keyframes(tmp_path: Path) -> None:
     path = tmp_path / "path.json"
     path.write_text(
         '{"type": "dense_trajectory", "trajectory": {"11": [1, 0, 2], "10": [0.5, 0, 1.5], "9": [0, 0, 1]}}'
@@ -72,7 +72,7 @@ def test_upstreams_two_forms_and_a_missing_type(tmp_path: Path) -> None:
         ({"keyframes": {"1": [1e39, 0, 0]}}, "NaN or infinite"),
     ],
 )
-def test_paths_without_meaning_are_refused(tmp_path: Path, content: object, message: str) -> None:
+def test_invalid_root_points_are_refused(tmp_path: Path, content: object, message: str) -> None:
     path = tmp_path / "bad.json"
     path.write_text(json.dumps(content))
     with pytest.raises(FormatError, match=message):

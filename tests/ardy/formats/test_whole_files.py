@@ -1,4 +1,4 @@
-"""A full disk, or an interruption, leaves the file that was there: of every writer of the library."""
+"""Every writer of the library leaves the old file if the disk is full or the write is interrupted."""
 
 from __future__ import annotations
 
@@ -69,7 +69,7 @@ MORE: dict[Callable[..., object], list[Any]] = {write_motion: [WALK], write_prom
 @pytest.mark.parametrize(
     "ends_by", [OSError(28, "No space left on device"), KeyboardInterrupt()], ids=["full", "ctrl-c"]
 )
-def test_what_was_there_stays(
+def test_a_failed_write_leaves_the_old_file(
     name: str, write: Callable[..., object], last: tuple[Any, str], ends_by: BaseException,
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch,
 ) -> None:  # fmt: skip
@@ -77,7 +77,7 @@ def test_what_was_there_stays(
     path.write_bytes(b"of yesterday")
 
     def fail(*given: Any, **_: Any) -> None:
-        for one in given:  # what writes to a path by itself has begun to
+        for one in given:  # a function that is given the path has begun to write to it
             if isinstance(one, Path):
                 one.write_bytes(b"half")
         raise ends_by
@@ -89,7 +89,9 @@ def test_what_was_there_stays(
 
 
 @pytest.mark.parametrize(("name", "write"), [(name, write) for name, write, _ in WRITERS])
-def test_a_pipe_is_given_the_file_and_stays_a_pipe(name: str, write: Callable[..., object], tmp_path: Path) -> None:
+def test_a_named_pipe_receives_the_file_and_remains_a_pipe(
+    name: str, write: Callable[..., object], tmp_path: Path
+) -> None:
     file, pipe = tmp_path / f"file-{name}", tmp_path / name
     write(file, *MORE.get(write, []))
     os.mkfifo(pipe)
@@ -100,7 +102,7 @@ def test_a_pipe_is_given_the_file_and_stays_a_pipe(name: str, write: Callable[..
     assert pipe.is_fifo()
 
 
-def test_the_command_leaves_what_was_there(
+def test_the_command_leaves_the_old_file_if_writing_fails(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
 ) -> None:
     write_motion(tmp_path / "walk.npz", WALK)

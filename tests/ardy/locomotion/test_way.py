@@ -1,4 +1,4 @@
-"""Ways: within their distance of the lines, no faster than a body can, and walked in the time that is said."""
+"""Walked paths: near their lines, within the limits of speed and acceleration, and the estimate of their duration."""
 
 import math
 
@@ -26,27 +26,27 @@ def distance_to(line: np.ndarray, points: np.ndarray) -> np.ndarray:
 
 @settings(max_examples=60, deadline=None)
 @given(corners=lines, smoothing=st.sampled_from([0.0, 0.05, 0.3, 2.0]), speed=st.sampled_from([0.5, 1.2, 4.0]))
-def test_a_way_keeps_to_its_lines_and_ends_at_the_last_corner(
+def test_a_walked_path_keeps_to_its_lines_and_ends_at_the_last_corner(
     corners: list[tuple[float, float]], smoothing: float, speed: float
 ) -> None:
     line = np.array([(0.0, 0.0), *corners])
     ground = walked(np.array(corners), speed, smoothing, STANDING, FPS)
     assert np.allclose(ground[-1], line[-1], atol=1e-6)
-    # A way of up to 140 m is sampled every 0.1 m at least, and may cut its corners by that.
+    # A path of up to 140 m is sampled every 0.1 m at least, and may cut its corners by that.
     assert distance_to(line, ground).max() <= smoothing + 0.1
     steps = np.diff(np.concatenate([[[0.0, 0.0]], ground]), axis=0) * FPS
     assert np.hypot(*steps.T).max(initial=0.0) <= speed * 1.02 + 1e-6
 
 
 @pytest.mark.parametrize("distance", [0.001, 0.03, 0.05])
-def test_who_stands_gets_to_a_place_a_few_centimetres_away(distance: float) -> None:
+def test_a_place_a_few_centimetres_away_is_reached(distance: float) -> None:
     ground = walked(np.array([[0.0, distance]]), 0.5, 0.0, STANDING, FPS)
     assert np.allclose(ground[-1], (0.0, distance), atol=1e-6)
     assert len(ground) <= FPS
 
 
 def _paced_one_by_one(most: np.ndarray, steps: np.ndarray, first: float) -> np.ndarray:
-    """A second way to the same paces: each from its neighbour, forwards and back."""
+    """The same paces, computed in another way: each from its neighbour, forwards and back."""
     pace = most.copy()
     pace[0], pace[-1] = first, 0.0
     gains = 2.0 * ACCELERATION_M_S2 * steps
@@ -63,13 +63,13 @@ def _paced_one_by_one(most: np.ndarray, steps: np.ndarray, first: float) -> np.n
     step=st.floats(0.01, 4.0),
     first=st.floats(0.0, 5.0),
 )
-def test_nobody_speeds_up_or_slows_down_faster_than_a_body_can(most: list[float], step: float, first: float) -> None:
+def test_paces_respect_the_acceleration_limit(most: list[float], step: float, first: float) -> None:
     steps = np.full(len(most) - 1, step)
     expected = _paced_one_by_one(np.array(most), steps, first)
     assert paced(np.array(most), steps, first) == pytest.approx(expected, abs=1e-5)
 
 
-def test_a_way_that_takes_too_long_is_not_worked_out() -> None:
+def test_a_path_that_takes_too_long_is_refused_with_its_duration() -> None:
     slow = np.array([[0.0, 100.0]])
     assert len(walked(slow, 0.1, 0.0, STANDING, FPS, 1100.0)) > 1000 * FPS
     with pytest.raises(WayTooLong) as caught:
@@ -77,14 +77,14 @@ def test_a_way_that_takes_too_long_is_not_worked_out() -> None:
     assert caught.value.seconds == pytest.approx(1000.0, rel=0.01)
 
 
-def test_a_corner_is_cut_by_the_distance_that_is_allowed_and_no_more() -> None:
+def test_a_corner_is_cut_by_the_allowed_distance() -> None:
     line = np.array([(0.0, 0.0), (0.0, 5.0), (5.0, 5.0)])
     way = rounded(line, 0.3)
     assert 0.2 < distance_to(line, way).max() <= 0.3
     assert np.hypot(*(way - line[1]).T).min() == pytest.approx(0.3, abs=0.01)
 
 
-def test_it_begins_at_the_speed_there_is_and_ends_in_a_stand() -> None:
+def test_a_path_starts_at_the_present_speed_and_ends_at_rest() -> None:
     going = RootState(0.0, 0.0, 0.0, 1.2, 0.0)
     along = np.diff(np.concatenate([[0.0], walked(np.array([[0.0, 6.0]]), 1.2, 0.3, going, FPS)[:, 1]])) * FPS
     assert along[0] == pytest.approx(1.2, abs=0.05)
@@ -94,13 +94,13 @@ def test_it_begins_at_the_speed_there_is_and_ends_in_a_stand() -> None:
     assert np.abs(np.diff(speeds)).max() <= 1.1 * ACCELERATION_M_S2 / FPS + 0.02
 
 
-def test_who_faces_away_turns_before_it_walks() -> None:
+def test_a_character_that_faces_away_turns_before_it_walks() -> None:
     ground = walked(np.array([[0.0, -5.0]]), 1.2, 0.3, STANDING, FPS)
     assert np.allclose(ground[: FPS // 2], 0.0, atol=1e-6)
     assert len(ground) > len(walked(np.array([[0.0, 5.0]]), 1.2, 0.3, STANDING, FPS))
 
 
-def test_a_way_to_where_one_is_takes_no_time() -> None:
+def test_a_path_to_the_present_place_takes_one_frame() -> None:
     assert len(walked(np.array([[0.0, 0.0]]), 1.2, 0.3, STANDING, FPS)) == 1
 
 
@@ -114,12 +114,12 @@ def test_a_way_to_where_one_is_takes_no_time() -> None:
         ((0.0, 0.0), math.pi / 2, 0.6, 1.5),
     ],
 )
-def test_walking_takes_the_time_of_the_way_and_of_the_turns(
+def test_estimated_walking_time_covers_the_path_and_the_turns(
     place: tuple[float, float], heading: float | None, least: float, most: float
 ) -> None:
     assert least <= walking_s(STANDING, place, heading) <= most
 
 
-def test_who_runs_already_is_there_sooner() -> None:
+def test_a_running_character_arrives_sooner_than_a_standing_one() -> None:
     running = RootState(0.0, 0.0, 0.0, 3.0, 0.0)
     assert walking_s(running, (0.0, 9.0), None) < 0.6 * walking_s(STANDING, (0.0, 9.0), None)

@@ -1,4 +1,4 @@
-"""Compare layers that have kernels between their products with layers without; Triton interprets the kernels.
+"""Layers with fused kernels between their matrix products, against plain layers; Triton interprets the kernels.
 
 `test_fused.py` runs this in a separate process, because Triton decides whether to interpret when it is first imported.
 """
@@ -45,7 +45,7 @@ def groups_of(*shapes: tuple[int, int, int, int]) -> list[Group]:
 @pytest.mark.parametrize("norm_first", [False, True])
 @pytest.mark.parametrize("activation", ["gelu", "relu"])
 @torch.inference_mode()
-def test_fused_layers_give_what_plain_ones_give(kernels: ModuleType, norm_first: bool, activation: str) -> None:
+def test_fused_layers_equal_plain_layers(kernels: ModuleType, norm_first: bool, activation: str) -> None:
     stack = stack_of(norm_first, activation)
     groups = groups_of((3, 17, 7, 10), (1, 40, 3, 37), (2, 5, 4, 1))
     vectors = torch.randn(groups[-1].end + 4, WIDTH)  # some more after the last, which must be ignored
@@ -57,7 +57,7 @@ def test_fused_layers_give_what_plain_ones_give(kernels: ModuleType, norm_first:
 
 
 @torch.inference_mode()
-def test_sums_and_norms_are_rounded_once_at_their_end(kernels: ModuleType) -> None:
+def test_add_and_norm_matches_the_float32_computation(kernels: ModuleType) -> None:
     product, stream = torch.randn(5, 96).bfloat16(), torch.randn(5, 96)
     weight, bias = torch.randn(96), torch.randn(96)
     for norm_added in (False, True):
@@ -71,7 +71,7 @@ def test_sums_and_norms_are_rounded_once_at_their_end(kernels: ModuleType) -> No
 
 
 @torch.inference_mode()
-def test_a_sequence_gets_from_the_kernels_what_it_gets_alone(kernels: ModuleType) -> None:
+def test_the_result_of_a_sequence_does_not_depend_on_its_batch(kernels: ModuleType) -> None:
     stack = stack_of(False)
     fused_layers = FusedStack(stack.layers, kernels)
     groups = groups_of((4, 17, 7, 10), (2, 5, 1, 4))

@@ -25,7 +25,7 @@ ROOT_NUMBERS = 20  # of a token of four frames
 
 
 @pytest.mark.parametrize("case", CASES)
-def test_golden_cases(golden: Any, case: str) -> None:
+def test_predictions_match_the_golden_cases(golden: Any, case: str) -> None:
     vectors = golden.vectors("denoiser_cases")
     with torch.no_grad():
         hybrid = golden.model.denoiser(
@@ -34,8 +34,8 @@ def test_golden_cases(golden: Any, case: str) -> None:
     vectors.check(f"{case}.out.hybrid", hybrid)
 
 
-def test_golden_stages(golden: Any) -> None:
-    """Every intermediate of one call; stages are checked where a token is visible."""
+def test_every_stage_matches_the_golden_vectors(golden: Any) -> None:
+    """Every intermediate result of one call; stages are checked where a token is visible."""
     vectors, denoiser = golden.vectors("denoiser_stages"), golden.model.denoiser
     window, tokens, step = vectors.window(), vectors["in.x"], vectors["in.timesteps"]
     layers: dict[str, Tensor] = {}
@@ -75,7 +75,7 @@ def record(into: dict[str, Tensor], name: str) -> Any:
     return hook
 
 
-def test_golden_positions(golden: Any) -> None:
+def test_positions_match_the_golden_vectors(golden: Any) -> None:
     vectors, denoiser = golden.vectors("positional"), golden.model.denoiser
     stage = denoiser.root_model
     assert torch.equal(stage.positions(vectors["in.signed_index"]), vectors["const.motion_position_rows"])
@@ -148,7 +148,7 @@ def test_a_row_does_not_depend_on_the_batch(golden: Any, variant: str) -> None:
 
 
 @pytest.mark.parametrize("variant", VARIANTS)
-def test_history_passes_unchanged_and_every_weight_learns(golden: Any, variant: str) -> None:
+def test_history_passes_unchanged_and_every_weight_has_a_gradient(golden: Any, variant: str) -> None:
     layout = golden.model.representation
     denoiser = make_denoiser(layout, **VARIANTS[variant]).train()
     window = make_window(layout, ROWS, 9)
@@ -170,7 +170,7 @@ def test_the_body_stage_does_not_train_the_root_stage(golden: Any) -> None:
     assert all(weight.grad.any() for weight in denoiser.body_model.output_linear.parameters())
 
 
-def test_every_weight_takes_part_in_a_batch_without_future(golden: Any) -> None:
+def test_every_weight_has_a_gradient_in_a_batch_without_future(golden: Any) -> None:
     """Distributed training waits for the gradient of every weight."""
     layout = golden.model.representation
     denoiser = make_denoiser(layout).train()
@@ -179,7 +179,7 @@ def test_every_weight_takes_part_in_a_batch_without_future(golden: Any) -> None:
     assert [name for name, weight in denoiser.named_parameters() if weight.grad is None] == []
 
 
-def test_goals_of_zero_mask_are_no_goals(golden: Any) -> None:
+def test_goals_with_an_empty_mask_have_no_effect(golden: Any) -> None:
     layout = golden.model.representation
     denoiser = make_denoiser(layout)
     window = make_window(layout, ROWS, 9)
@@ -191,7 +191,7 @@ def test_goals_of_zero_mask_are_no_goals(golden: Any) -> None:
         assert (denoiser(tokens, step, window) - free).abs().max() > 1e-3, "goals matter"
 
 
-def test_hidden_text_does_not_matter(golden: Any) -> None:
+def test_masked_text_has_no_effect(golden: Any) -> None:
     layout = golden.model.representation
     denoiser = make_denoiser(layout, use_text_mask=True, text_tokens=3)
     window = make_window(layout, [(1, 2, 0)], 3)
@@ -206,7 +206,7 @@ def test_hidden_text_does_not_matter(golden: Any) -> None:
     assert (masked - shown).abs().max() > 1e-4
 
 
-def test_mixed_precision_stays_close(golden: Any) -> None:
+def test_mixed_precision_is_close_to_full_precision(golden: Any) -> None:
     vectors, denoiser = golden.vectors("denoiser_stages"), golden.model.denoiser
     with torch.no_grad(), torch.autocast("cpu", torch.bfloat16):
         hybrid = denoiser(vectors["in.x"], vectors["in.timesteps"], vectors.window())
@@ -214,7 +214,7 @@ def test_mixed_precision_stays_close(golden: Any) -> None:
     assert (hybrid - vectors["out.hybrid"]).abs().max() < 0.1
 
 
-def test_names_are_those_of_released_files(golden: Any) -> None:
+def test_parameter_names_are_those_of_released_files(golden: Any) -> None:
     denoiser = golden.model.denoiser
     assert isinstance(denoiser, TwoStageDenoiser)
     names = {name.split(".")[0] for name in denoiser.state_dict()}

@@ -13,13 +13,13 @@ from motiongen_ardy.model.diffusion import cosine_schedule
 SCHEDULES = (1, 2, 3, 4, 5, 10)
 
 
-def test_base_table(common_vectors: Any) -> None:
+def test_the_base_schedule_matches_the_golden_vectors(common_vectors: Any) -> None:
     vectors = common_vectors("diffusion")
     vectors.check_equal("base.out.alphas_cumprod", cosine_schedule(10).signal)
 
 
 @pytest.mark.parametrize("num_steps", SCHEDULES)
-def test_shortened_tables(common_vectors: Any, num_steps: int) -> None:
+def test_shortened_schedules_match_the_golden_vectors(common_vectors: Any, num_steps: int) -> None:
     vectors, schedule, case = common_vectors("diffusion"), cosine_schedule(10), f"n{num_steps}.out"
     used = slice(0, num_steps)
     assert schedule.base_step[num_steps, used].tolist() == vectors[f"{case}.use_timesteps"][used].tolist()
@@ -28,7 +28,7 @@ def test_shortened_tables(common_vectors: Any, num_steps: int) -> None:
 
 
 @pytest.mark.parametrize("num_steps", SCHEDULES)
-def test_reverse_step(common_vectors: Any, num_steps: int) -> None:
+def test_reverse_steps_match_the_golden_vectors(common_vectors: Any, num_steps: int) -> None:
     vectors = common_vectors("diffusion")
     noisy, clean = vectors["step.in.x_t"], vectors["step.in.x_0"]
     moved = [
@@ -64,7 +64,7 @@ def test_a_perfect_prediction_keeps_the_noise(num_steps: int, seed: int) -> None
         torch.testing.assert_close(moved, expected, atol=2e-5, rtol=0)
 
 
-def test_added_noise_has_the_base_level() -> None:
+def test_added_noise_follows_the_cosine_schedule() -> None:
     schedule = cosine_schedule(10)
     clean, noise = torch.full((10, 1, 1), 3.0), torch.full((10, 1, 1), -1.0)
     noisy = schedule.add_noise(clean, noise, torch.arange(10)).flatten()
@@ -74,6 +74,6 @@ def test_added_noise_has_the_base_level() -> None:
     assert noisy[:9].tolist() == pytest.approx(expected, abs=1e-5)
 
 
-def test_a_schedule_needs_a_step() -> None:
+def test_a_schedule_without_steps_is_refused() -> None:
     with pytest.raises(ValueError, match="at least 1 step"):
         cosine_schedule(0)

@@ -1,4 +1,4 @@
-"""Layers with kernels between their products: what they give, and where they are not used."""
+"""Layers with fused kernels between their matrix products: their results, and where they are not used."""
 
 from __future__ import annotations
 
@@ -21,7 +21,7 @@ ROOT = Path(__file__).parents[3]
 LIMIT_S = 600
 
 
-def test_kernels_that_are_interpreted_give_what_torch_gives() -> None:
+def test_interpreted_kernels_give_the_results_of_torch() -> None:
     command = [sys.executable, "-m", "pytest", "-q", "-p", "no:xdist", "-p", "no:cacheprovider", fused_layers.__file__]
     environment = {**os.environ, "TRITON_INTERPRET": "1"}
     done = subprocess.run(command, cwd=ROOT, env=environment, capture_output=True, text=True, timeout=LIMIT_S)
@@ -29,11 +29,11 @@ def test_kernels_that_are_interpreted_give_what_torch_gives() -> None:
     assert re.search(r"^6 passed", done.stdout, re.MULTILINE), done.stdout
 
 
-def test_processors_are_left_to_torch() -> None:
+def test_on_a_cpu_the_kernels_are_not_used() -> None:
     assert fused_stack(stack_of(False).layers) is None
 
 
-def test_a_machine_without_a_compiler_is_warned_of_and_served(
+def test_a_machine_without_a_compiler_falls_back_with_a_warning(
     monkeypatch: pytest.MonkeyPatch, caplog: pytest.LogCaptureFixture
 ) -> None:
     monkeypatch.setitem(sys.modules, "motiongen_ardy.model.packed.kernels", None)

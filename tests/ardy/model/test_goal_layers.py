@@ -1,4 +1,4 @@
-"""What constraints add: of the root alone by few columns, of more by all, whoever else is in the batch."""
+"""The layers for constraints: few columns for the root alone, all for others, and the same result in any batch."""
 
 from __future__ import annotations
 
@@ -14,7 +14,7 @@ ROOT = ROOT_WIDTH * PATCH
 
 
 def goals(beyond: list[bool]) -> tuple[TokenGoals, Tensor, Tensor]:
-    """Tokens of random numbers at random places, of the root alone where not `beyond`, with all that was drawn."""
+    """Random constraints of some tokens, on the root alone where not `beyond`; and their values and mask."""
     draw = torch.Generator().manual_seed(3)
     mask = (torch.rand(len(beyond), PATCH, FEATURES, generator=draw) < 0.5).float()
     mask[~torch.tensor(beyond), :, ROOT_WIDTH:] = 0
@@ -23,7 +23,7 @@ def goals(beyond: list[bool]) -> tuple[TokenGoals, Tensor, Tensor]:
 
 
 @pytest.mark.parametrize("reads_root", [True, False])
-def test_the_sum_is_that_of_all_columns(reads_root: bool) -> None:
+def test_the_sum_equals_that_over_all_columns(reads_root: bool) -> None:
     told, observed, mask = goals([False, True, False])
     parts = [observed[..., :ROOT_WIDTH].flatten(1)] if reads_root else []
     inputs = torch.cat([*parts, observed[..., ROOT_WIDTH:].flatten(1), mask.flatten(1)], dim=1)
@@ -34,7 +34,7 @@ def test_the_sum_is_that_of_all_columns(reads_root: bool) -> None:
     assert told.beyond_root.tolist() == [False, True, False]
 
 
-def test_a_token_gets_the_same_in_any_company() -> None:
+def test_the_result_of_a_token_does_not_depend_on_its_batch() -> None:
     told, _, _ = goals([False, True, False, False])
     weight = torch.randn(WIDTH, ROOT + 2 * PATCH * FEATURES - ROOT, generator=torch.Generator().manual_seed(5))
     layer = GoalLayer(weight, torch.zeros(WIDTH), PATCH, reads_root=True)
@@ -43,7 +43,7 @@ def test_a_token_gets_the_same_in_any_company() -> None:
         assert torch.equal(layer(told.between(index, index + 1))[0], together[index])
 
 
-def test_no_token_at_all() -> None:
+def test_an_empty_batch_of_tokens_gives_an_empty_result() -> None:
     told, _, _ = goals([False])
     layer = GoalLayer(torch.randn(WIDTH, 2 * PATCH * FEATURES - ROOT), torch.zeros(WIDTH), PATCH, reads_root=False)
     assert layer(told.between(0, 0)).shape == (0, WIDTH)

@@ -19,7 +19,7 @@ from motiongen_ardy.text import load_text_encoder
 
 PROMPT = "a person walks forward"
 WINDOW = 40
-# Of the second window: its first and second frame, one amid it, and its last.
+# Frames of the second window: its first and second, one in its middle, and its last.
 PHASES = {"first": WINDOW, "second": WINDOW + 1, "middle": WINDOW + 20, "last": 2 * WINDOW - 1}
 NEAR_M, NEAR_RAD = 0.02, 0.1
 
@@ -57,7 +57,7 @@ def sampler() -> Sampler:
 
 @pytest.fixture(scope="module")
 def results(sampler: Sampler) -> dict[tuple[str, str], Result]:
-    """A walk for each kind and phase, whose goal is a pose of another seed's walk where this one would be then."""
+    """A walk for each kind and phase; its goal is a pose of another seed's walk, moved to where this one would be."""
     takes = [Take("plain", seed, max(PHASES.values()) + 1, ((0, PROMPT),)) for seed in (1, 2)]
     own, other = sampler.run(takes)
     asked = {}
@@ -72,7 +72,9 @@ def results(sampler: Sampler) -> dict[tuple[str, str], Result]:
 
 @pytest.mark.parametrize("phase", PHASES)
 @pytest.mark.parametrize("kind", KINDS)
-def test_a_goal_is_met(sampler: Sampler, results: dict[tuple[str, str], Result], kind: str, phase: str) -> None:
+def test_a_goal_is_met_at_any_frame_of_the_window(
+    sampler: Sampler, results: dict[tuple[str, str], Result], kind: str, phase: str
+) -> None:
     result, frame, skeleton = results[kind, phase], PHASES[phase], sampler.model.skeleton
     targets = result.take.targets
     assert targets is not None

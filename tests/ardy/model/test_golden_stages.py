@@ -1,4 +1,4 @@
-"""What lies between input and result: every intermediate array of the golden files that other tests do not name."""
+"""Intermediate results: every array of the golden files that other tests do not check."""
 
 from __future__ import annotations
 
@@ -21,7 +21,7 @@ from tests.ardy.model.test_rollout import golden_request
 
 
 class Recorder:
-    """What passes through modules: their first input and their output, the latest of each."""
+    """Records, for each module, the first input and the output of its latest call."""
 
     def __init__(self, **modules: nn.Module) -> None:
         self.given: dict[str, Tensor] = {}
@@ -43,7 +43,7 @@ class Recorder:
 
 
 @pytest.mark.parametrize("file", ["denoiser_cases", "denoiser_stages", "guidance"])
-def test_frames_and_tokens_follow_from_lengths(golden: GoldenModel, file: str) -> None:
+def test_masks_of_frames_and_tokens_follow_from_lengths(golden: GoldenModel, file: str) -> None:
     vectors = golden.vectors(file)
     for case in [f"{name}." for name in CASES] if file == "denoiser_cases" else [""]:
         window = vectors.window(case)
@@ -53,7 +53,7 @@ def test_frames_and_tokens_follow_from_lengths(golden: GoldenModel, file: str) -
 
 
 @pytest.mark.parametrize("stage", ["root", "body"])
-def test_what_a_stage_is_made_of(golden: GoldenModel, stage: str) -> None:
+def test_intermediate_results_of_a_stage(golden: GoldenModel, stage: str) -> None:
     vectors, denoiser = golden.vectors("denoiser_stages"), golden.model.denoiser
     window, model = vectors.window(), getattr(denoiser, f"{stage}_model")
     kind = "global" if stage == "root" else "local"
@@ -93,7 +93,7 @@ def tokenizer_of(golden: GoldenModel) -> Tokenizer:
     return golden.model.tokenizer
 
 
-def test_what_the_tokenizer_is_made_of(golden: GoldenModel) -> None:
+def test_intermediate_results_of_the_tokenizer(golden: GoldenModel) -> None:
     tokenizer, vectors = tokenizer_of(golden), golden.vectors("tokenizer")
     valid, kept = vectors["in.pad_mask"], vectors["out.token_mask"]
     with Recorder(encoder=tokenizer.encoder.seqTransEncoder) as seen, torch.no_grad():
@@ -113,7 +113,7 @@ def test_what_the_tokenizer_is_made_of(golden: GoldenModel) -> None:
     assert torch.equal(tokenizer.encoder.positions(torch.arange(len(expected))), expected)
 
 
-def test_statistics(golden: GoldenModel) -> None:
+def test_statistics_match_the_golden_vectors(golden: GoldenModel) -> None:
     vectors, layout, tokenizer = golden.vectors("normalization"), golden.model.representation, tokenizer_of(golden)
     features = layout.feature_stats
     for name, mean, scale in (
@@ -127,7 +127,7 @@ def test_statistics(golden: GoldenModel) -> None:
         vectors.check(f"const.{name}.std_eps", scale)
 
 
-def test_features_on_the_way(golden: GoldenModel) -> None:
+def test_intermediate_results_of_features(golden: GoldenModel) -> None:
     layout, vectors = golden.model.representation, golden.vectors("features")
     rotations, positions = forward_kinematics(
         layout.skeleton, vectors["in.local_rot_mats"], vectors["in.root_positions"]
@@ -141,7 +141,7 @@ def test_features_on_the_way(golden: GoldenModel) -> None:
     vectors.check("inverse.out.global_root_heading", features[..., 3:ROOT_WIDTH])
 
 
-def test_positions_around_the_root(golden: GoldenModel) -> None:
+def test_positions_relative_to_the_root(golden: GoldenModel) -> None:
     vectors = golden.vectors("kinematics")
     _, positions = forward_kinematics(
         golden.model.skeleton, vectors["in.local_rot_mats"], torch.zeros_like(vectors["in.root_positions"])
@@ -149,7 +149,7 @@ def test_positions_around_the_root(golden: GoldenModel) -> None:
     vectors.check("out.posed_joints_from_root", positions)
 
 
-def test_root_in_natural_units(golden: GoldenModel) -> None:
+def test_the_root_in_natural_units(golden: GoldenModel) -> None:
     layout, vectors = golden.model.representation, golden.vectors("root")
     root, lengths = vectors["in.root_normalized"], vectors["in.lengths"]
     vectors.check("out.root_unnormalized", layout.root_stats.denormalize(root))
@@ -164,8 +164,8 @@ def test_root_in_natural_units(golden: GoldenModel) -> None:
 @pytest.mark.parametrize(
     ("file", "case"), [("window_first", "plain"), ("window_next", "full"), ("window_next", "short")]
 )
-def test_every_clean_prediction(golden: GoldenModel, file: str, case: str) -> None:
-    """A step's result and what it was given tell the prediction; the last step's result is the prediction itself."""
+def test_clean_predictions_of_every_step(golden: GoldenModel, file: str, case: str) -> None:
+    """The prediction follows from a step's input and result; the last step's result is the prediction itself."""
     vectors, model = golden.vectors(file), golden.model
     request = golden_request(vectors, case)
     schedule, predictions = cosine_schedule(model.config.num_base_steps), []
@@ -185,7 +185,7 @@ def test_every_clean_prediction(golden: GoldenModel, file: str, case: str) -> No
 
 
 def test_each_pass_of_the_first_step(golden: GoldenModel) -> None:
-    """Text, constraints and neither, pass after pass, at the noisiest base step."""
+    """The passes with text only, with constraints only and with neither, at the noisiest base step."""
     vectors, model = golden.vectors("window_next"), golden.model
     request = golden_request(vectors, "full")
     schedule = cosine_schedule(model.config.num_base_steps)
@@ -211,8 +211,8 @@ def test_history_is_encoded_and_recentred(golden: GoldenModel, case: str) -> Non
 
 
 @pytest.mark.parametrize("num_steps", [1, 2, 3, 4, 5, 10])
-def test_schedules_by_other_formulas(common_vectors: Callable[[str], Vectors], num_steps: int) -> None:
-    """The reference's tables of square roots, against ours of variances."""
+def test_schedules_match_the_golden_square_roots(common_vectors: Callable[[str], Vectors], num_steps: int) -> None:
+    """The reference stores tables of square roots; ours hold variances."""
     vectors, schedule, case = common_vectors("diffusion"), cosine_schedule(10), f"n{num_steps}.out"
     kept = schedule.remaining[num_steps, :num_steps].double()
     for name, ours in (

@@ -1,4 +1,4 @@
-"""Which numbers of rows are recorded before anybody waits: all numbers of their sequences are among them."""
+"""The numbers of rows that are recorded beforehand: they cover every number of sequences."""
 
 from __future__ import annotations
 
@@ -17,5 +17,5 @@ def test_all_numbers_of_sequences_are_recorded(passes: int, most: int) -> None:
     assert {filled_size(size) for size in sizes} == {filled_size(rows) for rows in range(1, most + 1)}
 
 
-def test_with_one_pass_these_are_the_sizes_themselves() -> None:
+def test_with_one_pass_the_recorded_numbers_are_the_sizes() -> None:
     assert sizes_up_to(96) == [size for size in SIZES if size <= 96]

@@ -1,4 +1,4 @@
-"""What is read and written when a graph is replayed, and that nothing changes."""
+"""Replayed graphs: what they read and write, and the same results as without them."""
 
 from __future__ import annotations
 
@@ -23,7 +23,7 @@ def sums(values: Tensor, more: Tensor | None = None) -> tuple[Tensor, ...]:
 
 @settings(deadline=None, max_examples=30)
 @given(st.lists(st.tuples(st.integers(1, 40), st.integers(1, 5), st.booleans()), max_size=8))
-def test_what_is_replayed_of_rows_is_what_the_function_gives(calls: list[tuple[int, int, bool]]) -> None:
+def test_replayed_graphs_give_the_results_of_the_function(calls: list[tuple[int, int, bool]]) -> None:
     graphed = GraphedRows(sums, eager(TapeRecorder(), most=3))
     for count, length, has_more in calls:
         given = [torch.randn(count, length), *([torch.randn(count)] if has_more else [])]
@@ -31,7 +31,7 @@ def test_what_is_replayed_of_rows_is_what_the_function_gives(calls: list[tuple[i
             assert torch.equal(found, expected)
 
 
-def test_numbers_of_rows_that_fill_up_alike_share_a_graph_and_other_shapes_do_not() -> None:
+def test_row_counts_padded_to_one_size_share_a_graph_and_other_shapes_do_not() -> None:
     recorder = TapeRecorder()
     graphed = GraphedRows(sums, eager(recorder))
     for count in (13, 16, 14):
@@ -43,14 +43,14 @@ def test_numbers_of_rows_that_fill_up_alike_share_a_graph_and_other_shapes_do_no
 
 
 @pytest.mark.parametrize("rows", [1, 3, 17, 100, 512, 513, 2000])
-def test_batches_are_filled_up_to_few_sizes_and_by_less_than_twice(rows: int) -> None:
+def test_batches_are_padded_to_few_sizes_and_less_than_doubled(rows: int) -> None:
     filled = filled_size(rows)
     assert rows <= filled < 2 * rows
     assert filled in SIZES or filled % SIZES[-1] == 0
 
 
-def test_a_denoiser_with_recorded_layers_gives_what_the_plain_one_gives(monkeypatch: pytest.MonkeyPatch) -> None:
-    # Which the processor alone does: it need not wait for itself.
+def test_a_denoiser_with_recorded_layers_equals_the_plain_one(monkeypatch: pytest.MonkeyPatch) -> None:
+    # Only a CPU checks positions, since it need not wait for itself.
     monkeypatch.setattr(PositionTable, "checked", lambda table, positions: positions - table.lowest)
     model = load_checkpoint(GOLDEN / "tiny-core27" / "checkpoint")
     recorder = TapeRecorder()
@@ -59,6 +59,5 @@ def test_a_denoiser_with_recorded_layers_gives_what_the_plain_one_gives(monkeypa
         packed = PackedDenoiser(model.denoiser, config.num_base_steps, config.horizon, torch.float32, eager(recorder))
         for shapes in ([(4, 0, False)], [(3, 0, False), (0, 0, False)], [(4, 3, True), (2, 0, True), (0, 1, True)]):
             assert_equal(model, packed, shapes, GuidanceWeights(2, 1.5), 1)
-    # Groups of the batches, where passes that are not told the future are a shape of their own: of each a replay in
-    # either of two steps.
+    # One replay for each group of a batch and each of two steps; passes without the future are a group of their own.
     assert recorder.num_replays == (1 + 2 + 4) * 2

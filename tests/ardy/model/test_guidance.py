@@ -23,7 +23,9 @@ WEIGHT = st.sampled_from([0.0, 0.3, 1.0, 1.5, 2.0]) | st.floats(-4, 8)
 @pytest.mark.parametrize("needed_only", [False, True])
 @pytest.mark.parametrize("constrained", [False, True])
 @pytest.mark.parametrize("mode", MODES)
-def test_golden(golden: Any, mode: Any, constrained: bool, needed_only: bool) -> None:
+def test_guided_predictions_match_the_golden_vectors(
+    golden: Any, mode: Any, constrained: bool, needed_only: bool
+) -> None:
     vectors = golden.vectors("guidance")
     window = vectors.window() if constrained else vectors.window().without_constraints()
     weights = GuidanceWeights(vectors["in.weight_text"].item(), vectors["in.weight_constraint"].item())
@@ -36,7 +38,7 @@ def test_golden(golden: Any, mode: Any, constrained: bool, needed_only: bool) ->
 
 
 @pytest.mark.parametrize("mode", ["separated", "regular"])
-def test_golden_passes(golden: Any, mode: Any) -> None:
+def test_single_passes_match_the_golden_vectors(golden: Any, mode: Any) -> None:
     vectors = golden.vectors("guidance")
     passes = full_passes(mode, GuidanceWeights())
     predictions = []
@@ -67,10 +69,10 @@ def test_rows_are_guided_by_their_own_weights(golden: Any) -> None:
 
 @settings(deadline=None)
 @given(st.sampled_from(list(MODES)), WEIGHT, WEIGHT, st.booleans(), st.booleans())
-def test_needed_passes_are_the_same_sum(
+def test_needed_passes_have_the_same_sum_as_all_passes(
     mode: Any, text: float, constraint: float, has_text: bool, has_constraints: bool
 ) -> None:
-    """Whatever the four evaluations give, the needed passes weigh it as the formula does."""
+    """Whatever the four evaluations give, the needed passes weight them as the formula does."""
     weights = GuidanceWeights(text, constraint)
     passes = needed_passes(mode, weights, has_text, has_constraints)
     value = {(False, False): 0.7, (True, False): -1.3, (False, True): 2.9, (True, True): 0.11}
@@ -83,7 +85,7 @@ def test_needed_passes_are_the_same_sum(
     )
     told = [(one.with_text, one.with_constraints) for one in passes]
     assert len(set(told)) == len(told), "no evaluation is done twice"
-    assert all(one.weight for one in passes), "no evaluation is done for nothing"
+    assert all(one.weight for one in passes), "no evaluation has the weight 0"
     assert all(has_text or not one.with_text for one in passes)
     assert all(has_constraints or not one.with_constraints for one in passes)
     assert len(passes) > 1 or passes[0].weight == 1.0
@@ -105,7 +107,7 @@ def test_number_of_passes(has_text: bool, has_constraints: bool, weights: Guidan
     assert len(needed_passes("separated", weights, has_text, has_constraints)) == count
 
 
-def test_without_guidance_the_weights_do_not_count() -> None:
+def test_without_guidance_the_weights_have_no_effect() -> None:
     assert needed_passes("none", GuidanceWeights(7, 9), True, True) == (Pass(True, True, 1.0),)
 
 

@@ -1,4 +1,4 @@
-"""The packed denoiser gives what the plain one gives, for rows that have nothing in common but the model."""
+"""The packed denoiser gives the results of the plain one, for rows that share nothing but the model."""
 
 from __future__ import annotations
 
@@ -66,7 +66,7 @@ WEIGHTS = st.sampled_from([GuidanceWeights(2, 2), GuidanceWeights(0, 1), Guidanc
 
 
 @pytest.mark.parametrize("name", ["tiny-core27", "tiny-g134"])
-def test_rows_of_any_shape_together(name: str) -> None:
+def test_rows_of_any_shapes_in_one_batch_equal_the_plain_denoiser(name: str) -> None:
     model = load_checkpoint(GOLDEN / name / "checkpoint")
     packed = PackedDenoiser(model.denoiser, model.config.num_base_steps, model.config.horizon, torch.float32)
 
@@ -79,7 +79,7 @@ def test_rows_of_any_shape_together(name: str) -> None:
 
 
 @pytest.mark.parametrize("name", VARIANTS)
-def test_every_variant_of_the_denoiser(name: str) -> None:
+def test_every_variant_equals_the_plain_denoiser(name: str) -> None:
     base = load_checkpoint(GOLDEN / "tiny-core27" / "checkpoint")
     torch.manual_seed(0)
     layout = base.representation
@@ -104,7 +104,7 @@ def assert_equal(
             assert (packed.predict(batch, noisy, step) - expected).abs().max() < TOLERANCE
 
 
-def test_bfloat16_stays_near_float32() -> None:
+def test_bfloat16_is_close_to_float32() -> None:
     model = load_checkpoint(GOLDEN / "tiny-core27" / "checkpoint")
     packed = PackedDenoiser(model.denoiser, model.config.num_base_steps, model.config.horizon, torch.bfloat16)
     with torch.no_grad():
@@ -114,7 +114,7 @@ def test_bfloat16_stays_near_float32() -> None:
     assert difference.square().mean().sqrt() < 0.05 * expected.square().mean().sqrt()
 
 
-def test_weights_that_are_held_packed_need_not_be_held_twice() -> None:
+def test_original_weights_can_be_released_once_packed() -> None:
     model = load_checkpoint(GOLDEN / "tiny-core27" / "checkpoint")
     packed = PackedDenoiser(model.denoiser, model.config.num_base_steps, model.config.horizon, torch.float32)
     with torch.no_grad():
@@ -149,7 +149,7 @@ def test_a_pass_that_guidance_does_not_need_is_not_computed() -> None:
 
 @pytest.mark.parametrize("dtype", [torch.float32, torch.bfloat16])
 @pytest.mark.parametrize("activation", [None, functional.gelu, functional.relu])
-def test_a_packed_linear_layer(dtype: torch.dtype, activation: None) -> None:
+def test_a_packed_linear_layer_equals_the_plain_one(dtype: torch.dtype, activation: None) -> None:
     layer = nn.Linear(24, 40)
     packed = PackedLinear.of(layer, dtype, activation)
     values, addend = torch.randn(7, 24), torch.randn(7, 40)
@@ -166,7 +166,7 @@ def test_an_unknown_activation_is_refused() -> None:
         PackedLinear.of(nn.Linear(2, 2), torch.float32, torch.tanh)
 
 
-def test_the_least_size_is_the_one_from_which_on_all_agree() -> None:
+def test_least_agreeing_is_the_size_from_which_on_all_results_agree() -> None:
     values = torch.randn(64, 3)
 
     def product(count: int) -> Tensor:
@@ -178,8 +178,8 @@ def test_the_least_size_is_the_one_from_which_on_all_agree() -> None:
 
 @pytest.mark.parametrize("dtype", [torch.float32, torch.bfloat16])
 @pytest.mark.parametrize(("width", "outputs"), [(256, 768), (512, 256), (1024, 512), (2620, 256), (325, 32)])
-def test_a_vector_gets_the_same_in_any_company(width: int, outputs: int, dtype: torch.dtype) -> None:
-    """Of sums that are all rounding, in which another order shows at once."""
+def test_the_result_of_a_vector_does_not_depend_on_its_batch(width: int, outputs: int, dtype: torch.dtype) -> None:
+    """With sums that cancel but for their rounding errors, so that another order of summation would show."""
     halves = torch.randn(600, width // 2)
     values = torch.cat([halves, -halves, torch.zeros(600, width % 2)], dim=1).to(dtype)
     layer = nn.Linear(width, outputs)
@@ -193,7 +193,7 @@ def test_a_vector_gets_the_same_in_any_company(width: int, outputs: int, dtype: 
 
 
 @pytest.mark.parametrize("shape", [(3, 8), (2, 5, 8), (1, 0, 8)])
-def test_a_layer_that_is_filled_up_gives_what_it_gives_otherwise(shape: tuple[int, ...]) -> None:
+def test_a_layer_gives_the_same_results_when_its_batch_is_padded(shape: tuple[int, ...]) -> None:
     torch.manual_seed(0)
     packed, values = PackedLinear.of(nn.Linear(8, 4), torch.float32), torch.randn(shape)
     plain, added = packed(values), packed.plus(values, torch.ones(*shape[:-1], 4))
@@ -204,8 +204,8 @@ def test_a_layer_that_is_filled_up_gives_what_it_gives_otherwise(shape: tuple[in
 
 
 @pytest.mark.parametrize("norm_first", [False, True])
-def test_what_is_read_of_the_last_layer_is_what_all_of_it_would_give(norm_first: bool) -> None:
-    """Bit for bit: a vector that is not read has no part in those that are, but by its key and value."""
+def test_reading_part_of_the_last_layer_equals_computing_all_of_it(norm_first: bool) -> None:
+    """Bit for bit: a vector that is not read affects those that are read by its key and value only."""
     torch.manual_seed(2)
     config = TransformerConfig(width=32, feed_forward=64, num_layers=2, num_heads=4, norm_first=norm_first)
     plain = TransformerStack(config).eval()

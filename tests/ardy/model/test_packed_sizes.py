@@ -1,4 +1,4 @@
-"""How many kernels products of all sizes need: each is made once and takes memory."""
+"""The number of kernels that products of all sizes need; each is made once and takes memory."""
 
 from __future__ import annotations
 
@@ -21,7 +21,7 @@ for count in range(1, {MOST} + 1):
 """
 
 
-def test_sizes_are_few_and_little_is_computed_for_nothing() -> None:
+def test_padded_sizes_are_few_and_waste_little() -> None:
     filled = [filled_size(count) for count in range(1, 4097)]
     assert filled == sorted(filled)
     assert all(filled_size(size) == size for size in filled)
@@ -32,10 +32,10 @@ def test_sizes_are_few_and_little_is_computed_for_nothing() -> None:
 
 
 def test_a_kernel_serves_many_sizes() -> None:
-    """As oneDNN itself tells of those that it makes; none where it is not used."""
+    """Counted in oneDNN's own log of the kernels that it makes; there are none where it is not used."""
     environment = {**os.environ, "ONEDNN_VERBOSE": "profile_create", "ONEDNN_PRIMITIVE_CACHE_CAPACITY": "1024"}
     done = subprocess.run([sys.executable, "-c", PRODUCTS], env=environment, capture_output=True, text=True, check=True)
     _, served = done.stdout.split("packed\n")
     made = [line for line in served.splitlines() if "create:cache_miss" in line and "inner_product" in line]
     sizes = {filled_size(count) for count in range(1, MOST + 1)}
-    assert len(made) <= 2 * len(sizes), "one for the product alone, one for that with an addend"
+    assert len(made) <= 2 * len(sizes), "one for products alone, one for products with an addend"

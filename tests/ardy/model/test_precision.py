@@ -1,4 +1,4 @@
-"""Weights in bfloat16: which are, and how far results move."""
+"""Weights in bfloat16: which ones are, and how much results change."""
 
 from __future__ import annotations
 
@@ -17,7 +17,7 @@ TOLERANCE = 0.05
 """Of a result's spread: bfloat16 keeps 8 bits, so each product is off by up to 2^-9 of itself."""
 
 
-def test_only_matrices_of_products_are_bfloat16(golden: GoldenModel) -> None:
+def test_only_weight_matrices_are_bfloat16(golden: GoldenModel) -> None:
     model = load_checkpoint(golden.folder / "checkpoint", dtype=torch.bfloat16)
     held = {name: part.dtype for name, part in model.named_parameters()}
     matrices = {name for name, part in model.named_parameters() if part.dim() == 2 and "learned_prefix" not in name}
@@ -25,7 +25,7 @@ def test_only_matrices_of_products_are_bfloat16(golden: GoldenModel) -> None:
     assert {part.dtype for part in model.buffers()} <= {torch.float32, torch.int64, torch.bool}
 
 
-def test_results_are_float32_and_near(golden: GoldenModel) -> None:
+def test_results_are_float32_and_close_to_the_exact_ones(golden: GoldenModel) -> None:
     vectors = golden.vectors("denoiser_cases")
     window = vectors.window("history.")
     model = load_checkpoint(golden.folder / "checkpoint", dtype=torch.bfloat16)
@@ -45,7 +45,7 @@ def test_motion_generated_in_bfloat16_is_finite(golden: GoldenModel) -> None:
     assert bool(features.isfinite().all())
 
 
-def test_a_bfloat16_model_is_saved_in_the_released_type(golden: GoldenModel, tmp_path: Path) -> None:
+def test_a_bfloat16_model_is_saved_as_float32(golden: GoldenModel, tmp_path: Path) -> None:
     rounded = load_checkpoint(golden.folder / "checkpoint", dtype=torch.bfloat16)
     save_checkpoint(rounded, tmp_path)
     again = load_checkpoint(tmp_path)
@@ -54,14 +54,14 @@ def test_a_bfloat16_model_is_saved_in_the_released_type(golden: GoldenModel, tmp
         assert torch.equal(before.float(), after), name
 
 
-def test_float32_again_is_what_bfloat16_kept(golden: GoldenModel) -> None:
+def test_a_bfloat16_model_can_be_set_back_to_float32(golden: GoldenModel) -> None:
     model = load_checkpoint(golden.folder / "checkpoint", dtype=torch.bfloat16)
     set_precision(model, torch.float32)
     assert {part.dtype for part in model.parameters()} == {torch.float32}
 
 
 @pytest.mark.parametrize("dtype", [torch.float16, torch.float64, torch.int8])
-def test_another_type_is_refused(golden: GoldenModel, dtype: torch.dtype) -> None:
+def test_other_types_are_refused(golden: GoldenModel, dtype: torch.dtype) -> None:
     for load in (load_checkpoint, load_tokenizer):
         with pytest.raises(ConfigError, match=f"{dtype}; weights are held as {' or '.join(PRECISIONS)}"):
             load(golden.folder / "checkpoint", dtype=dtype)

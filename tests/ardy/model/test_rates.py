@@ -1,4 +1,4 @@
-"""Models of other rates and patches than ours: how far they see, and that they make motion of what they see."""
+"""Models of other frame rates and patch sizes: how far their windows reach, and that they generate motion."""
 
 from __future__ import annotations
 
@@ -30,8 +30,10 @@ def make_model(fps: int, patch: int, positions: PositionMode) -> Model:
 @pytest.mark.parametrize(
     ("fps", "patch", "longest"), [(1, 4, 8), (20, 4, 200), (25, 4, 248), (60, 1, 509), (240, 4, 2036), (120, 10, 1200)]
 )
-def test_a_goal_at_the_end_of_what_a_model_sees(fps: int, patch: int, longest: int, positions: PositionMode) -> None:
-    """Ten seconds, and no more than there are positions for: a goal further off waits until it comes into sight."""
+def test_motion_is_generated_with_a_goal_at_the_end_of_the_longest_window(
+    fps: int, patch: int, longest: int, positions: PositionMode
+) -> None:
+    """A window covers ten seconds, or as far as positions reach; goals further away are ignored until in sight."""
     model = make_model(fps, patch, positions)
     assert model.config.max_window_frames == longest
     targets = Targets(model.skeleton)

@@ -48,7 +48,7 @@ def golden_request(vectors: Any, case: str) -> WindowRequest:
 
 
 @pytest.mark.parametrize(("file", "case"), WINDOWS)
-def test_golden_window(golden: Any, file: str, case: str) -> None:
+def test_windows_match_the_golden_vectors(golden: Any, file: str, case: str) -> None:
     vectors, model = golden.vectors(file), golden.model
     request = golden_request(vectors, case)
     after: list[Tensor] = []
@@ -67,11 +67,11 @@ def test_golden_window(golden: Any, file: str, case: str) -> None:
     vectors.check(f"{case}.out.motion_normalized", features)
     layout = model.representation
     vectors.check(f"{case}.out.posed_joints", layout.positions(layout.denormalize(features)))
-    check_told(vectors, case, first)
+    check_denoiser_input(vectors, case, first)
 
 
-def check_told(vectors: Any, case: str, state: WindowState) -> None:
-    """What the denoiser was given, for the cases that have it recorded."""
+def check_denoiser_input(vectors: Any, case: str, state: WindowState) -> None:
+    """Check what the denoiser was given, for the cases that recorded it."""
     if f"{case}.mid.denoiser_motion_mask" not in vectors:
         return
     vectors.check_equal(f"{case}.mid.denoiser_motion_mask", state.window.mask)
@@ -81,8 +81,8 @@ def check_told(vectors: Any, case: str, state: WindowState) -> None:
     vectors.check_equal(f"{case}.mid.denoiser_future_token_mask", state.window.future_tokens)
 
 
-def test_golden_steps(golden: Any) -> None:
-    """Windows in a row, each re-encoding the last frames; a goal comes from the future into the window."""
+def test_consecutive_windows_match_the_golden_vectors(golden: Any) -> None:
+    """Each window re-encodes the last frames of the one before; a goal moves from the future into the horizon."""
     vectors, model = golden.vectors("rollout_steps"), golden.model
     targets = Targets(model.skeleton)
     targets.add_waypoints([vectors.number("in.goal_frame")], vectors["in.goal_root_2d"], vectors["in.goal_heading"])
@@ -119,7 +119,7 @@ def text_of(model: Model, seed: int = 0) -> Tensor:
     return torch.randn(model.config.denoiser.text_dim, generator=torch.Generator().manual_seed(seed))
 
 
-def test_rollout_is_its_windows_in_a_row(golden: Any) -> None:
+def test_a_rollout_equals_its_windows_generated_one_by_one(golden: Any) -> None:
     model, horizon = golden.model, golden.model.config.horizon
     request = RolloutRequest(2 * horizon, text_of(model), seed=3, num_steps=2, history_frames=8, start=(1.0, -2.0, 0.5))
     result = rollout(model, request)
@@ -135,7 +135,7 @@ def test_rollout_is_its_windows_in_a_row(golden: Any) -> None:
     assert torch.equal(result, torch.cat([first[0], second[0, 8:]]))
 
 
-def test_a_rollout_of_any_length_begins_alike(golden: Any) -> None:
+def test_a_shorter_rollout_is_the_beginning_of_a_longer_one(golden: Any) -> None:
     request = RolloutRequest(50, text_of(golden.model), seed=1, num_steps=2)
     longer = rollout(golden.model, request)
     assert longer.shape == (50, golden.model.representation.feature_dim)
@@ -153,8 +153,8 @@ def test_a_later_prompt_changes_nothing_before_it(golden: Any) -> None:
     assert not torch.equal(changed[22:40], plain[22:40])
 
 
-def test_a_start_moves_and_turns_nothing_else(golden: Any) -> None:
-    """The start is where the first window's frame lies: the same motion, moved over the ground."""
+def test_a_start_position_moves_the_motion_and_changes_nothing_else(golden: Any) -> None:
+    """The same motion, moved over the ground to the start position."""
     layout = golden.model.representation
     here = RolloutRequest(golden.model.config.horizon, text_of(golden.model), num_steps=2)
     origin = layout.denormalize(rollout(golden.model, here))
@@ -177,7 +177,7 @@ def test_goals_move_with_the_character(golden: Any) -> None:
     torch.testing.assert_close(walk(4.0, -6.0), expected, atol=1e-3, rtol=0)
 
 
-def test_how_far_a_window_looks(golden: Any) -> None:
+def test_a_window_extends_to_the_goals_in_sight(golden: Any) -> None:
     model = golden.model
     horizon, longest = model.config.horizon, model.config.max_window_frames
     assert visible_frames(model, 8, None, 100) == horizon + 8
@@ -187,23 +187,23 @@ def test_how_far_a_window_looks(golden: Any) -> None:
         targets.add_waypoints(list(frames), torch.zeros(len(frames), 2))
         return visible_frames(model, 8, targets, 100)
 
-    assert span(107) == horizon + 8, "what is decided calls for nothing"
+    assert span(107) == horizon + 8, "a goal in the history is no reason to extend it"
     assert span(110) == horizon + 8
     assert span(100 + horizon + 8) == horizon + 12
     assert span(110, 100 + horizon + 17) == horizon + 20
     assert span(99 + longest) == longest
-    assert span(100 + longest) == horizon + 8, "what is too far ahead is not seen yet"
+    assert span(100 + longest) == horizon + 8, "a goal too far ahead is not in sight yet"
     assert span(110, 100_000) == horizon + 8
 
 
 @pytest.mark.parametrize("history_frames", [0, 6, -4])
-def test_rollout_refuses_part_of_a_token(golden: Any, history_frames: int) -> None:
+def test_invalid_numbers_of_history_frames_are_refused(golden: Any, history_frames: int) -> None:
     with pytest.raises(WindowError, match="multiple of 4"):
         rollout(golden.model, RolloutRequest(8, text_of(golden.model), history_frames=history_frames))
 
 
 @pytest.mark.parametrize("frames", [[3], [0], [8, 8], [12, 8]])
-def test_rollout_refuses_prompts_out_of_order(golden: Any, frames: list[int]) -> None:
+def test_later_prompts_out_of_order_are_refused(golden: Any, frames: list[int]) -> None:
     text = text_of(golden.model)
     with pytest.raises(WindowError, match="must rise"):
         rollout(golden.model, RolloutRequest(80, text, later_text=tuple((frame, text) for frame in frames)))
@@ -219,13 +219,13 @@ def test_rollout_refuses_prompts_out_of_order(golden: Any, frames: list[int]) ->
         ({"num_frames": 40_000}, "at most"),
     ],
 )
-def test_an_impossible_window_is_refused(golden: Any, given: dict[str, Any], message: str) -> None:
+def test_an_invalid_window_request_is_refused(golden: Any, given: dict[str, Any], message: str) -> None:
     request = replace(golden_request(golden.vectors("window_first"), "plain"), **given)
     with pytest.raises(WindowError, match=message):
         start_window(golden.model, request)
 
 
-def test_a_history_of_part_of_a_token_is_refused(golden: Any) -> None:
+def test_a_history_that_is_not_whole_tokens_is_refused(golden: Any) -> None:
     request = golden_request(golden.vectors("window_next"), "short")
     with pytest.raises(WindowError, match="history has 3 frames"):
         start_window(golden.model, replace(request, history=request.history[:, 1:]))

@@ -1,4 +1,4 @@
-"""A rollout depends on its request alone, and a request that has no meaning is refused."""
+"""A rollout depends on its request alone, and an invalid request is refused."""
 
 from __future__ import annotations
 
@@ -25,12 +25,12 @@ WALK = torch.from_numpy(load_text_encoder("static").encode(["a person walks forw
 
 @pytest.fixture(scope="module")
 def mini() -> Model:
-    """The built-in model, which plans, projects and corrects all that it makes."""
+    """The built-in model, which plans, projects and corrects its motion."""
     return load_checkpoint(model_folder(BUILT_IN_MODEL))
 
 
 def aimed(model: Model, order: int = 1) -> RolloutRequest:
-    """Two windows and a half with goals of the root and of limbs, told in one order (1) or the other (-1)."""
+    """Two windows and a half with goals of the root and of limbs, added in one order (1) or the other (-1)."""
     targets = Targets(model.skeleton)
     hand, foot = model.skeleton.left_hand[0], model.skeleton.right_foot[0]
     tell: list[Any] = [
@@ -70,18 +70,18 @@ def default_dtype(dtype: torch.dtype) -> Iterator[None]:
     ],
     ids=["float64", "bfloat16", "another device", "inference mode", "autograd", "autocast"],
 )
-def test_settings_of_torch_change_nothing(mini: Model, expected: Tensor, around: Any) -> None:
+def test_settings_of_torch_do_not_change_a_rollout(mini: Model, expected: Tensor, around: Any) -> None:
     with around():
         made = rollout(mini, aimed(mini))
     assert made.dtype == torch.float32
     assert torch.equal(made, expected)
 
 
-def test_numbers_in_double_precision_are_taken(mini: Model, expected: Tensor) -> None:
+def test_text_in_double_precision_is_accepted(mini: Model, expected: Tensor) -> None:
     assert torch.equal(rollout(mini, replace(aimed(mini), text=WALK.double())), expected)
 
 
-def test_goals_of_other_frames_may_be_told_in_any_order(mini: Model, expected: Tensor) -> None:
+def test_goals_of_different_frames_may_be_added_in_any_order(mini: Model, expected: Tensor) -> None:
     assert torch.equal(rollout(mini, aimed(mini, -1)), expected)
 
 
@@ -97,12 +97,12 @@ def test_goals_of_other_frames_may_be_told_in_any_order(mini: Model, expected: T
         ({"later_text": ((20, WALK / 0),)}, "a text holds NaN or infinite"),
     ],
 )
-def test_a_request_without_meaning_is_refused(mini: Model, given: dict[str, Any], message: str) -> None:
+def test_an_invalid_request_is_refused(mini: Model, given: dict[str, Any], message: str) -> None:
     with pytest.raises(WindowError, match=message):
         rollout(mini, replace(RolloutRequest(40, WALK, num_steps=2), **given))
 
 
 @pytest.mark.parametrize("seed", [1.5, -1, 2**64])
-def test_a_seed_is_a_whole_number(mini: Model, seed: Any) -> None:
+def test_a_seed_that_is_not_a_64_bit_integer_is_refused(mini: Model, seed: Any) -> None:
     with pytest.raises(ValueError, match="must be a whole number from 0"):
         rollout(mini, RolloutRequest(4, WALK, seed=seed, num_steps=1))

@@ -19,7 +19,7 @@ def tokenizer_of(golden: GoldenModel) -> Tokenizer:
 
 
 @torch.no_grad()
-def test_encoding(golden: GoldenModel) -> None:
+def test_encoding_matches_the_golden_vectors(golden: GoldenModel) -> None:
     tokenizer, vectors = tokenizer_of(golden), golden.vectors("tokenizer")
     features, valid = vectors["in.motion_normalized"], vectors["in.pad_mask"]
     kept = vectors["out.token_mask"]
@@ -29,7 +29,7 @@ def test_encoding(golden: GoldenModel) -> None:
 
 
 @torch.no_grad()
-def test_encoder_stages(golden: GoldenModel) -> None:
+def test_encoder_stages_match_the_golden_vectors(golden: GoldenModel) -> None:
     tokenizer, vectors = tokenizer_of(golden), golden.vectors("tokenizer")
     stages: dict[str, torch.Tensor] = {}
     encoder = tokenizer.encoder
@@ -45,7 +45,7 @@ def test_encoder_stages(golden: GoldenModel) -> None:
 
 
 @torch.no_grad()
-def test_requantising_and_decoding(golden: GoldenModel) -> None:
+def test_requantising_and_decoding_match_the_golden_vectors(golden: GoldenModel) -> None:
     tokenizer, vectors = tokenizer_of(golden), golden.vectors("tokenizer")
     vectors.check("requantize.out.latent", tokenizer.requantize(vectors["requantize.in.latent"]))
     valid = vectors["in.pad_mask"]
@@ -57,7 +57,7 @@ def test_requantising_and_decoding(golden: GoldenModel) -> None:
 
 
 @pytest.mark.parametrize("levels", [5, 8, 16, 33, 64])
-def test_quantiser_on_a_grid(levels: int, common_vectors: Callable[[str], Vectors]) -> None:
+def test_quantised_codes_match_the_golden_vectors(levels: int, common_vectors: Callable[[str], Vectors]) -> None:
     vectors = common_vectors("fsq")
     codes = Quantizer((levels,)).quantize(vectors["in.z"][:, None])[:, 0]
     away_from_ties = vectors[f"out.tie_margin_{levels}"] > 1e-3

@@ -38,7 +38,7 @@ def make_request(model: Model, num_frames: int) -> RolloutRequest:
 
 
 @pytest.mark.parametrize("variant", VARIANTS)
-def test_it_generates_the_same_after_saving(golden: Any, tmp_path: Path, variant: str) -> None:
+def test_a_variant_generates_the_same_after_saving(golden: Any, tmp_path: Path, variant: str) -> None:
     model = make_model(golden, variant)
     request = make_request(model, 60)
     features = rollout(model, request)
@@ -51,8 +51,8 @@ def test_it_generates_the_same_after_saving(golden: Any, tmp_path: Path, variant
 
 
 @pytest.mark.parametrize("variant", VARIANTS)
-def test_it_learns(golden: Any, variant: str) -> None:
-    """A few steps on one batch of motion by formula bring the loss down."""
+def test_a_variant_learns(golden: Any, variant: str) -> None:
+    """A few training steps on one synthetic batch reduce the loss."""
     model = make_model(golden, variant)
     if model.tokenizer is not None:
         model.tokenizer.requires_grad_(False)
@@ -108,7 +108,7 @@ def test_explicit_latents_must_be_as_wide_as_the_frames(golden: Any) -> None:
         build_model(config, golden.model.representation.stats)
 
 
-def test_a_model_without_goals_refuses_constraints(golden: Any) -> None:
+def test_a_model_without_goal_inputs_refuses_constraints(golden: Any) -> None:
     model = make_model(golden, "no goals")
     horizon, layout = model.config.horizon, model.representation
     goals = torch.zeros(1, horizon, layout.feature_dim)

@@ -25,7 +25,7 @@ def golden_clip(vectors: Any, case: str) -> WholeClip:
     )
 
 
-def test_golden_clips(golden: Any) -> None:
+def test_whole_clips_match_the_golden_vectors(golden: Any) -> None:
     vectors = golden.vectors("rollout_call")
     for case in vectors.cases:
         check_golden_clip(golden.model, vectors, case)

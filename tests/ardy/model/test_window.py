@@ -25,7 +25,7 @@ def make_window(history: list[int], generation: list[int], num_frames: int, mask
 
 
 @pytest.mark.parametrize("case", ["with_constraints", "without_constraints"])
-def test_golden_masks(golden: Any, case: str) -> None:
+def test_masks_match_the_golden_vectors(golden: Any, case: str) -> None:
     vectors = golden.vectors("masks")
     mask = vectors["in.motion_mask"] if case == "with_constraints" else None
     window = make_window(
@@ -58,14 +58,14 @@ def test_positions_count_from_the_first_generated_token() -> None:
     assert window.token_positions.tolist() == [[0, 1, 2, 3, 4], [-2, -1, 0, 1, 2]]
 
 
-def test_only_constrained_future_is_visible() -> None:
+def test_only_constrained_future_tokens_are_visible() -> None:
     mask = torch.zeros(1, 20, 3)
     mask[0, 2] = mask[0, 6] = mask[0, 17, 1] = 1  # history, horizon and the last future token
     window = make_window([4], [8], 20, mask)
     assert window.future_tokens.tolist() == [[False, False, False, False, True]]
 
 
-def test_taking_away_leaves_the_rest() -> None:
+def test_removing_text_or_constraints_leaves_the_rest() -> None:
     window = make_window([4], [8], 16, torch.ones(1, 16, 3))
     silent = window.without_text()
     assert not silent.text.any()
@@ -78,7 +78,7 @@ def test_taking_away_leaves_the_rest() -> None:
     assert free.text is window.text
 
 
-def test_part_of_a_token_is_refused() -> None:
+def test_a_window_that_is_not_whole_tokens_is_refused() -> None:
     with pytest.raises(WindowError, match="has 18 frames"):
         make_window([4], [8], 18)
 

@@ -1,4 +1,4 @@
-"""What a window is given goes together, or it is refused by name."""
+"""Window requests: a tensor whose shape does not fit the others is refused by name."""
 
 from __future__ import annotations
 
@@ -44,18 +44,18 @@ CHANGES: dict[str, Callable[[Tensor], Tensor]] = {
 
 @pytest.mark.parametrize("change", CHANGES)
 @pytest.mark.parametrize("name", ROW_TENSORS)
-def test_a_shape_that_does_not_fit_is_refused_by_its_name(golden: Any, name: str, change: str) -> None:
+def test_a_tensor_whose_shape_does_not_fit_is_refused_by_name(golden: Any, name: str, change: str) -> None:
     request = request_of(golden.model)
     assert start_window(golden.model, request).tokens.shape[0] == 2
     changed = CHANGES[change](getattr(request, name))
-    # Rows are counted by the text, so that beside a longer one all the others are too short.
+    # The text gives the number of rows: if it has one more, all other tensors have one too few.
     said = "noise" if (name, change) == ("text", "a row more") else name
     with pytest.raises(WindowError, match=rf"{said} has shape \("):
         start_window(golden.model, replace(request, **{name: changed}))
 
 
 @pytest.mark.parametrize("name", ["observed", "mask", "planned"])
-def test_goals_are_told_for_every_frame(golden: Any, name: str) -> None:
+def test_goals_of_too_few_or_too_many_frames_are_refused(golden: Any, name: str) -> None:
     request = request_of(golden.model)
     for changed in (getattr(request, name)[:, :-4], getattr(request, name).repeat(1, 2, 1)):
         with pytest.raises(WindowError, match=f"{name} has shape .* is wanted"):

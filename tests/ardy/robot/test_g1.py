@@ -56,7 +56,7 @@ def joint_of(body: str, hinge: str | None) -> int:
     return 0 if hinge is None else ROBOT.skeleton.index(f"{hinge}_skel")
 
 
-def test_the_facts_agree_with_the_skeleton() -> None:
+def test_tables_of_the_robot_agree_with_the_skeleton() -> None:
     assert len(ROBOT.hinges) == 29
     assert ROBOT.hinges[:4] == ("left_hip_pitch", "left_hip_roll", "left_hip_yaw", "left_knee")
     assert ROBOT.hinges[12:15] == ("waist_yaw", "waist_roll", "waist_pitch")
@@ -68,7 +68,7 @@ def test_the_facts_agree_with_the_skeleton() -> None:
 
 @settings(max_examples=40, deadline=None)
 @given(seed=st.integers(0, 2**31))
-def test_qpos_comes_back_through_motion(seed: int) -> None:
+def test_qpos_round_trips_through_motion(seed: int) -> None:
     qpos = random_qpos(3, seed)
     again = motion_to_qpos(qpos_to_motion(qpos, 25))
     torch.testing.assert_close(same_sign(again, qpos), qpos, atol=1e-9, rtol=0)
@@ -76,8 +76,8 @@ def test_qpos_comes_back_through_motion(seed: int) -> None:
 
 @settings(max_examples=40, deadline=None)
 @given(seed=st.integers(0, 2**31))
-def test_positions_come_back_through_float32_motion(seed: int) -> None:
-    """What a model gives is float32: forward kinematics of it, and of what its qpos gives, agree to 1e-5 m."""
+def test_positions_round_trip_through_float32_motion(seed: int) -> None:
+    """Models generate float32: its forward kinematics and those of its qpos agree to 1e-5 m."""
     exact = qpos_to_motion(random_qpos(3, seed), 25)
     motion = Motion(exact.local_rotations.float(), exact.root_positions.float(), exact.foot_contacts, 25)
     again = qpos_to_motion(motion_to_qpos(motion), 25)
@@ -85,7 +85,7 @@ def test_positions_come_back_through_float32_motion(seed: int) -> None:
     assert error < 1e-5
 
 
-def test_what_no_hinge_can_do_is_measured() -> None:
+def test_rotation_that_no_hinge_can_do_is_measured() -> None:
     motion = qpos_to_motion(random_qpos(2, 0), 25)
     knee = ROBOT.skeleton.index("left_knee_skel")
     sideways = torch.tensor([math.cos(0.1), 0.0, math.sin(0.1), 0.0], dtype=torch.float64)
@@ -98,7 +98,7 @@ def test_what_no_hinge_can_do_is_measured() -> None:
     assert lost.max() < 1e-6
 
 
-def test_facing_and_axes() -> None:
+def test_axes_are_converted_to_those_of_the_robot() -> None:
     """At heading 0 our +Z is the robot's +X; a quarter turn to our +X (left) is one about its up axis."""
     rotations = torch.eye(3, dtype=torch.float64).repeat(1, 34, 1, 1)
     rotations[0, 0] = quaternion_to_matrix(
@@ -110,7 +110,7 @@ def test_facing_and_axes() -> None:
     assert row[3:7].tolist() == pytest.approx([math.sqrt(0.5), 0.0, 0.0, math.sqrt(0.5)])
 
 
-def test_a_motion_of_people_is_refused() -> None:
+def test_motion_of_another_skeleton_is_refused() -> None:
     core = load_skeleton("core27")
     rotations = torch.eye(3).repeat(2, core.num_joints, 1, 1)
     motion = Motion(rotations, torch.zeros(2, 3), torch.zeros(2, 4, dtype=torch.bool), 20)
@@ -129,14 +129,14 @@ def test_a_motion_of_people_is_refused() -> None:
         (lambda qpos: torch.cat([qpos[:, :3], qpos[:, 3:7] * 2, qpos[:, 7:]], 1), "unit quaternion w, x, y, z"),
     ],
 )
-def test_state_without_meaning_is_refused(change: object, message: str) -> None:
+def test_invalid_qpos_is_refused(change: object, message: str) -> None:
     assert callable(change)
     with pytest.raises(RobotError, match=message):
         qpos_to_motion(change(random_qpos(4, 0)), 25)
 
 
 @pytest.mark.parametrize("seed", range(5))
-def test_mujoco_puts_the_links_where_our_kinematics_does(simulator: object, seed: int) -> None:
+def test_mujoco_link_positions_equal_those_of_our_kinematics(simulator: object, seed: int) -> None:
     qpos = random_qpos(4, seed)
     expected = qpos_to_motion(qpos, 25).positions(ROBOT.skeleton) @ TO_ROBOT.T
     for frame, row in enumerate(motion_to_qpos(qpos_to_motion(qpos, 25))):
@@ -146,8 +146,8 @@ def test_mujoco_puts_the_links_where_our_kinematics_does(simulator: object, seed
             assert error < 1e-6, f"{body.name} is {1000 * error:.3f} mm off in frame {frame}"
 
 
-def test_mujoco_puts_the_links_of_an_exported_file_where_the_motion_has_them(simulator: object, tmp_path: Path) -> None:
-    """Through the file and float32, in both forms: what a robot's user loads."""
+def test_mujoco_link_positions_of_exported_files_equal_those_of_the_motion(simulator: object, tmp_path: Path) -> None:
+    """Through both file formats and float32, as a robot's user loads them."""
     stored = qpos_motion("random", random_qpos(4, 9), 25)
     expected = stored.positions().double() @ TO_ROBOT.T
     write_qpos_csv(tmp_path / "motion.csv", stored)
@@ -162,7 +162,7 @@ def test_mujoco_puts_the_links_of_an_exported_file_where_the_motion_has_them(sim
                 assert error < 1e-5, f"{body.name} is {1000 * error:.3f} mm off in frame {frame}"
 
 
-def test_mujoco_steps_from_row_to_row_with_our_velocities(simulator: object) -> None:
+def test_mujoco_integrates_our_velocities_from_row_to_row(simulator: object) -> None:
     model, _ = simulator  # type: ignore[misc]
     trajectory, _ = controller_trajectory(random_qpos(6, 3), 25, 60)
     for row, velocity, after in zip(trajectory.qpos, trajectory.qvel, trajectory.qpos[1:], strict=False):
@@ -171,7 +171,7 @@ def test_mujoco_steps_from_row_to_row_with_our_velocities(simulator: object) -> 
         torch.testing.assert_close(torch.from_numpy(reached), after, atol=1e-9, rtol=0)
 
 
-def test_the_generated_model_has_the_robots_limits(simulator: object) -> None:
+def test_the_generated_mujoco_model_has_the_robots_joint_ranges(simulator: object) -> None:
     model, _ = simulator  # type: ignore[misc]
     assert (model.nq, model.nv) == (36, 35)
     for hinge, lower, upper in zip(ROBOT.hinges, ROBOT.lower.tolist(), ROBOT.upper.tolist(), strict=True):

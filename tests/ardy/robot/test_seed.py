@@ -1,4 +1,4 @@
-"""A session that starts where the robot is: measured qpos -> the history of a window."""
+"""A session that starts where the robot is: measured qpos becomes the history of a window."""
 
 from __future__ import annotations
 
@@ -24,7 +24,7 @@ def g1() -> Model:
     return load_checkpoint(GOLDEN / "tiny-g134" / "checkpoint")
 
 
-def test_the_history_is_the_measured_motion(g1: Model) -> None:
+def test_the_history_equals_the_measured_motion(g1: Model) -> None:
     layout = g1.representation
     qpos = walking_qpos(16, layout.fps)
     history = history_from_qpos(layout, qpos, layout.fps)
@@ -37,7 +37,7 @@ def test_the_history_is_the_measured_motion(g1: Model) -> None:
     torch.testing.assert_close(angles, qpos[:, 7:], atol=1e-3, rtol=0)
 
 
-def test_a_faster_robot_ends_at_its_newest_row(g1: Model) -> None:
+def test_a_history_from_a_faster_robot_ends_at_its_newest_row(g1: Model) -> None:
     layout = g1.representation
     qpos = walking_qpos(203, 500)
     history = history_from_qpos(layout, qpos, 500, max_frames=8)
@@ -47,7 +47,7 @@ def test_a_faster_robot_ends_at_its_newest_row(g1: Model) -> None:
     assert float(root[-1, 2] - root[0, 2]) == pytest.approx(0.6 * 7 / layout.fps, abs=1e-3)
 
 
-def test_too_little_state_is_refused(g1: Model) -> None:
+def test_too_few_rows_are_refused(g1: Model) -> None:
     with pytest.raises(RobotError, match="give 4 or more"):
         history_from_qpos(g1.representation, walking_qpos(3, 25), 25)
     for max_frames in (3, 0, -4):
@@ -55,13 +55,13 @@ def test_too_little_state_is_refused(g1: Model) -> None:
             history_from_qpos(g1.representation, walking_qpos(30, 25), 25, max_frames=max_frames)
 
 
-def test_a_model_of_people_is_refused() -> None:
+def test_a_model_of_another_skeleton_is_refused() -> None:
     people = load_checkpoint(GOLDEN / "tiny-core27" / "checkpoint")
     with pytest.raises(RobotError, match="skeleton is core27"):
         history_from_qpos(people.representation, walking_qpos(16, 25), 25)
 
 
-def test_a_window_goes_on_from_it(g1: Model) -> None:
+def test_a_window_is_generated_after_the_measured_history(g1: Model) -> None:
     layout, config = g1.representation, g1.config
     history = history_from_qpos(layout, walking_qpos(8, layout.fps), layout.fps)
     noise = window_noise(1, 0, config.horizon // 4, config.token_width)

@@ -1,4 +1,4 @@
-"""What a controller is given: angles in range, one sign of the quaternion, any rate, a report of what was changed."""
+"""Trajectories for a controller: angles in range, continuous quaternions, any rate, and a report of the changes."""
 
 from __future__ import annotations
 
@@ -26,7 +26,7 @@ KNEE = 7 + ROBOT.hinges.index("left_knee")
 SHOULDER = 7 + ROBOT.hinges.index("left_shoulder_pitch")
 
 
-def test_angles_beyond_the_range_are_clamped_and_counted() -> None:
+def test_angles_out_of_range_are_clamped_and_counted() -> None:
     qpos = walking_qpos(6, 25)
     qpos[2:4, KNEE] = torch.tensor([-0.5, -0.2])
     kept, clamped = clamp_to_range(qpos)
@@ -38,8 +38,8 @@ def test_angles_beyond_the_range_are_clamped_and_counted() -> None:
     torch.testing.assert_close(kept, qpos)
 
 
-def test_a_turn_past_half_a_circle_goes_to_the_nearer_end() -> None:
-    """The left shoulder's range ends at 2.6704; 3.0 is told as -3.283 by others, and must not become -3.0892."""
+def test_an_angle_is_clamped_to_the_end_of_its_range_nearer_on_the_circle() -> None:
+    """The left shoulder's range ends at 2.6704; others write 3.0 as -3.283, which must not become -3.0892."""
     qpos = walking_qpos(2, 25)
     qpos[:, SHOULDER] = torch.tensor([2.7, 2.7 - 2 * math.pi])
     assert clamp_to_range(qpos)[0][:, SHOULDER].tolist() == pytest.approx([2.6704, 2.6704])
@@ -47,7 +47,7 @@ def test_a_turn_past_half_a_circle_goes_to_the_nearer_end() -> None:
 
 @settings(max_examples=50, deadline=None)
 @given(seed=st.integers(0, 2**31))
-def test_quaternions_keep_their_rotation_and_never_flip(seed: int) -> None:
+def test_quaternions_keep_their_rotation_and_their_sign_is_continuous(seed: int) -> None:
     random = torch.Generator().manual_seed(seed)
     quaternions = torch.randn(20, 4, generator=random, dtype=torch.float64)
     smooth = continuous_signs(quaternions)
@@ -57,7 +57,7 @@ def test_quaternions_keep_their_rotation_and_never_flip(seed: int) -> None:
 
 
 @pytest.mark.parametrize(("rate_hz", "num_rows"), [(25, 26), (50, 51), (500, 501), (20, 21), (60, 61), (12.5, 13)])
-def test_another_rate_follows_the_same_path(rate_hz: float, num_rows: int) -> None:
+def test_a_resampled_trajectory_follows_the_same_path(rate_hz: float, num_rows: int) -> None:
     trajectory, report = controller_trajectory(walking_qpos(26, 25), 25, rate_hz)
     expected = walking_qpos(num_rows, rate_hz)
     torch.testing.assert_close(trajectory.time_s, torch.arange(num_rows, dtype=torch.float64) / rate_hz)
@@ -65,7 +65,7 @@ def test_another_rate_follows_the_same_path(rate_hz: float, num_rows: int) -> No
     assert report.lines == ()
 
 
-def test_rows_that_exist_are_kept_and_the_turn_between_is_even() -> None:
+def test_resampling_keeps_the_given_rows_and_turns_evenly_between_them() -> None:
     qpos = walking_qpos(11, 25)
     finer = resample_qpos(qpos, 25, 100)
     torch.testing.assert_close(finer[::4], qpos)
@@ -73,7 +73,7 @@ def test_rows_that_exist_are_kept_and_the_turn_between_is_even() -> None:
     torch.testing.assert_close(turns, torch.tensor([0.0, 0.0, 0.4], dtype=torch.float64).expand_as(turns))
 
 
-def test_velocities_are_of_the_root_in_the_world_and_of_the_hinges() -> None:
+def test_velocities_of_the_root_in_the_world_and_of_the_hinges() -> None:
     qpos = walking_qpos(50, 25)
     qvel = velocities(qpos, 25)
     assert qvel[:, 0].tolist() == pytest.approx([0.6] * 50)
@@ -83,7 +83,7 @@ def test_velocities_are_of_the_root_in_the_world_and_of_the_hinges() -> None:
     assert torch.equal(velocities(qpos[:1], 25), torch.zeros(1, 35, dtype=torch.float64))
 
 
-def test_speeds_beyond_the_robots_are_told() -> None:
+def test_speeds_beyond_the_robots_limits_are_reported() -> None:
     qpos = walking_qpos(5, 25)
     qpos[2, KNEE] = 2.0
     _, report = controller_trajectory(qpos, 25)
@@ -94,7 +94,7 @@ def test_speeds_beyond_the_robots_are_told() -> None:
     assert "left_knee in 2 of 5 frames" in report.lines[0]
 
 
-def test_the_report_says_what_the_hinges_cannot_do() -> None:
+def test_rotation_that_the_hinges_cannot_do_is_reported() -> None:
     motion = qpos_to_motion(walking_qpos(4, 25), 25)
     assert motion_trajectory(motion)[1].lost == ()
     toes = ROBOT.skeleton.index("left_toe_base")
@@ -104,24 +104,24 @@ def test_the_report_says_what_the_hinges_cannot_do() -> None:
 
 
 @pytest.mark.parametrize("rate_hz", [0, -1, math.nan, math.inf, 1e9])
-def test_rates_without_meaning_are_refused(rate_hz: float) -> None:
+def test_invalid_rates_are_refused(rate_hz: float) -> None:
     with pytest.raises(RobotError, match="above 0"):
         controller_trajectory(random_qpos(3, 0), 25, rate_hz)
 
 
 @pytest.mark.parametrize(("from_hz", "to_hz"), [(1e-320, 25.0), (1e-12, 10_000.0), (0.001, 501.0)])
-def test_more_rows_than_memory_holds_are_not_begun(from_hz: float, to_hz: float) -> None:
+def test_resampling_to_too_many_rows_is_refused(from_hz: float, to_hz: float) -> None:
     with pytest.raises(RobotError, match=r"5 rows at .* Hz are (\d+|inf) at .* Hz; 2000000 at most are made"):
         resample_qpos(walking_qpos(5, 25), from_hz, to_hz)
 
 
 @pytest.mark.parametrize("rate_hz", [5e-324, 1e-320, 1e-9])
-def test_a_rate_next_to_nothing_leaves_the_first_row(rate_hz: float) -> None:
+def test_a_tiny_rate_leaves_only_the_first_row(rate_hz: float) -> None:
     qpos = walking_qpos(5, 25)
     assert torch.equal(resample_qpos(qpos, 25, rate_hz), qpos[:1])
 
 
-def test_rows_of_whole_numbers_are_state_too() -> None:
+def test_qpos_of_integers_is_accepted() -> None:
     rows = torch.zeros(2, 36, dtype=torch.int64)
     rows[:, 3] = 1
     assert qpos_to_motion(rows, 25).num_frames == 2

@@ -43,7 +43,7 @@ class FakeGradio:
 
 @contextmanager
 def serving(app: FakeGradio) -> Iterator[FakeGradio]:
-    """Serve it on a free port while the context lasts."""
+    """Serve the app on a free port while the context lasts."""
     with http_serving.serving(lambda *given: _Handler(app, *given)) as url:
         app.url = f"{url}/"
         yield app

@@ -22,7 +22,7 @@ def app() -> Iterator[FakeGradio]:
         yield app
 
 
-def test_it_gives_the_service_s_vectors_one_prompt_a_call(app: FakeGradio) -> None:
+def test_vectors_come_from_the_service_with_one_call_per_prompt(app: FakeGradio) -> None:
     encoder = GradioTextEncoder(app.url)
     prompts = ["a person walks", " \n", "él salta ✓"]
     vectors = encoder.encode(prompts)
@@ -34,12 +34,12 @@ def test_it_gives_the_service_s_vectors_one_prompt_a_call(app: FakeGradio) -> No
     assert len(set(app.file_names)) == 3
 
 
-def test_the_path_may_come_as_a_file_without_a_button(app: FakeGradio) -> None:
+def test_the_result_may_be_a_file_without_a_button(app: FakeGradio) -> None:
     app.result = lambda path: [{"path": path, "meta": {"_type": "gradio.FileData"}}, "", ""]
     np.testing.assert_array_equal(GradioTextEncoder(app.url).encode(["hop"]), vector_of("hop"))
 
 
-def test_its_identity_is_what_it_makes_of_a_fixed_text(app: FakeGradio) -> None:
+def test_the_identity_depends_on_the_vector_of_a_fixed_text(app: FakeGradio) -> None:
     first, second = GradioTextEncoder(app.url), GradioTextEncoder(app.url)
     app.encode = lambda text: vector_of(text) * 1.001
     other = GradioTextEncoder(app.url)
@@ -48,7 +48,7 @@ def test_its_identity_is_what_it_makes_of_a_fixed_text(app: FakeGradio) -> None:
     assert first.identity.startswith("gradio-")
 
 
-def test_after_a_failure_it_is_asked_who_it_is_and_refused_when_it_is_another(app: FakeGradio) -> None:
+def test_after_a_failure_a_service_with_another_identity_is_refused(app: FakeGradio) -> None:
     encoder = GradioTextEncoder(app.url)
     app.fate = "down"
     with pytest.raises(TextEncoderUnavailable, match="HTTP status 502"):
@@ -64,7 +64,7 @@ def test_after_a_failure_it_is_asked_who_it_is_and_refused_when_it_is_another(ap
             encoder.encode(["jump"])
 
 
-def test_one_that_only_says_that_it_lives_is_given_up(app: FakeGradio, monkeypatch: pytest.MonkeyPatch) -> None:
+def test_a_service_that_sends_only_heartbeats_times_out(app: FakeGradio, monkeypatch: pytest.MonkeyPatch) -> None:
     looks = itertools.count()  # a second passes whenever the client looks at the time
     monkeypatch.setattr("motiongen_ardy.text.gradio.time", SimpleNamespace(monotonic=lambda: float(next(looks))))
     encoder = GradioTextEncoder(app.url, timeout_s=30.0)
@@ -98,7 +98,7 @@ def saved(array: np.ndarray) -> bytes:
         saved(np.float32(3)),
     ],
 )
-def test_an_answer_that_is_no_vector_of_its_width_is_refused(app: FakeGradio, content: bytes) -> None:
+def test_an_answer_that_is_not_a_vector_of_the_right_width_is_refused(app: FakeGradio, content: bytes) -> None:
     encoder = GradioTextEncoder(app.url)
     app.content = content
     with pytest.raises(TextEncoderChanged):
@@ -106,7 +106,7 @@ def test_an_answer_that_is_no_vector_of_its_width_is_refused(app: FakeGradio, co
 
 
 @pytest.mark.parametrize("result", [[], [None], ["x"], [{}], [{"value": {"path": 3}}], {"a": 1}, 7])
-def test_results_of_another_form_are_refused(app: FakeGradio, result: Any) -> None:
+def test_malformed_results_are_refused(app: FakeGradio, result: Any) -> None:
     encoder = GradioTextEncoder(app.url)
     app.result = lambda path: result
     with pytest.raises(TextEncoderChanged, match="does not answer as ARDY's does"):
@@ -122,12 +122,12 @@ def test_a_file_is_only_fetched_from_the_app_itself(app: FakeGradio, path: str) 
 
 
 @pytest.mark.parametrize("url", ["localhost:9550", "file:///etc/passwd", "ftp://x", "http://", "http://x/?a=1"])
-def test_what_is_no_address_of_an_app_is_refused(url: str) -> None:
+def test_an_invalid_address_is_refused(url: str) -> None:
     with pytest.raises(UnknownTextEncoder, match="no address"):
         load_text_encoder(f"gradio:{url}")
 
 
-def test_where_nobody_answers_it_says_so_without_the_address(app: FakeGradio) -> None:
+def test_an_unreachable_service_is_reported_without_its_address(app: FakeGradio) -> None:
     with serving(FakeGradio()) as gone:
         pass
     with pytest.raises(TextEncoderUnavailable) as caught:

@@ -1,6 +1,6 @@
-"""LLM2Vec without its libraries: which tokens count, how prompts are cut, which folders are taken.
+"""LLM2Vec without its libraries: which tokens are averaged, how prompts are cut, which folders are used.
 
-What transformers and peft make of it is checked by `python -m tests.bench.llm2vec`.
+`python -m tests.bench.llm2vec` checks it with transformers and peft.
 """
 
 from __future__ import annotations
@@ -11,6 +11,7 @@ from pathlib import Path
 
 import pytest
 import torch
+from huggingface_hub import constants
 from hypothesis import given
 from hypothesis import strategies as st
 from safetensors import SafetensorError
@@ -42,20 +43,20 @@ def home(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
     return tmp_path
 
 
-def test_only_the_prompt_s_tokens_count() -> None:
+def test_only_the_tokens_of_the_prompt_are_averaged() -> None:
     hidden = torch.arange(10.0).reshape(5, 2)
     torch.testing.assert_close(mean_of_last(hidden, 2), hidden[3:].mean(0))
     torch.testing.assert_close(mean_of_last(hidden, 5), hidden.mean(0))
 
 
-def test_the_mask_hides_nothing() -> None:
+def test_the_attention_mask_hides_no_token() -> None:
     mask = both_ways(torch.zeros(1, 6, dtype=torch.int64), torch.bfloat16)
     assert (mask.shape, mask.dtype) == ((1, 1, 6, 6), torch.bfloat16)
     assert not mask.any()
 
 
 @given(st.lists(st.text(alphabet="abc", min_size=1, max_size=30), min_size=1, max_size=200))
-def test_a_text_is_cut_to_its_first_words_and_no_further_than_it_must(words: list[str]) -> None:
+def test_a_long_text_is_cut_to_a_beginning_of_allowed_length(words: list[str]) -> None:
     text = " ".join(words)
     kept = shortened(text, len)
     assert text.startswith(kept)
@@ -70,9 +71,21 @@ def test_one_long_word_is_left_for_the_tokenizer_to_cut() -> None:
     assert shortened("あ" * 1000, len) == "あ" * 1000
 
 
-def test_the_folders_are_found_where_the_variable_says(home: Path) -> None:
+def test_the_folders_are_found_below_text_encoders_dir(home: Path) -> None:
     folders = find_folders()
     assert folders == Llm2VecFolders(home / LLAMA, (home / FIRST_ADAPTER, home / SECOND_ADAPTER))
+
+
+def test_unreachable_hub_is_answered_with_where_to_put_the_files(
+    monkeypatch: pytest.MonkeyPatch, tmp_path: Path
+) -> None:
+    monkeypatch.setenv("TEXT_ENCODERS_DIR", str(tmp_path))
+    monkeypatch.setattr(constants, "HF_HUB_OFFLINE", True)
+    monkeypatch.setattr(constants, "HF_HUB_CACHE", str(tmp_path / "cache"))
+    with pytest.raises(UnknownTextEncoder) as failure:
+        find_folders()
+    assert f"put the files into $TEXT_ENCODERS_DIR/{FIRST_ADAPTER}" in str(failure.value)
+    assert "CHECKPOINTS_DIR" not in str(failure.value)
 
 
 def test_an_adapter_that_names_no_model_is_refused(home: Path) -> None:
@@ -83,14 +96,16 @@ def test_an_adapter_that_names_no_model_is_refused(home: Path) -> None:
 
 
 @pytest.mark.parametrize("name", ["../../etc", "/etc"])
-def test_an_adapter_cannot_name_a_folder_outside(home: Path, name: str, monkeypatch: pytest.MonkeyPatch) -> None:
+def test_an_adapter_cannot_name_a_folder_outside_text_encoders_dir(
+    home: Path, name: str, monkeypatch: pytest.MonkeyPatch
+) -> None:
     monkeypatch.setenv("HF_HUB_OFFLINE", "1")
     (home / FIRST_ADAPTER / "adapter_config.json").write_text(json.dumps({"base_model_name_or_path": name}))
     with pytest.raises(UnknownTextEncoder, match="lacks its model"):
         find_folders()
 
 
-def test_the_fingerprint_follows_the_content_of_every_folder(home: Path) -> None:
+def test_the_fingerprint_depends_on_the_content_of_every_folder(home: Path) -> None:
     folders = find_folders()
     prints = {fingerprint(folders)}
     assert fingerprint(folders) in prints
@@ -103,20 +118,20 @@ def test_the_fingerprint_follows_the_content_of_every_folder(home: Path) -> None
     assert len(prints) == 5
 
 
-def test_without_its_libraries_it_says_what_to_install(home: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+def test_without_its_libraries_the_error_says_what_to_install(home: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setitem(sys.modules, "peft", None)
     monkeypatch.setitem(sys.modules, "transformers", None)
     with pytest.raises(UnknownTextEncoder, match=r"pip install 'motiongen-ardy\[llm2vec\]'"):
         load_text_encoder("llm2vec", 4096)
 
 
-def test_a_precision_it_has_not_is_refused(home: Path) -> None:
+def test_an_unsupported_precision_is_refused(home: Path) -> None:
     with pytest.raises(UnknownTextEncoder, match=r"'int8'.*float32 or bfloat16"):
         load_text_encoder("llm2vec", 4096, precision="int8")
 
 
 @pytest.mark.parametrize("error", [SafetensorError("the header is too small"), Exception("expected value at line 1")])
-def test_files_that_its_libraries_cannot_read_are_refused_by_their_folder(
+def test_unreadable_files_are_reported_with_their_folder(
     home: Path, monkeypatch: pytest.MonkeyPatch, error: Exception
 ) -> None:
     def load(folders: Llm2VecFolders, dtype: torch.dtype) -> None:

@@ -1,4 +1,4 @@
-"""Encoders by their names; what holds of every one; what is said where there is none."""
+"""Text encoders: loaded by their names, what holds for every one, and what is refused."""
 
 from __future__ import annotations
 
@@ -30,7 +30,7 @@ ENCODERS: list[TextEncoder] = [HashedTextEncoder(7), STATIC]
 
 @pytest.mark.parametrize("encoder", ENCODERS, ids=lambda encoder: encoder.identity)
 @given(texts=st.lists(st.text(max_size=40), max_size=5))
-def test_each_row_is_of_its_text_alone_and_blank_ones_are_zeros(encoder: TextEncoder, texts: list[str]) -> None:
+def test_each_row_depends_on_its_text_alone_and_blank_texts_give_zeros(encoder: TextEncoder, texts: list[str]) -> None:
     vectors = encoder.encode(texts)
     assert vectors.shape == (len(texts), encoder.width)
     assert vectors.dtype == np.float32
@@ -42,19 +42,19 @@ def test_each_row_is_of_its_text_alone_and_blank_ones_are_zeros(encoder: TextEnc
 
 
 @pytest.mark.parametrize("encoder", ENCODERS, ids=lambda encoder: encoder.identity)
-def test_one_text_in_place_of_a_list_is_refused(encoder: TextEncoder) -> None:
-    """Its letters would be taken for texts, and the first row for the vector of the text."""
+def test_a_single_text_in_place_of_a_list_is_refused(encoder: TextEncoder) -> None:
+    """Otherwise each of its characters would be taken for a text."""
     with pytest.raises(ValueError, match="texts is one text, 'a person walks'; give a list of texts"):
         encoder.encode("a person walks")
 
 
 @pytest.mark.parametrize("encoder", ENCODERS, ids=lambda encoder: encoder.identity)
-def test_half_of_a_character_is_refused(encoder: TextEncoder) -> None:
+def test_a_text_with_a_lone_surrogate_is_refused(encoder: TextEncoder) -> None:
     with pytest.raises(ValueError, match="half of a surrogate pair"):
         encoder.encode(["a person walks", "a person \ud83c"])
 
 
-def test_a_static_vector_does_not_depend_on_the_texts_beside_it() -> None:
+def test_a_static_vector_does_not_depend_on_other_texts_in_the_batch() -> None:
     texts = ["a person walks", " ", "x" * 300, "a person waves, then jumps and turns round", "12", "?!"]
     together = STATIC.encode(texts)
     for text, vector in zip(texts, together, strict=True):
@@ -62,18 +62,18 @@ def test_a_static_vector_does_not_depend_on_the_texts_beside_it() -> None:
     assert not together[1].any()
 
 
-def test_static_vectors_have_unit_scale_and_tell_prompts_apart() -> None:
+def test_static_vectors_have_unit_scale_and_distinguish_prompts() -> None:
     walk, wave = STATIC.encode(["a person walks", "a person waves"])
     assert np.sqrt(np.square(walk).mean()) == pytest.approx(1, abs=1e-5)
     assert float(walk @ wave) / walk.size < 0.95
 
 
-def test_a_model2vec_folder_is_the_encoder_in_it() -> None:
+def test_a_model2vec_folder_is_loaded_by_its_path() -> None:
     assert load_text_encoder(str(built_in_text_folder()), STATIC.width).identity == STATIC.identity
     assert load_text_encoder("static").identity == STATIC.identity
 
 
-def test_hashed_fits_every_width_and_a_width_must_be_given() -> None:
+def test_the_hashed_encoder_takes_any_width_and_requires_one() -> None:
     assert load_text_encoder("hashed", 4096).width == 4096
     with pytest.raises(UnknownTextEncoder, match="any width"):
         load_text_encoder("hashed")
@@ -81,13 +81,13 @@ def test_hashed_fits_every_width_and_a_width_must_be_given() -> None:
         load_text_encoder("hashed", 0)
 
 
-def test_one_of_another_width_than_the_model_s_is_refused_with_both() -> None:
+def test_an_encoder_of_another_width_than_the_model_is_refused() -> None:
     with pytest.raises(TextWidthMismatch, match=rf"'static' gives vectors of {STATIC.width} .* takes 4096"):
         load_text_encoder("static", 4096)
 
 
 @pytest.mark.parametrize("name", ["none", "", "llm2vec2", "gradio", "prompts", "/etc"])
-def test_an_unknown_name_is_refused_with_those_that_are_known(name: str) -> None:
+def test_an_unknown_name_is_refused_with_the_known_ones(name: str) -> None:
     with pytest.raises(UnknownTextEncoder, match="static, hashed, llm2vec, gradio:URL, prompts:FILE"):
         load_text_encoder(name, 8)
 
@@ -110,7 +110,7 @@ def test_a_folder_with_other_weights_is_refused(tmp_path: Path) -> None:
     ],
     ids=["no tokenizer", "an empty tokenizer", "no tensors", "other tensors", "no JSON", "another JSON"],
 )
-def test_a_folder_with_a_file_that_cannot_be_read_is_refused(tmp_path: Path, name: str, content: bytes) -> None:
+def test_a_folder_with_an_invalid_file_is_refused(tmp_path: Path, name: str, content: bytes) -> None:
     folder = shutil.copytree(built_in_text_folder(), tmp_path / "text")
     (folder / name).write_bytes(content)
     with pytest.raises(UnknownTextEncoder, match=f"{folder} is not a model2vec folder"):
@@ -126,8 +126,8 @@ def test_a_folder_with_vectors_that_are_not_finite_is_refused(tmp_path: Path) ->
         load_text_encoder(str(folder), STATIC.width)
 
 
-class Lying(EachTextEncoder):
-    """Of some texts it makes what it never should."""
+class Faulty(EachTextEncoder):
+    """An encoder that makes invalid vectors of some texts."""
 
     def encode_one(self, text: str) -> Vectors:
         numbers = {"nothing": np.nan, "endless": -np.inf, "far": -1e30}
@@ -143,8 +143,8 @@ class Lying(EachTextEncoder):
         ("a", r"shape \(1,\); it must be \(4,\)"),
     ],
 )
-def test_what_an_encoder_of_this_process_makes_is_checked_too(text: str, said: str) -> None:
-    encoder = Lying("lying", 4)
+def test_vectors_of_an_encoder_in_this_process_are_checked_too(text: str, said: str) -> None:
+    encoder = Faulty("lying", 4)
     np.testing.assert_array_equal(encoder.encode(["walk", " "]), [[1] * 4, [0] * 4])
     with pytest.raises(TextEncoderChanged, match=said):
         encoder.encode(["walk", text])

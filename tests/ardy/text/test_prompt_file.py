@@ -1,4 +1,4 @@
-"""Prompts encoded beforehand: written, read, used in place of an encoder; files that are none are refused."""
+"""Files of encoded prompts: round trip, use in place of an encoder, and files that are refused."""
 
 from __future__ import annotations
 
@@ -27,14 +27,14 @@ def path(tmp_path: Path) -> Path:
     return path
 
 
-def test_what_is_written_is_read(path: Path) -> None:
+def test_written_prompts_are_read_back(path: Path) -> None:
     prompts = read_prompt_file(path)
     assert list(zip(prompts.ids, prompts.texts, strict=True)) == PROMPTS
     assert prompts.text_encoder == "hashed-6"
     np.testing.assert_array_equal(prompts.vectors, HashedTextEncoder(6).encode([text for _, text in PROMPTS]))
 
 
-def test_it_stands_in_for_the_encoder_that_made_it(path: Path) -> None:
+def test_a_prompt_file_replaces_the_encoder_that_made_it(path: Path) -> None:
     encoder = load_text_encoder(f"prompts:{path}", 6)
     assert (encoder.identity, encoder.width) == ("hashed-6", 6)
     np.testing.assert_array_equal(
@@ -47,7 +47,7 @@ def test_it_stands_in_for_the_encoder_that_made_it(path: Path) -> None:
         load_text_encoder(f"prompts:{path}", 7)
 
 
-def test_the_command_writes_it(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+def test_the_command_writes_a_prompt_file(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
     lines, out = tmp_path / "prompts.txt", tmp_path / "out.safetensors"
     lines.write_text("wave\ta person waves\n\na person walks\n", encoding="utf-8")
     assert main([str(lines), str(out), "--encoder", "hashed", "--width", "5"]) == 0
@@ -58,8 +58,8 @@ def test_the_command_writes_it(tmp_path: Path, capsys: pytest.CaptureFixture[str
     assert "2 prompts, 5 numbers each, from hashed-5" in capsys.readouterr().out
 
 
-def test_the_command_reads_what_editors_write(tmp_path: Path) -> None:
-    """A mark at the beginning is no part of the first prompt, and only ends of lines end prompts."""
+def test_the_command_accepts_a_byte_order_mark_and_crlf(tmp_path: Path) -> None:
+    """A byte order mark is no part of the first prompt, and nothing but line ends separates prompts."""
     lines, out = tmp_path / "prompts.txt", tmp_path / "out.safetensors"
     lines.write_bytes("\ufeffa person walks\r\nwave\ta person\u2028waves\r\n".encode())
     assert main([str(lines), str(out), "--encoder", "hashed", "--width", "5"]) == 0
@@ -77,7 +77,7 @@ def test_the_command_reads_what_editors_write(tmp_path: Path) -> None:
         ("a person walks\n".encode("utf-16"), "is not UTF-8, from byte 0 on"),
     ],
 )
-def test_the_command_refuses_a_file_without_prompts(
+def test_the_command_refuses_a_file_that_is_empty_or_not_utf8(
     content: bytes, said: str, tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
     lines = tmp_path / "prompts.txt"
@@ -97,7 +97,7 @@ def test_the_command_refuses_a_file_without_prompts(
         ("x" * 65 + "\ta person waves\n", ["--encoder", "static"], "1 to 64 characters"),
     ],
 )
-def test_the_command_says_what_is_wrong(
+def test_the_command_reports_errors(
     lines: str, options: list[str], said: str, tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
     (tmp_path / "prompts.txt").write_text(lines)
@@ -123,7 +123,7 @@ class NeverAsked(HashedTextEncoder):
         ("wave\n", ".", "it is a folder"),
     ],
 )
-def test_nothing_is_encoded_that_could_not_be_written(
+def test_nothing_is_encoded_if_the_file_could_not_be_written(
     lines: str, out: str, said: str, tmp_path: Path, capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
 ) -> None:
     monkeypatch.setattr("motiongen_ardy.text.__main__.load_text_encoder", lambda *_: NeverAsked(4))
@@ -132,12 +132,12 @@ def test_nothing_is_encoded_that_could_not_be_written(
     assert said in capsys.readouterr().err
 
 
-def test_wrong_prompts_are_refused_before_they_are_encoded() -> None:
+def test_invalid_prompts_are_refused_before_they_are_encoded() -> None:
     with pytest.raises(PromptFileError, match="there twice"):
         encode_prompts(NeverAsked(4), [("wave", "a"), ("wave", "b")])
 
 
-def test_long_prompts_alone_have_short_ids_of_their_own(tmp_path: Path) -> None:
+def test_long_prompts_without_ids_get_shortened_ids(tmp_path: Path) -> None:
     start = "a person walks forward, stops, looks around and then goes on " * 2
     (tmp_path / "prompts.txt").write_text(f"{start}slowly\n{start}fast\n{'x' * 64}\n")
     out = tmp_path / "out.safetensors"
@@ -150,7 +150,7 @@ def test_long_prompts_alone_have_short_ids_of_their_own(tmp_path: Path) -> None:
     assert prompts.ids[2] == "x" * 64
 
 
-def test_a_disk_that_takes_nothing_is_told(path: Path, tmp_path: Path) -> None:
+def test_a_file_that_cannot_be_written_is_reported(path: Path, tmp_path: Path) -> None:
     with pytest.raises(PromptFileError, match="cannot be written"):
         write_prompt_file(tmp_path / "none" / "out", read_prompt_file(path))
 
@@ -176,7 +176,7 @@ GOOD = {"format": FORMAT, "text_encoder": "e", "ids": '["a", "b"]', "texts": '["
         ({}, np.full((2, 3), -1e30, np.float32), "at most 10,000"),
     ],
 )
-def test_a_file_that_does_not_fit_together_is_refused(
+def test_an_inconsistent_file_is_refused(
     changes: dict[str, str], vectors: np.ndarray, said: str, tmp_path: Path
 ) -> None:
     path = tmp_path / "prompts.safetensors"
@@ -186,7 +186,7 @@ def test_a_file_that_does_not_fit_together_is_refused(
 
 
 @pytest.mark.parametrize("content", [b"", b"\x80\x04pickle", b"\xff" * 8 + b"{}", json.dumps(GOOD).encode()])
-def test_what_is_no_safetensors_file_is_refused(content: bytes, tmp_path: Path) -> None:
+def test_a_file_that_is_not_safetensors_is_refused(content: bytes, tmp_path: Path) -> None:
     path = tmp_path / "prompts.safetensors"
     path.write_bytes(content)
     with pytest.raises(PromptFileError, match="no safetensors file"):
@@ -201,12 +201,12 @@ def test_vectors_of_another_type_are_refused_by_its_name(kind: str, size: int, t
         read_prompt_file(path)
 
 
-def test_a_pipe_is_refused_and_not_waited_for(tmp_path: Path) -> None:
+def test_a_named_pipe_is_refused_without_blocking(tmp_path: Path) -> None:
     os.mkfifo(tmp_path / "prompts.safetensors")
     with pytest.raises(PromptFileError, match="no regular file"):
         read_prompt_file(tmp_path / "prompts.safetensors")
 
 
-def test_a_file_that_is_not_there_is_refused(tmp_path: Path) -> None:
+def test_a_missing_file_is_refused(tmp_path: Path) -> None:
     with pytest.raises(PromptFileError, match="cannot be read"):
         load_text_encoder(f"prompts:{tmp_path / 'none'}", 4)

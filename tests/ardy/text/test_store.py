@@ -1,4 +1,4 @@
-"""Vectors on the disk: what is found again, what is not mistaken, and that it never stands in the way."""
+"""The store of vectors on disk: what it finds, what it does not, and that its failures do no harm."""
 
 from __future__ import annotations
 
@@ -27,7 +27,7 @@ def store(path: Path, identity: str = "llm2vec-01-float32", width: int = 4, most
     return VectorStore(path, identity, width, most)
 
 
-def test_what_is_put_is_found_by_the_next_process(path: Path) -> None:
+def test_a_stored_vector_is_found_after_reopening_the_store(path: Path) -> None:
     first = store(path)
     first.put("a person walks", VECTOR)
     first.close()
@@ -56,7 +56,7 @@ def test_every_text_finds_its_own_vector(content: dict[str, list[float]]) -> Non
 @pytest.mark.parametrize(
     ("identity", "width"), [("llm2vec-01-bfloat16", 4), ("llm2vec-02-float32", 4), ("llm2vec-01-float32", 3)]
 )
-def test_another_encoder_precision_or_width_finds_nothing(path: Path, identity: str, width: int) -> None:
+def test_vectors_of_another_encoder_precision_or_width_are_not_found(path: Path, identity: str, width: int) -> None:
     first, second = store(path), store(path, identity, width)
     first.put("walk", VECTOR)
     assert second.get("walk") is None
@@ -64,7 +64,7 @@ def test_another_encoder_precision_or_width_finds_nothing(path: Path, identity: 
     second.close()
 
 
-def test_of_more_than_it_may_hold_the_least_recently_used_go(path: Path) -> None:
+def test_a_full_store_drops_the_least_recently_used_vectors(path: Path) -> None:
     manager = store(path, most=10)
     for number in range(11):
         manager.put(f"prompt {number}", VECTOR)
@@ -72,7 +72,7 @@ def test_of_more_than_it_may_hold_the_least_recently_used_go(path: Path) -> None
     manager.close()
 
 
-def test_a_store_is_not_counted_anew_for_every_vector(path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+def test_the_store_does_not_count_its_rows_for_every_vector(path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     said: list[str] = []
     connect = sqlite3.connect
 
@@ -87,10 +87,10 @@ def test_a_store_is_not_counted_anew_for_every_vector(path: Path, monkeypatch: p
         manager.put(f"prompt {number}", VECTOR)
     manager.close()
     counts = [statement for statement in said if "count(*)" in statement]
-    assert 0 < len(counts) <= 10, "each reads the whole file, and who asks for a vector waits behind it"
+    assert 0 < len(counts) <= 10, "each reads the whole file, and requests wait for it"
 
 
-def test_two_processes_worth_of_stores_write_at_once(path: Path) -> None:
+def test_several_stores_can_write_to_one_file_at_once(path: Path) -> None:
     stores = [store(path, most=1000) for _ in range(3)]
 
     def fill(manager: VectorStore, offset: int) -> None:
@@ -109,7 +109,7 @@ def test_two_processes_worth_of_stores_write_at_once(path: Path) -> None:
         manager.close()
 
 
-def test_a_file_that_is_no_database_is_put_aside(path: Path, caplog: pytest.LogCaptureFixture) -> None:
+def test_a_file_that_is_not_a_database_is_moved_aside(path: Path, caplog: pytest.LogCaptureFixture) -> None:
     path.parent.mkdir()
     path.write_bytes(b"not a database, but a letter to my aunt" * 100)
     manager = store(path)
@@ -120,7 +120,7 @@ def test_a_file_that_is_no_database_is_put_aside(path: Path, caplog: pytest.LogC
     assert "prompts.db.broken" in caplog.text
 
 
-def test_what_is_damaged_inside_is_not_found(path: Path) -> None:
+def test_damaged_vectors_are_not_found(path: Path) -> None:
     manager = store(path)
     manager.put("short", VECTOR)
     manager.put("nan", VECTOR)
@@ -134,7 +134,7 @@ def test_what_is_damaged_inside_is_not_found(path: Path) -> None:
     manager.close()
 
 
-def test_what_is_of_another_type_is_not_found_and_told_of_once(path: Path, caplog: pytest.LogCaptureFixture) -> None:
+def test_values_of_another_type_are_not_found_and_reported_once(path: Path, caplog: pytest.LogCaptureFixture) -> None:
     manager = store(path)
     manager.put("walk", VECTOR)
     manager.note_encoder("grpc:here")
@@ -149,7 +149,7 @@ def test_what_is_of_another_type_is_not_found_and_told_of_once(path: Path, caplo
     manager.close()
 
 
-def test_one_that_another_version_wrote_is_left_alone(path: Path, caplog: pytest.LogCaptureFixture) -> None:
+def test_a_store_of_another_version_is_left_alone(path: Path, caplog: pytest.LogCaptureFixture) -> None:
     store(path).close()
     with sqlite3.connect(path) as other:
         other.execute("PRAGMA user_version = 99")
@@ -162,7 +162,9 @@ def test_one_that_another_version_wrote_is_left_alone(path: Path, caplog: pytest
     assert not path.with_name("prompts.db.broken").exists()
 
 
-def test_where_it_cannot_be_it_forgets_and_says_so_once(tmp_path: Path, caplog: pytest.LogCaptureFixture) -> None:
+def test_a_store_that_cannot_be_opened_keeps_nothing_and_warns_once(
+    tmp_path: Path, caplog: pytest.LogCaptureFixture
+) -> None:
     (tmp_path / "file").write_text("in the way")
     with caplog.at_level(logging.WARNING):
         manager = store(tmp_path / "file" / "prompts.db")
@@ -173,7 +175,7 @@ def test_where_it_cannot_be_it_forgets_and_says_so_once(tmp_path: Path, caplog: 
     assert len(caplog.records) == 1
 
 
-def test_one_that_breaks_while_it_is_used_forgets_and_says_so_once(
+def test_a_store_that_breaks_while_in_use_keeps_nothing_and_warns_once(
     path: Path, caplog: pytest.LogCaptureFixture
 ) -> None:
     manager = store(path)
@@ -186,7 +188,7 @@ def test_one_that_breaks_while_it_is_used_forgets_and_says_so_once(
     assert caplog.text.count("cannot be used") == 1
 
 
-def test_what_an_encoder_was_is_known_after_the_process(path: Path) -> None:
+def test_the_latest_identity_of_an_encoder_is_known_after_reopening(path: Path) -> None:
     assert known_encoder(path, "grpc:here:1") is None
     for identity in ("llm2vec-01-float32", "llm2vec-02-float32"):
         manager = store(path, identity)

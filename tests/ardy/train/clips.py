@@ -1,4 +1,4 @@
-"""A small data set made by formula: figures that walk while swinging their limbs."""
+"""A small synthetic data set: figures that walk while swinging their limbs."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""The commands of `make train-mini`, one after another: what comes of them is a folder that everything can load."""
+"""The commands of `make train-mini`, one after another: they give a checkpoint folder that can be loaded."""
 
 from __future__ import annotations
 
@@ -29,7 +29,7 @@ LAST_TWO = ["prompt_paces", "prompt_domain"]
 
 @pytest.fixture(scope="module")
 def data(tmp_path_factory: pytest.TempPathFactory) -> Path:
-    """A set that shows two contents in eight clips each, and nobody who bows."""
+    """A training set of two contents with eight clips each, neither of them a bow."""
     folder = tmp_path_factory.mktemp("data")
     texts = ("a person stands still", "a person walks forward")
     clips = [replace(swinging_clip(number, 60), captions=(texts[number % 2],)) for number in range(16)]
@@ -37,8 +37,8 @@ def data(tmp_path_factory: pytest.TempPathFactory) -> Path:
     return folder
 
 
-def trained(data: Path, folder: Path, recipe: str) -> Path:
-    """A checkpoint folder of two steps of both parts; a second call stops in the middle first."""
+def train_small(data: Path, folder: Path, recipe: str) -> Path:
+    """A checkpoint folder after two steps of training for each part; each stops early first, and is resumed."""
     for file in prompt_domain.CONFIGS.glob("mini-*.yaml"):
         shutil.copy(file, folder)
     (folder / "recipe.yaml").write_text(recipe)
@@ -51,10 +51,10 @@ def trained(data: Path, folder: Path, recipe: str) -> Path:
     return folder / "denoiser"
 
 
-def test_captures_of_ones_own_become_a_model_that_loads(
+def test_a_model_trained_on_own_captures_can_be_loaded(
     data: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
-    folder = trained(data, tmp_path, RECIPE + FILES)
+    folder = train_small(data, tmp_path, RECIPE + FILES)
     assert prompt_paces.main([str(data), str(folder)]) == 0
     assert load_checkpoint(folder).paces is not None
     assert prompt_domain.main([str(data), str(folder), "--without", "bow"]) == 2
@@ -63,10 +63,10 @@ def test_captures_of_ones_own_become_a_model_that_loads(
     assert read_capabilities(folder).domain is not None
 
 
-def test_a_recipe_without_files_becomes_a_model_that_loads_and_claims_nothing(
+def test_a_recipe_without_files_gives_a_model_without_capabilities(
     data: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
-    folder = trained(data, tmp_path, RECIPE)
+    folder = train_small(data, tmp_path, RECIPE)
     assert prompt_domain.main([str(data), str(folder)]) == 2
     assert "says nothing under knows in a capabilities.yaml" in capsys.readouterr().err
     assert prompt_paces.main([str(data), str(folder)]) == 2
@@ -77,7 +77,7 @@ def test_a_recipe_without_files_becomes_a_model_that_loads_and_claims_nothing(
 def test_a_denoiser_of_another_tokenizer_is_refused_with_a_message(
     data: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
-    trained(data, tmp_path, RECIPE)
+    train_small(data, tmp_path, RECIPE)
     options = ["--config", str(tmp_path / "recipe.yaml"), "--steps", "2", "--batch", "2", "--float32", "--seed", "1"]
     assert tokenizer.main([str(data), str(tmp_path / "other"), *options]) == 0
     line = [str(data), str(tmp_path / "denoiser"), "--tokenizer", str(tmp_path / "other"), *options]
@@ -86,8 +86,8 @@ def test_a_denoiser_of_another_tokenizer_is_refused_with_a_message(
     assert "began with another tokenizer" in said
 
 
-def made(tmp_path: Path, code: int, *variables: str) -> tuple[list[list[str]], subprocess.CompletedProcess[str]]:
-    """What `make train-mini` runs, with a program in place of Python that ends the tokenizer with `code`."""
+def run_make(tmp_path: Path, code: int, *variables: str) -> tuple[list[list[str]], subprocess.CompletedProcess[str]]:
+    """The commands that `make train-mini` runs, with a script for Python that ends the tokenizer with `code`."""
     program, log = tmp_path / "python", tmp_path / "log"
     program.write_text(f'#!/bin/sh\necho "$@" >> {log}\ncase "$2" in *.tokenizer) exit {code};; esac\n')
     program.chmod(0o755)
@@ -106,8 +106,8 @@ def claims(tmp_path: Path) -> None:
 
 
 @pytest.mark.usefixtures("claims")
-def test_make_names_labels_only_where_they_are_given_and_the_encoder_where_it_is_needed(tmp_path: Path) -> None:
-    lines, done = made(tmp_path, 0, "TEXT_ENCODER=mine", "ARGS=--steps 2")
+def test_make_passes_unlearned_labels_and_the_encoder_only_where_needed(tmp_path: Path) -> None:
+    lines, done = run_make(tmp_path, 0, "TEXT_ENCODER=mine", "ARGS=--steps 2")
     assert done.returncode == 0, done.stderr
     assert [line[0] for line in lines] == ["tokenizer", "denoiser", *LAST_TWO]
     assert [("--text-encoder mine" in " ".join(line), "--steps" in line) for line in lines] == [
@@ -115,20 +115,20 @@ def test_make_names_labels_only_where_they_are_given_and_the_encoder_where_it_is
     ]  # fmt: skip
     assert not any("--without" in line for line in lines)
     (tmp_path / "log").unlink()
-    lines, done = made(tmp_path, 0, "UNLEARNED=bow jump")
+    lines, done = run_make(tmp_path, 0, "UNLEARNED=bow jump")
     assert lines[3][-3:] == ["--without", "bow", "jump"]
 
 
-def test_make_says_why_it_makes_nothing_of_prompts_without_capabilities(tmp_path: Path) -> None:
-    lines, done = made(tmp_path, 0, "RECIPE=mine.yaml")
+def test_make_explains_why_prompt_steps_are_skipped_without_capabilities(tmp_path: Path) -> None:
+    lines, done = run_make(tmp_path, 0, "RECIPE=mine.yaml")
     assert done.returncode == 0, done.stderr
     assert [line[0] for line in lines] == ["tokenizer", "denoiser"]
     assert "they need a capabilities.yaml, and mine.yaml lists none under files" in done.stdout
 
 
 @pytest.mark.usefixtures("claims")
-def test_make_builds_nothing_upon_what_is_unfinished(tmp_path: Path) -> None:
-    lines, done = made(tmp_path, UNFINISHED)
+def test_make_stops_after_an_unfinished_training(tmp_path: Path) -> None:
+    lines, done = run_make(tmp_path, UNFINISHED)
     assert done.returncode != 0
     assert [line[0] for line in lines] == ["tokenizer"]
 
@@ -141,7 +141,7 @@ def test_make_builds_nothing_upon_what_is_unfinished(tmp_path: Path) -> None:
         ("modle: {}", "unknown keys modle"),
     ],
 )
-def test_wrong_input_ends_both_trainings_with_2_and_a_message(
+def test_invalid_input_ends_both_trainings_with_2_and_a_message(
     data: Path, tmp_path: Path, recipe: str, said: str, capsys: pytest.CaptureFixture[str]
 ) -> None:
     (tmp_path / "recipe.yaml").write_text(RECIPE.replace("model: {horizon: 16}", recipe))
@@ -164,10 +164,10 @@ def test_wrong_input_ends_both_trainings_with_2_and_a_message(
     assert "no clips.json; make a set" in lines[0]
 
 
-def test_no_tokenizer_is_trained_that_no_checkpoint_could_hold(
+def test_a_tokenizer_that_no_checkpoint_can_hold_is_refused_before_training(
     data: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
-    """The first export, hours later, would be the first to say so."""
+    """Otherwise the first export, hours later, would fail."""
     soma = load_skeleton("soma77")
     still = torch.zeros(60, soma.num_joints, 4)
     still[..., 0] = 1

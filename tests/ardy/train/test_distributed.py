@@ -24,7 +24,7 @@ ROOT = Path(__file__).resolve().parents[3]
 
 
 class OneWeight:
-    """A task of one weight, of which no step is trained here."""
+    """A task with one weight; no step of it is trained here."""
 
     def __init__(self) -> None:
         self.fingerprint = ""
@@ -41,24 +41,22 @@ class OneWeight:
         pytest.fail("no step is trained here")
 
 
-def test_processes_stop_at_the_same_step_whichever_of_them_has_to(
-    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
-) -> None:
+def test_all_processes_stop_at_the_same_step_if_one_has_to(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     others = torch.tensor(0.0)
     monkeypatch.setattr(torch.distributed, "is_initialized", lambda: True)
     monkeypatch.setattr(torch.distributed, "all_reduce", lambda told, _: told.clamp_(min=float(others)))
     trainer = Trainer(OneWeight(), LoopSettings(tmp_path, steps=100, learning_rate=1e-3))
     trainer.step, trainer.stopping = STOP_EVERY - 1, True
-    assert not trainer.stops(time.monotonic()), "the others would wait for its gradients"
+    assert not trainer.stops(time.monotonic()), "the other processes would wait for its gradients"
     trainer.step = STOP_EVERY
     assert trainer.stops(time.monotonic())
     trainer.step, trainer.stopping = 2 * STOP_EVERY, False
     assert not trainer.stops(time.monotonic())
     others.fill_(1)
-    assert trainer.stops(time.monotonic()), "another has to"
+    assert trainer.stops(time.monotonic()), "another process has to stop"
 
 
-def test_a_process_has_its_device_before_anything_is_put_there(monkeypatch: pytest.MonkeyPatch) -> None:
+def test_a_process_joins_before_it_puts_anything_on_its_device(monkeypatch: pytest.MonkeyPatch) -> None:
     done: list[str] = []
 
     @contextmanager
@@ -76,10 +74,10 @@ def test_a_process_has_its_device_before_anything_is_put_there(monkeypatch: pyte
     monkeypatch.setattr(sys, "argv", ["denoiser", "data", "out", "--tokenizer", "run", "--device", "cuda"])
     with pytest.raises(InterruptedError):
         denoiser.main()
-    assert done == ["joined", "put on cuda"], "else every process would put it on the first device"
+    assert done == ["joined", "put on cuda"], "otherwise every process would use the first device"
 
 
-def test_two_processes_train_one_model(tmp_path: Path) -> None:
+def test_training_in_two_processes_gives_a_checkpoint_that_loads(tmp_path: Path) -> None:
     command = [sys.executable, "-m", "torch.distributed.run", "--standalone", "--nproc_per_node", "2"]
     environment = os.environ | {"PYTHONPATH": os.pathsep.join([str(ROOT), *sys.path]), "OMP_NUM_THREADS": "1"}
     result = subprocess.run(

@@ -1,4 +1,4 @@
-"""The training loop: it learns, stops, and goes on where it stopped."""
+"""The training loop: it trains, stops, and resumes where it stopped."""
 
 from __future__ import annotations
 
@@ -35,7 +35,7 @@ def settings(tmp_path: Path) -> LoopSettings:
     return LoopSettings(out=tmp_path / "run", steps=6, learning_rate=1e-3, warmup_steps=2, log_every=2, bfloat16=False)
 
 
-def test_training_goes_on_from_the_saved_step_and_exports_a_working_model(settings: LoopSettings) -> None:
+def test_training_resumes_from_the_saved_step_and_exports_a_working_model(settings: LoopSettings) -> None:
     dataset = swinging_dataset()
     first = train_tokenizer(TOKENIZER, dataset, replace(settings, steps=4), batch=2)
     assert first.step == 4
@@ -62,29 +62,29 @@ def test_a_finished_run_is_not_trained_further(settings: LoopSettings) -> None:
     assert again.exit_code == 0
 
 
-def test_a_denoiser_does_not_go_on_with_another_tokenizer(settings: LoopSettings) -> None:
+def test_a_denoiser_does_not_resume_with_another_tokenizer(settings: LoopSettings) -> None:
     dataset = swinging_dataset()
     train_tokenizer(TOKENIZER, dataset, replace(settings, steps=2), batch=2)
     denoising = replace(settings, out=settings.out / "denoiser", steps=1)
     config = replace(MINI_DENOISER, transformer=SMALL, latent_dim=8, text_dim=8)
 
-    def go_on(steps: int) -> int:
+    def resume(steps: int) -> int:
         model = denoiser_of(load_tokenizer(settings.out), config, horizon=16)
         return train_denoiser(model, dataset, "hashed", replace(denoising, steps=steps), batch=2).step
 
-    assert go_on(1) == 1
+    assert resume(1) == 1
     train_tokenizer(TOKENIZER, dataset, replace(settings, steps=2), batch=2)  # done already: its weights stay
-    assert go_on(2) == 2
+    assert resume(2) == 2
     train_tokenizer(TOKENIZER, dataset, replace(settings, steps=8), batch=2)
     with pytest.raises(ResumeError, match="began with another tokenizer"):
-        go_on(3)
+        resume(3)
     state = torch.load(denoising.out / STATE_FILE, weights_only=True)
     del state["fingerprint"]
     torch.save(state, denoising.out / STATE_FILE)
-    assert go_on(3) == 3, "states of before have no fingerprint"
+    assert resume(3) == 3, "older states have no fingerprint"
 
 
-def test_it_stops_when_asked_and_has_saved(settings: LoopSettings) -> None:
+def test_training_stops_at_its_time_limit_and_saves(settings: LoopSettings) -> None:
     trainer = train_tokenizer(TOKENIZER, swinging_dataset(), replace(settings, steps=10_000, minutes=0.01), batch=2)
     assert 0 < trainer.step < 10_000
     assert trainer.exit_code == UNFINISHED
@@ -93,7 +93,7 @@ def test_it_stops_when_asked_and_has_saved(settings: LoopSettings) -> None:
 
 
 @pytest.mark.parametrize("num_base_steps", [1, 2, 3])
-def test_a_model_of_few_base_steps_makes_its_own_history_too(settings: LoopSettings, num_base_steps: int) -> None:
+def test_a_model_with_few_base_steps_trains_on_its_own_history(settings: LoopSettings, num_base_steps: int) -> None:
     dataset = swinging_dataset()
     train_tokenizer(TOKENIZER, dataset, replace(settings, steps=1), batch=2)
     small = replace(MINI_DENOISER, transformer=SMALL, latent_dim=8, text_dim=8)
@@ -110,9 +110,7 @@ def test_a_model_of_few_base_steps_makes_its_own_history_too(settings: LoopSetti
     )  # fmt: skip
 
 
-def test_a_run_that_was_killed_before_its_first_export_goes_on(
-    settings: LoopSettings, monkeypatch: pytest.MonkeyPatch
-) -> None:
+def test_a_run_killed_before_its_first_export_resumes(settings: LoopSettings, monkeypatch: pytest.MonkeyPatch) -> None:
     dataset = swinging_dataset()
 
     def killed(*_: object) -> None:

@@ -26,7 +26,7 @@ def test_steps_follow_the_formula() -> None:
     torch.testing.assert_close(parameter.detach().double(), expected, atol=1e-6, rtol=0)
 
 
-def test_it_does_not_depend_on_the_scale_of_the_loss() -> None:
+def test_steps_do_not_depend_on_the_scale_of_the_loss() -> None:
     results = []
     for scale in (1e-8, 1.0, 1e8):
         parameter = torch.nn.Parameter(torch.tensor([1.0, -2.0]))
@@ -67,7 +67,7 @@ def test_the_moving_average_forgets_the_untrained_weights() -> None:
     assert float(average.count) == 100
 
 
-def test_a_rate_in_a_tensor_moves_as_far_as_a_number() -> None:
+def test_a_learning_rate_may_be_a_tensor() -> None:
     results = []
     for rate in (0.1, torch.tensor(0.1)):
         parameter = torch.nn.Parameter(torch.tensor([1.0, -2.0]))

@@ -1,4 +1,4 @@
-"""Tokens of other lengths are trained, exported, read again and rolled out."""
+"""Models with other patch sizes are trained, exported, loaded and rolled out."""
 
 from __future__ import annotations
 
@@ -50,7 +50,7 @@ def trained(tmp_path_factory: pytest.TempPathFactory) -> Path:
     return folder / "denoiser"
 
 
-def test_a_recipe_with_another_patch_becomes_a_model_that_moves(trained: Path) -> None:
+def test_a_recipe_with_another_patch_gives_a_model_that_generates(trained: Path) -> None:
     read = load_checkpoint(trained)
     assert (read.config.patch, read.config.num_base_steps, read.config.token_width) == (5, 20, 33)
     targets = Targets(read.skeleton)
@@ -84,7 +84,7 @@ def test_windows_of_every_kind_are_whole_tokens(patch: int) -> None:
         ({"num_frames_per_token": 11}, "num_frames_per_token"),
     ],
 )
-def test_a_folder_whose_parts_disagree_is_refused(
+def test_a_checkpoint_with_inconsistent_patch_sizes_is_refused(
     trained: Path, tmp_path: Path, changes: dict[str, int], message: str
 ) -> None:
     config = yaml.safe_load((trained / "config.yaml").read_text())

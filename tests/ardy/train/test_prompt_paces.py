@@ -1,4 +1,4 @@
-"""The paces of prompts, from captures to the file, and the file that ships."""
+"""The paces of prompts: from captures to the file, and the file of the built-in model."""
 
 from __future__ import annotations
 
@@ -33,7 +33,7 @@ def clip(number: int, speed: float, captions: tuple[str, ...], **changes: object
     return replace(made, root_positions=root, captions=captions, content=captions[0], **changes)  # type: ignore[arg-type]
 
 
-def test_a_caption_goes_as_fast_as_its_captures() -> None:
+def test_speeds_of_a_caption_are_those_of_its_captures() -> None:
     standing = replace(clip(3, 1.0, ("walks and stops",)), segments=(Segment(60, 60, "stop", ("stops",)),))
     standing.root_positions[60:, 2] = standing.root_positions[60, 2]
     made = clip(4, 9.0, ("walks",), derived_from="clip")
@@ -45,7 +45,7 @@ def test_a_caption_goes_as_fast_as_its_captures() -> None:
     assert caption_speeds([replace(clip(1, 1.0, ("walks",)), root_positions=torch.zeros(25, 3))], 20.0) == {}
 
 
-def test_the_command_writes_what_a_checkpoint_reads(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+def test_the_command_writes_a_file_that_a_checkpoint_reads(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
     captions = {"a person stands still": 0.0, "a person walks forward": 1.2, "a person runs": 3.0}
     clips = [
         replace(clip(number, speed, (text,)), id=f"{number}-{text}")
@@ -70,10 +70,10 @@ def test_the_command_writes_what_a_checkpoint_reads(tmp_path: Path, capsys: pyte
     assert "set fit_prompts to false" in capsys.readouterr().err
 
 
-def test_vectors_of_another_width_than_the_model_takes_are_not_written(
+def test_vectors_of_another_width_than_that_of_the_model_are_refused(
     tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
-    """They would make the folder one that nothing loads."""
+    """With them, the checkpoint folder could not be loaded."""
     clips = [replace(clip(number, 1.0, ("a person walks", "someone goes")), id=f"{number}") for number in range(9)]
     MotionDataset(load_skeleton("core27"), 20.0, tuple(clips)).save(tmp_path / "data")
     folder = tmp_path / "checkpoint"
@@ -89,7 +89,7 @@ def test_vectors_of_another_width_than_the_model_takes_are_not_written(
 
 
 @pytest.mark.parametrize("command", [main, prompt_domain.main])
-def test_captions_that_do_not_differ_are_told(
+def test_captions_that_do_not_differ_are_refused(
     command: Callable[[list[str]], int], tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
     clips = [replace(clip(number, 1.0, ("a person walks",)), id=f"{number}") for number in range(9)]
@@ -99,7 +99,7 @@ def test_captions_that_do_not_differ_are_told(
     assert "error: no two captions differ, of 1" in capsys.readouterr().err
 
 
-def test_the_built_in_model_knows_how_fast_its_prompts_go() -> None:
+def test_the_built_in_model_knows_the_paces_of_its_prompts() -> None:
     model = load_checkpoint(model_folder("motiongen-mini"))
     encoder = load_text_encoder("static")
     assert model.sampling.fit_prompts

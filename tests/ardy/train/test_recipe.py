@@ -17,16 +17,16 @@ def written(folder: Path, text: str) -> Path:
     return path
 
 
-def test_without_a_file_it_is_the_built_in_model() -> None:
+def test_without_a_file_the_recipe_is_that_of_the_built_in_model() -> None:
     assert read_recipe(None) == Recipe(MINI_TOKENIZER, MINI_DENOISER)
 
 
-def test_the_built_in_configuration_says_the_same() -> None:
+def test_the_built_in_configuration_file_is_that_recipe() -> None:
     recipe = read_recipe(Path(str(resources.files("motiongen_ardy") / "train/configs/mini.yaml")))
     assert (recipe.tokenizer, recipe.denoiser, recipe.horizon) == (MINI_TOKENIZER, MINI_DENOISER, 40)
 
 
-def test_the_papers_sizes_can_be_trained() -> None:
+def test_the_configuration_of_the_paper_has_its_sizes() -> None:
     recipe = read_recipe(Path(str(resources.files("motiongen_ardy") / "train/configs/paper.yaml")))
     assert recipe.tokenizer.latent_dim == recipe.denoiser.latent_dim == 128
     assert recipe.tokenizer.levels == (64,) * 128
@@ -34,18 +34,18 @@ def test_the_papers_sizes_can_be_trained() -> None:
     assert recipe.tokenizer.transformer.num_layers == 8
 
 
-def test_base_steps_and_loss_weights_are_settings(tmp_path: Path) -> None:
+def test_base_steps_horizon_and_loss_weights_can_be_set(tmp_path: Path) -> None:
     recipe = read_recipe(written(tmp_path, "model: {num_base_steps: 100, horizon: 16}\nloss: {planted: 2}\n"))
     assert (recipe.num_base_steps, recipe.horizon) == (100, 16)
     assert recipe.loss.planted == 2
 
 
-def test_the_patch_of_the_tokenizer_is_that_of_the_denoiser(tmp_path: Path) -> None:
+def test_the_denoiser_takes_the_patch_of_the_tokenizer(tmp_path: Path) -> None:
     recipe = read_recipe(written(tmp_path, "tokenizer: {patch: 5}\n"))
     assert (recipe.tokenizer.patch, recipe.denoiser.patch) == (5, 5)
 
 
-def test_files_are_copied_from_beside_the_recipe(tmp_path: Path) -> None:
+def test_files_are_found_beside_the_recipe(tmp_path: Path) -> None:
     (tmp_path / "mine.yaml").write_text("x: 1\n", encoding="utf-8")
     recipe = read_recipe(written(tmp_path, "files: {sampling.yaml: mine.yaml}\n"))
     assert recipe.files == (("sampling.yaml", tmp_path / "mine.yaml"),)
@@ -73,6 +73,6 @@ def test_files_are_copied_from_beside_the_recipe(tmp_path: Path) -> None:
         ("files: {1: recipe.yaml}\n", r"files\.1 is 'recipe.yaml'; give a plain name"),
     ],
 )
-def test_what_cannot_be_built_is_refused(tmp_path: Path, text: str, message: str) -> None:
+def test_invalid_recipes_are_refused(tmp_path: Path, text: str, message: str) -> None:
     with pytest.raises(ConfigError, match=message):
         read_recipe(written(tmp_path, text))

@@ -1,4 +1,4 @@
-"""Run folders: who holds one, what is wrong with a state, and that what was sound is never written over."""
+"""Run folders: one training holds one at a time, invalid states are reported, and valid ones never overwritten."""
 
 from __future__ import annotations
 
@@ -35,7 +35,7 @@ def train(settings: LoopSettings, config: TokenizerConfig = TOKENIZER, fps: floa
     return train_tokenizer(config, replace(swinging_dataset(), fps=fps), settings, batch=1)
 
 
-def test_a_second_training_in_a_folder_is_refused_until_the_first_ends(settings: LoopSettings) -> None:
+def test_a_second_training_in_a_run_folder_is_refused_until_the_first_ends(settings: LoopSettings) -> None:
     with held(settings.out):
         with pytest.raises(RunFolderError, match="another training writes there; wait for its end or stop it"):
             train(settings)
@@ -44,7 +44,7 @@ def test_a_second_training_in_a_folder_is_refused_until_the_first_ends(settings:
     assert train(settings).step == 2
 
 
-def test_a_denoiser_holds_its_folder_too(settings: LoopSettings) -> None:
+def test_the_training_of_a_denoiser_holds_its_folder_too(settings: LoopSettings) -> None:
     model = denoiser_of(
         train(settings).task.module.tokenizer,  # type: ignore[union-attr]
         replace(MINI_DENOISER, transformer=SMALL, latent_dim=8, text_dim=8),
@@ -55,7 +55,7 @@ def test_a_denoiser_holds_its_folder_too(settings: LoopSettings) -> None:
 
 
 @pytest.mark.parametrize("kept", [0, 2, 1000, -3000, -1])
-def test_a_state_that_was_cut_off_is_told(kept: int, settings: LoopSettings) -> None:
+def test_a_truncated_state_is_reported(kept: int, settings: LoopSettings) -> None:
     train(settings)
     path = settings.out / STATE_FILE
     path.write_bytes(path.read_bytes()[:kept])
@@ -63,14 +63,14 @@ def test_a_state_that_was_cut_off_is_told(kept: int, settings: LoopSettings) -> 
         train(settings)
 
 
-def test_a_state_of_something_else_is_told(settings: LoopSettings) -> None:
+def test_a_file_that_is_not_a_training_state_is_reported(settings: LoopSettings) -> None:
     train(settings)
     torch.save({"weights": torch.zeros(1)}, settings.out / STATE_FILE)
     with pytest.raises(ResumeError, match="is no state of a training"):
         train(settings)
 
 
-def test_a_state_of_other_sizes_is_told_by_its_folder(settings: LoopSettings) -> None:
+def test_a_state_of_other_sizes_is_reported(settings: LoopSettings) -> None:
     train(settings)
     other = replace(TOKENIZER, transformer=replace(SMALL, feed_forward=64))
     with pytest.raises(ResumeError, match=r"does not fit what is to be trained: .* give the recipe that it began with"):
@@ -78,45 +78,43 @@ def test_a_state_of_other_sizes_is_told_by_its_folder(settings: LoopSettings) ->
     assert train(replace(settings, steps=3)).step == 3
 
 
-def test_a_tokenizer_does_not_go_on_at_another_rate(settings: LoopSettings) -> None:
+def test_a_tokenizer_does_not_resume_at_another_frame_rate(settings: LoopSettings) -> None:
     train(settings)
     with pytest.raises(ResumeError, match="began with frames a second 20, not 30"):
         train(replace(settings, steps=3), fps=30.0)
     state = torch.load(settings.out / STATE_FILE, weights_only=True)
     del state["terms"]
     torch.save(state, settings.out / STATE_FILE)
-    assert train(replace(settings, steps=3)).step == 3, "states of before have no terms"
+    assert train(replace(settings, steps=3)).step == 3, "older states have no terms"
 
 
-def test_a_denoiser_does_not_go_on_with_the_texts_of_another_encoder(
+def test_a_denoiser_does_not_resume_with_another_text_encoder(
     settings: LoopSettings, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     codec = train(settings).task.module.tokenizer  # type: ignore[union-attr]
     denoising = replace(settings, out=settings.out / "denoiser")
     config = replace(MINI_DENOISER, transformer=SMALL, latent_dim=8, text_dim=8)
 
-    def go_on(steps: int) -> int:
+    def resume(steps: int) -> int:
         model = denoiser_of(codec, config, horizon=16)
         return train_denoiser(model, swinging_dataset(), "hashed", replace(denoising, steps=steps), batch=1).step
 
-    assert go_on(1) == 1
+    assert resume(1) == 1
     with monkeypatch.context() as patched:
         patched.setattr("motiongen_ardy.text.hashed.HashedTextEncoder.identity", "another-8")
         with pytest.raises(ResumeError, match="began with text encoder hashed-8, not another-8"):
-            go_on(2)
-    assert go_on(2) == 2
+            resume(2)
+    assert resume(2) == 2
 
 
-def test_a_run_that_stopped_before_its_first_update_goes_on(
-    settings: LoopSettings, monkeypatch: pytest.MonkeyPatch
-) -> None:
+def test_a_run_stopped_before_its_first_update_resumes(settings: LoopSettings, monkeypatch: pytest.MonkeyPatch) -> None:
     with monkeypatch.context() as patched:
         patched.setattr(Trainer, "train_step", lambda _: pytest.fail("no step is trained yet"))
         train(replace(settings, steps=0))
     assert train(settings).step == 2
 
 
-def test_weights_that_diverged_do_not_take_the_place_of_sound_ones(settings: LoopSettings) -> None:
+def test_diverged_weights_do_not_replace_the_saved_ones(settings: LoopSettings) -> None:
     train(settings)
     with pytest.raises(Diverged, match=r"not finite.* go on from there with a lower --lr than 1e\+38"):
         train(replace(settings, steps=6, learning_rate=1e38))
@@ -125,7 +123,7 @@ def test_weights_that_diverged_do_not_take_the_place_of_sound_ones(settings: Loo
 
 
 @pytest.mark.parametrize("save_minutes", [1e-9, 60.0])
-def test_nothing_is_saved_of_losses_or_weights_that_are_not_finite(
+def test_nothing_is_saved_if_losses_or_weights_are_not_finite(
     save_minutes: float, settings: LoopSettings, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     trainer = train(replace(settings, steps=1))
@@ -136,7 +134,7 @@ def test_nothing_is_saved_of_losses_or_weights_that_are_not_finite(
         return {"total": torch.tensor(torch.nan)}
 
     monkeypatch.setattr(Trainer, "train_step", diverging)
-    monkeypatch.setattr(Trainer, "save", lambda _: pytest.fail("what was sound is lost"))
+    monkeypatch.setattr(Trainer, "save", lambda _: pytest.fail("the valid state is overwritten"))
     with pytest.raises(Diverged, match=r"these are not finite: \{'total': nan\}"):
         train(replace(settings, steps=2, save_minutes=save_minutes))
     with torch.no_grad():
@@ -162,17 +160,17 @@ def test_a_full_disk_ends_a_training_with_a_message_and_keeps_the_state(
     assert not list(settings.out.rglob("*.partial"))
 
 
-def test_a_folder_that_cannot_be_made_is_told(settings: LoopSettings) -> None:
+def test_a_folder_that_cannot_be_created_is_reported(settings: LoopSettings) -> None:
     settings.out.touch()
     with pytest.raises(RunFolderError, match="run cannot be written"):
         train(settings)
 
 
 @pytest.mark.parametrize("number", [signal.SIGTERM, signal.SIGINT])
-def test_a_signal_stops_between_two_steps_and_all_of_a_step_is_saved(
+def test_a_signal_stops_training_after_a_whole_step_which_is_saved(
     number: signal.Signals, settings: LoopSettings, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    """An update that is cut short would be saved half made."""
+    """An update that is interrupted would be saved half done."""
     draw: Callable[..., tuple[Tensor, Tensor]] = TokenizerTask.sample
     updated: list[int] = []
 
@@ -197,8 +195,8 @@ def test_a_signal_stops_between_two_steps_and_all_of_a_step_is_saved(
     assert [signal.getsignal(one) for one in (signal.SIGTERM, signal.SIGINT)] == handlers
 
 
-def test_a_second_ctrl_c_ends_one_process_at_once_but_none_of_several(monkeypatch: pytest.MonkeyPatch) -> None:
-    """torchrun passes the one that it gets on to processes that have had it from the terminal."""
+def test_a_second_ctrl_c_ends_a_single_process_but_none_of_several(monkeypatch: pytest.MonkeyPatch) -> None:
+    """torchrun forwards its signal to processes that already got one from the terminal."""
     monkeypatch.setattr(torch.distributed, "is_initialized", lambda: True)
     heard: list[object] = []
     with monkeypatch.context() as patched:
@@ -212,7 +210,7 @@ def test_a_second_ctrl_c_ends_one_process_at_once_but_none_of_several(monkeypatc
         assert heard == [(signal.SIGINT, signal.default_int_handler)]
 
 
-def test_clips_that_are_all_too_short_are_told(
+def test_clips_that_are_all_too_short_are_refused(
     settings: LoopSettings, tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
     clips = tuple(swinging_clip(number, 15) for number in range(3))
@@ -234,7 +232,7 @@ def test_clips_that_are_all_too_short_are_told(
         ("--device", "cuda:7", "'cuda:7': there are 1 GPUs that torch can use, and this would need 8"),
     ],
 )
-def test_options_that_mean_nothing_are_refused(
+def test_options_out_of_range_are_refused(
     option: str, value: str, said: str, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
 ) -> None:
     monkeypatch.setattr(torch.cuda, "device_count", lambda: 1)

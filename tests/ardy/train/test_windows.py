@@ -43,14 +43,14 @@ def batches(sampler: WindowSampler) -> list[TrainingWindows]:
     return [sampler.sample(shape, generator) for shape in (*sampler.shapes, *sampler.shapes, OwnHistory())]
 
 
-def test_short_clips_are_left_out_and_mirrors_are_added_where_allowed(bank: FeatureBank) -> None:
+def test_short_clips_are_left_out_and_allowed_mirror_images_are_added(bank: FeatureBank) -> None:
     assert sorted(bank.length.tolist()) == [16, 16, 30, 44, 44, 90, 160, 160]
     assert float(bank.weight.sum()) == pytest.approx(1)
     mirrored = [clip for clip in bank.clips if "right" in clip.captions[0]]
     assert len(mirrored) == 3
 
 
-def test_clips_worked_out_together_are_as_each_alone(bank: FeatureBank) -> None:
+def test_features_of_a_clip_do_not_depend_on_other_clips(bank: FeatureBank) -> None:
     dataset = swinging_dataset()
     alone = build_feature_bank(replace(dataset, clips=dataset.clips[4:5]), natural_layout(dataset.skeleton, 20), False)
     number = [clip.id for clip in bank.clips].index(dataset.clips[4].id)
@@ -76,7 +76,7 @@ def test_the_origin_is_the_last_history_frame(batches: list[TrainingWindows], la
         assert ground.abs().max() < 1e-4
 
 
-def test_constraints_stand_after_the_history_and_before_the_end(batches: list[TrainingWindows]) -> None:
+def test_constraints_are_placed_after_the_history_and_before_the_end(batches: list[TrainingWindows]) -> None:
     seen = 0
     for windows in batches:
         frames = torch.arange(windows.mask.shape[1])[None]
@@ -95,7 +95,7 @@ def test_some_texts_and_some_constraints_are_dropped(batches: list[TrainingWindo
     assert 0.5 < constrained < 0.97
 
 
-def test_a_window_that_starts_from_its_own_past_continues_it(batches: list[TrainingWindows]) -> None:
+def test_a_window_with_generated_history_continues_the_earlier_window(batches: list[TrainingWindows]) -> None:
     windows = batches[-1]
     earlier = windows.earlier
     assert earlier is not None
@@ -113,7 +113,7 @@ def test_a_window_that_starts_from_its_own_past_continues_it(batches: list[Train
     assert not history[~earlier.used].any()
 
 
-def test_a_window_before_a_change_is_cut_there_and_one_just_before_it_is_told_the_new() -> None:
+def test_windows_end_at_a_change_of_caption_or_take_the_new_one() -> None:
     clip = swinging_clip(1, 160)
     spans = (Segment(0, 80, "walk", ("walk",)), Segment(80, 80, "stand", ("stand",)))
     captions = caption_spans([replace(clip, segments=spans)])
@@ -128,7 +128,7 @@ def only(form: str) -> ConstraintChances:
 
 
 def columns_at_run_time(form: str, layout: Representation) -> list[torch.Tensor] | None:
-    """The masks (D) that `motiongen_ardy.core.constraint` fills for a frame of a form; None where many are possible."""
+    """The masks (D) that `motiongen_ardy.core.constraint` fills for a frame of a form; None if there are too many."""
     skeleton = layout.skeleton
     positions = torch.randn(1, skeleton.num_joints, 3)
     rotations = torch.eye(3).expand(1, skeleton.num_joints, 3, 3)
@@ -155,11 +155,11 @@ def columns_at_run_time(form: str, layout: Representation) -> list[torch.Tensor]
     ]
     hips = torch.zeros_like(told[0])
     hips[layout.rotation_block.start : layout.rotation_block.start + 6] = 1
-    return [*told, *(columns * (1 - hips) for columns in told)]  # the hips' rotation is told in a part of the rows
+    return [*told, *(columns * (1 - hips) for columns in told)]  # the hips' rotation is given in some rows only
 
 
 @pytest.mark.parametrize("form", FORMS)
-def test_training_covers_the_columns_that_run_time_fills(form: str, layout: Representation) -> None:
+def test_constraints_in_training_fill_only_columns_used_at_run_time(form: str, layout: Representation) -> None:
     sampler = ConstraintSampler(layout, only(form))
     batch = 60
     spans = WindowSpans(
@@ -174,7 +174,7 @@ def test_training_covers_the_columns_that_run_time_fills(form: str, layout: Repr
     allowed = columns_at_run_time(form, layout)
     if allowed is None:
         return
-    if form in ("waypoints", "trajectory"):  # in some rows the root's height is told too
+    if form in ("waypoints", "trajectory"):  # in some rows the root's height is given too
         rows = rows.clone()
         rows[:, 1] = False
     found = {tuple(row.tolist()) for row in rows}
@@ -184,7 +184,7 @@ def test_training_covers_the_columns_that_run_time_fills(form: str, layout: Repr
 
 
 @pytest.mark.parametrize("horizon", [4, 8, 12, 16, 40])
-def test_a_history_that_the_model_makes_is_whole_whatever_the_horizon(
+def test_a_generated_history_is_complete_whatever_the_horizon(
     bank: FeatureBank, layout: Representation, horizon: int
 ) -> None:
     sampler = WindowSampler(bank, np.ones((len(bank.captions.texts), 8), np.float32), layout, horizon, batch=24)
@@ -212,7 +212,7 @@ def test_a_history_that_the_model_makes_is_whole_whatever_the_horizon(
     assert any_used
 
 
-def test_a_horizon_that_no_window_has_room_for_is_refused(bank: FeatureBank, layout: Representation) -> None:
+def test_a_horizon_too_long_for_a_window_is_refused(bank: FeatureBank, layout: Representation) -> None:
     embeddings = np.ones((len(bank.captions.texts), 8), np.float32)
     assert WindowSampler(bank, embeddings, layout, horizon=184, batch=24).shapes
     with pytest.raises(ConfigError, match=r"model\.horizon is 188; .* give at most 184"):

@@ -12,7 +12,7 @@ ENGINE_CAPACITY = 5_000
 
 @dataclass(frozen=True)
 class Assumptions:
-    """capacity: characters that a server serves in full. admitted: the share of it up to which characters are let in.
+    """capacity: characters that a server serves in full. admitted: the share of it up to which characters are admitted.
 
     Clients have `characters` each on average (geometric, at least one) and stay `life_s` on average (exponential).
     window_s: the motion that a window makes; lookahead_s: what a client holds. away_s: least and greatest time from the

@@ -37,7 +37,7 @@ class Outcome:
     """The results. Times in seconds; held: character-seconds without a frame, played: with one.
 
     opened, refused, given_up: numbers of clients; waited: how long clients that were refused at first waited until they
-    were let in. moved: clients that moved to another server; away: how long each of them held its pose meanwhile.
+    were admitted. moved: clients that moved to another server; away: how long each of them held its pose meanwhile.
     """
 
     opened: int = 0

@@ -105,7 +105,7 @@ class Fleet:
         self._ring = [point for point in self._ring if point[2] is not server]
 
     def has_room(self, server: Server, characters: int) -> bool:
-        """Whether admission lets in so many characters."""
+        """Whether admission admits so many characters."""
         given = self.given
         return not server.drains and server.characters + characters <= given.admitted * given.capacity
 

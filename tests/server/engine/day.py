@@ -128,10 +128,10 @@ class Day:
             if viewer.opened is not None and viewer.closed is None:
                 stage.pause(viewer, False)
         stage.run(5.0)
-        # A held pose is held for some more time, during which its session's edits wait.
+        # A pose is held for some more time, during which its session's edits wait.
         limit_at = stage.clock.now() + 400.0
         while ServiceTier.HOLD in stage.tiers().values():
-            assert stage.clock.now() < limit_at, "held for ever"
+            assert stage.clock.now() < limit_at, "sessions still hold a pose after 400 s"
             stage.run(1.0)
         stage.run(5.0)
         stage.check_finished()

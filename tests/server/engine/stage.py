@@ -92,7 +92,7 @@ _Edit: TypeAlias = SetPrompts | SetConstraints | SetVelocity | SetPlayState | Se
 class Stage:
     """Drives the engine by hand. Viewers report their playheads every `report_every_s`, unless told to be silent.
 
-    delay_s: of everything from a viewer to the engine, and from the engine to a viewer. clock, lease: shared by several
+    delay_s: the delay of everything between viewers and engine, in both directions. clock, lease: shared by several
     stages whose steps are run in turn by the test.
     """
 
@@ -242,7 +242,7 @@ class Stage:
     def run_until(self, holds: Callable[[], bool], limit_s: float = 10.0) -> None:
         end = self.clock.now() + limit_s
         while not holds():
-            assert self.clock.now() < end, "it never came true"
+            assert self.clock.now() < end, "the condition never came true"
             self.run(0.001)
 
     def report_playheads(self) -> None:

@@ -1,4 +1,4 @@
-"""Clips: bounded motion that is made as fast as there is room, and what it leaves to the sessions."""
+"""Clips: bounded motion that is made as fast as capacity allows, and what they leave to the sessions."""
 
 from __future__ import annotations
 
@@ -20,7 +20,7 @@ def prior_rows(num_frames: int) -> np.ndarray:
 
 
 @pytest.mark.parametrize("num_frames", [1, 40, 41, 90, 200])
-def test_a_clip_has_just_its_frames_and_then_ends(num_frames: int) -> None:
+def test_clip_has_exactly_its_frames_and_then_closes(num_frames: int) -> None:
     stage = Stage()
     clip = stage.open_clip(1, num_frames)
     stage.run(1.0)
@@ -28,11 +28,11 @@ def test_a_clip_has_just_its_frames_and_then_ends(num_frames: int) -> None:
     assert clip.closed is not None
     assert (clip.closed.reason, clip.closed.code, clip.closed.num_frames) == (CloseReason.CLIENT, Code.OK, num_frames)
     assert stage.engine.num_sessions == 0
-    assert len(stage.runner.decoded) == -(-num_frames // 40), "no window more than it takes"
+    assert len(stage.runner.decoded) == -(-num_frames // 40), "no more windows than it takes"
     stage.check_finished()
 
 
-def test_a_clip_does_not_wait_for_a_playhead() -> None:
+def test_clip_is_made_without_waiting_for_playheads() -> None:
     stage = Stage()
     clip = stage.open_clip(1, 400)
     begun_at = stage.clock.now()
@@ -40,7 +40,7 @@ def test_a_clip_does_not_wait_for_a_playhead() -> None:
     assert stage.clock.now() - begun_at < 1.0, "twenty seconds of motion"
 
 
-def test_no_more_is_made_than_its_client_takes() -> None:
+def test_clip_is_made_only_as_far_as_its_look_ahead_reaches() -> None:
     stage = Stage()
     clip = stage.open_clip(1, 300, lookahead=160)
     stage.run(2.0)
@@ -55,7 +55,7 @@ def test_no_more_is_made_than_its_client_takes() -> None:
     stage.check_finished()
 
 
-def test_samples_and_sessions_share_steps() -> None:
+def test_clips_and_sessions_share_denoising_steps() -> None:
     stage = Stage()
     viewer = stage.open(1)
     clips = [stage.open_clip(handle, 120, seed=handle) for handle in range(2, 10)]
@@ -67,17 +67,17 @@ def test_samples_and_sessions_share_steps() -> None:
     stage.check_finished()
 
 
-def test_prompts_change_at_their_frame_and_constraints_are_seen() -> None:
+def test_clip_prompts_change_at_their_frames_and_every_window_gets_the_constraints() -> None:
     stage = Stage()
     goal = Waypoint(1, 100, 0.0, 1.0)
     prompts = (prompt(3, 1, 0, 50), prompt(7, 2, 50, None))
     clip = stage.open_clip(1, 120, prompts=prompts, constraints=(goal,))
     stage.run(1.0)
     assert [int(row[PROMPT]) for row in clip.rows] == [3] * 50 + [7] * 70
-    assert {int(row[CONSTRAINTS]) for row in clip.rows} == {1}, "the goal is seen from the start"
+    assert {int(row[CONSTRAINTS]) for row in clip.rows} == {1}, "every window gets the waypoint"
 
 
-def test_history_is_as_long_as_asked_for() -> None:
+def test_windows_use_the_history_length_that_was_asked_for() -> None:
     stage = Stage()
     stage.open_clip(1, 120, history_frames=40)
     stage.open_clip(2, 120, history_frames=4)
@@ -92,7 +92,7 @@ def test_history_is_as_long_as_asked_for() -> None:
 
 
 @pytest.mark.parametrize("is_clip", [True, False])
-def test_motion_goes_on_from_prior_frames(is_clip: bool) -> None:
+def test_first_window_continues_from_prior_frames(is_clip: bool) -> None:
     stage = Stage()
     seeded = stage.open_clip if is_clip else lambda handle, _, **fields: stage.open(handle, **fields)
     viewer = seeded(1, 120, prior_rows=prior_rows(24))
@@ -104,7 +104,7 @@ def test_motion_goes_on_from_prior_frames(is_clip: bool) -> None:
     stage.check_finished()
 
 
-def test_prior_frames_of_which_nothing_can_be_made_refuse_the_open() -> None:
+def test_prior_frames_that_the_runner_cannot_convert_refuse_the_open() -> None:
     stage = Stage()
     stage.runner.fails = lambda call, _: call == "features"
     refused = stage.open_clip(1, 40, prior_rows=prior_rows(8))
@@ -129,7 +129,7 @@ def test_closing_a_clip_stops_its_work_within_a_step() -> None:
     assert clip.closed is not None
 
 
-def test_so_many_samples_at_once_and_no_more() -> None:
+def test_clips_beyond_max_clips_are_refused_and_clips_take_no_session_places() -> None:
     stage = Stage(EngineConfig(max_clips=2, max_sessions=1))
     stage.open(1)
     clips = [stage.open_clip(handle, 400) for handle in range(2, 5)]
@@ -145,8 +145,8 @@ def test_so_many_samples_at_once_and_no_more() -> None:
     assert len(again.rows) == 40
 
 
-def test_clips_leave_the_load_the_ladder_and_the_deadlines_to_sessions() -> None:
-    """The machine is busy all the time; all of it is background."""
+def test_clips_affect_neither_measured_load_nor_degradation_nor_deadlines() -> None:
+    """The device is busy all the time, almost only with background work."""
     stage = Stage(EngineConfig(initial_step_s=0.01))
     stage.runner.step_s = lambda rows: 0.005 * rows
     for handle in range(2, 18):
@@ -161,17 +161,17 @@ def test_clips_leave_the_load_the_ladder_and_the_deadlines_to_sessions() -> None
     assert all(any(job.session == SessionKey(1, handle) for job in stage.runner.prepared) for handle in range(2, 18))
 
 
-def test_background_rows_do_not_make_steps_long() -> None:
+def test_background_rows_do_not_lengthen_steps() -> None:
     stage = Stage(EngineConfig(initial_step_s=0.01))
     stage.runner.step_s = lambda rows: 0.01 * rows
     for handle in range(2, 34):
         stage.open_clip(handle, 400)
     stage.run(20.0)
     sizes = [len(batch) for batch in stage.runner.batches]
-    assert max(sizes[50:]) <= 4, "whoever comes during a step waits for its end"
+    assert max(sizes[50:]) <= 4, "a session that opens during a step waits for its end"
 
 
-def test_sessions_have_steps_almost_to_themselves_while_they_want_some() -> None:
+def test_steps_with_session_rows_hold_few_background_rows() -> None:
     stage = Stage(EngineConfig(initial_step_s=0.01))
     stage.runner.step_s = lambda rows: 0.004 * rows
     for handle in range(2, 34):
@@ -184,12 +184,12 @@ def test_sessions_have_steps_almost_to_themselves_while_they_want_some() -> None
         len(batch) for batch in stage.runner.batches if any(jobs[job_id].session == viewer.key for job_id in batch)
     ]
     assert shared
-    assert max(shared) <= 3, "itself and what the class is owed"
+    assert max(shared) <= 3, "its own row and those owed to the class of clips"
 
 
 @pytest.mark.parametrize("lost_plans", [{2}, {2, 3}, set(range(2, 100))])
-def test_a_character_that_is_lost_holds_its_clip_up_for_no_longer_than_a_window(lost_plans: set[int]) -> None:
-    """Nobody reports a playhead, so that nothing but its own windows ever wakes it."""
+def test_clip_whose_character_is_lost_is_still_completed(lost_plans: set[int]) -> None:
+    """No playhead is reported, so that only its own windows wake the session."""
     stage = Stage()
     stage.runner.rights = True
 

@@ -1,4 +1,4 @@
-"""The engine: sessions opened and closed, refused, and served beside each other."""
+"""The engine: sessions are opened, closed, refused, and served side by side."""
 
 from collections import Counter
 from collections.abc import Sequence
@@ -19,7 +19,7 @@ from tests.server.engine.stage import Stage, crowd, prompt, spec
 from tests.server.engine.viewer import Viewer
 
 
-def test_sessions_share_the_steps_and_keep_their_own_motion() -> None:
+def test_sessions_share_denoising_steps_and_keep_their_own_motion() -> None:
     stage, viewers = crowd(8)
     stage.run(5.0)
     assert max(len(batch) for batch in stage.runner.batches) == 8
@@ -29,7 +29,7 @@ def test_sessions_share_the_steps_and_keep_their_own_motion() -> None:
     stage.check_finished()
 
 
-def test_sessions_opened_together_spread_out() -> None:
+def test_windows_of_sessions_opened_together_spread_over_time() -> None:
     stage, viewers = crowd(60)
     stage.run(20.0)
     begun = Counter(int(job.created_at / 0.25) for job in stage.runner.prepared if job.created_at > 110.0)
@@ -38,7 +38,7 @@ def test_sessions_opened_together_spread_out() -> None:
     assert all(viewer.underruns == 0 for viewer in viewers)
 
 
-def test_a_full_server_refuses_at_once_and_takes_again_when_there_is_room() -> None:
+def test_full_engine_refuses_opens_at_once_and_admits_again_after_a_close() -> None:
     stage, viewers = crowd(3, EngineConfig(max_sessions=2))
     stage.step()
     refused = viewers[2].refused
@@ -56,7 +56,7 @@ def test_a_full_server_refuses_at_once_and_takes_again_when_there_is_room() -> N
     assert stage.engine.num_sessions == 2
 
 
-def test_a_handle_in_use_is_refused_and_its_session_lives_on() -> None:
+def test_open_with_a_handle_in_use_is_refused_and_its_session_continues() -> None:
     stage, (viewer,) = crowd(1)
     stage.run(0.5)
     seq = 99
@@ -67,7 +67,7 @@ def test_a_handle_in_use_is_refused_and_its_session_lives_on() -> None:
     assert viewer.shown > 90
 
 
-def test_events_for_no_session_are_answered() -> None:
+def test_events_for_a_session_that_is_not_open_are_answered() -> None:
     stage, (viewer,) = crowd(1)
     stage.run(0.5)
     stage.close(viewer)
@@ -85,7 +85,7 @@ def test_events_for_no_session_are_answered() -> None:
     assert other.refused is not None
 
 
-def test_a_close_answers_the_edits_that_wait() -> None:
+def test_close_answers_waiting_edits_as_cancelled() -> None:
     stage, (viewer,) = crowd(1)
     stage.run(1.0)
     seq = stage.set_prompts(viewer, prompt(2))
@@ -99,7 +99,7 @@ def test_a_close_answers_the_edits_that_wait() -> None:
     assert stage.runner.jobs == {}
 
 
-def test_a_handle_used_again_gets_nothing_of_the_session_before() -> None:
+def test_reused_handle_gets_no_frames_of_its_previous_session() -> None:
     stage, (old,) = crowd(1, prompts=(prompt(1),))
     stage.step()
     assert len(stage.runner.jobs) == 1
@@ -134,7 +134,7 @@ def test_a_silent_session_is_closed_as_idle_and_a_reporting_one_is_not() -> None
     assert talker.closed is None
 
 
-def test_too_many_waiting_events_are_refused_at_the_door() -> None:
+def test_edits_beyond_max_pending_events_are_refused_on_submission() -> None:
     stage, (viewer,) = crowd(1, EngineConfig(max_pending_events=3))
     stage.run(0.5)
     seqs = [stage.set_prompts(viewer, prompt(n)) for n in range(5)]
@@ -144,7 +144,7 @@ def test_too_many_waiting_events_are_refused_at_the_door() -> None:
     stage.check_finished()
 
 
-def test_priority_decides_who_is_late() -> None:
+def test_overload_causes_underruns_for_crowd_sessions_but_not_for_heroes() -> None:
     stage = Stage(EngineConfig(max_rows=4))
     stage.runner.step_s = lambda rows: 0.06
     heroes = [stage.open(handle, priority=Priority.HERO) for handle in range(1, 4)]

@@ -1,4 +1,4 @@
-"""Clients whose playheads lie, teleport or race: they harm nobody but themselves."""
+"""Clients that report false playheads, which jump or run ahead: no other session suffers."""
 
 from __future__ import annotations
 
@@ -17,14 +17,14 @@ Lie = Callable[[Viewer, float, random.Random], int]
 LIES: dict[str, Lie] = {
     "the end of what it holds": lambda viewer, now, chance: viewer.buffered_to,
     "the last frame that it holds": lambda viewer, now, chance: max(0, viewer.buffered_to - 1),
-    "a frame that nobody has made": lambda viewer, now, chance: 2**53,
+    "a frame that does not exist": lambda viewer, now, chance: 2**53,
     "anywhere": lambda viewer, now, chance: chance.randrange(viewer.buffered_to + 100),
     "three times as fast": lambda viewer, now, chance: int(60 * (now - 100.0)),
 }
 
 
 def crowd(lie: Lie | None, seconds: float = 20.0) -> tuple[Stage, list[Viewer], list[Viewer]]:
-    """Six that play, beside six that lie ten times a second."""
+    """Six honest sessions beside six that report false playheads ten times a second; none does if lie is None."""
     stage, chance = Stage(EngineConfig(max_rows=8)), random.Random(1)
     stage.runner.step_s = lambda rows: 0.004 + 0.001 * rows
     honest = [stage.open(handle, seed=handle) for handle in range(1, 7)]
@@ -39,21 +39,21 @@ def crowd(lie: Lie | None, seconds: float = 20.0) -> tuple[Stage, list[Viewer], 
 
 
 @pytest.mark.parametrize("lie", LIES.values(), ids=LIES.keys())
-def test_a_playhead_that_lies_costs_others_nothing(lie: Lie) -> None:
+def test_false_playheads_do_not_harm_other_sessions(lie: Lie) -> None:
     stage, honest, liars = crowd(lie)
     _, calm, _ = crowd(None)
-    assert not any(isinstance(output, ServiceLevel) for output in stage.outputs), "nobody is given less"
+    assert not any(isinstance(output, ServiceLevel) for output in stage.outputs), "no session is degraded"
     assert all(viewer.closed is None for viewer in honest)
     assert sum(viewer.underruns for viewer in honest) == 0
     assert stage.total("deadline_misses") == 0
     for viewer, same in zip(honest, calm, strict=True):
         assert abs(viewer.buffered_to - same.buffered_to) <= 20
     for liar in liars:
-        assert liar.buffered_to <= 20 * 20 * 1.05 + 2 * liar.lookahead + 60, "real time, and a look-ahead"
+        assert liar.buffered_to <= 20 * 20 * 1.05 + 2 * liar.lookahead + 60, "no more than real time and a look-ahead"
 
 
-def test_a_jump_behind_a_pause_costs_others_nothing() -> None:
-    """Each plays for a moment, pauses for two seconds, and goes on at the end of what it holds; they take turns."""
+def test_playheads_that_jump_after_a_pause_do_not_harm_other_sessions() -> None:
+    """Sixty sessions in turn play for a moment, pause for two seconds, and continue at the end of what they hold."""
     stage = Stage(EngineConfig(admit_load=(1000.0, 1000.0, 1000.0, 1000.0)))
     stage.runner.step_s = lambda rows: 0.012 + 0.0004 * rows
     honest = [stage.open(handle, seed=handle, priority=Priority.CROWD) for handle in range(1, 11)]
@@ -69,11 +69,11 @@ def test_a_jump_behind_a_pause_costs_others_nothing() -> None:
                 stage.pause(viewer, False)
                 stage.engine.submit(viewer.lie(viewer.buffered_to, stage.clock.now() + 1e-4))
         stage.run(0.05)
-    assert not any(isinstance(output, ServiceLevel) for output in stage.outputs), "nobody is given less"
+    assert not any(isinstance(output, ServiceLevel) for output in stage.outputs), "no session is degraded"
     assert sum(viewer.underruns for viewer in honest) == 0
 
 
-def test_a_playhead_that_stands_while_it_plays_holds_no_place_for_ever() -> None:
+def test_playing_session_whose_playhead_stands_still_is_closed_as_idle() -> None:
     stage = Stage(EngineConfig(idle_timeout_s=10.0))
     standing, playing, paused = (stage.open(handle, priority=Priority.NEAR) for handle in (1, 2, 3))
     stage.run(1.0)
@@ -87,7 +87,7 @@ def test_a_playhead_that_stands_while_it_plays_holds_no_place_for_ever() -> None
     assert standing.closed is not None
     assert standing.closed.reason is CloseReason.IDLE
     assert playing.closed is None
-    assert paused.closed is None, "who pauses says so, and has an hour"
+    assert paused.closed is None, "a session that says it is paused has an hour"
     stage.check_finished()
 
 

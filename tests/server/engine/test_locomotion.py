@@ -1,4 +1,4 @@
-"""Gaits: which one a velocity brings, when it gives way, and what a session's windows are told."""
+"""Gaits: which one a velocity selects, when it ends, and which prompt the windows of a session get."""
 
 from __future__ import annotations
 
@@ -49,7 +49,7 @@ def _event(
 @pytest.mark.parametrize(
     ("speed", "expected"), [(0.0, STAND), (0.14, STAND), (0.16, WALK), (1.9, WALK), (2.0, RUN), (4.0, RUN)]
 )
-def test_the_speed_chooses(speed: float, expected: Gait) -> None:
+def test_gait_is_chosen_by_speed(speed: float, expected: Gait) -> None:
     assert gait_of(GAITS, _event(0.6 * speed, -0.8 * speed), None) is expected
 
 
@@ -59,7 +59,7 @@ def test_the_speed_chooses(speed: float, expected: Gait) -> None:
         (0.0, 1.0, 0.0, WALK),
         (0.0, -1.0, 0.0, BACK),
         (1.0, 0.0, 0.0, LEFT),
-        (-1.0, 0.0, 0.0, WALK),  # there is none to the right
+        (-1.0, 0.0, 0.0, WALK),  # no gait goes to the right
         (-1.0, 0.0, -math.pi / 2, WALK),
         (1.0, 0.0, -math.pi / 2, BACK),
         (0.0, -1.0, math.pi / 2 + math.tau, LEFT),  # facing +X, with -Z to its left
@@ -68,17 +68,17 @@ def test_the_speed_chooses(speed: float, expected: Gait) -> None:
         (0.0, -1.0, None, WALK),
     ],
 )
-def test_the_direction_is_seen_from_the_heading(x: float, z: float, heading: float | None, expected: Gait) -> None:
+def test_gait_direction_is_relative_to_the_heading(x: float, z: float, heading: float | None, expected: Gait) -> None:
     assert gait_of(GAITS, _event(x, z, heading), None) is expected
 
 
 @given(st.floats(-100, 100))
-def test_an_angle_has_the_direction_it_is_nearest_to(angle: float) -> None:
+def test_quarter_of_an_angle_is_the_nearest_direction(angle: float) -> None:
     centre = quarter_of(angle) * math.pi / 2
     assert abs(math.remainder(angle - centre, math.tau)) <= math.pi / 4 + 1e-9
 
 
-def test_a_stick_at_the_border_does_not_flicker() -> None:
+def test_gait_does_not_flicker_at_the_border_between_two_speeds() -> None:
     speeds = [1.0, 1.95, 2.05, 1.95, 2.1, 1.9, 2.3, 2.1, 1.9, 2.05, 1.85, 1.7, 2.0]
     held, gaits = None, []
     for speed in speeds:
@@ -87,7 +87,7 @@ def test_a_stick_at_the_border_does_not_flicker() -> None:
     assert gaits == [WALK] * 6 + [RUN] * 4 + [RUN] + [WALK] * 2
 
 
-def test_the_own_prompt_is_kept_where_that_is_asked_for_or_there_are_no_gaits() -> None:
+def test_no_gait_is_chosen_with_keep_prompt_or_without_gaits() -> None:
     assert gait_of(GAITS, _event(0.0, 1.0, keep_prompt=True), WALK) is None
     assert gait_of((), _event(0.0, 1.0), None) is None
 
@@ -97,7 +97,7 @@ def test_the_own_prompt_is_kept_where_that_is_asked_for_or_there_are_no_gaits() 
 HELD = Conditions((prompt(OWN),), (), Velocity(0.0, 1.0, None, 50, steers_from=100), WALK)
 
 
-def test_the_gait_holds_while_the_velocity_leads_and_the_own_prompt_returns() -> None:
+def test_gait_applies_while_the_velocity_steers_then_own_prompt_returns() -> None:
     assert [_marker(HELD, frame) for frame in (100, 149, 150)] == [2, 2, OWN]
     assert HELD.prompt_change_after(100, 180) == 150
     assert HELD.prompt_change_after(100, 140) == 140
@@ -105,17 +105,17 @@ def test_the_gait_holds_while_the_velocity_leads_and_the_own_prompt_returns() ->
     assert replace(HELD, gait=None).prompt_change_after(100, 180) == 180
 
 
-def test_a_velocity_that_leads_no_frame_yet_is_taken_to_begin_at_the_window() -> None:
+def test_velocity_not_yet_in_force_is_taken_to_begin_at_the_window() -> None:
     waiting = replace(HELD, velocity=Velocity(0.0, 1.0, None, 50))
     assert waiting.prompt_change_after(300, 400) == 350
     assert waiting.with_velocity_landed(waiting.velocity, 300).prompt_change_after(300, 400) == 350
 
 
-def test_an_own_prompt_that_says_the_same_as_the_gait_is_no_change() -> None:
+def test_own_prompt_equal_to_the_gait_is_no_prompt_change() -> None:
     assert replace(HELD, prompts=(prompt(2),)).prompt_change_after(100, 180) == 180
 
 
-def test_prompts_set_meanwhile_show_when_the_velocity_ends() -> None:
+def test_prompt_set_during_a_velocity_changes_frames_from_its_end_on() -> None:
     _, changed_from = edit_prompts(HELD, SetPrompts(KEY, 1, 0.0, (prompt(7),)), 120, 8)
     assert changed_from == 150
 
@@ -123,13 +123,13 @@ def test_prompts_set_meanwhile_show_when_the_velocity_ends() -> None:
 @pytest.mark.parametrize(
     ("event", "changed_from", "marker"),
     [
-        (_event(0.0, 1.0), 150, 2),  # the same again: 40 more frames from 120 on
+        (_event(0.0, 1.0), 150, 2),  # the same velocity again: 40 more frames from 120 on
         (_event(0.0, 1.0, keep_prompt=True), 120, OWN),
         (_event(0.0, 3.0), 120, 3),
         (_event(0.0, 0.0), 120, 1),
     ],
 )
-def test_an_edit_changes_frames_from_where_the_path_or_the_prompt_does(
+def test_velocity_edit_changes_frames_from_where_path_or_prompt_differs(
     event: SetVelocity, changed_from: int, marker: int
 ) -> None:
     after, kind, found, *_ = edited(
@@ -139,7 +139,7 @@ def test_an_edit_changes_frames_from_where_the_path_or_the_prompt_does(
     assert _marker(after, 130) == marker
 
 
-def test_a_velocity_that_has_passed_is_forgotten_with_its_gait() -> None:
+def test_past_velocity_and_its_gait_are_dropped_after_the_slowing_down() -> None:
     slowed = 150 + SLOWING_FRAMES  # until then the root slows down, under the session's own prompt
     assert HELD.without_past(slowed - 1).gait is WALK
     assert _marker(HELD, slowed - 1) == OWN
@@ -167,7 +167,7 @@ def _prompts_of_windows(keep_prompt: bool) -> list[tuple[int, int]]:
     return [(job.first_frame, int(job.embedding[0])) for job in stage.runner.prepared if job.embedding is not None]
 
 
-def test_windows_are_told_the_gait_while_the_velocity_leads() -> None:
+def test_windows_get_the_gait_while_the_velocity_steers() -> None:
     windows = _prompts_of_windows(keep_prompt=False)
     steered = [frame for frame, marker in windows if marker == 2]
     assert steered
@@ -176,5 +176,5 @@ def test_windows_are_told_the_gait_while_the_velocity_leads() -> None:
     assert begin + 60 in [frame for frame, _ in windows]
 
 
-def test_windows_are_told_the_own_prompt_where_it_is_kept() -> None:
+def test_windows_get_the_own_prompt_with_keep_prompt() -> None:
     assert {marker for _, marker in _prompts_of_windows(keep_prompt=True)} == {OWN}

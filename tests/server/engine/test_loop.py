@@ -29,7 +29,7 @@ from tests.server.engine.stage import crowd, prompt, spec
 from tests.waiting import LIMIT_S
 
 
-def test_a_draining_engine_serves_who_is_there_and_takes_nobody_new() -> None:
+def test_draining_engine_serves_open_sessions_and_refuses_new_ones() -> None:
     stage, (viewer,) = crowd(1)
     stage.run(1.0)
     stage.engine.drain()
@@ -55,7 +55,7 @@ def test_stopping_finishes_the_running_windows_and_closes_every_session() -> Non
     assert stage.engine.num_sessions == 0
 
 
-def test_an_error_of_the_loop_itself_is_kept_and_closes_every_session() -> None:
+def test_error_in_the_loop_is_returned_and_closes_every_session() -> None:
     stage, (viewer,) = crowd(1)
     stage.step()
 
@@ -68,7 +68,7 @@ def test_an_error_of_the_loop_itself_is_kept_and_closes_every_session() -> None:
     assert viewer.closed.reason is CloseReason.ENGINE_FAULT
 
 
-def test_the_thread_serves_and_ends() -> None:
+def test_engine_thread_serves_a_session_and_ends_when_stopped() -> None:
     outputs: queue.Queue[Output] = queue.Queue()
     reports = []
     runner = FakeRunner(FakeClock())
@@ -95,7 +95,7 @@ def test_the_thread_serves_and_ends() -> None:
     assert sum(report.frames_sent for report in reports) > 0
 
 
-def test_an_engine_does_not_sleep_where_none_of_a_steps_windows_could_be_made_and_others_wait() -> None:
+def test_engine_does_not_sleep_after_a_failed_step_while_other_windows_wait() -> None:
     stage, (lost, served) = crowd(2, EngineConfig(max_rows=1))
     stage.runner.fails = lambda call, job_ids: call == "prepare" and 1 in job_ids
     left: list[int] = []
@@ -120,7 +120,7 @@ def test_an_idle_engine_sleeps() -> None:
     assert 0.0 < stage.engine.idle_s() <= 0.5
 
 
-def test_a_client_that_waits_for_credit_does_not_keep_the_engine_awake() -> None:
+def test_session_without_credit_does_not_keep_the_engine_awake() -> None:
     stage, (viewer,) = crowd(1, lookahead=10)
     stage.run(1.0)
     stage.silent.add(viewer.key)
@@ -155,7 +155,7 @@ def test_sessions_are_counted_by_class_and_state() -> None:
     assert counts[-1] == {(Priority.NEAR, PlayState.PLAYING): 1, (Priority.NEAR, PlayState.PAUSED): 1}
 
 
-def test_the_heartbeat_follows_the_loop() -> None:
+def test_heartbeat_is_the_time_at_which_the_last_step_began() -> None:
     stage, _ = crowd(1)
     stage.run(1.0)
     before = stage.clock.now()

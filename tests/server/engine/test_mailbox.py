@@ -16,7 +16,7 @@ def _playhead(frame: int, key: SessionKey = ONE) -> Playhead:
     return Playhead(key, 0, 0.0, frame, frame, 0)
 
 
-def test_events_come_out_in_the_order_they_came() -> None:
+def test_events_are_taken_in_the_order_of_their_arrival() -> None:
     mailbox = Mailbox(8)
     events: list[Event] = [_edit(1), _edit(1, TWO), _edit(2), Close(TWO, 2, 0.0)]
     assert all(mailbox.put(event) for event in events)
@@ -24,7 +24,7 @@ def test_events_come_out_in_the_order_they_came() -> None:
     assert mailbox.take_all() == []
 
 
-def test_a_newer_playhead_takes_the_place_of_an_older_one_of_its_session() -> None:
+def test_newer_playhead_replaces_an_older_one_of_the_same_session() -> None:
     mailbox = Mailbox(8)
     events: list[Event] = [_playhead(1), _edit(1), _playhead(1, TWO), _playhead(2), _playhead(3)]
     for event in events:
@@ -34,7 +34,7 @@ def test_a_newer_playhead_takes_the_place_of_an_older_one_of_its_session() -> No
     assert mailbox.take_all() == [_playhead(4)]
 
 
-def test_edits_are_refused_rather_than_dropped_and_a_close_is_always_taken() -> None:
+def test_edits_beyond_the_limit_are_refused_and_a_close_is_always_taken() -> None:
     mailbox = Mailbox(2)
     assert [mailbox.put(_edit(seq)) for seq in (1, 2, 3)] == [True, True, False]
     assert mailbox.put(_edit(1, TWO))
@@ -44,7 +44,7 @@ def test_edits_are_refused_rather_than_dropped_and_a_close_is_always_taken() -> 
     assert mailbox.put(_edit(3))
 
 
-def test_a_report_about_a_new_session_stays_behind_its_open() -> None:
+def test_playhead_of_a_new_session_stays_behind_its_open() -> None:
     mailbox = Mailbox(8)
     events: list[Event] = [_playhead(30), Close(ONE, 2, 0.0), Open(spec(ONE), 1, 0.0), _playhead(0)]
     for event in events:
@@ -52,7 +52,7 @@ def test_a_report_about_a_new_session_stays_behind_its_open() -> None:
     assert mailbox.take_all() == events
 
 
-def test_waiting_ends_when_something_comes() -> None:
+def test_wait_ends_when_an_event_comes_or_the_mailbox_is_rung() -> None:
     mailbox = Mailbox(8)
     woken = threading.Event()
 
@@ -70,7 +70,7 @@ def test_waiting_ends_when_something_comes() -> None:
         mailbox.take_all()
 
 
-def test_nothing_is_lost_between_threads() -> None:
+def test_no_event_is_lost_or_reordered_between_threads() -> None:
     mailbox = Mailbox(10_000)
 
     def write(handle: int) -> None:
@@ -89,7 +89,7 @@ def test_nothing_is_lost_between_threads() -> None:
         assert [event.event_seq for event in taken if event.session.handle == n] == list(range(500))
 
 
-def test_a_report_that_falls_does_not_replace_a_higher_one() -> None:
+def test_lower_playhead_does_not_replace_a_higher_one() -> None:
     box = Mailbox(4)
     key = SessionKey(1, 1)
     for frame in (20, 3):

@@ -1,4 +1,4 @@
-"""Owners whose share or quota is another by now: it holds for the sessions that they have."""
+"""Owners whose share or quota has changed: the new value applies to their open sessions too."""
 
 from __future__ import annotations
 
@@ -14,7 +14,7 @@ FREE, HELD = Owner("studio"), Owner("studio", steps_per_s=60.0)
 
 
 def _steer(stage: Stage, viewers: list[Viewer], seconds: float) -> Counter[str]:
-    """Tell everybody something as often as they may be told; the steps that windows took meanwhile, by owner."""
+    """Edit every session as often as is allowed. Returns the steps that windows took meanwhile, by owner."""
     before = len(stage.runner.batches)
     for marker in range(round(seconds / 0.05)):
         stage.run(0.05)
@@ -24,20 +24,20 @@ def _steer(stage: Stage, viewers: list[Viewer], seconds: float) -> Counter[str]:
     return Counter(owners[job_id] for batch in stage.runner.batches[before:] for job_id in batch)
 
 
-def test_a_quota_that_is_made_smaller_holds_sessions_that_are_open() -> None:
+def test_reduced_quota_limits_sessions_that_are_already_open() -> None:
     stage = Stage(EVERYBODY)
     viewers = [stage.open(n, seed=n, priority=Priority.HERO, owner=FREE) for n in range(1, 7)]
     freely = _steer(stage, viewers, 10.0)["studio"]
     stage.engine.intake.note_owner(HELD)
     held = _steer(stage, viewers, 10.0)["studio"]
     assert freely > 1000
-    assert held <= 60 * (10 + 2)  # with what is saved up, and windows that had begun
+    assert held <= 60 * (10 + 2)  # including steps that were saved up, and windows that had begun
     assert all(viewer.underruns == 0 for viewer in viewers)
     stage.engine.intake.note_owner(FREE)
     assert _steer(stage, viewers, 10.0)["studio"] > 0.9 * freely
 
 
-def test_a_share_that_is_made_larger_is_one_of_sessions_that_are_open() -> None:
+def test_increased_share_applies_to_sessions_that_are_already_open() -> None:
     stage = Stage(EVERYBODY)
     stage.runner.step_s = lambda rows: 0.01 + 0.01 * rows
     one, other = (
@@ -46,13 +46,13 @@ def test_a_share_that_is_made_larger_is_one_of_sessions_that_are_open() -> None:
     )
     alike = _steer(stage, one + other, 10.0)
     stage.engine.intake.note_owner(Owner("one", weight=3.0))
-    _steer(stage, one + other, 4.0)  # windows of before end
+    _steer(stage, one + other, 4.0)  # windows from before the change end
     unlike = _steer(stage, one + other, 10.0)
     assert 0.9 < alike["one"] / alike["other"] < 1.1
-    assert unlike["one"] / unlike["other"] > 1.5  # not 3: what the other plays on with goes ahead of edits
+    assert unlike["one"] / unlike["other"] > 1.5  # not 3: windows that the other needs to play on go ahead of edits
 
 
-def test_a_session_that_is_opened_with_what_its_owner_had_before_gets_what_was_heard_since() -> None:
+def test_session_opened_with_outdated_owner_limits_gets_the_newest_ones() -> None:
     stage = Stage(EVERYBODY)
     stage.engine.intake.note_owner(HELD)
     stage.run(0.1)
@@ -62,7 +62,7 @@ def test_a_session_that_is_opened_with_what_its_owner_had_before_gets_what_was_h
     assert stage.engine.sessions[another.key].spec.owner == Owner("another")
 
 
-def test_the_place_of_a_session_is_given_up_whatever_its_owner_has_become() -> None:
+def test_closed_session_frees_its_place_after_its_owner_has_changed() -> None:
     stage = Stage(EngineConfig(admit_load=(9.0, 9.0, 9.0, 9.0), max_sessions=1))
     first = stage.open(1, owner=FREE)
     stage.run(0.5)

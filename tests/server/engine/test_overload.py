@@ -1,4 +1,4 @@
-"""Too much at once: memory that runs out, a device that is lost, more sessions than the machine can do."""
+"""Overload: memory that runs out, a device that is lost, more sessions than the machine can serve."""
 
 from collections.abc import Callable, Sequence
 from itertools import chain
@@ -40,7 +40,7 @@ def _fits(call: str, room: int) -> Callable[[str, Sequence[int]], bool]:
 
 
 @pytest.mark.parametrize("call", CALLS)
-def test_running_out_of_memory_costs_nobody_a_session(call: str) -> None:
+def test_out_of_memory_splits_batches_and_closes_no_session(call: str) -> None:
     stage, viewers = crowd(16)
     stage.runner.fails = _fits(call, 3)
     stage.run(10.0)
@@ -51,7 +51,7 @@ def test_running_out_of_memory_costs_nobody_a_session(call: str) -> None:
 
 
 @pytest.mark.parametrize("call", CALLS)
-def test_a_window_that_does_not_fit_even_alone_closes_its_session_only(call: str) -> None:
+def test_window_that_does_not_fit_even_alone_closes_only_its_session(call: str) -> None:
     stage, viewers = crowd(5)
     owners = stage.engine.windows.owners
 
@@ -89,15 +89,15 @@ def test_a_lost_device_ends_the_engine_and_closes_every_session(call: str) -> No
     assert refusal.code is Code.UNAVAILABLE
 
 
-# ---- more than the machine can do ------------------------------------------------------------------------------------
+# ---- more than the machine can serve ---------------------------------------------------------------------------------
 
 
-def test_who_would_be_too_much_is_refused_at_the_door() -> None:
+def test_sessions_beyond_the_capacity_are_refused_as_overloaded() -> None:
     stage, viewers = crowd(10)
     stage.runner.step_s = lambda rows: 0.005 * rows  # 0.5 windows a second of 4 steps: 10 ms a second and session
     stage.run(5.0)
     waves = []
-    for wave in range(1, 5):  # those who are not let in come again
+    for wave in range(1, 5):  # clients that were refused try again
         waves.append([stage.open(100 * wave + number) for number in range(60)])
         assert len(stage.step().opens) == 60
         stage.run(2.5)
@@ -111,7 +111,7 @@ def test_who_would_be_too_much_is_refused_at_the_door() -> None:
     assert not any(viewer.underruns for viewer in chain(viewers, *let_in))
 
 
-def test_a_place_can_be_taken_as_soon_as_the_close_is_in() -> None:
+def test_place_is_free_as_soon_as_the_close_is_submitted() -> None:
     stage, (viewer,) = crowd(1, EngineConfig(max_sessions=1))
     stage.run(0.5)
     assert stage.engine.submit(Open(spec(SessionKey(2, 2)), 1, 0.0)) is not None
@@ -127,7 +127,7 @@ def _levels(stage: Stage, viewer: Viewer) -> list[ServiceLevel]:
     return [output for output in stage.outputs if isinstance(output, ServiceLevel) and output.session == viewer.key]
 
 
-def test_the_crowd_gives_up_first_is_told_and_gets_everything_back() -> None:
+def test_crowd_sessions_are_degraded_first_told_so_and_restored_later() -> None:
     stage = Stage(EngineConfig(max_rows=4, admit_load=(9.0, 9.0, 9.0, 9.0)))
     hero = stage.open(1, priority=Priority.HERO)
     crowd = [stage.open(handle, priority=Priority.CROWD) for handle in range(2, 32)]
@@ -148,7 +148,7 @@ def test_the_crowd_gives_up_first_is_told_and_gets_everything_back() -> None:
     stage.check_finished()
 
 
-def test_who_opens_under_pressure_is_told_what_it_gets() -> None:
+def test_session_opened_under_overload_is_told_its_service_level() -> None:
     stage = Stage(EngineConfig(max_rows=4, admit_load=(9.0, 9.0, 9.0, 9.0)))
     for handle in range(1, 40):
         stage.open(handle, priority=Priority.CROWD)
@@ -159,7 +159,7 @@ def test_who_opens_under_pressure_is_told_what_it_gets() -> None:
     assert [level.tier > ServiceTier.FULL for level in _levels(stage, late)] == [True]
 
 
-def test_nothing_is_given_up_where_that_is_not_wanted() -> None:
+def test_no_session_is_degraded_when_degrade_is_off() -> None:
     stage = Stage(EngineConfig(max_rows=4, degrade=False, admit_load=(9.0, 9.0, 9.0, 9.0)))
     viewers = [stage.open(handle, priority=Priority.CROWD) for handle in range(1, 40)]
     stage.runner.step_s = lambda rows: 0.08
@@ -169,10 +169,10 @@ def test_nothing_is_given_up_where_that_is_not_wanted() -> None:
     assert sum(viewer.underruns for viewer in viewers) > 0
 
 
-# ---- an iteration costs what has changed -----------------------------------------------------------------------------
+# ---- a step costs only what has changed ------------------------------------------------------------------------------
 
 
-def test_sessions_for_which_nothing_came_are_left_alone(monkeypatch: pytest.MonkeyPatch) -> None:
+def test_step_looks_only_at_sessions_with_new_events(monkeypatch: pytest.MonkeyPatch) -> None:
     stage, viewers = crowd(50)
     stage.run(1.0)
     stage.silent.update(viewer.key for viewer in viewers)
@@ -191,7 +191,7 @@ def test_sessions_for_which_nothing_came_are_left_alone(monkeypatch: pytest.Monk
     assert set(looked_at) == {viewers[7].key}
 
 
-def test_wake_ups_do_not_pile_up() -> None:
+def test_number_of_scheduled_wake_ups_stays_bounded() -> None:
     stage, viewers = crowd(10)
     for _ in range(300):
         stage.run(0.02)
@@ -201,7 +201,7 @@ def test_wake_ups_do_not_pile_up() -> None:
     assert stage.engine.sessions.num_wake_ups <= 2 * len(viewers) + 64
 
 
-def test_sessions_are_counted_as_they_come_change_and_go() -> None:
+def test_session_counts_follow_opens_pauses_and_closes() -> None:
     stage, viewers = crowd(3)
     stage.run(0.5)
     stage.pause(viewers[0], True)

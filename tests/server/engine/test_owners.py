@@ -1,4 +1,4 @@
-"""Owners in virtual time: whoever overloads the machine, others keep their share, and quotas hold."""
+"""Owners in virtual time: when one overloads the machine, the others keep their share, and quotas hold."""
 
 from dataclasses import replace
 
@@ -16,7 +16,7 @@ LARGE, SMALL = Owner("large"), Owner("small")
 
 
 def _contest() -> tuple[list[Viewer], list[Viewer]]:
-    """Nearly twice what the machine can do, most all of it one owner's, whose class comes first besides."""
+    """Nearly twice what the machine can do, almost all of it for one owner, whose sessions also come first by class."""
     stage = Stage(EVERYBODY)
     stage.runner.step_s = lambda rows: 0.002 + 0.004 * rows
     large = [stage.open(n, seed=n, priority=Priority.HERO, owner=LARGE) for n in range(1, 201)]
@@ -25,20 +25,20 @@ def _contest() -> tuple[list[Viewer], list[Viewer]]:
     return large, small
 
 
-def test_who_overloads_the_machine_is_late_alone() -> None:
+def test_only_the_owner_that_overloads_the_machine_has_underruns() -> None:
     large, small = _contest()
     assert sum(viewer.underruns for viewer in large) > 100
     assert [viewer.underruns for viewer in small] == [0] * 24
 
 
-def test_without_shares_others_would_be_late_too(monkeypatch: pytest.MonkeyPatch) -> None:
+def test_without_reserved_shares_other_owners_have_underruns_too(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(OwnerShares, "reserved", lambda self, may_run: iter(()))
     _, small = _contest()
     assert sum(viewer.underruns for viewer in small) > 0
 
 
 def _steered(owner: Owner) -> Stage:
-    """Six heroes, edited as fast as they may be for 10 s."""
+    """Six hero sessions of this owner, edited for 10 s as fast as is allowed."""
     stage = Stage(EVERYBODY)
     viewers = [stage.open(n, seed=n, priority=Priority.HERO, owner=owner) for n in range(1, 7)]
     for marker in range(200):
@@ -51,15 +51,15 @@ def _steered(owner: Owner) -> Stage:
     return stage
 
 
-def test_replans_wait_for_their_owners_quota_and_frames_do_not() -> None:
+def test_quota_delays_its_owners_replans_but_causes_no_underruns() -> None:
     freely, held = _steered(Owner("studio")), _steered(Owner("studio", steps_per_s=60.0))
     steps_freely, steps_held = (sum(len(batch) for batch in stage.runner.batches) for stage in (freely, held))
     assert steps_freely > 1500
     assert steps_held <= 60 * (15 + 1)
 
 
-def test_a_window_that_edits_begin_anew_before_its_first_step_is_charged_once() -> None:
-    """Heroes of others take every step, and each edit that comes meanwhile takes the place of the one before."""
+def test_window_replaced_by_edits_before_its_first_step_is_charged_once() -> None:
+    """Hero sessions of another owner take every step, and each edit that comes meanwhile replaces the one before."""
     owner = Owner("studio", steps_per_s=100.0)
     stage = Stage(replace(EVERYBODY, max_rows=4))
     stage.runner.step_s = lambda rows: 0.03
@@ -76,11 +76,11 @@ def test_a_window_that_edits_begin_anew_before_its_first_step_is_charged_once() 
     charged = sum(steps for report in stage.reports for _, steps in report.quota_steps)
     assert charged == 4 * len(mine)
     begun = {job.job_id for job in stage.runner.prepared}
-    assert len(set(stage.runner.discarded) - begun) > 20, "many never began"
+    assert len(set(stage.runner.discarded) - begun) > 20, "many windows never began"
 
 
-def test_no_more_windows_wait_than_their_owner_has_steps_for() -> None:
-    """All sessions of an owner, which stand, are told something at once; it has saved up steps for ten windows."""
+def test_owner_gets_no_more_windows_at_once_than_it_has_saved_steps_for() -> None:
+    """All sessions of an owner, paused, are edited at once; the owner has saved up steps for ten windows."""
     stage = Stage(EVERYBODY)
     viewers = [stage.open(n, seed=n, owner=Owner("studio", steps_per_s=40.0)) for n in range(1, 61)]
     stage.run(1.0)
@@ -95,9 +95,9 @@ def test_no_more_windows_wait_than_their_owner_has_steps_for() -> None:
 
 
 def _steered_at(stages: list[Stage], owner: Owner, seconds: float) -> list[int]:
-    """Six heroes at each of these engines, edited as fast as they may be; the steps that each engine did.
+    """Six hero sessions at each of these engines, edited as fast as is allowed. Returns the steps that each engine did.
 
-    What one did for the owner the others are told every tenth of a second, as from their processes.
+    Every tenth of a second each engine is told what the others did for the owner, as from their processes.
     """
     viewers = [[stage.open(n, seed=n, priority=Priority.HERO, owner=owner) for n in range(1, 7)] for stage in stages]
     heard = [0] * len(stages)
@@ -116,7 +116,7 @@ def _steered_at(stages: list[Stage], owner: Owner, seconds: float) -> list[int]:
     return [sum(len(batch) for batch in stage.runner.batches) for stage in stages]
 
 
-def test_a_quota_is_that_of_all_engines_together_and_one_alone_may_use_it() -> None:
+def test_quota_covers_all_engines_together_and_one_alone_may_use_all_of_it() -> None:
     owner, seconds = Owner("studio", steps_per_s=100.0), 20.0
     stage = Stage(EVERYBODY)
     began_at = stage.clock.now()
@@ -124,7 +124,7 @@ def test_a_quota_is_that_of_all_engines_together_and_one_alone_may_use_it() -> N
     lived_s = stage.clock.now() - began_at
     together = _steered_at([Stage(EVERYBODY) for _ in range(3)], owner, seconds)
     assert 100 * seconds * 0.9 < alone <= 100 * (lived_s + 1)
-    # What each saves up at first, for a second; from then on the quota, and no engine is left out.
+    # At first each engine has a second's steps saved up; from then on the quota holds, and no engine is left out.
     assert 100 * seconds * 0.9 < sum(together) <= 100 * (seconds + 3)
     assert min(together) > 0.2 * sum(together)
 
@@ -140,8 +140,8 @@ def test_a_clip_waits_for_its_owners_quota_too() -> None:
 
 
 def _beside_edits(newcomer: Owner) -> tuple[list[Viewer], list[Viewer]]:
-    """Twelve sessions that are told something as often as they may be, which is all that the machine can do; eight that
-    an owner opens beside them, one every half a second; both with what they were served."""
+    """Twelve sessions that are edited as often as is allowed, which is all that the machine can do, and eight that an
+    owner opens beside them, one every half second. Returns the viewers of both."""
     stage = Stage(EngineConfig(max_sessions=1000))
     stage.runner.step_s = lambda rows: 0.01 + 0.005 * rows
     edited = [stage.open(n, seed=n, owner=LARGE) for n in range(1, 13)]
@@ -156,7 +156,7 @@ def _beside_edits(newcomer: Owner) -> tuple[list[Viewer], list[Viewer]]:
     return edited, came
 
 
-def test_what_edits_take_beyond_their_owners_part_keeps_nobody_out_and_makes_nobody_late() -> None:
+def test_edits_beyond_their_owners_part_neither_exclude_nor_delay_others() -> None:
     edited, came = _beside_edits(SMALL)
     assert [viewer.refused for viewer in came] == [None] * 8
     assert all(viewer.rows for viewer in came)
@@ -164,12 +164,12 @@ def test_what_edits_take_beyond_their_owners_part_keeps_nobody_out_and_makes_nob
     assert {level.tier for viewer in edited + came for level in viewer.levels} <= {ServiceTier.FULL}
 
 
-def test_what_an_owners_own_edits_take_counts_when_it_asks_for_more() -> None:
+def test_own_edits_count_against_an_owner_that_opens_more_sessions() -> None:
     _, came = _beside_edits(LARGE)
     assert all(viewer.refused is not None and viewer.refused.reason == "OVERLOADED" for viewer in came)
 
 
-def test_if_all_that_edits_take_counted_others_would_be_kept_out(monkeypatch: pytest.MonkeyPatch) -> None:
+def test_if_all_edits_counted_other_owners_would_be_refused(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(OwnerParts, "yielding", lambda self, prices, edits_hz, asks=None: 0.0)
     _, came = _beside_edits(SMALL)
     assert all(viewer.refused is not None and viewer.refused.reason == "OVERLOADED" for viewer in came)

@@ -1,4 +1,4 @@
-"""Quaternions as matrices: few are made one by one, and are the same numbers."""
+"""Quaternions to matrices: a few are converted one by one, to the same numbers."""
 
 from __future__ import annotations
 
@@ -9,7 +9,7 @@ from motiongen_server.engine.types.rotations import FEW, rotation_matrices, rota
 
 
 @pytest.mark.parametrize("count", [0, 1, 3, FEW, FEW + 1])
-def test_few_quaternions_are_the_same_matrices_to_the_bit(count: int) -> None:
+def test_few_quaternions_give_the_same_matrices_bit_for_bit(count: int) -> None:
     numbers = np.random.default_rng(count)
     for length in (1.0, 0.9995, 37.0):
         quaternions = length * numbers.normal(size=(count, 4))

@@ -1,4 +1,4 @@
-"""Failures of the runner: they cost the session that they are of, and no other."""
+"""Failures of the runner close the session whose window fails, and no other."""
 
 from collections.abc import Sequence
 
@@ -12,7 +12,7 @@ from tests.server.engine.stage import crowd, prompt
 
 
 @pytest.mark.parametrize("call", ["prepare", "denoise", "decode"])
-def test_a_job_that_makes_the_runner_raise_closes_its_session_only(call: str) -> None:
+def test_job_that_makes_the_runner_raise_closes_only_its_session(call: str) -> None:
     stage, viewers = crowd(5)
     stage.run(0.5)
     bad = stage.open(66, seed=666)
@@ -35,7 +35,7 @@ def test_a_job_that_makes_the_runner_raise_closes_its_session_only(call: str) ->
 
 
 @pytest.mark.parametrize("call", ["prepare", "denoise", "decode"])
-def test_a_fault_that_passes_costs_nobody_a_session(call: str) -> None:
+def test_runner_fault_that_occurs_once_closes_no_session(call: str) -> None:
     stage, viewers = crowd(5)
     faults = iter([True])
     stage.runner.fails = lambda called, job_ids: called == call and next(faults, False)
@@ -46,7 +46,7 @@ def test_a_fault_that_passes_costs_nobody_a_session(call: str) -> None:
 
 
 @pytest.mark.parametrize("hook", ["poisoned", "poisoned_result"])
-def test_numbers_that_are_not_finite_close_their_session_only(hook: str) -> None:
+def test_numbers_that_are_not_finite_close_only_their_session(hook: str) -> None:
     stage, viewers = crowd(5)
     setattr(stage.runner, hook, lambda job: job.session == viewers[2].key and job.plan == 2)
     seq = stage.set_prompts(viewers[2], prompt(4))

@@ -1,4 +1,4 @@
-"""Days in virtual time; `python -m tests.bench.simulate` lives through many more."""
+"""Simulated days in virtual time; `python -m tests.bench.simulate` runs many more."""
 
 import pytest
 from hypothesis import given, settings
@@ -13,24 +13,24 @@ NUM_STEPS = 4_000
 
 
 @pytest.mark.parametrize("seed", [2, 4])
-def test_a_long_day_breaks_no_rule(seed: int) -> None:
+def test_long_simulated_day_breaks_no_rule(seed: int) -> None:
     day = Day(seed)
     day.live(NUM_STEPS)
     day.end()
-    # The day was worth the name: everything that can happen did.
+    # The day was eventful enough to show something: each of these did happen.
     for happened in ("windows_restarted", "frames_superseded", "runner_faults", "closes", "deadline_misses"):
         assert day.stage.total(happened) > 0, happened
 
 
 @settings(max_examples=5, deadline=None)
 @given(st.integers(0, 10**9))
-def test_no_short_day_breaks_a_rule(seed: int) -> None:
+def test_short_simulated_days_break_no_rule(seed: int) -> None:
     day = Day(seed)
     day.live(600)
     day.end()
 
 
-def test_a_scheduler_that_forgets_its_promises_is_caught(monkeypatch: pytest.MonkeyPatch) -> None:
+def test_simulation_catches_a_scheduler_whose_rows_are_out_of_order(monkeypatch: pytest.MonkeyPatch) -> None:
     schedule = WatchedScheduler.__bases__[0].schedule
     monkeypatch.setattr(WatchedScheduler.__bases__[0], "schedule", lambda self, now: schedule(self, now)[::-1])
     day = Day(1)
@@ -38,8 +38,8 @@ def test_a_scheduler_that_forgets_its_promises_is_caught(monkeypatch: pytest.Mon
         day.live(NUM_STEPS)
 
 
-def test_a_class_that_is_starved_is_noticed(monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr(OwedRows, "settle", lambda *given: None)  # nobody is ever owed a row
+def test_simulation_catches_a_starved_priority_class(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(OwedRows, "settle", lambda *given: None)  # no class is ever owed a row
     with pytest.raises(PromiseBroken, match="has waited"):
         _live(range(20))
 

@@ -23,7 +23,7 @@ def test_sessions_are_woken_once_at_the_earliest_time_they_asked_for() -> None:
     assert timers.next_at() == math.inf
 
 
-def test_who_is_forgotten_is_not_woken() -> None:
+def test_forgotten_session_is_not_woken() -> None:
     timers = Timers()
     timers.ask(ONE, 1.0)
     timers.forget(ONE)
@@ -34,7 +34,7 @@ def test_who_is_forgotten_is_not_woken() -> None:
 
 
 @given(st.lists(st.tuples(st.integers(0, 9), st.floats(0, 100)), max_size=200), st.floats(0, 100))
-def test_whoever_asked_is_woken_in_time_and_nobody_else(asks: list[tuple[int, float]], now: float) -> None:
+def test_due_gives_exactly_the_sessions_whose_earliest_time_has_come(asks: list[tuple[int, float]], now: float) -> None:
     timers = Timers()
     earliest: dict[SessionKey, float] = {}
     for handle, at in asks:
@@ -44,7 +44,7 @@ def test_whoever_asked_is_woken_in_time_and_nobody_else(asks: list[tuple[int, fl
     assert sorted(timers.due(now)) == sorted(key for key, at in earliest.items() if at <= now)
 
 
-def test_asking_ever_earlier_does_not_fill_memory() -> None:
+def test_requests_for_ever_earlier_times_do_not_accumulate() -> None:
     timers = Timers()
     for number in range(100_000):
         timers.ask(SessionKey(1, number % 10), 1e6 - number)

@@ -1,4 +1,4 @@
-"""Where traces are asked for, the notice of a plan has the times of its window, in virtual time; else it has none."""
+"""If traces are asked for, the notice of a plan has the times of its window, in virtual time; otherwise none."""
 
 from __future__ import annotations
 
@@ -12,7 +12,7 @@ from tests.server.engine.stage import Stage, prompt
 
 
 def notices(config: EngineConfig) -> list[PlanNotice]:
-    """Of a session that is opened and edited once, over six seconds."""
+    """The notices of a session that is opened and edited once, over six seconds."""
     stage = Stage(config)
     viewer = stage.open(prompts=(prompt(1),))
     stage.run(2.0)
@@ -21,7 +21,7 @@ def notices(config: EngineConfig) -> list[PlanNotice]:
     return [said for said in stage.outputs if isinstance(said, PlanNotice)]
 
 
-def test_times_are_in_their_order_and_name_the_engine() -> None:
+def test_window_times_are_in_order_and_name_the_engine() -> None:
     made = notices(EngineConfig(trace_as="pid 7"))
     assert len(made) > 2
     for notice in made:
@@ -33,23 +33,23 @@ def test_times_are_in_their_order_and_name_the_engine() -> None:
     assert lands == sorted(lands)
 
 
-def test_an_edit_is_counted_from_when_it_came() -> None:
+def test_edit_is_timed_from_its_arrival() -> None:
     made = notices(EngineConfig(trace_as="pid 7"))
     (edit,) = [notice for notice in made if notice.cause is PlanCause.EDIT]
     (after,) = [notice for notice in made if notice.plan == edit.plan + 1]
     assert edit.timing is not None
     assert after.timing is not None
     assert edit.timing.asked_at == pytest.approx(made[0].timing.asked_at + 2.0, abs=0.1)  # type: ignore[union-attr]
-    assert after.timing.asked_at == after.timing.created_at, "nobody asked for it: it was due"
+    assert after.timing.asked_at == after.timing.created_at, "no event asked for it: it was due"
 
 
-def test_without_traces_plans_are_the_same_but_for_the_times() -> None:
+def test_plans_with_and_without_traces_differ_only_in_their_times() -> None:
     plain, traced = notices(EngineConfig()), notices(EngineConfig(trace_as="pid 7"))
     assert [notice.timing for notice in plain] == [None] * len(plain)
     assert [replace(notice, timing=None) for notice in traced] == plain
 
 
-def test_windows_that_are_thrown_away_leave_nothing_behind() -> None:
+def test_discarded_windows_leave_no_timings_behind() -> None:
     stage = Stage(EngineConfig(trace_as="pid 7"))
     viewer = stage.open(prompts=(prompt(1),))
     for number in range(20):

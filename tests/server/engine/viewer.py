@@ -45,10 +45,10 @@ class Viewer:
         self.rows: list[np.ndarray] = []
         self.notices: list[PlanNotice] = []
         self.chunks: list[Chunk] = []
-        # which plan covers which frames: plan covering[i] from frame starts[i] on
+        # which plan covers which frames: covering[i] from frame starts[i] on
         self.starts: list[int] = []
         self.covering: list[int] = []
-        # those that may repeat the frame before
+        # plans whose frames may repeat the frame before
         self.held_plans: set[int] = set()
         self.levels: list[ServiceLevel] = []
         self.reached: list[ConstraintReached] = []

@@ -1,4 +1,4 @@
-"""What a test gets from a remote engine, and sends to it."""
+"""What tests receive from an engine in another process, and send to it."""
 
 from __future__ import annotations
 
@@ -40,7 +40,7 @@ KEY = SessionKey(1, 1)
 
 
 class Audience:
-    """Keeps all outputs and reports; a test can wait until there are enough."""
+    """Keeps all outputs and reports; tests can wait until there are enough."""
 
     def __init__(self) -> None:
         self.outputs: list[Output] = []
@@ -58,7 +58,7 @@ class Audience:
             self._heard.notify_all()
 
     def observer_of(self, model_id: str, engine: str) -> Observe:
-        """The same for reports of any engine."""
+        """`observe`, for the reports of any engine."""
         return self.observe
 
     def wait_for(self, enough: Callable[[Audience], object]) -> None:
@@ -132,7 +132,7 @@ def pool_of(
 def remote(
     how: str = "nothing", engines: int = 1, hung_s: float = LIMIT_S, rest_s: float = LIMIT_S, **settings: object
 ) -> Iterator[Remote]:
-    """The same with a model loaded, which is unloaded at the end."""
+    """Engine processes as of `pool_of` with a model loaded, which is unloaded at the end."""
     with pool_of(how, engines, hung_s, rest_s, **settings) as (pool, audience):
         engine = pool.load("fake")
         yield Remote(pool, engine, audience)
@@ -163,7 +163,7 @@ def _state(stat: Path) -> str:
 
 
 def is_gone(pid: int) -> bool:
-    """Whether a process has ended; one that nobody has waited for yet counts as ended."""
+    """Whether a process has ended; a zombie counts as ended."""
     try:
         return _state(Path(f"/proc/{pid}/stat")) == "Z"
     except FileNotFoundError:
@@ -171,7 +171,7 @@ def is_gone(pid: int) -> bool:
 
 
 def stop(pid: int) -> None:
-    """Send SIGSTOP and wait: each thread runs on until one has taken the signal and it has been told."""
+    """Sends SIGSTOP, and waits until every thread has stopped."""
     os.kill(pid, signal.SIGSTOP)
     until(lambda: all(_state(stat) == "T" for stat in Path(f"/proc/{pid}/task").glob("*/stat")))
 

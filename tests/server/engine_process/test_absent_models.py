@@ -1,4 +1,4 @@
-"""A model that is another one by now, or cannot be loaded again: it costs its own sessions, and nobody else's."""
+"""Models whose weights have changed or that cannot be loaded again: only their own sessions are lost."""
 
 from __future__ import annotations
 
@@ -35,7 +35,7 @@ OTHER = SessionKey(1, 2)
 
 @dataclass(frozen=True)
 class Shelf:
-    """Two models on engine processes, each loaded from a file that a test may change or take away."""
+    """Two models on engine processes, each loaded from a file that a test may change or delete."""
 
     pool: EnginePool
     audience: Audience
@@ -43,7 +43,7 @@ class Shelf:
     two: EngineGroup
 
     def kill(self, number: int = 0) -> None:
-        """An engine process, and wait for the next one."""
+        """Kills an engine process, and waits for its replacement."""
         process = self.pool.processes[number]
         before, pid = process.num_restarts, process.pid
         assert pid is not None
@@ -51,7 +51,7 @@ class Shelf:
         until(lambda: process.num_restarts > before)
 
     def play(self, engine: EngineGroup, key: SessionKey = KEY) -> None:
-        """A session of a model, once it takes one."""
+        """Opens a session of a model as soon as it admits one, and lets it play."""
         until(lambda: engine.submit(opening(key)) is None)
         self.audience.wait_for_frames(20, key)
 
@@ -68,7 +68,7 @@ def shelf(folder: Path, engines: int = 1, rest_s: float = LIMIT_S) -> Iterator[S
         yield Shelf(pool, audience, pool.load("one"), pool.load("two"))
 
 
-def test_a_model_that_is_another_one_by_now_is_not_served_and_the_others_are(
+def test_model_whose_weights_changed_is_not_served_but_others_are(
     tmp_path: Path, caplog: pytest.LogCaptureFixture
 ) -> None:
     with shelf(tmp_path) as there:
@@ -86,7 +86,7 @@ def test_a_model_that_is_another_one_by_now_is_not_served_and_the_others_are(
     assert "engine 0 serves on without a model: 'one' holds another model by now" in caplog.text
 
 
-def test_it_is_served_once_it_is_loaded_anew(tmp_path: Path) -> None:
+def test_model_with_changed_weights_is_served_after_a_reload(tmp_path: Path) -> None:
     with shelf(tmp_path) as there:
         put(tmp_path, "one", "others")
         there.kill()
@@ -100,7 +100,7 @@ def test_it_is_served_once_it_is_loaded_anew(tmp_path: Path) -> None:
         assert anew.failure is None
 
 
-def test_weights_that_were_put_back_are_served_by_the_next_process(tmp_path: Path) -> None:
+def test_restored_weights_are_served_by_the_next_process(tmp_path: Path) -> None:
     with shelf(tmp_path) as there:
         put(tmp_path, "one", "others")
         there.kill()
@@ -111,7 +111,7 @@ def test_weights_that_were_put_back_are_served_by_the_next_process(tmp_path: Pat
         assert there.one.failure is None
 
 
-def test_a_model_that_cannot_be_loaded_again_is_tried_while_the_others_play(tmp_path: Path) -> None:
+def test_model_that_fails_to_load_again_is_retried_while_others_play(tmp_path: Path) -> None:
     with shelf(tmp_path, rest_s=0.1) as there:
         (tmp_path / "one").unlink()
         there.kill()
@@ -124,7 +124,7 @@ def test_a_model_that_cannot_be_loaded_again_is_tried_while_the_others_play(tmp_
         assert there.audience.of(Closed) == []
 
 
-def test_engines_that_hold_it_still_serve_it_and_one_that_does_not_stays_up(tmp_path: Path) -> None:
+def test_model_is_served_by_the_engines_that_still_hold_it(tmp_path: Path) -> None:
     with shelf(tmp_path, engines=2) as there:
         there.two.stop()
         assert there.two.join(LIMIT_S)
@@ -142,9 +142,7 @@ def test_engines_that_hold_it_still_serve_it_and_one_that_does_not_stays_up(tmp_
         until(lambda: there.one.failure)
 
 
-def test_a_process_that_can_load_nothing_again_is_lost_as_any_other(
-    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
-) -> None:
+def test_process_that_can_load_no_model_again_counts_as_lost(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr("motiongen_server.engine_process.restarts.LOSSES_WITHIN_S", LIMIT_S)
     with shelf(tmp_path, rest_s=0.1) as there:
         for name in ("one", "two"):
@@ -161,10 +159,10 @@ def test_a_process_that_can_load_nothing_again_is_lost_as_any_other(
         there.play(there.one, OTHER)
 
 
-def test_a_model_that_never_ends_loading_again_takes_no_other_with_it(
+def test_model_stuck_while_loading_again_does_not_affect_others(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    """As where its disk hangs. What is to be loaded after it cannot be: that is said instead of waited for."""
+    """For example because its disk hangs. Loading of a further model is then refused instead of waiting."""
     with shelf(tmp_path) as there:
         put(tmp_path, "two", "stuck")
         there.kill()
@@ -197,7 +195,7 @@ def test_load_that_hangs_in_one_engine_process_ends_when_another_cannot_load_the
             there.kill(1)
 
 
-def test_the_longer_a_model_cannot_be_loaded_the_less_often_it_is_tried(monkeypatch: pytest.MonkeyPatch) -> None:
+def test_retries_of_loading_become_rarer_with_each_failure(monkeypatch: pytest.MonkeyPatch) -> None:
     now = [100.0]
     monkeypatch.setattr(absent_models, "time", SimpleNamespace(monotonic=lambda: now[0]))
     held, lost = (ModelLink(slot, f"model-{slot}", lambda outputs: None, lambda: None) for slot in (1, 2))
@@ -209,7 +207,7 @@ def test_the_longer_a_model_cannot_be_loaded_the_less_often_it_is_tried(monkeypa
     absent = AbsentModels("0", control, 30.0)
 
     def rested_s() -> float:
-        """Until it is tried again."""
+        """How long it takes until loading is tried again."""
         control.take()
         absent.fail(lost, "the disk is away")
         begun_at = now[0]

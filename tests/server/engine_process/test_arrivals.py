@@ -1,4 +1,4 @@
-"""Closes go ahead of the events that wait, and yet each ends the session that it is meant for."""
+"""Closes overtake waiting events, and yet each ends the session that it is meant for."""
 
 from __future__ import annotations
 
@@ -17,14 +17,14 @@ from tests.server.engine_process.audience import KEY, close, opening, play, play
 OTHER = SessionKey(1, 2)
 
 
-def test_events_come_in_their_order() -> None:
+def test_events_arrive_in_their_order() -> None:
     events = (opening(), play(2), opening(OTHER), play(3))
     arrivals = Arrivals()
     assert arrivals.in_order(Events(1, 1, events[:2])) == list(events[:2])
     assert arrivals.in_order(Events(1, 3, events[2:])) == list(events[2:])
 
 
-def test_what_a_close_overtakes_is_left_out_and_nothing_else() -> None:
+def test_only_events_that_a_close_overtook_are_left_out() -> None:
     first, edit, later, again, last = opening(), play(2), play(2, OTHER), opening(), close(3)
     arrivals = Arrivals()
     assert arrivals.in_order(Events(1, 1, (first,))) == [first]
@@ -32,14 +32,14 @@ def test_what_a_close_overtakes_is_left_out_and_nothing_else() -> None:
     assert arrivals.in_order(Events(1, 2, (edit, later, again))) == [later, again]
 
 
-def test_a_close_that_comes_before_its_open_follows_it_at_once() -> None:
+def test_close_that_arrives_before_its_open_follows_the_open() -> None:
     first, edit, last = opening(), play(2), close(3)
     arrivals = Arrivals()
     assert arrivals.ahead(CloseAhead(1, last, opened=1, last=2)) == []
     assert arrivals.in_order(Events(1, 1, (first, edit))) == [first, last]
 
 
-def test_a_close_that_comes_early_waits_for_the_open_and_not_for_what_is_left_of_the_session_before() -> None:
+def test_early_close_waits_for_its_open_behind_events_of_an_earlier_session() -> None:
     left, again, last = playhead(3), opening(), close(2)
     arrivals = Arrivals()
     assert arrivals.ahead(CloseAhead(1, last, opened=2, last=2)) == []
@@ -48,10 +48,8 @@ def test_a_close_that_comes_early_waits_for_the_open_and_not_for_what_is_left_of
 
 @settings(deadline=None, max_examples=40, suppress_health_check=[HealthCheck.too_slow])
 @given(st.lists(st.sampled_from(["open", "edit", "close"]), max_size=40), st.data())
-def test_in_whatever_order_the_two_ways_deliver_a_session_begins_and_ends_once(
-    wishes: list[str], data: st.DataObject
-) -> None:
-    """One key is opened, edited and closed over and over; what is under way comes early or late."""
+def test_sessions_begin_and_end_once_in_any_order_of_the_two_sockets(wishes: list[str], data: st.DataObject) -> None:
+    """One key is opened, edited and closed over and over, and messages in transit arrive early or late."""
     ledger, arrivals = Ledger(), Arrivals()
     events: list[Events] = []
     closes: list[CloseAhead] = []
@@ -78,7 +76,7 @@ def test_in_whatever_order_the_two_ways_deliver_a_session_begins_and_ends_once(
         closes += [CloseAhead(1, *each) for each in ledger.take_closes()]
         arrive(everything=False)
         is_open, num_edits = wish != "close", num_edits + 1 if wish == "edit" else 0
-        if not is_open:  # the key is used again only when the engine has said that the session has ended
+        if not is_open:  # the key is used again only after the engine has reported the session's end
             arrive(everything=True)
             ledger.settle([Closed(KEY, CloseReason.CLIENT, Code.OK, "", 0, 0)])
     arrive(everything=True)

@@ -1,4 +1,4 @@
-"""Every value that crosses between the processes comes out as it went in; what is no such value is refused."""
+"""Every value that crosses between processes is decoded as it was encoded; anything else is refused."""
 
 from __future__ import annotations
 
@@ -31,13 +31,13 @@ FLOATS = arrays.arrays(np.float32, arrays.array_shapes(min_dims=1, max_dims=3, m
 
 
 def values(hint: typing.Any) -> st.SearchStrategy[typing.Any]:
-    """Any value of a type, found out anew from the hints."""
+    """Any value of a type, derived from its hints independently of the codec."""
     origin, arguments = typing.get_origin(hint), typing.get_args(hint)
     if hint in PLAIN:
         return PLAIN[hint]
     if hint is ServerConfig:
         ports, hosts, switches = st.integers(0, 65535), st.text(), st.booleans()
-        # any host is taken where the network is said to keep others away
+        # with `insecure`, any host is accepted
         return st.builds(ServerConfig, port=ports, host=hosts, reflection=switches, insecure=st.just(True))
     if origin is np.ndarray:
         return FLOATS
@@ -80,13 +80,13 @@ CODECS = {
 @pytest.mark.parametrize("kind", CODECS, ids=lambda kind: kind.__name__)
 @settings(deadline=None, max_examples=40, suppress_health_check=[HealthCheck.too_slow])
 @given(data=st.data())
-def test_every_message_comes_out_as_it_went_in(kind: type, data: st.DataObject) -> None:
+def test_every_message_is_decoded_as_it_was_encoded(kind: type, data: st.DataObject) -> None:
     message = data.draw(values(kind))
     assert same(CODECS[kind].decode(CODECS[kind].encode(message)), message)
 
 
 @pytest.mark.parametrize("name", ["Event", "Output", "Constraint"])
-def test_all_of_the_engines_values_are_among_them(name: str) -> None:
+def test_codecs_know_all_values_of_the_engine(name: str) -> None:
     import motiongen_server.engine.types as engine_types
 
     known = "\n".join(TO_ENGINE.table + TO_GATEWAY.table)
@@ -109,7 +109,7 @@ ROWS = Codec(Row)
 
 
 @pytest.mark.parametrize("dtype", DTYPES)
-def test_arrays_keep_type_and_shape_whatever_their_memory_looks_like(dtype: np.dtype[typing.Any]) -> None:
+def test_arrays_keep_type_and_shape_whatever_their_memory_layout(dtype: np.dtype[typing.Any]) -> None:
     plain = np.arange(12).reshape(3, 4).astype(dtype)
     for array in (plain, plain.T, plain[:, ::2], plain[::-1], plain[:0], plain.astype(dtype.newbyteorder(">"))):
         decoded = ROWS.decode(ROWS.encode(Row(array))).values
@@ -118,7 +118,7 @@ def test_arrays_keep_type_and_shape_whatever_their_memory_looks_like(dtype: np.d
         assert decoded.flags.writeable
 
 
-def test_a_numpy_number_in_a_field_crosses_as_a_number() -> None:
+def test_numpy_number_in_a_field_is_decoded_as_a_plain_number() -> None:
     codec = Codec(Wider)
     decoded = codec.decode(codec.encode(Wider(np.zeros(1, np.float32), np.int64(7))))  # type: ignore[arg-type]
     assert decoded.more == 7
@@ -130,7 +130,7 @@ def test_a_numpy_number_in_a_field_crosses_as_a_number() -> None:
     [b"", b"\xc1", b"\x00", b"\x92\x07\x90", b"\x92\xff\x90", ROWS.encode(Row(np.zeros(3, np.float32)))[:-2]],
     ids=["nothing", "no msgpack", "no message", "no such message", "a negative number", "half"],
 )
-def test_what_is_no_message_is_refused(data: bytes) -> None:
+def test_bytes_that_are_no_message_are_refused(data: bytes) -> None:
     with pytest.raises(CodecError, match="no message of schema"):
         ROWS.decode(data)
 
@@ -138,13 +138,13 @@ def test_what_is_no_message_is_refused(data: bytes) -> None:
 @pytest.mark.parametrize(
     "message", [Row(np.array(["a"])), Row(None), "walk"], ids=["text in an array", "no array", "no message"]
 )
-def test_what_no_type_can_hold_is_refused(message: typing.Any) -> None:
+def test_values_that_fit_no_type_are_refused(message: typing.Any) -> None:
     with pytest.raises(CodecError, match="cannot encode"):
         ROWS.encode(message)
-    assert len(ROWS.decode(ROWS.encode(Row(np.zeros(3, np.float32)))).values) == 3, "the one after it is not spoilt"
+    assert len(ROWS.decode(ROWS.encode(Row(np.zeros(3, np.float32)))).values) == 3, "the next message is not affected"
 
 
-def test_a_field_without_a_place_in_the_table_is_an_error_at_once() -> None:
+def test_field_of_an_unsupported_type_is_an_error_when_the_codec_is_made() -> None:
     @dataclass
     class Odd:
         call: typing.Callable[[], None]
@@ -154,7 +154,7 @@ def test_a_field_without_a_place_in_the_table_is_an_error_at_once() -> None:
 
 
 class Alias:
-    """What `NDArray` is from numpy 2.5 on: an alias with a meaning of its own."""
+    """A stand-in for `NDArray` of numpy 2.5 and later, which is a type alias of its own kind."""
 
     __value__ = NDArray[np.float32]
 
@@ -165,7 +165,7 @@ class Alias:
         return "NDArray"
 
 
-def test_arrays_are_the_same_type_to_every_version_of_numpy() -> None:
+def test_schema_of_arrays_does_not_depend_on_the_numpy_version() -> None:
     @dataclass
     class Told:
         values: NDArray[np.float32]
@@ -180,7 +180,7 @@ def test_arrays_are_the_same_type_to_every_version_of_numpy() -> None:
     assert np.array_equal(before.decode(after.encode(told)).values, told.values)
 
 
-def test_the_schema_changes_with_the_fields_and_only_with_them() -> None:
+def test_schema_changes_with_fields_and_order_of_messages() -> None:
     assert Codec(Row).schema == ROWS.schema
     assert Codec(Wider).schema != ROWS.schema
     assert Codec(Row, Wider).schema != Codec(Wider, Row).schema

@@ -1,4 +1,4 @@
-"""What the gateway does when an engine process is gone, or does not go: it waits for nobody without an end."""
+"""The gateway's connection to an engine process that has died or cannot be ended: it never waits for ever."""
 
 from __future__ import annotations
 
@@ -30,8 +30,8 @@ from tests.waiting import until
 
 BEGIN = Begin(ServerConfig(), "cpu", 1, 1)
 SOON_MS = 1000
-"""After which who would wait for ever is told that nobody is there, so that the test ends."""
-# Greets on the way back, and ends without the other two.
+"""After this time, a send that would wait for ever fails, so that the test ends."""
+# Sends its greeting, and ends without connecting the other two sockets.
 GREETS_AND_ENDS = """
 import sys, time, zmq
 from motiongen_server.engine_process.messages import GREETING, SCHEMA, Greeting
@@ -54,7 +54,7 @@ def connected(*program: str) -> Iterator[Connection]:
         connection.close()
 
 
-def test_what_is_to_go_to_an_engine_that_has_died_keeps_nobody_and_its_death_is_told() -> None:
+def test_sending_to_a_dead_engine_does_not_block_and_its_death_is_reported() -> None:
     with connected(*command("nothing")) as connection:
         connection.begin(BEGIN)
         os.kill(connection.pid, signal.SIGKILL)
@@ -67,7 +67,7 @@ def test_what_is_to_go_to_an_engine_that_has_died_keeps_nobody_and_its_death_is_
             connection.next_message()
 
 
-def test_an_engine_that_takes_nothing_is_lost_before_its_death_is_seen() -> None:
+def test_engine_that_accepts_no_message_counts_as_lost() -> None:
     with connected(*command("nothing")) as connection:
         connection.begin(BEGIN)
         os.kill(connection.pid, signal.SIGKILL)
@@ -77,7 +77,7 @@ def test_an_engine_that_takes_nothing_is_lost_before_its_death_is_seen() -> None
             connection.next_message()
 
 
-def test_who_greets_and_never_connects_is_not_waited_for_beyond_its_death() -> None:
+def test_engine_that_ends_between_greeting_and_connecting_counts_as_lost() -> None:
     with (
         connected(sys.executable, "-c", GREETS_AND_ENDS) as connection,
         pytest.raises(EngineLost, match="exit code 0 before it was ready"),
@@ -86,7 +86,7 @@ def test_who_greets_and_never_connects_is_not_waited_for_beyond_its_death() -> N
 
 
 class Stubborn(FreshChild):
-    """Its end is not to be had until a test says so."""
+    """A child whose end takes until the test allows it."""
 
     may_end: threading.Event
 
@@ -95,7 +95,7 @@ class Stubborn(FreshChild):
         return super().end(patience_s)
 
 
-def test_sessions_hear_of_a_loss_before_the_end_of_a_process_that_does_not_end() -> None:
+def test_sessions_of_a_lost_engine_are_closed_before_its_process_has_ended() -> None:
     audience, may_end = Audience(), threading.Event()
 
     def start(folder: Path, environment: Mapping[str, str]) -> Stubborn:
@@ -117,7 +117,7 @@ def test_sessions_hear_of_a_loss_before_the_end_of_a_process_that_does_not_end()
         assert process.join(LIMIT_S)
 
 
-def test_a_process_that_cannot_be_killed_is_left_behind_and_reaped_when_it_ends(
+def test_process_that_cannot_be_killed_is_left_and_reaped_when_it_ends(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     monkeypatch.setattr(child_module, "KILL_S", 0.0)
@@ -130,7 +130,7 @@ def test_a_process_that_cannot_be_killed_is_left_behind_and_reaped_when_it_ends(
     until(lambda: not Path(f"/proc/{child.pid}").exists())
 
 
-def test_one_that_was_forked_and_cannot_be_killed_is_left_to_its_fork_server(
+def test_forked_process_that_cannot_be_killed_is_left_to_its_fork_server(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     monkeypatch.setattr(forking, "KILL_S", 0.0)

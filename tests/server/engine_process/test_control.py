@@ -1,4 +1,4 @@
-"""What engine processes are told one after the other, and what becomes of models meanwhile."""
+"""The queue of control messages for an engine process, and what becomes of models when processes are lost."""
 
 from __future__ import annotations
 
@@ -25,7 +25,7 @@ def queue_of(*links: ModelLink) -> ControlQueue:
     return queue
 
 
-def test_a_model_is_loaded_and_unloaded_by_messages_that_are_sent_once() -> None:
+def test_load_and_unload_of_a_model_are_sent_once() -> None:
     link = link_of(1)
     queue = queue_of(link)
     assert queue.is_loading
@@ -36,7 +36,7 @@ def test_a_model_is_loaded_and_unloaded_by_messages_that_are_sent_once() -> None
     assert (queue.take(), queue.take()) == ((Unload(1),), ())
 
 
-def test_the_next_process_is_told_what_it_is_to_hold_and_only_questions_that_still_wait() -> None:
+def test_next_process_is_told_to_load_models_and_encoder_again() -> None:
     first, second = link_of(1), link_of(2)
     queue = queue_of(first, second)
     told: list[ToEngine] = [LoadEncoder(8)]
@@ -48,7 +48,7 @@ def test_the_next_process_is_told_what_it_is_to_hold_and_only_questions_that_sti
     assert queue.take() == (Load(1, "model-1"), Load(2, "model-2"), LoadEncoder(8))
 
 
-def test_a_lost_process_takes_with_it_what_was_never_loaded_and_what_was_given_up() -> None:
+def test_lost_process_drops_models_never_loaded_or_being_unloaded() -> None:
     held, given_up, never_loaded = loaded(link_of(1)), loaded(link_of(2)), link_of(3)
     queue = queue_of(held, given_up, never_loaded)
     assert queue.retire(given_up)
@@ -56,22 +56,22 @@ def test_a_lost_process_takes_with_it_what_was_never_loaded_and_what_was_given_u
     assert (list(queue), queue.take()) == ([held], ())
 
 
-def test_what_a_process_was_loading_when_it_was_lost_is_loaded_after_the_others() -> None:
-    """Where that hung, or crashed, those behind it would never come."""
+def test_model_being_loaded_when_a_process_was_lost_is_loaded_last() -> None:
+    """If loading it hung or crashed again, the models behind it would never be loaded."""
     first, second, third = (loaded(link_of(slot)) for slot in (1, 2, 3))
     queue = queue_of(first, second, third)
     assert queue.lose() == []
     for link in queue:
         link.lose(CloseReason.ENGINE_FAULT, "it was killed")
     queue.begin()
-    assert queue.take() == (Load(1, "model-1"), Load(2, "model-2"), Load(3, "model-3")), "all were there"
+    assert queue.take() == (Load(1, "model-1"), Load(2, "model-2"), Load(3, "model-3")), "all had been loaded"
     loaded(first)
     assert queue.lose() == []
     queue.begin()
     assert queue.take() == (Load(1, "model-1"), Load(3, "model-3"), Load(2, "model-2"))
 
 
-def test_a_model_that_is_given_up_while_there_is_no_process_is_gone_at_once() -> None:
+def test_model_retired_while_there_is_no_process_is_gone_at_once() -> None:
     link = link_of(1)
     queue = queue_of(link)
     assert not queue.retire(link)
@@ -79,7 +79,7 @@ def test_a_model_that_is_given_up_while_there_is_no_process_is_gone_at_once() ->
     assert queue.get(1) is None
 
 
-def test_a_model_is_tried_again_unless_it_was_given_up() -> None:
+def test_absent_model_is_loaded_again_unless_it_was_retired() -> None:
     absent, given_up = loaded(link_of(1)), loaded(link_of(2))
     queue = queue_of(absent, given_up)
     for link in (absent, given_up):
@@ -93,12 +93,12 @@ def test_a_model_is_tried_again_unless_it_was_given_up() -> None:
     assert not absent.is_absent
 
 
-def test_nothing_more_is_loaded_once_the_end_has_been_asked_for_or_has_come() -> None:
+def test_stopped_or_closed_queue_accepts_no_more_models() -> None:
     queue = queue_of(link_of(1))
     queue.stop()
     assert not queue.add(link_of(2))
     queue.begin()
-    assert queue.take()[-1] == Stop(), "a process that was just starting is told too"
+    assert queue.take()[-1] == Stop(), "a process that is just starting is told to stop, too"
     ended = queue_of(link_of(1))
     assert [link.slot for link in ended.close()] == [1]
     assert not ended.add(link_of(2))

@@ -1,4 +1,4 @@
-"""An engine that fails is told of at once, whatever else its process is about."""
+"""The failure of an engine is reported at once, whatever else its process is doing."""
 
 from __future__ import annotations
 
@@ -13,7 +13,7 @@ from tests.waiting import LIMIT_S
 
 
 class Breaking(Notebook):
-    """Fails once it has been woken."""
+    """An engine that fails as soon as it is woken."""
 
     def wait(self) -> None:
         self.stopped.wait()
@@ -28,7 +28,7 @@ class Breaking(Notebook):
 
 
 class Loading(Process):
-    """Holds a model whose engine will fail, and loads another one for as long as a test likes."""
+    """Holds a model whose engine will fail, and loads another until the test lets that end."""
 
     def __init__(self) -> None:
         self.begun, self.go_on = threading.Event(), threading.Event()
@@ -43,7 +43,7 @@ class Loading(Process):
         return super()._build(source, deliver, observe, inbox)
 
 
-def test_an_engine_that_fails_while_another_model_is_loaded_is_told_of_before_that_is_done() -> None:
+def test_failure_of_an_engine_is_reported_while_another_model_is_loading() -> None:
     process = Loading()
     try:
         process.load()

@@ -1,4 +1,4 @@
-"""Engine processes that are forked: how each ends is told, and none depends on its fork server or on another."""
+"""Forked engine processes: how each ended is reported, and none depends on its fork server or on another process."""
 
 from __future__ import annotations
 
@@ -25,7 +25,7 @@ from tests.waiting import until
 
 FORK_SERVER = (sys.executable, "-m", "tests.server.engine_process.fake_fork_server")
 PATIENCE_S = 90.0
-"""Of who waits for an end that must come; nothing is measured by it."""
+"""The longest wait for an end that must come; nothing is measured by it."""
 
 
 @pytest.fixture
@@ -39,7 +39,7 @@ def link() -> Iterator[ForkServerLink]:
 
 @pytest.fixture
 def start(link: ForkServerLink, tmp_path: Path) -> Iterator[Callable[..., ForkedChild]]:
-    """Starts a process that lives until it is killed or let go, or that ends with a code. All are ended afterwards."""
+    """Starts a process that lives until it is ended, or that exits with a code. All are ended afterwards."""
     children: list[ForkedChild] = []
 
     def start_one(code: int | None = None, **environment: str) -> ForkedChild:
@@ -63,7 +63,7 @@ def has_died(child: ForkedChild) -> bool:
     return bool(select.select([child], [], [], 0.0)[0])
 
 
-def test_an_exit_code_and_a_signal_are_told(start: Callable[..., ForkedChild]) -> None:
+def test_exit_codes_and_signals_are_reported(start: Callable[..., ForkedChild]) -> None:
     assert start(code=0).end(PATIENCE_S) == "ended with exit code 0"
     assert start(code=7).end(PATIENCE_S) == "ended with exit code 7"
     child = start()
@@ -71,18 +71,18 @@ def test_an_exit_code_and_a_signal_are_told(start: Callable[..., ForkedChild]) -
     assert child.end(PATIENCE_S) == "killed by SIGUSR1"
     child = start()
     os.kill(child.pid, signal.SIGRTMIN + 6)
-    assert child.end(PATIENCE_S) == f"killed by signal {signal.SIGRTMIN + 6}", "it has no name"
+    assert child.end(PATIENCE_S) == f"killed by signal {signal.SIGRTMIN + 6}", "this signal has no name"
 
 
-def test_who_does_not_end_in_time_is_killed(start: Callable[..., ForkedChild]) -> None:
+def test_process_that_misses_its_deadline_is_killed(start: Callable[..., ForkedChild]) -> None:
     child = start()
     assert not has_died(child)
     assert child.end(0.0) == "killed by SIGKILL"
     assert has_died(child)
-    child.kill()  # nothing: its number may be another's by now
+    child.kill()  # does nothing: the process id may belong to another process by now
 
 
-def test_each_finds_its_own_environment_beside_that_of_the_gateway(
+def test_process_gets_its_own_environment_on_top_of_the_gateway_s(
     start: Callable[..., ForkedChild], tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     monkeypatch.setenv("MOTIONGEN_TEST", "gateway")
@@ -93,7 +93,7 @@ def test_each_finds_its_own_environment_beside_that_of_the_gateway(
     assert [each["MOTIONGEN_TEST"] for each in found] == ["gateway"] * 2
 
 
-def test_all_have_one_parent_and_the_end_of_one_is_not_noticed_by_others(
+def test_processes_have_one_parent_and_outlive_each_other(
     link: ForkServerLink, start: Callable[..., ForkedChild]
 ) -> None:
     first, second = start(), start()
@@ -103,7 +103,7 @@ def test_all_have_one_parent_and_the_end_of_one_is_not_noticed_by_others(
     assert not has_died(second)
 
 
-def test_without_their_fork_server_processes_live_on_and_the_next_gets_another(
+def test_processes_outlive_their_fork_server_and_the_next_start_gets_a_new_one(
     link: ForkServerLink, start: Callable[..., ForkedChild]
 ) -> None:
     child, fork_server = start(), link.pid
@@ -118,7 +118,7 @@ def test_without_their_fork_server_processes_live_on_and_the_next_gets_another(
     assert following.end(0.0) == "killed by SIGKILL"
 
 
-def test_a_fork_server_that_answers_no_more_makes_room_for_another(
+def test_fork_server_that_stops_answering_is_replaced(
     link: ForkServerLink, start: Callable[..., ForkedChild], tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     child, fork_server = start(), link.pid
@@ -135,7 +135,7 @@ def test_a_fork_server_that_answers_no_more_makes_room_for_another(
     assert following.end(0.0) == "killed by SIGKILL"
 
 
-def test_where_no_more_pipes_can_be_had_none_is_kept(
+def test_start_that_runs_out_of_pipes_closes_those_it_made(
     link: ForkServerLink, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     made: list[int] = []
@@ -155,7 +155,7 @@ def test_where_no_more_pipes_can_be_had_none_is_kept(
             os.fstat(descriptor)
 
 
-def test_stopped_it_forks_no_more_and_ends_after_the_last_of_its_processes(
+def test_stopped_fork_server_forks_no_more_and_ends_after_its_last_process(
     link: ForkServerLink, start: Callable[..., ForkedChild]
 ) -> None:
     child, fork_server = start(), link.pid
@@ -181,7 +181,7 @@ signal.pause()
 """
 
 
-def test_when_the_gateway_is_killed_all_end(tmp_path: Path) -> None:
+def test_fork_server_and_its_processes_end_when_the_gateway_is_killed(tmp_path: Path) -> None:
     command = [sys.executable, "-c", GATEWAY, json.dumps(FORK_SERVER), str(tmp_path)]
     with subprocess.Popen(command, stdout=subprocess.PIPE, cwd=ROOT, text=True) as gateway:
         assert gateway.stdout is not None
@@ -192,8 +192,8 @@ def test_when_the_gateway_is_killed_all_end(tmp_path: Path) -> None:
     until(lambda: all(is_gone(pid) for pid in pids))
 
 
-def test_who_waits_for_the_first_fork_is_told_when_there_will_be_none(tmp_path: Path) -> None:
-    link = ForkServerLink((sys.executable, "-c", "import time; time.sleep(1000)"))  # it never comes to fork
+def test_stop_fails_a_start_that_waits_for_the_first_fork(tmp_path: Path) -> None:
+    link = ForkServerLink((sys.executable, "-c", "import time; time.sleep(1000)"))  # it never forks
     errors: list[Exception] = []
 
     def ask() -> None:
@@ -211,7 +211,7 @@ def test_who_waits_for_the_first_fork_is_told_when_there_will_be_none(tmp_path: 
     assert [type(error) for error in errors] == [ChildProcessError]
 
 
-def test_a_program_that_forks_nothing_is_told_of_and_tried_again(tmp_path: Path) -> None:
+def test_program_that_ends_without_forking_fails_every_start(tmp_path: Path) -> None:
     link = ForkServerLink((sys.executable, "-c", "pass"))
     for _ in range(2):
         with pytest.raises(OSError):  # noqa: PT011  it may end before it is asked, or after

@@ -1,4 +1,4 @@
-"""What waits for an engine that does not come to it is bounded."""
+"""The events that wait for a busy engine are limited."""
 
 from __future__ import annotations
 
@@ -16,7 +16,7 @@ OTHER = SessionKey(1, 2)
 
 
 class Open(Process):
-    """Shows the box that the engine takes its events from."""
+    """A process that exposes the inbox from which the engine takes its events."""
 
     def _build(self, source: str, deliver: Deliver, observe: Observe, inbox: Inbox) -> Built:
         if source == "fake":
@@ -24,7 +24,7 @@ class Open(Process):
         return super()._build(source, deliver, observe, inbox)
 
 
-def test_while_more_wait_than_may_only_closes_are_taken(monkeypatch: pytest.MonkeyPatch) -> None:
+def test_full_inbox_is_given_nothing_but_closes(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(slot, "MOST_WAITING", 2)
     process = Open()
     try:
@@ -33,7 +33,7 @@ def test_while_more_wait_than_may_only_closes_are_taken(monkeypatch: pytest.Monk
             process.inbox.put(play(seq))
         process.tell(Events(1, 1, (opening(),)))
         process.tell(CloseAhead(1, close(9, OTHER), 0, 0))
-        for _ in range(2):  # by the second answer all that had come would be taken
+        for _ in range(2):  # by the second answer, everything that had arrived would have been taken
             process.tell(Load(2, "unsound"))
             process.hear_of(Unloaded)
         assert seqs(process.engine.wait_for(1)) == [9]

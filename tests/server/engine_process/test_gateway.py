@@ -1,4 +1,4 @@
-"""An engine in a process of its own does what one in this process does, within the same bounds."""
+"""An engine in a process of its own behaves as one in this process, within the same limits."""
 
 from __future__ import annotations
 
@@ -15,7 +15,7 @@ from tests.server.engine_process.audience import KEY, LIMIT_S, close, opening, p
 from tests.waiting import until
 
 
-def test_a_session_from_open_to_close() -> None:
+def test_session_plays_from_open_to_close() -> None:
     with remote() as there:
         engine, audience = there.engine, there.audience
         assert engine.submit(opening(seed=7)) is None
@@ -37,7 +37,7 @@ def test_a_session_from_open_to_close() -> None:
         assert engine.failure is None
 
 
-def test_refusals_of_the_engine_come_back_and_its_limits_hold() -> None:
+def test_refusals_of_the_engine_are_passed_on_and_its_limits_hold() -> None:
     other = SessionKey(1, 2)
     with remote("small") as there:
         engine, audience = there.engine, there.audience
@@ -53,7 +53,7 @@ def test_refusals_of_the_engine_come_back_and_its_limits_hold() -> None:
 
 @pytest.fixture
 def told(monkeypatch: pytest.MonkeyPatch) -> list[tuple[str, StepsElsewhere]]:
-    """What each engine process is told of others' steps, as that happens."""
+    """What each engine process is told about steps taken on others, in order."""
     told: list[tuple[str, StepsElsewhere]] = []
     tell = EngineProcess.tell
 
@@ -66,25 +66,25 @@ def told(monkeypatch: pytest.MonkeyPatch) -> list[tuple[str, StepsElsewhere]]:
     return told
 
 
-def test_what_an_owner_with_a_quota_had_of_one_engine_the_others_are_told(
+def test_engines_are_told_of_steps_that_an_owner_with_a_quota_took_elsewhere(
     told: list[tuple[str, StepsElsewhere]],
 ) -> None:
     owner = Owner("studio", 2.0, 1200.0)
     with remote(engines=2) as there:
-        there.engine.submit(opening(SessionKey(1, 2)))  # nobody counts it
+        there.engine.submit(opening(SessionKey(1, 2)))  # its owner has no quota, so its steps are not counted
         event = opening()
         there.engine.submit(replace(event, spec=replace(event.spec, owner=owner)))
         there.audience.wait_for_frames(40)
         until(lambda: told)
-        there.engine.submit(playhead(30))  # it is well afterwards
+        there.engine.submit(playhead(30))  # the session still plays afterwards
         there.audience.wait_for_frames(60)
     num_steps = event.spec.denoise_steps
     assert {name for name, _ in told[:2]} == {"0", "1"}
-    assert sorted(message.slot for _, message in told[:2]) == [0, 1], "and the engine itself is not charged twice"
+    assert sorted(message.slot for _, message in told[:2]) == [0, 1], "the engine itself is not charged twice"
     assert all(message.taken == ((owner, num_steps),) for _, message in told[:2])
 
 
-def test_what_an_owner_may_have_by_now_reaches_the_engine_of_its_sessions(
+def test_changed_quota_of_an_owner_reaches_its_engine(
     told: list[tuple[str, StepsElsewhere]],
 ) -> None:
     before, after = Owner("studio", 2.0, 1200.0), Owner("studio", 1.0, 900.0)
@@ -92,7 +92,7 @@ def test_what_an_owner_may_have_by_now_reaches_the_engine_of_its_sessions(
     with remote() as there:
 
         def another_is_of(owner: Owner) -> bool:
-            """Open one more session, of the owner as it was before; what is counted for it is said soon after."""
+            """Opens one more session for the owner as it was before; the steps counted for it are told soon after."""
             event = opening(SessionKey(1, next(numbers)))
             assert there.engine.submit(replace(event, spec=replace(event.spec, owner=before))) is None
             there.audience.wait_for_frames(40, event.session)
@@ -103,7 +103,7 @@ def test_what_an_owner_may_have_by_now_reaches_the_engine_of_its_sessions(
         until(lambda: another_is_of(after))
 
 
-def test_what_waits_for_an_engine_that_does_not_take_it_is_bounded_and_nothing_is_lost() -> None:
+def test_events_for_a_stopped_engine_are_limited_and_none_is_lost() -> None:
     with remote() as there:
         engine, audience = there.engine, there.audience
         engine.submit(opening())
@@ -114,13 +114,13 @@ def test_what_waits_for_an_engine_that_does_not_take_it_is_bounded_and_nothing_i
             while refused is None and seq < 100_000:
                 seq += 1
                 refused = engine.submit(play(seq))
-        assert refused is not None, "so many events were taken"
+        assert refused is not None, "no event was refused"
         assert refused.reason == "TOO_MANY_PENDING_EVENTS"
         audience.wait_for(lambda heard: len(heard.answers()) == seq - 2)
         assert audience.answers() == [(number, "OK") for number in range(2, seq)]
 
 
-def test_a_close_overtakes_events_and_each_still_gets_its_answer_before_the_end() -> None:
+def test_events_that_a_close_overtakes_are_answered_before_the_end() -> None:
     with remote() as there:
         engine, audience = there.engine, there.audience
         engine.submit(opening())
@@ -133,7 +133,7 @@ def test_a_close_overtakes_events_and_each_still_gets_its_answer_before_the_end(
         assert type(audience.outputs[-1]) is Closed
 
 
-def test_a_key_can_be_used_again_at_once() -> None:
+def test_session_key_can_be_reused_at_once() -> None:
     with remote() as there:
         engine, audience = there.engine, there.audience
         for seed in range(1, 6):
@@ -145,7 +145,7 @@ def test_a_key_can_be_used_again_at_once() -> None:
         assert engine.num_sessions == 1
 
 
-def test_draining_it_opens_nothing_more_and_stopped_it_closes_what_is_open() -> None:
+def test_draining_engine_opens_no_session_and_a_stopped_one_closes_its_own() -> None:
     other = SessionKey(1, 2)
     with remote() as there:
         engine, audience = there.engine, there.audience
@@ -161,7 +161,7 @@ def test_draining_it_opens_nothing_more_and_stopped_it_closes_what_is_open() -> 
     assert engine.failure is None
 
 
-def test_the_limit_of_sessions_is_that_of_all_engines_together() -> None:
+def test_limit_of_sessions_applies_to_all_engines_together() -> None:
     third = SessionKey(1, 3)
     with remote(engines=2, max_sessions=2) as there:
         for key in (KEY, SessionKey(1, 2)):
@@ -175,13 +175,13 @@ def test_the_limit_of_sessions_is_that_of_all_engines_together() -> None:
         there.audience.wait_for_frames(40, third)
 
 
-def test_two_models_are_held_and_one_is_unloaded_while_the_other_plays() -> None:
+def test_model_is_unloaded_while_another_plays() -> None:
     other = SessionKey(1, 2)
     with remote() as there:
         second = there.pool.load("second")
         there.engine.submit(opening())
         second.submit(opening(other))
-        there.audience.wait_for_frames(40)  # Else the playhead below would lie beyond what was sent, which is cut.
+        there.audience.wait_for_frames(40)  # Otherwise the playhead below would lie beyond the sent frames and be cut.
         there.audience.wait_for_frames(40, other)
         assert (there.engine.num_sessions, second.num_sessions) == (1, 1)
         assert second.facts.model_id == "second"

@@ -1,4 +1,4 @@
-"""An engine process's own side over real sockets: order, bounds, what does not belong, and a gateway that is deaf."""
+"""An engine process's side of real sockets: order, limits, invalid messages, and a gateway that does not read."""
 
 from __future__ import annotations
 
@@ -50,7 +50,7 @@ WAIT_MS = int(1000 * LIMIT_S)
 
 
 class Notebook:
-    """In the place of an engine: writes down what it is given, and refuses what has the event number 13."""
+    """Stands in for an engine: notes the events that it is given, and refuses event number 13."""
 
     observe = None
     num_sessions = 0
@@ -91,7 +91,7 @@ class Notebook:
 
 
 class GatedSocket:
-    """The way back to the gateway. is_shut: it takes nothing, as where the gateway does not read."""
+    """The socket back to the gateway. is_shut: it takes nothing, as if the gateway did not read."""
 
     def __init__(self, socket: zmq.Socket[bytes]) -> None:
         self._socket = socket
@@ -104,7 +104,7 @@ class GatedSocket:
 
 
 class Process:
-    """Both ends and a host, in this process."""
+    """Both ends of the sockets and a host, within this process."""
 
     def __init__(self) -> None:
         self.gateway = GatewayEnd()
@@ -122,7 +122,7 @@ class Process:
         if source == "unsound":
             raise SettingError("it is unsound")
         if source.startswith("odd"):
-            raise SettingError(source + "\udcff")  # which is not logged: no report of a test could hold it
+            raise SettingError(source + "\udcff")  # kept out of log and reports, which cannot hold it
         if source == "unspeakable":
             return Built(self.unspeakable, FACTS, "\ud800")  # type: ignore[arg-type]
         return Built(self.engine, FACTS, "CC0-1.0")  # type: ignore[arg-type]
@@ -131,11 +131,11 @@ class Process:
         (self.gateway.events if isinstance(message, Events) else self.gateway.ahead).send(TO_ENGINE.encode(message))
 
     def hear(self, patience_ms: int = WAIT_MS) -> ToGateway | None:
-        """The next message; None if none comes."""
+        """The next message to the gateway; None if none comes."""
         return TO_GATEWAY.decode(self.gateway.back.recv()) if self.gateway.back.poll(patience_ms) else None
 
     def hear_chunks(self, count: int) -> list[int]:
-        """The first frames of so many chunks, as they come."""
+        """The first frames of the next chunks, in the order of their arrival."""
         heard: list[int] = []
         while len(heard) < count:
             message = self.hear()
@@ -180,18 +180,18 @@ def chunk(number: int) -> Chunk:
     return Chunk(KEY, 1, number, np.zeros((20, 115), np.float32), 0)
 
 
-def test_events_come_in_order_and_a_close_ahead_of_those_it_has_overtaken(process: Process) -> None:
+def test_events_arrive_in_order_and_a_close_before_those_it_overtook(process: Process) -> None:
     process.load()
     process.tell(Events(1, 1, (opening(), play(2))))
     assert seqs(process.engine.wait_for(2)) == [1, 2]
     process.tell(CloseAhead(1, close(9), 1, 4))
     process.engine.wait_for(3)
-    process.tell(Events(1, 3, (play(3), play(4))))  # these are answered by the gateway
+    process.tell(Events(1, 3, (play(3), play(4))))  # the close has overtaken these; the gateway answers them
     process.tell(Events(1, 5, (opening(),)))
     assert seqs(process.engine.wait_for(4)) == [1, 2, 9, 1]
 
 
-def test_what_the_engine_refuses_is_answered_at_once(process: Process) -> None:
+def test_event_that_the_engine_refuses_is_answered_at_once(process: Process) -> None:
     process.load()
     process.tell(Events(1, 1, (play(13),)))
     message = process.hear()
@@ -201,7 +201,7 @@ def test_what_the_engine_refuses_is_answered_at_once(process: Process) -> None:
     assert (message.slot, outcome.reason) == (1, "UNLUCKY")
 
 
-def test_slots_are_loaded_and_unloaded_and_what_comes_late_for_one_is_dropped(process: Process) -> None:
+def test_slots_are_loaded_and_unloaded_and_late_events_for_them_dropped(process: Process) -> None:
     process.load()
     process.tell(Load(2, "unsound"))
     assert process.hear() == Unloaded(2, "it is unsound", is_setting=True)
@@ -213,21 +213,21 @@ def test_slots_are_loaded_and_unloaded_and_what_comes_late_for_one_is_dropped(pr
     assert process.engine.taken == []
 
 
-def test_a_model_of_which_cannot_be_told_leaves_the_others_alone(process: Process) -> None:
+def test_model_whose_facts_cannot_be_sent_is_refused_and_others_play_on(process: Process) -> None:
     process.load()
     assert process.unspeakable.device.num_seats == 1
     process.tell(Load(2, "unspeakable"))
     told = process.hear()
     assert isinstance(told, Unloaded)
     assert (told.slot, told.is_setting, "what the model's folder says of it" in told.error) == (2, True, True)
-    assert process.unspeakable.device.num_seats == 0, "it takes no turns on the device"
+    assert process.unspeakable.device.num_seats == 0, "it has no lease on the device any more"
     process.tell(Load(3, "odd name: "))
-    assert process.hear() == Unloaded(3, "odd name: \\udcff", is_setting=True), "spelled out, to be sent at all"
+    assert process.hear() == Unloaded(3, "odd name: \\udcff", is_setting=True), "escaped, so that it can be sent"
     process.tell(Events(1, 1, (opening(),)))
     assert seqs(process.engine.wait_for(1)) == [1]
 
 
-def test_texts_are_encoded_and_one_that_cannot_be_is_answered_too(process: Process) -> None:
+def test_texts_are_encoded_and_failures_are_answered(process: Process) -> None:
     process.tell(LoadEncoder(2))
     assert process.hear() == EncoderReady("length-1", 2, "")
     process.tell(EncodeTexts(7, ("abc",)))
@@ -242,23 +242,23 @@ def test_texts_are_encoded_and_one_that_cannot_be_is_answered_too(process: Proce
 
 @pytest.mark.parametrize("way", ["events", "ahead"])
 @pytest.mark.parametrize("data", [b"\xc1", b"", TO_ENGINE.encode(Begin(ServerConfig(), "cpu", 1, 1))])
-def test_what_does_not_belong_ends_the_process(process: Process, data: bytes, way: str) -> None:
+def test_invalid_message_ends_the_process(process: Process, data: bytes, way: str) -> None:
     getattr(process.gateway, way).send(data)
     assert isinstance(process.ended(), CodecError)
 
 
-def test_what_waits_for_a_gateway_that_does_not_read_is_bounded_and_comes_in_order(process: Process) -> None:
+def test_output_for_a_gateway_that_does_not_read_is_limited_and_in_order(process: Process) -> None:
     process.load()
     outlet = Outlet(process.wire, 1)
     number = 0
     while not process.wire.is_blocked:
         outlet.deliver([chunk(number)])
         number += 1
-        assert number < 100 * BACK_MESSAGES, "what waits is not bounded"
+        assert number < 100 * BACK_MESSAGES, "waiting output is not limited"
     assert process.hear_chunks(number) == list(range(number))
 
 
-def test_a_gateway_that_does_not_read_stops_the_events_and_loses_nothing(process: Process) -> None:
+def test_events_wait_and_no_output_is_lost_while_the_gateway_does_not_read(process: Process) -> None:
     process.load()
     outlet = Outlet(process.wire, 1)
     process.back.is_shut = True
@@ -269,7 +269,7 @@ def test_a_gateway_that_does_not_read_stops_the_events_and_loses_nothing(process
     process.tell(CloseAhead(1, close(2), 1, 2))
     process.tell(Unload(1))
     process.engine.stopped.wait(WAIT_MS / 1000)
-    assert process.engine.taken == [], "an event came in, though what it makes can go nowhere"
+    assert process.engine.taken == [], "an event was taken although its output has nowhere to go"
     process.back.is_shut = False
     assert process.hear_chunks(3) == [0, 1, 2]
     assert not any(isinstance(event, Playhead) for event in process.engine.taken), "its session had been closed"
@@ -283,7 +283,7 @@ def test_a_gateway_that_does_not_read_stops_the_events_and_loses_nothing(process
     assert [report.rows for report in pulse.reports[:2]] == [5, 0]
 
 
-def test_a_close_and_the_open_that_it_overtook_while_nothing_was_read(process: Process) -> None:
+def test_close_that_overtook_its_open_reaches_the_engine_after_it(process: Process) -> None:
     process.load()
     process.tell(CloseAhead(1, close(2), 1, 1))
     process.tell(Events(1, 1, (opening(),)))
@@ -291,7 +291,7 @@ def test_a_close_and_the_open_that_it_overtook_while_nothing_was_read(process: P
     assert isinstance(taken[1], Close)
 
 
-def test_a_folder_whose_path_is_too_long_is_said_to_be(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+def test_temporary_folder_with_too_long_a_path_is_refused(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     folder = tmp_path / ("x" * 120)
     folder.mkdir()
     monkeypatch.setattr("tempfile.tempdir", str(folder))

@@ -1,4 +1,4 @@
-"""What an engine process keeps for the next windows when there are none: nothing."""
+"""An idle engine process frees the memory that it keeps for further windows."""
 
 from __future__ import annotations
 
@@ -14,7 +14,7 @@ from tests.waiting import LIMIT_S
 
 
 class Looks(FreedMemory):
-    """Counts how often it was looked whether memory is to be given back."""
+    """Counts how often the process checked whether to free memory."""
 
     looked = threading.Semaphore(0)
 
@@ -24,7 +24,7 @@ class Looks(FreedMemory):
         return due
 
 
-def test_what_is_kept_for_the_next_windows_is_freed_once_no_session_is_open(monkeypatch: pytest.MonkeyPatch) -> None:
+def test_memory_kept_for_windows_is_freed_once_no_session_is_open(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(host, "FreedMemory", Looks)
     monkeypatch.setattr(host, "FREED_EVERY_S", 0.01)
     process = Process()

@@ -1,4 +1,4 @@
-"""What an engine says last is said before its process lets go of what it speaks with."""
+"""The last message of an engine is sent before its process closes its sockets."""
 
 from __future__ import annotations
 
@@ -13,7 +13,7 @@ from tests.server.engine_process.test_host import Notebook, Process
 from tests.waiting import LIMIT_S
 
 
-def test_a_process_that_ends_waits_for_engines_that_are_about_to_say_that_they_have(
+def test_ending_process_waits_for_the_last_message_of_its_engine(
     monkeypatch: pytest.MonkeyPatch,
 ) -> None:
     speaks, is_waited_for = threading.Event(), threading.Event()
@@ -32,7 +32,7 @@ def test_a_process_that_ends_waits_for_engines_that_are_about_to_say_that_they_h
         join(slot)
 
     class Quick(Notebook):
-        """Has ended before whoever stops it looks up."""
+        """An engine that has ended before `stop` returns."""
 
         def stop(self) -> None:
             super().stop()

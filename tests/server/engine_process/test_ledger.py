@@ -1,4 +1,4 @@
-"""Nobody is left without an answer: the books of the gateway, by hand."""
+"""The gateway's ledger, step by step: every event gets its answer, exactly once."""
 
 from __future__ import annotations
 
@@ -43,21 +43,21 @@ def answers(outputs: list[Output]) -> list[tuple[int, str]]:
     return [(output.event_seq, output.code.name) for output in outputs if isinstance(output, Outcome)]
 
 
-def test_what_the_engine_answers_is_passed_on_as_it_is() -> None:
+def test_answers_of_the_engine_are_passed_on_unchanged() -> None:
     ledger = noted(opening(), play(2), playhead(3))
     outputs: list[Output] = [OPENED, outcome(2), closed()]
     assert ledger.settle(outputs) == outputs
     assert len(ledger) == 0
 
 
-def test_events_that_the_end_has_overtaken_are_answered_before_it() -> None:
+def test_unanswered_events_are_cancelled_before_their_session_s_end() -> None:
     ledger = noted(opening(), play(2), play(3))
     settled = ledger.settle([OPENED, outcome(2), closed()])
     assert answers(settled) == [(2, "OK"), (3, "CANCELLED")]
     assert isinstance(settled[-1], Closed)
 
 
-def test_a_close_of_nobody_that_is_known_takes_the_way_of_events_for_the_engine_to_answer() -> None:
+def test_close_of_an_unknown_session_is_sent_as_an_ordinary_event() -> None:
     ledger = noted(opening())
     assert ledger.goes_ahead(close(2))
     assert not ledger.goes_ahead(close(2, OTHER))
@@ -65,12 +65,12 @@ def test_a_close_of_nobody_that_is_known_takes_the_way_of_events_for_the_engine_
     assert ledger.number([late]) == (2, [late])
 
 
-def test_of_a_closing_session_nothing_more_is_sent_than_its_open() -> None:
+def test_only_the_open_of_a_closing_session_is_still_sent() -> None:
     ledger = Ledger()
     events = [opening(), play(2), play(3)]
     for event in [*events, close(4)]:
         ledger.note(event)
-    assert ledger.take_closes() == [], "the engine would not know whose it is"
+    assert ledger.take_closes() == [], "the engine does not know the session yet"
     assert ledger.number(events) == (1, events[:1])
     ((sent, opened, last),) = ledger.take_closes()
     assert (sent.event_seq, opened, last) == (4, 1, 1)
@@ -82,7 +82,7 @@ def test_a_refused_open_leaves_nothing_unanswered(close_is_sent: bool) -> None:
     ledger = Ledger()
     for event in (opening(), play(2)):
         ledger.note(event)
-    ledger.number([opening(), play(2)])  # both are sent
+    ledger.number([opening(), play(2)])  # sends both
     ledger.note(play(3))
     ledger.note(close(4))
     ledger.number([play(3)])  # held back, since the session is closing
@@ -103,7 +103,7 @@ def test_a_refused_open_leaves_nothing_unanswered(close_is_sent: bool) -> None:
     [(outcome(1, Code.RESOURCE_EXHAUSTED), outcome(3, Code.NOT_FOUND)), (OPENED, closed())],
     ids=["refused", "opened"],
 )
-def test_what_waits_to_be_sent_when_its_session_ends_is_answered_once(
+def test_event_waiting_to_be_sent_when_its_session_ends_is_answered_once(
     answer: Output, end: Output, is_taken_before: bool
 ) -> None:
     ledger = Ledger()
@@ -121,10 +121,10 @@ def test_what_waits_to_be_sent_when_its_session_ends_is_answered_once(
         assert ledger.number([edit])[1] == []
     assert [seq for seq, _ in answers(settled)].count(2) == 1
     again = play(2)
-    assert ledger.number([again])[1] == [again], "of another session"
+    assert ledger.number([again])[1] == [again], "this event is of another session"
 
 
-def test_without_an_engine_every_session_ends_and_every_event_is_answered() -> None:
+def test_end_all_ends_every_session_and_answers_every_event() -> None:
     ledger = noted(opening(), play(2), opening(OTHER), play(2, OTHER))
     ledger.note(close(3, OTHER))
     ledger.settle([OPENED, Chunk(KEY, 1, 0, [0] * 12, 3)])  # type: ignore[arg-type]
@@ -139,7 +139,7 @@ def test_without_an_engine_every_session_ends_and_every_event_is_answered() -> N
     assert ledger.end_all(CloseReason.ENGINE_FAULT, "gone") == []
 
 
-def test_a_session_after_a_lost_engine_begins_from_nothing() -> None:
+def test_session_after_end_all_starts_afresh() -> None:
     ledger = noted(opening(), play(2))
     ledger.end_all(CloseReason.ENGINE_FAULT, "gone")
     ledger.note(opening())
@@ -147,10 +147,10 @@ def test_a_session_after_a_lost_engine_begins_from_nothing() -> None:
     assert ledger.settle([OPENED, closed()]) == [OPENED, closed()]
 
 
-def test_what_came_behind_a_refused_open_is_no_part_of_the_next_session_of_its_name() -> None:
-    """The engine may come to it only once a client has heard of the refusal and opened its handle again."""
+def test_events_behind_a_refused_open_do_not_count_for_the_next_session() -> None:
+    """The engine may process it only after the client has heard of the refusal and opened its handle again."""
     ledger = noted(opening(), play(2))
-    ledger.note(play(3))  # which waits to be sent
+    ledger.note(play(3))  # this one waits to be sent
     settled = ledger.settle([outcome(1, Code.RESOURCE_EXHAUSTED)])
     assert answers(settled) == [(1, "RESOURCE_EXHAUSTED"), (2, "CANCELLED"), (3, "CANCELLED")]
     ledger.note(opening())
@@ -162,8 +162,8 @@ def test_what_came_behind_a_refused_open_is_no_part_of_the_next_session_of_its_n
 
 
 @pytest.mark.parametrize("again", [play(2), close(2)])
-def test_the_late_answer_to_a_close_is_not_of_the_next_session_of_its_name(again: Event) -> None:
-    """Its Open was refused while the Close was on its way; with that the engine leaves out what came behind it."""
+def test_late_answer_to_a_close_does_not_count_for_the_next_session(again: Event) -> None:
+    """The Open was refused while the Close was on its way, which makes the engine skip what came behind the Open."""
     ledger = noted(opening(), play(2))
     ledger.note(close(3))
     assert ledger.take_closes()
@@ -176,7 +176,7 @@ def test_the_late_answer_to_a_close_is_not_of_the_next_session_of_its_name(again
     assert answers(ledger.settle([OPENED, outcome(2)])) == [(2, "OK")]
 
 
-def test_of_sessions_of_one_name_that_are_refused_one_after_the_other_each_event_is_answered_once() -> None:
+def test_events_of_repeatedly_refused_sessions_are_answered_once() -> None:
     ledger = Ledger()
     for _ in range(2):
         ledger.note(opening())
@@ -186,14 +186,14 @@ def test_of_sessions_of_one_name_that_are_refused_one_after_the_other_each_event
         assert ledger.take_closes()
         refused = answers(ledger.settle([outcome(1, Code.RESOURCE_EXHAUSTED)]))
         assert refused == [(1, "RESOURCE_EXHAUSTED"), (2, "CANCELLED"), (3, "CANCELLED")]
-    # The first one's edit was overtaken by its close, so that the engine leaves it out.
+    # The first session's edit was overtaken by its close, so the engine skips it.
     late = [outcome(3, Code.NOT_FOUND), outcome(2, Code.NOT_FOUND), outcome(3, Code.NOT_FOUND)]
     assert ledger.settle([*late]) == []
-    assert answers(ledger.settle([outcome(2, Code.NOT_FOUND)])) == [(2, "NOT_FOUND")], "of nobody that is known here"
+    assert answers(ledger.settle([outcome(2, Code.NOT_FOUND)])) == [(2, "NOT_FOUND")], "not expected, so passed on"
 
 
 @pytest.mark.parametrize("is_closing", [False, True])
-def test_what_crosses_the_end_that_an_engine_gives_a_session_is_answered_once(is_closing: bool) -> None:
+def test_events_that_cross_the_end_of_their_session_are_answered_once(is_closing: bool) -> None:
     ledger = noted(opening(), play(2), play(3))
     ledger.settle([OPENED, outcome(2)])
     if is_closing:
@@ -210,8 +210,8 @@ def test_what_crosses_the_end_that_an_engine_gives_a_session_is_answered_once(is
     assert answers(ledger.settle([OPENED, outcome(2)])) == [(2, "OK")]
 
 
-def test_once_a_session_is_open_nothing_is_late_of_those_of_its_name_before() -> None:
-    """So that what an engine does not say, for whatever reason, is not missing to the next one."""
+def test_late_answers_are_not_expected_any_more_once_the_next_session_is_open() -> None:
+    """So an answer that an engine fails to give, for whatever reason, is not missed for the next session."""
     ledger = noted(opening(), play(2))
     ledger.settle([OPENED, closed(CloseReason.IDLE)])
     ledger.note(opening())
@@ -219,13 +219,13 @@ def test_once_a_session_is_open_nothing_is_late_of_those_of_its_name_before() ->
     assert answers(ledger.settle([OPENED, outcome(2)])) == [(2, "OK")]
 
 
-def test_a_playhead_that_waited_is_not_taken_for_the_open_of_the_next_session_of_its_name() -> None:
+def test_playhead_of_an_ended_session_is_not_taken_for_the_next_one_s_open() -> None:
     ledger = noted(opening())
     ledger.note(playhead(3))
     ledger.settle([OPENED, closed(CloseReason.IDLE)])
     ledger.note(opening())
     ledger.note(close(2))
     first, sent = ledger.number([playhead(3), opening()])
-    assert (first, sent[-1].event_seq) == (2, 1), "it was held back, and the session never ended"
+    assert (first, sent[-1].event_seq) == (2, 1), "otherwise the open is held back, and the session never ends"
     ((_, opened, last),) = ledger.take_closes()
     assert (opened, last) == (3, 3)

@@ -1,4 +1,4 @@
-"""Whatever becomes of the engine process or of its gateway: every session hears of its end, and service goes on."""
+"""Losses of engine processes and of their gateway: every session hears of its end, and service continues."""
 
 from __future__ import annotations
 
@@ -44,7 +44,7 @@ ROOT = Path(__file__).resolve().parents[3]
 
 
 def open_anew(engine: EngineGroup, seed: int = 1, key: SessionKey = KEY) -> None:
-    """Ask until an engine process takes the session; every refusal says when to ask again."""
+    """Asks until an engine process admits the session; every refusal must say when to ask again."""
 
     def is_taken() -> bool:
         refusal = engine.submit(opening(key, seed))
@@ -57,14 +57,14 @@ def open_anew(engine: EngineGroup, seed: int = 1, key: SessionKey = KEY) -> None
     until(is_taken)
 
 
-def test_a_killed_engine_ends_its_sessions_and_another_takes_its_place() -> None:
+def test_killed_engine_ends_its_sessions_and_is_replaced() -> None:
     with remote() as there:
         engine, audience = there.engine, there.audience
         engine.submit(opening())
         audience.wait_for_frames(40)
         first = there.pid()
         assert first is not None
-        stop(first)  # so that the edit cannot be answered any more
+        stop(first)  # so that the edit cannot be answered
         assert engine.submit(play(2)) is None
         os.kill(first, signal.SIGKILL)
         closed = audience.wait_for_end()
@@ -78,10 +78,10 @@ def test_a_killed_engine_ends_its_sessions_and_another_takes_its_place() -> None
         assert there.pool.processes[0].num_restarts == 1
 
 
-def test_one_that_never_ends_loading_what_was_held_is_lost_too(
+def test_engine_stuck_while_loading_its_models_again_is_replaced(
     monkeypatch: pytest.MonkeyPatch, tmp_path: Path, caplog: pytest.LogCaptureFixture
 ) -> None:
-    """As where a driver hangs. A model that was never loaded may take as long as it takes."""
+    """For example because a driver hangs. Only a model that was never loaded may take any time."""
     with remote(f"stuck:{tmp_path}") as there:
         monkeypatch.setattr("motiongen_server.engine_process.silence.LOAD_AGAIN_S", 4.0)
         pid = there.pid()
@@ -93,7 +93,7 @@ def test_one_that_never_ends_loading_what_was_held_is_lost_too(
     assert "loading again what the one before it held for" in caplog.text
 
 
-def test_that_an_engine_is_lost_is_told_also_where_it_had_no_sessions(monkeypatch: pytest.MonkeyPatch) -> None:
+def test_loss_of_an_engine_without_sessions_is_reported(monkeypatch: pytest.MonkeyPatch) -> None:
     with remote() as there:
         told: list[Sequence[Output]] = []
         monkeypatch.setattr(there.pool.processes[0], "_deliver", told.append)
@@ -104,7 +104,7 @@ def test_that_an_engine_is_lost_is_told_also_where_it_had_no_sessions(monkeypatc
         assert told == [()]
 
 
-def test_a_lost_engine_has_no_sessions_and_no_load_until_another_reports() -> None:
+def test_lost_engine_is_reported_with_no_sessions_and_no_load() -> None:
     with remote() as there:
         there.engine.submit(opening())
         there.audience.wait_for(lambda heard: any(report.sessions for report in heard.reports))
@@ -118,11 +118,11 @@ def test_a_lost_engine_has_no_sessions_and_no_load_until_another_reports() -> No
         assert last.tiers == dict.fromkeys(Priority, ServiceTier.FULL)
 
 
-def test_sessions_of_other_engines_notice_nothing_and_new_ones_go_there() -> None:
+def test_sessions_of_other_engines_play_on_and_new_ones_go_there() -> None:
     keys = [SessionKey(1, handle) for handle in range(1, 5)]
     with remote(engines=2) as there:
         engine, audience = there.engine, there.audience
-        with there.stopped():  # they tell no load meanwhile, of which a busy machine makes more for one of them
+        with there.stopped():  # no load is reported meanwhile, which on a busy machine would differ between them
             assert [engine.submit(opening(key)) for key in keys] == [None] * 4
         for key in keys:
             audience.wait_for_frames(40, key)
@@ -145,7 +145,7 @@ def test_sessions_of_other_engines_notice_nothing_and_new_ones_go_there() -> Non
             key = SessionKey(1, next(handles))
             assert engine.submit(opening(key)) is None
             is_there = there.pool.processes[1].num_sessions > 0
-            assert engine.submit(close(2, key)) is None  # or the other one would be full before this one is back
+            assert engine.submit(close(2, key)) is None  # else the other engine would be full before this one is back
             return is_there
 
         until(is_given_sessions)
@@ -153,7 +153,7 @@ def test_sessions_of_other_engines_notice_nothing_and_new_ones_go_there() -> Non
 
 
 @pytest.mark.parametrize("how", ["hang", "die", "garbage", "fail"])
-def test_an_engine_that_hangs_dies_or_talks_nonsense_is_replaced(how: str) -> None:
+def test_engine_that_hangs_dies_fails_or_sends_garbage_is_replaced(how: str) -> None:
     with remote(how, hung_s=4.0 if how == "hang" else LIMIT_S) as there:
         engine, audience = there.engine, there.audience
         first = there.pid()
@@ -162,7 +162,7 @@ def test_an_engine_that_hangs_dies_or_talks_nonsense_is_replaced(how: str) -> No
         audience.wait_for(lambda heard: heard.of(Chunk) or heard.of(Closed))
         engine.submit(playhead(30))
         assert audience.wait_for_end().reason is CloseReason.ENGINE_FAULT
-        # an engine that knows that it fails closes its sessions itself, before the gateway notices that it ends
+        # an engine that notices its failure closes its sessions itself, before the gateway notices its end
         until(lambda: there.pool.processes[0].num_restarts == 1)
         assert is_gone(first)
         open_anew(engine)
@@ -173,19 +173,19 @@ def test_an_engine_that_hangs_dies_or_talks_nonsense_is_replaced(how: str) -> No
 def die_often(there: Remote) -> None:
     for number in range(1, LOSSES + 1):
         open_anew(there.engine, seed=FATAL_SEED)
-        there.audience.wait_for_frames(40 * number)  # all of its first window: what is said just before a death is lost
+        there.audience.wait_for_frames(40 * number)  # all of its first window: output sent just before a death is lost
         there.engine.submit(playhead(30))
         there.audience.wait_for(lambda heard, so_many=number: len(heard.of(Closed)) == so_many)
 
 
 @pytest.fixture
 def losses_are_close(monkeypatch: pytest.MonkeyPatch) -> None:
-    """However long a busy machine takes to start an engine process."""
+    """All losses count as close together, however long a busy machine takes to start an engine process."""
     monkeypatch.setattr("motiongen_server.engine_process.restarts.LOSSES_WITHIN_S", math.inf)
 
 
 @pytest.mark.usefixtures("losses_are_close")
-def test_lost_too_often_it_counts_as_failed() -> None:
+def test_engine_lost_too_often_counts_as_failed() -> None:
     with remote("die") as there:
         die_often(there)
         until(lambda: there.engine.failure)
@@ -194,7 +194,7 @@ def test_lost_too_often_it_counts_as_failed() -> None:
 
 
 @pytest.mark.usefixtures("losses_are_close")
-def test_after_a_rest_a_failed_engine_is_tried_once_more() -> None:
+def test_failed_engine_is_started_again_after_a_rest() -> None:
     with remote("die", rest_s=0.1) as there:
         die_often(there)
         open_anew(there.engine)
@@ -210,12 +210,12 @@ def test_after_a_rest_a_failed_engine_is_tried_once_more() -> None:
         ("schema", EngineLost, "mixed versions"),
     ],
 )
-def test_what_prevents_loading_is_said(how: str, error: type[Exception], says: str) -> None:
+def test_error_that_prevents_loading_is_raised_with_its_reason(how: str, error: type[Exception], says: str) -> None:
     with pool_of(how, engines=2) as (pool, _), pytest.raises(error, match=says):
         pool.load("fake")
 
 
-def test_a_model_that_cannot_be_loaded_leaves_the_others_playing() -> None:
+def test_model_that_cannot_be_loaded_does_not_disturb_another() -> None:
     with remote(engines=2) as there:
         there.engine.submit(opening())
         there.audience.wait_for_frames(40)
@@ -225,7 +225,7 @@ def test_a_model_that_cannot_be_loaded_leaves_the_others_playing() -> None:
         there.audience.wait_for_frames(60)
 
 
-def test_a_program_that_is_no_engine_is_said_to_be_none() -> None:
+def test_program_that_is_no_engine_is_reported_as_ended_before_it_was_ready() -> None:
     audience = Audience()
     pool = EnginePool(
         ServerConfig(),
@@ -240,7 +240,7 @@ def test_a_program_that_is_no_engine_is_said_to_be_none() -> None:
     assert pool.join(LIMIT_S)
 
 
-def test_stopped_with_a_model_loaded_it_leaves_no_process() -> None:
+def test_pool_stopped_with_a_model_loaded_leaves_no_process() -> None:
     with pool_of() as (pool, _):
         pool.load("fake")
         pid = pool.processes[0].pid
@@ -265,7 +265,7 @@ signal.pause()
 """
 
 
-def test_when_the_gateway_is_killed_its_engine_ends_too() -> None:
+def test_engine_ends_when_its_gateway_is_killed() -> None:
     gateway = subprocess.Popen(
         [sys.executable, "-c", GATEWAY, json.dumps(command("nothing"))], stdout=subprocess.PIPE, cwd=ROOT, text=True
     )
@@ -278,7 +278,7 @@ def test_when_the_gateway_is_killed_its_engine_ends_too() -> None:
     until(lambda: is_gone(engine))
 
 
-def test_a_link_that_fails_itself_counts_as_a_failed_engine() -> None:
+def test_fault_in_the_gateway_s_own_thread_counts_as_a_failed_engine() -> None:
     with remote() as there:
         there.engine.submit(opening())
         there.audience.wait_for_frames(40)
@@ -291,7 +291,7 @@ def test_a_link_that_fails_itself_counts_as_a_failed_engine() -> None:
         process.serve_text(lambda message: None, tuple, fail)
         os.kill(pid, signal.SIGKILL)
         assert there.audience.wait_for_end().reason is CloseReason.ENGINE_FAULT
-        until(lambda: there.engine.failure is not None)  # so that the server ends, and is started anew
+        until(lambda: there.engine.failure is not None)  # this lets the server end and be started again
         assert isinstance(there.engine.failure, ZeroDivisionError)
         refusal = there.engine.submit(opening())
         assert refusal is not None

@@ -1,4 +1,4 @@
-"""What the gateway takes to be in use of an engine since that last told."""
+"""The load that the gateway assumes of an engine since its last report."""
 
 from __future__ import annotations
 
@@ -18,8 +18,8 @@ from tests.server.engine.stage import spec
 from tests.waiting import LIMIT_S
 
 
-def told_of_four() -> ModelLink:
-    """A link with four sessions, whose engine has told that they take a fifth of the device, and ask for a tenth."""
+def link_with_four_sessions() -> ModelLink:
+    """A link with four sessions, whose engine has reported that they take a fifth of the device and ask for a tenth."""
     link = ModelLink(1, "model", lambda outputs: None, lambda: None)
     assert link.take_ready(Ready(1, FACTS, "CC0-1.0", NOTHING_CLAIMED))
     opened(link, 1, 4)
@@ -35,41 +35,41 @@ def opened(link: ModelLink, stream: int, count: int, clip_frames: int | None = N
     return keys
 
 
-def test_a_process_that_finds_other_weights_than_the_one_before_is_not_of_that_model() -> None:
-    """As where a folder was replaced under a running server, whose other engines go on with what they hold."""
+def test_process_with_other_weights_than_before_is_not_accepted() -> None:
+    """For example when a folder was replaced under a running server, whose other engines keep what they hold."""
     link, ready = ModelLink(1, "model", lambda outputs: None, lambda: None), Ready(1, FACTS, "", NOTHING_CLAIMED, "a1")
     assert link.take_ready(ready)
     link.lose(CloseReason.ENGINE_FAULT, "it was killed")
     assert not link.take_ready(replace(ready, weights="b2"))
     assert not link.is_up
-    assert link.take_ready(ready), "it was put back"
+    assert link.take_ready(ready), "the first weights were restored"
 
 
-def test_sessions_that_were_opened_since_add_as_much_as_those_before() -> None:
-    link = told_of_four()
+def test_sessions_opened_since_the_report_add_as_much_as_earlier_ones() -> None:
+    link = link_with_four_sessions()
     opened(link, 2, 2)
     assert (link.load, link.asked) == pytest.approx((0.3, 0.15))
 
 
-def test_clips_add_nothing() -> None:
-    link = told_of_four()
+def test_clips_do_not_add_to_the_load() -> None:
+    link = link_with_four_sessions()
     opened(link, 2, 16, clip_frames=200)
     assert (link.load, link.asked) == (0.2, 0.1)
     link.take_pulse(Pulse(1, 0.0, (StepReport(load=0.2, asked=0.1),)))
     opened(link, 3, 4)
-    assert (link.load, link.asked) == pytest.approx((0.4, 0.2)), "four were there before, and sixteen clips"
+    assert (link.load, link.asked) == pytest.approx((0.4, 0.2)), "four more sessions; clips do not count"
 
 
-def test_who_was_refused_or_has_gone_adds_nothing() -> None:
-    link = told_of_four()
+def test_refused_and_closed_sessions_do_not_add_to_the_load() -> None:
+    link = link_with_four_sessions()
     keys = opened(link, 2, 3)
     link.take_outputs([Outcome(keys[0], 1, Code.RESOURCE_EXHAUSTED)])
     link.take_outputs([Closed(keys[1], CloseReason.CLIENT, Code.OK, "", 0, 0)])
-    assert (link.load, link.asked) == pytest.approx((0.25, 0.125)), "one of them is left"
+    assert (link.load, link.asked) == pytest.approx((0.25, 0.125)), "one of the three is left"
 
 
-def test_who_goes_of_those_that_were_told_of_makes_the_others_no_heavier() -> None:
-    link = told_of_four()
+def test_end_of_a_reported_session_does_not_raise_the_load_of_others() -> None:
+    link = link_with_four_sessions()
     opened(link, 2, 2)
     link.take_outputs([Closed(SessionKey(1, 1), CloseReason.CLIENT, Code.OK, "", 0, 0)])
     assert link.load == pytest.approx(0.3)
@@ -114,7 +114,7 @@ class SpecReadDuringReport:
 
 def test_report_that_comes_while_an_open_is_counted_is_not_mixed_with_the_count_before_it() -> None:
     """Else sessions would be refused until the next report, although there are places."""
-    link = told_of_four()
+    link = link_with_four_sessions()
     link.take_pulse(Pulse(1, 0.0, (StepReport(places={Priority.NEAR: 8.0}),)))
     keys, reached = opened(link, 2, 4), threading.Event()
     link._lock = WatchedLock(reached)  # type: ignore[assignment]
@@ -124,8 +124,8 @@ def test_report_that_comes_while_an_open_is_counted_is_not_mixed_with_the_count_
     assert not link.refuses(Priority.NEAR, FACTS.default_steps)
 
 
-def test_a_lost_engine_is_in_use_by_nobody() -> None:
-    link = told_of_four()
+def test_lost_engine_has_no_load() -> None:
+    link = link_with_four_sessions()
     opened(link, 2, 2)
     link.lose(CloseReason.ENGINE_FAULT, "lost")
     assert (link.load, link.asked) == (0.0, 0.0)

@@ -1,4 +1,4 @@
-"""What an engine process measures itself by: a quota of processor time, and calls beside other engines."""
+"""Loading in an engine process: its quota of processor time, measured costs, recorded graphs, wrong settings."""
 
 from __future__ import annotations
 
@@ -44,7 +44,7 @@ from tests.server.engine.stage import Stage
 def account_of(
     monkeypatch: pytest.MonkeyPatch, threads: int, cores: float, spent_s: Callable[[], float]
 ) -> QuotaAccount:
-    """Of one engine under a quota, of which nobody else uses anything. spent_s: processor time of its process."""
+    """The account of one engine under a quota that nobody else uses. spent_s: processor time of its process."""
     monkeypatch.setattr(model_loading, "quota_cores", lambda: cores)
     monkeypatch.setattr(model_loading, "quota_use", lambda: lambda: spent_s() / cores)
     monkeypatch.setattr(model_loading.time, "process_time", spent_s)
@@ -53,22 +53,22 @@ def account_of(
     return account
 
 
-def test_a_second_of_an_engine_is_of_all_its_threads(monkeypatch: pytest.MonkeyPatch) -> None:
+def test_quota_account_counts_per_thread_of_the_engine(monkeypatch: pytest.MonkeyPatch) -> None:
     account = account_of(monkeypatch, 4, 6.0, lambda: 12.0)
     assert (account.cores, account.spent_s(), account.used_s()) == (1.5, 3.0, 2.0)
 
 
-def test_where_nobody_tells_what_is_used_there_is_no_account(monkeypatch: pytest.MonkeyPatch) -> None:
+def test_there_is_no_quota_account_without_a_measured_use(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(model_loading, "quota_use", lambda: None)
     monkeypatch.setattr(model_loading, "quota_cores", lambda: math.inf)
     assert quota_account(1, 4) is None
 
 
 @pytest.mark.parametrize("threads", [1, 4])
-def test_an_engine_of_many_threads_serves_as_many_in_full_as_it_lets_in(
+def test_engine_under_a_quota_serves_all_admitted_sessions_in_full(
     monkeypatch: pytest.MonkeyPatch, threads: int
 ) -> None:
-    """Of as many cores as it has threads, which it keeps busy, all of them, for two thirds of the time."""
+    """It has as many cores as threads, and keeps all of them busy for two thirds of the time."""
     busy_s = 0.0
 
     def step_s(rows: int) -> float:
@@ -98,7 +98,7 @@ def test_an_engine_of_many_threads_serves_as_many_in_full_as_it_lets_in(
 
 
 class BusyDevice(Device):
-    """One on which another engine takes a step of 30 ms before each turn."""
+    """A device on which another engine takes a step of 30 ms before each turn."""
 
     def __init__(self, quota: QuotaAccount, clock: FakeClock) -> None:
         super().__init__(quota)
@@ -110,7 +110,7 @@ class BusyDevice(Device):
         return waited_s
 
 
-def test_a_model_that_is_loaded_beside_one_at_work_is_not_measured_with_its_waits() -> None:
+def test_waits_for_another_engine_are_not_measured_as_costs() -> None:
     runner = FakeRunner(FakeClock())
     runner.step_s = lambda rows: 0.001 + 0.0003 * rows
     account = QuotaAccount(1.0, 1, runner.clock.now, runner.clock.now)
@@ -122,7 +122,7 @@ def test_a_model_that_is_loaded_beside_one_at_work_is_not_measured_with_its_wait
     assert engine.windows.prices().window_s == pytest.approx(0.0, abs=1e-6)
 
 
-def test_beside_a_gpu_an_engine_knows_what_it_takes_itself_before_anybody_comes(
+def test_only_on_a_gpu_the_engine_s_own_time_is_in_the_first_window_price(
     monkeypatch: pytest.MonkeyPatch,
 ) -> None:
     monkeypatch.setattr(model_loading, "own_time_s", lambda facts, config: 1e6)
@@ -138,7 +138,7 @@ def test_beside_a_gpu_an_engine_knows_what_it_takes_itself_before_anybody_comes(
 
 
 class ShortOfMemory(FakeRunner):
-    """Has memory for so many windows, and keeps what it has played; all of it goes where there is none left."""
+    """Has memory for `most` windows, and keeps the sizes that it recorded; it drops them all when memory runs out."""
 
     def __init__(self, most: int) -> None:
         super().__init__(FakeClock())
@@ -153,7 +153,7 @@ class ShortOfMemory(FakeRunner):
 
 
 @pytest.mark.parametrize(("most", "rows"), [(12, 12), (0, 32), (100, 32)])
-def test_what_was_let_go_of_for_want_of_memory_is_recorded_again(
+def test_graphs_dropped_for_lack_of_memory_are_recorded_again(
     most: int, rows: int, caplog: pytest.LogCaptureFixture
 ) -> None:
     runner, device = ShortOfMemory(most), Device()
@@ -164,7 +164,7 @@ def test_what_was_let_go_of_for_want_of_memory_is_recorded_again(
     assert device.num_seats == 0
 
 
-def test_what_does_not_fit_a_model_is_said_before_anything_is_recorded(monkeypatch: pytest.MonkeyPatch) -> None:
+def test_setting_that_does_not_fit_the_model_is_refused_before_recording(monkeypatch: pytest.MonkeyPatch) -> None:
     class Recording(FakeRunner):
         def recording_at_once(self) -> AbstractContextManager[None]:
             raise AssertionError("nothing is to be recorded")
@@ -176,8 +176,8 @@ def test_what_does_not_fit_a_model_is_said_before_anything_is_recorded(monkeypat
         build("fake", lambda outputs: None, lambda report: None, Mailbox(8))
 
 
-def test_a_prompt_domain_of_another_width_than_the_model_s_is_refused_at_the_start(tmp_path: Path) -> None:
-    """Else every prompt failed once it was compared."""
+def test_prompt_domain_of_another_width_than_the_model_is_a_setting_error(tmp_path: Path) -> None:
+    """Otherwise every prompt would fail when it is compared."""
     folder = shutil.copytree(TINY, tmp_path / "tiny")
     write_domain(folder / DOMAIN_FILE, make_domain("hashed-7", np.eye(7, dtype=np.float32), 4))
     (folder / "capabilities.yaml").write_text("knows: [walking]")
@@ -187,6 +187,6 @@ def test_a_prompt_domain_of_another_width_than_the_model_s_is_refused_at_the_sta
     assert load_model(parse_config([], {}), str(folder)).abilities.known_motions == ("walking",)
 
 
-def test_a_folder_that_cannot_be_looked_into_is_a_wrong_setting() -> None:
+def test_folder_that_cannot_be_read_is_a_setting_error() -> None:
     with pytest.raises(SettingError, match=r"cannot serve model 'aaa.*File name too long"):
         load_model(parse_config([], {}), "a" * 300)

@@ -1,4 +1,4 @@
-"""In whatever order a client, its gateway and the engine come to things, each event with a number is answered once."""
+"""However client, gateway and engine are interleaved, each event with a number is answered once."""
 
 from __future__ import annotations
 
@@ -32,7 +32,7 @@ READY = Ready(1, FACTS, "CC0-1.0", NOTHING_CLAIMED)
 
 
 class LittleEngine:
-    """Takes and refuses sessions, and ends some, by chance; what it says waits in `said`."""
+    """Admits, refuses and ends sessions at random; its outputs wait in `said`."""
 
     def __init__(self, chance: random.Random) -> None:
         self._chance = chance
@@ -44,7 +44,7 @@ class LittleEngine:
     def take(self, message: Events | CloseAhead) -> None:
         is_close = isinstance(message, CloseAhead)
         for event in self._arrivals.ahead(message) if is_close else self._arrivals.in_order(message):  # type: ignore[arg-type]
-            if isinstance(event, Open) and self._chance.random() < 0.4:  # at once, ahead of what waits
+            if isinstance(event, Open) and self._chance.random() < 0.4:  # at once, ahead of waiting events
                 self.said.append([Outcome(event.session, event.event_seq, Code.RESOURCE_EXHAUSTED)])
             else:
                 self._inbox.append(event)
@@ -77,7 +77,7 @@ class LittleEngine:
 
 @dataclass
 class Told:
-    """What a client has said of one session. waiting: numbers of events without an answer, but for its Close."""
+    """What a client has sent for one session. waiting: numbers of events without an answer, except its Close."""
 
     waiting: set[int] = field(default_factory=lambda: {1})
     last: int = 1
@@ -86,7 +86,7 @@ class Told:
 
 
 class Client:
-    """Opens sessions of one name one after the other, each as soon as it has heard of the end of the one before."""
+    """Opens sessions with one key one after the other, each as soon as it has heard of the end of the one before."""
 
     def __init__(self, key: SessionKey) -> None:
         self.key = key
@@ -110,7 +110,7 @@ class Client:
         return play(self.now.last, self.key)
 
     def hear(self, said: Output) -> None:
-        if isinstance(said, Outcome) and self.now is None:  # beside the refusal of its Open
+        if isinstance(said, Outcome) and self.now is None:  # an answer besides the refusal of its Open
             self.refused.waiting.remove(said.event_seq)
         elif isinstance(said, Outcome) and self.now is not None:
             self.now.waiting.remove(said.event_seq)
@@ -119,7 +119,7 @@ class Client:
                 if self.refused.close_seq:
                     self.refused.waiting.add(self.refused.close_seq)
             else:
-                assert not (self.now.is_open and said.code is Code.NOT_FOUND), "it was said of another session"
+                assert not (self.now.is_open and said.code is Code.NOT_FOUND), "the answer was for another session"
         elif isinstance(said, Opened) and self.now is not None:
             self.now.is_open = True
             self.now.waiting.remove(1)
@@ -137,7 +137,7 @@ class Client:
 
 
 class Play:
-    """One gateway, one engine, and two clients. Of the two ways in, a close does not come after what was sent later."""
+    """One gateway, one engine, and two clients. A close never arrives after events that were sent later."""
 
     def __init__(self, seed: int) -> None:
         self.chance = random.Random(seed)
@@ -174,7 +174,7 @@ class Play:
             self.link.take_outputs(self.engine.said.pop(0))
 
     def lose(self) -> None:
-        """Now and then: the engine is gone with all that is under way, and another takes its place."""
+        """Now and then, the engine is lost with everything in transit, and another takes its place."""
         if self.chance.random() < 0.1:
             self.link.lose(CloseReason.ENGINE_FAULT, "it was killed")
             self.engine, self.under_way = LittleEngine(self.chance), []
@@ -206,4 +206,4 @@ def test_each_event_is_answered_once_and_each_session_ends(first: int) -> None:
             client.check()
         assert story.link.num_sessions == len(story.engine.open)
         kept = {name for name, held in vars(story.link._ledger).items() if isinstance(held, dict | set) and held}
-        assert kept <= {"_entries", "_new"}, "it keeps what nobody will come for"
+        assert kept <= {"_entries", "_new"}, "the ledger keeps entries that nothing will remove"

@@ -48,11 +48,11 @@ async def serving(
 
 
 def loaded_libraries(pid: int) -> str:
-    """The files that a process has mapped: extension modules are among them."""
+    """The files that a process has mapped, which include extension modules."""
     return Path(f"/proc/{pid}/maps").read_text(encoding="utf-8")
 
 
-async def test_a_killed_engine_ends_sessions_not_streams_and_service_goes_on() -> None:
+async def test_killed_engine_ends_its_sessions_but_no_stream_and_is_replaced() -> None:
     async with (
         asyncio.timeout(LIMIT_S),
         serving("cpu:1") as (process, ports),
@@ -93,7 +93,7 @@ async def test_a_killed_engine_ends_sessions_not_streams_and_service_goes_on() -
         assert is_gone(engine.pid)
 
 
-async def test_with_two_engines_half_of_the_sessions_notice_nothing() -> None:
+async def test_sessions_of_the_second_engine_play_on_when_the_first_is_killed() -> None:
     async with (
         asyncio.timeout(LIMIT_S),
         serving("cpu:2") as (process, ports),
@@ -104,13 +104,13 @@ async def test_with_two_engines_half_of_the_sessions_notice_nothing() -> None:
         talk = Talk(stub, await stub.GetCatalog(service_pb2.GetCatalogRequest()))  # type: ignore[arg-type, misc]
         await talk.hello()
         (fork_server,) = psutil.Process(process.pid).children()
-        assert fork_server.num_threads() == 1, "what another thread holds, a forked process waits for for ever"
+        assert fork_server.num_threads() == 1, "a forked process would wait for ever for locks of other threads"
         engines = fork_server.children()
         assert len(engines) == 2
-        # They tell no load meanwhile, of which a busy machine makes more for one of them.
+        # No load is reported meanwhile, which on a busy machine would differ between them.
         with stopped(engines[0].pid), stopped(engines[1].pid):
             heard = {handle: await talk.ask_open(handle) for handle in range(1, 5)}
-            await talk.ping(1)  # the gateway has given each to one of them
+            await talk.ping(1)  # by now the gateway has given each session to an engine
         await talk.until(lambda: all(each.chunks for each in heard.values()))
         assert heard[1].opened is not None
         metrics = (await ops.get("/metrics")).text
@@ -131,7 +131,7 @@ async def test_with_two_engines_half_of_the_sessions_notice_nothing() -> None:
         assert all(is_gone(each.pid) for each in (fork_server, *engines, *replaced))
 
 
-async def test_a_model_that_was_replaced_on_the_disk_costs_no_other_and_is_served_once_it_is_reloaded(
+async def test_model_replaced_on_disk_affects_no_other_and_is_served_once_reloaded(
     tmp_path: Path,
 ) -> None:
     first, second = (Path(shutil.copytree(TINY_MODEL, tmp_path / name)) for name in ("first", "second"))
@@ -147,7 +147,7 @@ async def test_a_model_that_was_replaced_on_the_disk_costs_no_other_and_is_serve
         talk = Talk(stub, await stub.GetCatalog(service_pb2.GetCatalogRequest()))  # type: ignore[arg-type, misc]
         await talk.hello()
         weights = bytearray((first / "denoiser.safetensors").read_bytes())
-        weights[8 + int.from_bytes(weights[:8], "little")] ^= 1  # after the header: the first number is another one
+        weights[8 + int.from_bytes(weights[:8], "little")] ^= 1  # changes the first number after the header
         (first / "denoiser.safetensors").write_bytes(weights)
         (engine,) = psutil.Process(process.pid).children()
         engine.kill()
@@ -163,7 +163,7 @@ async def test_a_model_that_was_replaced_on_the_disk_costs_no_other_and_is_serve
         metrics = (await ops.get("/metrics")).text
         assert f'motiongen_model_engines{{model="{one.model_id}"}} 0.0' in metrics
         assert f'motiongen_model_engines{{model="{two.model_id}"}} 1.0' in metrics
-        refused = await talk.ask_open(1)  # the default
+        refused = await talk.ask_open(1)  # of the default model
         await talk.until(lambda: refused.outcomes)
         assert refused.outcomes[0].reason == "MODEL_FAILED"
         assert "its weights have changed" in refused.outcomes[0].message
@@ -176,7 +176,7 @@ async def test_a_model_that_was_replaced_on_the_disk_costs_no_other_and_is_serve
         await talk.plays_on(2)
 
 
-async def test_the_gateway_has_no_torch_and_an_engine_process_no_grpc() -> None:
+async def test_gateway_loads_no_torch_and_engine_process_no_grpc() -> None:
     async with asyncio.timeout(LIMIT_S), serving("cpu:1") as (process, _):
         (engine,) = psutil.Process(process.pid).children()
         gateway_has, engine_has = loaded_libraries(process.pid), loaded_libraries(engine.pid)
@@ -196,7 +196,7 @@ async def test_the_gateway_has_no_torch_and_an_engine_process_no_grpc() -> None:
         ("cpu:2", "with engines forked"),
     ],
 )
-async def test_sigterm_while_it_loads_ends_it_with_0_and_nothing_stays(devices: str, when: str) -> None:
+async def test_sigterm_while_loading_ends_with_exit_code_0_and_no_process_left(devices: str, when: str) -> None:
     async with asyncio.timeout(LIMIT_S):
         process = await start(devices)
         below = await until_true(psutil.Process(process.pid).children)
@@ -205,7 +205,7 @@ async def test_sigterm_while_it_loads_ends_it_with_0_and_nothing_stays(devices: 
         if when == "with engines forked":
             below += await until_true(below[0].children)
         for each in below:
-            with suppress(psutil.NoSuchProcess):  # libraries ask programs of the system while they are imported
+            with suppress(psutil.NoSuchProcess):  # libraries run short system programs while they are imported
                 each.send_signal(signal.SIGTERM)  # as a service manager does, to every process of the group
         process.send_signal(signal.SIGTERM)
         _, err = await process.communicate()

@@ -1,4 +1,4 @@
-"""Signals that ask a whole group of processes to stop reach engine processes from their first moment on."""
+"""Stop signals to a whole process group do not end engine processes, not even in their first moment."""
 
 from __future__ import annotations
 
@@ -13,23 +13,23 @@ from motiongen_server.engine_process.child import END_S, FreshChild
 from motiongen_server.engine_process.forking import ForkServerLink
 
 HIT_AT_ONCE = "kill -TERM $$; kill -INT $$;"
-"""For a shell that is asked to stop before it could have done anything about it."""
+"""For a shell that gets stop signals before it could have handled them."""
 
 
 def blocked() -> set[int]:
     return {int(each) for each in signal.pthread_sigmask(signal.SIG_BLOCK, ())}
 
 
-def test_an_engine_process_that_has_just_been_started_is_not_ended_by_them(tmp_path: Path) -> None:
+def test_engine_process_just_started_survives_stop_signals(tmp_path: Path) -> None:
     child = FreshChild(("/bin/sh", "-c", f"{HIT_AT_ONCE} exit 7"), tmp_path, {})
     assert child.end(END_S) == "ended with exit code 7"
     child.close()
-    assert not blocked() & set(signals.ASKING_TO_STOP), "who starts it hears them as before"
+    assert not blocked() & set(signals.ASKING_TO_STOP), "the starting process receives the signals as before"
 
 
-def test_nor_is_what_engines_are_forked_from(tmp_path: Path) -> None:
+def test_fork_server_just_started_survives_stop_signals(tmp_path: Path) -> None:
     lives = tmp_path / "lives"
-    # It must not end before it is asked; a shell that has waited for a command of its own holds back no signals.
+    # It must not end before it is asked to fork; a shell that has waited for a command of its own blocks no signals.
     link = ForkServerLink(("/bin/sh", "-c", f"{HIT_AT_ONCE} : >{lives}; exec head -c 1 >/dev/null"))
     with pytest.raises(ChildProcessError):
         link.start(tmp_path, {})
@@ -38,7 +38,7 @@ def test_nor_is_what_engines_are_forked_from(tmp_path: Path) -> None:
     assert lives.exists()
 
 
-def test_what_waits_is_ignored_in_the_end() -> None:
+def test_ignore_discards_held_back_stop_signals() -> None:
     with signals.held_back():
         pid = os.fork()
         if not pid:

@@ -1,4 +1,4 @@
-"""For how long the models of an engine process may say nothing, and for how long they may take to come back."""
+"""How long the models of an engine process may be silent, and how long they may take to be loaded again."""
 
 from __future__ import annotations
 
@@ -15,7 +15,7 @@ LOOK_S = 1.0
 
 
 class Ready(ModelLink):
-    """A model that comes and goes as a test says."""
+    """A model that is up once the test says so."""
 
     def __init__(self, slot: int, *, was_held: bool) -> None:
         super().__init__(slot, "fake", lambda outputs: None, lambda: None)
@@ -27,7 +27,7 @@ class Ready(ModelLink):
 
 
 class Watch:
-    """Looks once a second of a clock of its own."""
+    """Looks once a second, by a clock of its own."""
 
     def __init__(self, monkeypatch: pytest.MonkeyPatch, *links: ModelLink) -> None:
         self.now = 100.0
@@ -42,14 +42,14 @@ class Watch:
             self.silence.check(30.0)
 
 
-def test_models_that_do_not_come_back_are_lost(monkeypatch: pytest.MonkeyPatch) -> None:
+def test_process_whose_models_do_not_come_back_is_lost(monkeypatch: pytest.MonkeyPatch) -> None:
     watch = Watch(monkeypatch, Ready(1, was_held=True))
     watch.look_for(LOAD_AGAIN_S)
     with pytest.raises(EngineLost, match="loading again what the one before it held for 60"):
         watch.look_for(5.0)
 
 
-def test_while_another_is_served_no_model_that_does_not_come_back_takes_it_with_it(
+def test_model_that_does_not_come_back_is_tolerated_while_another_is_served(
     monkeypatch: pytest.MonkeyPatch,
 ) -> None:
     stuck, served = Ready(1, was_held=True), Ready(2, was_held=True)
@@ -57,40 +57,40 @@ def test_while_another_is_served_no_model_that_does_not_come_back_takes_it_with_
     served.come()
     for _ in range(60):
         watch.look_for(LOAD_AGAIN_S / 30)
-        served.silent_s = 0.0  # as it goes on talking
+        served.silent_s = 0.0  # as it keeps sending reports
     assert watch.silence.missing_s > LOAD_AGAIN_S
 
 
-def test_each_that_comes_back_gives_the_others_time(monkeypatch: pytest.MonkeyPatch) -> None:
+def test_every_model_that_comes_back_gives_the_others_more_time(monkeypatch: pytest.MonkeyPatch) -> None:
     first, second = Ready(1, was_held=True), Ready(2, was_held=True)
     watch = Watch(monkeypatch, first, second)
     watch.look_for(0.9 * LOAD_AGAIN_S)
     first.come()
     for _ in range(27):
         watch.look_for(LOAD_AGAIN_S / 30)
-        first.silent_s = 0.0  # as it goes on talking
+        first.silent_s = 0.0  # as it keeps sending reports
     second.come()
     watch.look_for(20.0)
     with pytest.raises(EngineLost, match="said nothing for 3"):
         watch.look_for(20.0)
 
 
-def test_what_a_process_has_said_not_to_hold_is_not_waited_for(monkeypatch: pytest.MonkeyPatch) -> None:
+def test_absent_model_is_not_waited_for(monkeypatch: pytest.MonkeyPatch) -> None:
     absent = Ready(1, was_held=True)
     watch = Watch(monkeypatch, absent)
     absent.is_absent = True
     watch.look_for(2 * LOAD_AGAIN_S)
-    absent.is_absent = False  # it is tried again
+    absent.is_absent = False  # loading is tried again
     with pytest.raises(EngineLost, match="loading again"):
         watch.look_for(LOAD_AGAIN_S + 5.0)
 
 
-def test_what_was_never_loaded_may_take_as_long_as_it_takes(monkeypatch: pytest.MonkeyPatch) -> None:
+def test_model_that_was_never_loaded_may_take_any_time(monkeypatch: pytest.MonkeyPatch) -> None:
     Watch(monkeypatch, Ready(1, was_held=False)).look_for(3 * LOAD_AGAIN_S)
 
 
-def test_it_is_the_time_that_passes_that_counts_and_not_how_often_is_looked(monkeypatch: pytest.MonkeyPatch) -> None:
-    """There is a look for each thing that an engine process says, of whichever model."""
+def test_silence_is_measured_by_time_and_not_by_the_number_of_looks(monkeypatch: pytest.MonkeyPatch) -> None:
+    """There is a look for every message of an engine process, whichever model it concerns."""
     talking, working = Ready(1, was_held=True), Ready(2, was_held=True)
     watch = Watch(monkeypatch, talking, working)
     talking.come()
@@ -100,6 +100,6 @@ def test_it_is_the_time_that_passes_that_counts_and_not_how_often_is_looked(monk
         watch.silence.look()
         watch.silence.check(30.0)
     assert working.silent_s == 4000 * LOOK_S / 256
-    watch.now += 100 * LOOK_S  # this process stood still
+    watch.now += 100 * LOOK_S  # this process was suspended
     watch.silence.look()
     assert working.silent_s == 4000 * LOOK_S / 256 + LOOK_S

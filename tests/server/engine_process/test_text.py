@@ -1,4 +1,4 @@
-"""A text encoder in an engine process, as the gateway asks it."""
+"""A text encoder in an engine process, as the gateway uses it."""
 
 from __future__ import annotations
 
@@ -20,7 +20,7 @@ from tests.server.engine_process.audience import LIMIT_S, opening, pool_of, remo
 from tests.waiting import until
 
 
-def test_prompts_are_encoded_there_and_what_cannot_be_is_said() -> None:
+def test_texts_are_encoded_and_a_failure_is_raised() -> None:
     with pool_of() as (pool, _):
         encoder = EngineTextEncoder(pool.processes[0], 2, LIMIT_S)
         assert (encoder.identity, encoder.width) == ("length-1", 2)
@@ -29,7 +29,7 @@ def test_prompts_are_encoded_there_and_what_cannot_be_is_said() -> None:
             encoder.encode(["fail"])
 
 
-def test_a_lost_engine_process_breaks_off_what_is_encoded_and_the_next_encodes_again() -> None:
+def test_lost_engine_process_fails_pending_texts_and_the_next_encodes_again() -> None:
     with pool_of() as (pool, _):
         encoder = EngineTextEncoder(pool.processes[0], 2, LIMIT_S)
         with pytest.raises(EncoderLost, match="started anew") as lost:
@@ -38,7 +38,7 @@ def test_a_lost_engine_process_breaks_off_what_is_encoded_and_the_next_encodes_a
         assert encoder.encode(["abcd"]).tolist() == [[4.0, 0.0]]
 
 
-def test_one_that_takes_too_long_is_not_waited_for() -> None:
+def test_encoder_that_takes_too_long_is_not_waited_for() -> None:
     with pool_of() as (pool, _):
         encoder = EngineTextEncoder(pool.processes[0], 2, timeout_s=0.01)
         pid = pool.processes[0].pid
@@ -47,12 +47,12 @@ def test_one_that_takes_too_long_is_not_waited_for() -> None:
             encoder.encode(["abc"])
 
 
-def test_one_that_cannot_be_loaded_is_a_wrong_setting() -> None:
+def test_encoder_that_cannot_be_loaded_is_a_setting_error() -> None:
     with pool_of("settings") as (pool, _), pytest.raises(SettingError, match="no such encoder"):
         EngineTextEncoder(pool.processes[0], 2, LIMIT_S)
 
 
-def test_one_for_which_there_is_no_memory_leaves_the_models_of_its_process_alone() -> None:
+def test_encoder_without_enough_memory_does_not_affect_models_of_its_process() -> None:
     with remote("large encoder") as there:
         with pytest.raises(SettingError, match="MemoryError: 15 GiB"):
             EngineTextEncoder(there.pool.processes[0], 2, LIMIT_S)
@@ -61,10 +61,10 @@ def test_one_for_which_there_is_no_memory_leaves_the_models_of_its_process_alone
         assert there.pool.processes[0].num_restarts == 0
 
 
-def test_one_that_never_ends_loading_again_does_not_hold_up_who_would_have_a_model_loaded_for_ever(
+def test_encoder_stuck_while_loading_again_does_not_block_loading_for_ever(
     monkeypatch: pytest.MonkeyPatch, tmp_path: Path
 ) -> None:
-    """As where a driver hangs, or a disk: it is loaded by the thread that loads models."""
+    """For example because a driver or a disk hangs: the encoder is loaded by the thread that loads models."""
     with remote(f"stuck encoder:{tmp_path}", text_encoder="llm2vec") as there:
         there.pool.load_text(there.engine.facts)
         process, pid = there.pool.processes[0], there.pid()
@@ -88,7 +88,7 @@ def test_one_that_never_ends_loading_again_does_not_hold_up_who_would_have_a_mod
         there.pool.load("another")
 
 
-def test_the_end_breaks_off_what_is_encoded_and_nothing_is_asked_afterwards() -> None:
+def test_stopped_process_fails_pending_texts_and_later_ones() -> None:
     refused: list[EncoderLost] = []
 
     def ask(encoder: EngineTextEncoder) -> None:
@@ -101,7 +101,7 @@ def test_the_end_breaks_off_what_is_encoded_and_nothing_is_asked_afterwards() ->
         encoder = EngineTextEncoder(pool.processes[0], 2, LIMIT_S)
         pid = pool.processes[0].pid
         assert pid is not None
-        stop(pid)  # it answers nothing, and `join` ends it
+        stop(pid)  # it answers nothing, and `join` kills it
         asking = threading.Thread(target=ask, args=(encoder,))
         asking.start()
         until(lambda: encoder._waiting)
@@ -116,7 +116,7 @@ def test_the_end_breaks_off_what_is_encoded_and_nothing_is_asked_afterwards() ->
 
 
 class Process:
-    """Stands for an engine process that says what a test has it say."""
+    """Stands in for an engine process that sends what the test tells it to."""
 
     failure = None
 
@@ -132,7 +132,7 @@ class Process:
         return True
 
 
-def test_one_that_cannot_be_loaded_again_says_so_at_once_and_comes_back_with_the_next_process() -> None:
+def test_encoder_that_cannot_be_loaded_again_fails_until_the_next_process() -> None:
     process = Process()
     encoder = EngineTextEncoder(cast(EngineProcess, process), 2, LIMIT_S)
     process.is_lost()
@@ -144,8 +144,8 @@ def test_one_that_cannot_be_loaded_again_says_so_at_once_and_comes_back_with_the
     assert encoder.encode(["abc"]).tolist() == [[1.0, 1.0]]
 
 
-def test_another_one_in_the_next_process_is_not_taken_for_the_one_before(caplog: pytest.LogCaptureFixture) -> None:
-    """Its vectors are kept by the identity of the one before, on the disk too."""
+def test_encoder_with_another_identity_is_refused_until_the_first_is_back(caplog: pytest.LogCaptureFixture) -> None:
+    """Vectors are cached under the identity of the earlier encoder, on disk too."""
     process = Process()
     encoder = EngineTextEncoder(cast(EngineProcess, process), 2, LIMIT_S)
     process.is_lost()
@@ -155,10 +155,10 @@ def test_another_one_in_the_next_process_is_not_taken_for_the_one_before(caplog:
     assert "restart the server" in caplog.text
     process.is_lost()
     process.say(EncoderReady("length-1", 2, ""))
-    assert encoder.encode(["abc"]).tolist() == [[1.0, 1.0]], "it was put back"
+    assert encoder.encode(["abc"]).tolist() == [[1.0, 1.0]], "the first encoder is back"
 
 
-def test_one_that_is_replaced_just_as_it_is_asked_is_not_taken_for_the_one_before() -> None:
+def test_encoder_replaced_at_the_moment_of_a_question_is_refused() -> None:
     process = Process()
     encoder = EngineTextEncoder(cast(EngineProcess, process), 2, LIMIT_S)
 

@@ -1,4 +1,4 @@
-"""What an engine process keeps of a model that it was told to unload: nothing."""
+"""An engine process keeps nothing of a model that it was told to unload."""
 
 from __future__ import annotations
 
@@ -36,7 +36,7 @@ READY = Ready(1, FACTS, "CC0-1.0", NOTHING_CLAIMED)
 
 
 def restarting() -> tuple[EngineProcess, ModelLink]:
-    """One that was lost, and its next process is being told to load the model that it held."""
+    """An engine that was lost, and whose next process is about to be told to load its model."""
 
     def start(*_: object) -> FreshChild:
         raise OSError("nothing is started here")
@@ -51,7 +51,7 @@ def restarting() -> tuple[EngineProcess, ModelLink]:
     return process, link
 
 
-def test_a_model_that_is_given_up_while_it_is_loaded_anew_is_unloaded_when_it_is_there() -> None:
+def test_model_given_up_while_loading_again_is_unloaded_once_loaded() -> None:
     process, link = restarting()
     assert process._control.take() == (Load(1, "model"),)
     process.unload_model(link)
@@ -62,13 +62,13 @@ def test_a_model_that_is_given_up_while_it_is_loaded_anew_is_unloaded_when_it_is
     assert process._control.take() == ()
 
 
-def test_a_model_that_is_given_up_before_the_next_process_is_told_of_it_is_not_loaded() -> None:
+def test_model_given_up_before_the_next_process_is_told_is_not_loaded() -> None:
     process, link = restarting()
     process.unload_model(link)
     assert process._control.take() == ()
 
 
-def test_a_model_that_is_given_up_just_when_it_is_there_is_unloaded(monkeypatch: pytest.MonkeyPatch) -> None:
+def test_model_given_up_at_the_moment_it_is_loaded_is_unloaded(monkeypatch: pytest.MonkeyPatch) -> None:
     process, link = restarting()
     process._control.take()
     take_ready = link.take_ready
@@ -83,7 +83,7 @@ def test_a_model_that_is_given_up_just_when_it_is_there_is_unloaded(monkeypatch:
 
 
 class RealEngines(Process):
-    """Loads engines as they are, each with a runner, which stands for a model's weights."""
+    """Loads real engines, each with a runner that stands for a model's weights."""
 
     def __init__(self) -> None:
         self.runners: list[weakref.ref[FakeRunner]] = []
@@ -93,21 +93,21 @@ class RealEngines(Process):
         runner = FakeRunner(RealTime())
         self.runners.append(weakref.ref(runner))
         if source == "unsound":
-            runner.itself = runner  # type: ignore[attr-defined]  # models have such rings
+            runner.itself = runner  # type: ignore[attr-defined]  # models have such reference cycles
             raise SettingError("its capabilities are no mapping")
         engine = Engine(runner, RealTime(), deliver, EngineConfig(), observe=observe, inbox=inbox)
         return Built(engine, runner.facts, "CC0-1.0")
 
 
 @pytest.mark.parametrize("unloaded", [1, 2])
-def test_a_model_that_is_unloaded_is_freed_though_what_is_loaded_is_left_out_of_collection(unloaded: int) -> None:
+def test_unloaded_model_is_freed_although_loaded_objects_are_frozen(unloaded: int) -> None:
     with settled_objects():
         process = RealEngines()
         for slot in (1, 2):
             process.load(slot)
         process.tell(Unload(unloaded))
         assert process.hear_of(Unloaded) == Unloaded(unloaded)
-        process.tell(LoadEncoder(2))  # what is loaded next comes after that
+        process.tell(LoadEncoder(2))  # this is loaded only after the unloading
         process.hear_of(EncoderReady)
         assert [runner() is None for runner in process.runners] == [unloaded == 1, unloaded == 2]
         process.tell(Stop())
@@ -117,8 +117,8 @@ def test_a_model_that_is_unloaded_is_freed_though_what_is_loaded_is_left_out_of_
         process.gateway.close()
 
 
-def test_of_a_model_that_is_refused_nothing_is_left() -> None:
-    """It may be tried again and again, beside sessions that never end: none of it waits for an idle moment."""
+def test_refused_model_is_freed_completely() -> None:
+    """It may be tried again and again beside sessions that never end, so freeing must not wait for an idle moment."""
     with settled_objects():
         process = RealEngines()
         process.load(1)

@@ -17,7 +17,7 @@ AUTHORITY = str(CERTIFICATES / "authority.pem")
 
 
 def copy_pair(name: str, folder: Path) -> tuple[str, str]:
-    """Copy a certificate and its key to where a server reads them. Returns the paths, which are always the same."""
+    """Copy a certificate and its key to where a server reads them. Returns their paths, the same ones each time."""
     certificate, key = folder / "server.pem", folder / "server.key"
     shutil.copyfile(CERTIFICATES / f"{name}.pem", certificate)
     shutil.copyfile(CERTIFICATES / f"{name}.key", key)
@@ -38,7 +38,7 @@ def bearer(token: str) -> tuple[tuple[str, str], ...]:
 
 
 class TenantsFile:
-    """A file of tenants that a test writes. wall: the wall-clock time that callers use."""
+    """The file of tenants that a test writes. wall: the wall-clock time that its `callers` read."""
 
     def __init__(self, folder: Path) -> None:
         self.path = folder / "tenants.toml"

@@ -23,7 +23,7 @@ LIFE_S = 3600
 
 @cache
 def private_key(algorithm: str, name: str) -> Any:
-    """A key for each name; it is made once."""
+    """The private key of a name, generated once and then reused."""
     if algorithm == "ES256":
         return ec.generate_private_key(ec.SECP256R1())
     return (
@@ -39,7 +39,7 @@ def public_pem(algorithm: str, name: str) -> bytes:
 
 
 class Issuer:
-    """keys: algorithms by name of the key; all are published. url: where, once it is `served`."""
+    """keys: algorithm by key name; all are published. url: the address at which it is `served`."""
 
     def __init__(self, **keys: str) -> None:
         self.keys = keys or {"first": "ES256"}
@@ -48,7 +48,7 @@ class Issuer:
         self.url = ""
 
     def document(self) -> dict[str, Any]:
-        """The set of its public keys."""
+        """The JSON key set with all its public keys."""
         return {"keys": [self._public(name, algorithm) for name, algorithm in self.keys.items()]}
 
     @staticmethod
@@ -58,9 +58,9 @@ class Issuer:
         return {**told, "kid": name, "alg": algorithm, "use": "sig"}
 
     def token(self, key: str = "first", algorithm: str = "ES256", kid: str | None = None, **claims: Any) -> str:
-        """A valid token, except for what the claims change; a claim that is None is left out.
+        """A valid token with some claims replaced; a claim that is None is left out.
 
-        kid: how the token names its key, "" for no name; by default, the key's own name.
+        kid: the key's name in the token's header, "" to leave it out; by default, the key's own name.
         """
         now = int(time.time())
         usual = {"iss": NAME, "aud": "motiongen", "iat": now, "exp": now + LIFE_S, "tenant": "studio"}
@@ -71,7 +71,7 @@ class Issuer:
 
     @contextmanager
     def served(self, tls: ssl.SSLContext | None = None) -> Iterator[None]:
-        """Publish the keys at `url`, over https if there is a TLS context."""
+        """Publish the keys at `url`, over https if a TLS context is given."""
         issuer = self
 
         class Handler(BaseHTTPRequestHandler):
@@ -98,7 +98,7 @@ class Issuer:
                 thread.join()
 
     def answer(self, path: str) -> dict[str, Any]:
-        """Its answer at a path."""
+        """The document that it serves at a path."""
         if path.endswith("openid-configuration"):
             return {"issuer": self.url, "jwks_uri": f"{self.url}/jwks"}
         return self.document()

@@ -1,4 +1,4 @@
-"""The application with TLS and tenants: gateway, administration and metrics, each by its own rules."""
+"""The application with TLS and tenants: each of its ports (gateway, administration, metrics) applies its own rules."""
 
 from __future__ import annotations
 
@@ -16,7 +16,7 @@ from tests.server.application import application_of, config, running
 from tests.server.identity.files import AUTHORITY, TenantsFile, bearer, client_credentials, copy_pair
 
 
-async def test_with_tls_and_tenants_each_port_has_its_rule(tenants: TenantsFile, tmp_path: Path) -> None:
+async def test_each_port_applies_its_own_rules_with_tls_and_tenants(tenants: TenantsFile, tmp_path: Path) -> None:
     certificate, key = copy_pair("server-1", tmp_path)
     token = tenants.one("roles = ['motion', 'metrics']")
     settings = config(
@@ -45,9 +45,7 @@ async def test_with_tls_and_tenants_each_port_has_its_rule(tenants: TenantsFile,
             assert "motiongen_streams" in shown.text
 
 
-async def test_the_port_of_operations_speaks_tls_with_a_certificate_that_is_renewed(
-    tenants: TenantsFile, tmp_path: Path
-) -> None:
+async def test_ops_port_serves_tls_with_the_renewed_certificate(tenants: TenantsFile, tmp_path: Path) -> None:
     certificate, key = copy_pair("server-1", tmp_path)
     token = tenants.one("roles = ['metrics']")
     settings = config(
@@ -58,7 +56,7 @@ async def test_the_port_of_operations_speaks_tls_with_a_certificate_that_is_rene
         url = f"https://localhost:{application.ops_port}/metrics"
 
         async def shown() -> tuple[int, str]:
-            """The status, and the name in the certificate."""
+            """The HTTP status, and the common name in the server's certificate."""
             async with (
                 httpx.AsyncClient(verify=trust) as client,
                 client.stream("GET", url, headers={"Authorization": f"Bearer {token}"}) as answer,
@@ -78,7 +76,7 @@ async def test_the_port_of_operations_speaks_tls_with_a_certificate_that_is_rene
                 await client.get(url)
 
 
-async def test_tokens_for_the_metrics_in_plain_text_are_warned_of(
+async def test_metrics_tokens_over_plain_http_are_warned_about(
     tenants: TenantsFile, caplog: pytest.LogCaptureFixture
 ) -> None:
     tenants.one()
@@ -87,15 +85,15 @@ async def test_tokens_for_the_metrics_in_plain_text_are_warned_of(
     assert any("--ops-tls encrypts them" in message for message in caplog.messages)
 
 
-async def test_what_is_served_unprotected_is_warned_of(caplog: pytest.LogCaptureFixture) -> None:
+async def test_grpc_served_to_other_machines_without_tls_is_warned_about(caplog: pytest.LogCaptureFixture) -> None:
     async with running(config(host="0.0.0.0", insecure=True)):
         pass
     (warning,) = [record.getMessage() for record in caplog.records if record.levelname == "WARNING"]
     assert "gRPC is served to other machines on 0.0.0.0 without TLS" in warning
 
 
-async def test_a_unix_socket_is_served(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.chdir(tmp_path)  # the name of a socket may not be long
+async def test_server_listens_on_a_unix_socket(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.chdir(tmp_path)  # a relative path: the system limits the length of a socket's name
     async with running(config(host="unix:motion.sock")) as application:
         assert application.grpc_port == 0
         async with grpc.aio.insecure_channel("unix:motion.sock") as channel:
@@ -104,7 +102,7 @@ async def test_a_unix_socket_is_served(tmp_path: Path, monkeypatch: pytest.Monke
 
 
 @pytest.mark.parametrize(("setting", "said"), [("tenants", "tenants cannot be read"), ("tls", "TLS cannot be served")])
-async def test_files_that_are_not_there_end_the_start(setting: str, said: str, tmp_path: Path) -> None:
+async def test_missing_tenant_or_tls_files_fail_the_start(setting: str, said: str, tmp_path: Path) -> None:
     nowhere = str(tmp_path / "nowhere")
     given = {"tenants": nowhere} if setting == "tenants" else {"tls_certificate": nowhere, "tls_key": nowhere}
     with pytest.raises(SettingError, match=said):

@@ -1,4 +1,4 @@
-"""Who calls, by what a call shows."""
+"""Identifying callers by their tokens and certificates, and when a caller's credentials lapse."""
 
 from __future__ import annotations
 
@@ -26,13 +26,13 @@ def lapse_of(callers: Callers, caller: Caller) -> str | None:
     return None if lapse is None else lapse.reason
 
 
-def test_without_tenants_anybody_may_call() -> None:
+def test_without_tenants_every_caller_is_admitted() -> None:
     assert Callers().identify((), {}) is ANYBODY
     assert Callers().identify((), {}, Role.ADMIN) is ANYBODY
     assert Callers().identify((), CERTIFICATE).credential == "certificate 'studio'"
 
 
-def test_a_token_tells_its_tenant(tenants: TenantsFile) -> None:
+def test_token_identifies_its_tenant(tenants: TenantsFile) -> None:
     token = tenants.one("quota = { heroes = 1 }", EXPIRES)
     caller = tenants.callers().identify(bearer(token), {})
     assert (caller.tenant, caller.quota, caller.expires_at) == ("studio", {"heroes": 1}, EXPIRES_AT)
@@ -40,17 +40,17 @@ def test_a_token_tells_its_tenant(tenants: TenantsFile) -> None:
     assert token.rpartition("_")[2] not in repr(caller)
 
 
-def test_a_certificate_tells_its_tenant_by_any_of_its_names(tenants: TenantsFile) -> None:
+def test_certificate_identifies_its_tenant_by_any_of_its_names(tenants: TenantsFile) -> None:
     tenants.write("[tenants.a]\ncertificates = ['studio.example']")
     assert tenants.callers().identify((), CERTIFICATE).tenant == "a"
 
 
-def test_what_a_token_says_goes_before_a_certificate(tenants: TenantsFile) -> None:
+def test_invalid_token_is_refused_despite_a_valid_certificate(tenants: TenantsFile) -> None:
     tenants.write("[tenants.a]\ncertificates = ['studio.example']")
     assert reason_of(tenants.callers(), *bearer(new_token()[0]), **CERTIFICATE) == "CREDENTIALS_INVALID"
 
 
-def test_who_shows_nothing_or_something_else_is_refused(tenants: TenantsFile) -> None:
+def test_missing_and_unknown_credentials_are_refused(tenants: TenantsFile) -> None:
     token = tenants.one()
     callers = tenants.callers()
     assert reason_of(callers) == "CREDENTIALS_MISSING"
@@ -61,7 +61,7 @@ def test_who_shows_nothing_or_something_else_is_refused(tenants: TenantsFile) ->
     assert reason_of(callers, **CERTIFICATE) == "CREDENTIALS_INVALID"
 
 
-def test_of_two_tokens_in_one_call_none_counts(tenants: TenantsFile) -> None:
+def test_call_with_two_tokens_is_refused(tenants: TenantsFile) -> None:
     token = tenants.one()
     assert reason_of(tenants.callers(), *bearer(token), *bearer(token)) == "CREDENTIALS_INVALID"
     assert reason_of(tenants.callers(), *bearer(token), ("Authorization", "Basic x")) == "CREDENTIALS_INVALID"
@@ -76,7 +76,7 @@ def test_a_role_that_a_tenant_lacks_is_refused(tenants: TenantsFile) -> None:
         assert reason_of(callers, *bearer(token), role=role) == "ROLE_MISSING"
 
 
-def test_the_metrics_are_for_this_machine_and_elsewhere_for_who_may_read_them(tenants: TenantsFile) -> None:
+def test_metrics_need_a_token_with_their_role_except_on_a_loopback_address(tenants: TenantsFile) -> None:
     token = tenants.one("roles = ['metrics']")
     callers = tenants.callers()
     assert callers.metrics_refusal("127.0.0.1", "") is None
@@ -87,7 +87,7 @@ def test_the_metrics_are_for_this_machine_and_elsewhere_for_who_may_read_them(te
     assert "the role 'metrics'" in (callers.metrics_refusal("0.0.0.0", f"Bearer {another}") or "")
 
 
-def test_a_token_expires(tenants: TenantsFile) -> None:
+def test_expired_token_lapses_and_is_refused(tenants: TenantsFile) -> None:
     token = tenants.one(expires=EXPIRES)
     callers = tenants.callers()
     caller = callers.identify(bearer(token), {})
@@ -97,7 +97,7 @@ def test_a_token_expires(tenants: TenantsFile) -> None:
     assert reason_of(callers, *bearer(token)) == "CREDENTIALS_EXPIRED"
 
 
-def test_a_token_that_is_taken_out_of_the_file_holds_no_longer(tenants: TenantsFile) -> None:
+def test_token_removed_from_the_file_is_revoked(tenants: TenantsFile) -> None:
     token = tenants.one()
     callers = tenants.callers()
     caller = callers.identify(bearer(token), {})
@@ -109,7 +109,7 @@ def test_a_token_that_is_taken_out_of_the_file_holds_no_longer(tenants: TenantsF
 
 
 @pytest.mark.parametrize("then", ["", "[tenants.a]\nroles = ['metrics']\ncertificates = ['studio']", "[tenants.a]"])
-def test_a_certificate_that_is_taken_out_holds_no_longer(tenants: TenantsFile, then: str) -> None:
+def test_certificate_whose_access_is_removed_from_the_file_is_revoked(tenants: TenantsFile, then: str) -> None:
     tenants.write("[tenants.a]\ncertificates = ['studio']")
     callers = tenants.callers()
     caller = callers.identify((), CERTIFICATE)
@@ -118,7 +118,9 @@ def test_a_certificate_that_is_taken_out_holds_no_longer(tenants: TenantsFile, t
     assert lapse_of(callers, caller) == "CREDENTIALS_REVOKED"
 
 
-def test_a_file_that_cannot_be_read_changes_nothing(tenants: TenantsFile, caplog: pytest.LogCaptureFixture) -> None:
+def test_unreadable_file_keeps_the_last_tenants_and_is_logged_once(
+    tenants: TenantsFile, caplog: pytest.LogCaptureFixture
+) -> None:
     token = tenants.one()
     callers = tenants.callers()
     caller = callers.identify(bearer(token), {})
@@ -133,7 +135,7 @@ def test_a_file_that_cannot_be_read_changes_nothing(tenants: TenantsFile, caplog
     assert lapse_of(callers, caller) == "CREDENTIALS_REVOKED"
 
 
-def test_a_file_that_is_just_being_written_anew_turns_nobody_out(tenants: TenantsFile) -> None:
+def test_half_written_file_revokes_nobody(tenants: TenantsFile) -> None:
     token = tenants.one()
     callers = tenants.callers()
     caller = callers.identify(bearer(token), {})
@@ -145,7 +147,7 @@ def test_a_file_that_is_just_being_written_anew_turns_nobody_out(tenants: Tenant
     assert lapse_of(callers, caller) == "CREDENTIALS_REVOKED"
 
 
-def test_an_expiry_that_is_changed_in_the_file_holds_for_who_is_there(tenants: TenantsFile) -> None:
+def test_changed_expiry_applies_to_identified_callers(tenants: TenantsFile) -> None:
     token, kept = new_token()
     entry = f'[tenants.studio]\ntokens = [{{ hash = "{kept}"%s }}]'
     tenants.write(entry % "")
@@ -161,7 +163,7 @@ def test_an_expiry_that_is_changed_in_the_file_holds_for_who_is_there(tenants: T
     assert lapse_of(callers, caller) is None
 
 
-def test_another_role_that_is_taken_away_ends_nothing(tenants: TenantsFile) -> None:
+def test_losing_an_unused_role_does_not_revoke_a_caller(tenants: TenantsFile) -> None:
     tenants.write("[tenants.a]\nroles = ['motion', 'metrics']\ncertificates = ['studio']")
     callers = tenants.callers()
     caller = callers.identify((), CERTIFICATE)

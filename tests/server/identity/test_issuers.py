@@ -1,4 +1,4 @@
-"""Streams and calls with tokens that an issuer signs, whose keys come from a real server, and its outage."""
+"""Streams and calls with tokens that an issuer signs, whose keys come from a real HTTP server, and may fail."""
 
 from __future__ import annotations
 
@@ -31,7 +31,9 @@ def issuer(tenants: TenantsFile) -> Iterator[Issuer]:
         yield issuer
 
 
-async def test_a_stream_plays_by_a_signed_token_and_ends_politely_with_it(tenants: TenantsFile, issuer: Issuer) -> None:
+async def test_stream_with_a_signed_token_gets_a_goodbye_before_it_expires(
+    tenants: TenantsFile, issuer: Issuer
+) -> None:
     expires_at = int(tenants.wall) + 1000
     async with connected(tenants) as line:
         talk = await line.talk(issuer.token(exp=expires_at))
@@ -48,7 +50,7 @@ async def test_a_stream_plays_by_a_signed_token_and_ends_politely_with_it(tenant
     assert issuer.asked == 1, "keys are fetched once for all calls"
 
 
-async def test_a_key_that_was_added_is_found_at_the_first_call_with_it(
+async def test_newly_added_key_is_fetched_on_its_first_use(
     tenants: TenantsFile, issuer: Issuer, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     monkeypatch.setattr("motiongen_server.identity.keys.RETRY_S", 0.0)
@@ -59,7 +61,7 @@ async def test_a_key_that_was_added_is_found_at_the_first_call_with_it(
         assert issuer.asked == 2
 
 
-async def test_an_outage_of_the_issuer_is_noticed_only_by_who_brings_a_key_that_is_not_known(
+async def test_issuer_outage_affects_only_tokens_with_unknown_keys(
     tenants: TenantsFile, issuer: Issuer, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     monkeypatch.setattr("motiongen_server.identity.keys.RETRY_S", 0.0)
@@ -69,12 +71,12 @@ async def test_an_outage_of_the_issuer_is_noticed_only_by_who_brings_a_key_that_
         assert (await line.catalog(issuer.token())).models
         with pytest.raises(grpc.aio.AioRpcError) as refused:
             await line.catalog(issuer.token("second"))
-        assert refused.value.code() is grpc.StatusCode.UNAVAILABLE, "it may hold, once the issuer is there again"
+        assert refused.value.code() is grpc.StatusCode.UNAVAILABLE, "the token may prove valid once the issuer is back"
         issuer.is_down = False
         assert (await line.catalog(issuer.token("second"))).models
 
 
-async def test_while_no_keys_came_yet_calls_are_told_to_come_again(
+async def test_calls_before_the_first_key_fetch_get_unavailable(
     tenants: TenantsFile, issuer: Issuer, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     monkeypatch.setattr("motiongen_server.identity.keys.RETRY_S", 0.0)
@@ -90,7 +92,7 @@ async def test_while_no_keys_came_yet_calls_are_told_to_come_again(
         assert (await line.catalog(issuer.token())).models
 
 
-async def test_signed_tokens_that_are_new_are_let_in_whatever_others_of_their_address_owe(
+async def test_valid_new_tokens_are_admitted_despite_invalid_ones_from_their_address(
     tenants: TenantsFile, issuer: Issuer
 ) -> None:
     quota = "issuers = ['corp']\nquota = { calls_per_second = 100 }"
@@ -104,7 +106,7 @@ async def test_signed_tokens_that_are_new_are_let_in_whatever_others_of_their_ad
             assert (await line.catalog(issuer.token(number=number))).models
 
 
-async def test_forged_tokens_are_not_even_read_where_their_connection_owes_for_others(
+async def test_forged_tokens_beyond_their_connections_check_budget_are_not_parsed(
     tenants: TenantsFile, issuer: Issuer, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     monkeypatch.setattr(check_budget, "CHECKS_PER_SECOND", 1e-6)
@@ -122,11 +124,11 @@ async def test_forged_tokens_are_not_even_read_where_their_connection_owes_for_o
                 (grpc.StatusCode.RESOURCE_EXHAUSTED, True) if number else (grpc.StatusCode.UNAUTHENTICATED, False)
             )
         assert len(set(read)) == 1
-        assert (await line.catalog(good)).models, "which was checked before"
-        assert (await another.catalog(other)).models, "which came over a connection of its own"
+        assert (await line.catalog(good)).models, "checked before, so it needs no budget"
+        assert (await another.catalog(other)).models, "another connection has its own budget"
 
 
-async def test_a_fault_of_the_servers_own_is_told_by_a_number_alone(
+async def test_internal_error_shows_the_client_only_its_error_id(
     tenants: TenantsFile, monkeypatch: pytest.MonkeyPatch, caplog: pytest.LogCaptureFixture
 ) -> None:
     token = tenants.one()
@@ -146,11 +148,13 @@ async def test_a_fault_of_the_servers_own_is_told_by_a_number_alone(
             assert str(details).rpartition(" ")[2] in caplog.text
 
 
-async def test_a_key_that_is_withdrawn_ends_the_streams_it_let_in(tenants: TenantsFile, issuer: Issuer) -> None:
+async def test_withdrawn_key_ends_the_streams_admitted_with_it(tenants: TenantsFile, issuer: Issuer) -> None:
     tenants.write(issuer.entry(f"{issuer.url}/jwks", "refresh_s = 1"))
     async with connected(tenants) as line:
         talk = await line.talk(issuer.token())
         await talk.open(1)
         issuer.keys = {"second": "ES256"}
-        tenants.write(issuer.entry(f"{issuer.url}/jwks", "refresh_s = 2"))  # another source: fetched anew at once
+        tenants.write(
+            issuer.entry(f"{issuer.url}/jwks", "refresh_s = 2")
+        )  # a changed entry: its keys are fetched again at once
         assert await end_of(talk) == (grpc.StatusCode.UNAUTHENTICATED, "CREDENTIALS_REVOKED")

@@ -1,4 +1,4 @@
-"""Tokens that an issuer has signed: which hold, and why others do not."""
+"""Tokens that an issuer has signed: which are accepted, and why others are refused."""
 
 from __future__ import annotations
 
@@ -42,9 +42,7 @@ def refusal(callers: Callers, token: str) -> StreamRefused:
 
 
 @pytest.mark.parametrize(("key", "algorithm"), [("first", "ES256"), ("second", "RS256"), ("third", "EdDSA")])
-def test_a_token_that_the_issuer_signed_tells_its_tenant(
-    issuer: Issuer, callers: Callers, key: str, algorithm: str
-) -> None:
+def test_signed_token_identifies_its_tenant(issuer: Issuer, callers: Callers, key: str, algorithm: str) -> None:
     now = int(time.time())
     token = issuer.token(key, algorithm, exp=now + LIFE_S)
     caller = callers.identify(bearer(token), {})
@@ -53,7 +51,7 @@ def test_a_token_that_the_issuer_signed_tells_its_tenant(
     assert token not in repr(caller)
 
 
-def test_an_algorithm_that_is_not_allowed_is_refused(issuer: Issuer, callers: Callers) -> None:
+def test_algorithm_that_is_not_allowed_is_refused(issuer: Issuer, callers: Callers) -> None:
     assert refusal(callers, issuer.token("fourth", "PS256")).reason == "CREDENTIALS_INVALID"
 
 
@@ -66,7 +64,7 @@ def unsigned(algorithm: str, key: str = "first") -> str:
     ("key", "algorithm"),
     [("second", "RS256"), ("second", "RS512"), ("fourth", "PS256"), ("first", "ES256"), ("third", "EdDSA")],
 )
-def test_a_key_that_names_no_algorithm_is_for_those_of_its_kind_that_are_allowed(
+def test_key_without_an_algorithm_accepts_only_allowed_ones_of_its_kind(
     issuer: Issuer, tenants: TenantsFile, tmp_path: Path, key: str, algorithm: str
 ) -> None:
     document = issuer.document()
@@ -82,25 +80,25 @@ def test_a_key_that_names_no_algorithm_is_for_those_of_its_kind_that_are_allowed
         assert refusal(tenants.callers(), forged).reason == "CREDENTIALS_INVALID"
     head = base64.urlsafe_b64encode(json.dumps({"alg": "RS256" if key == "first" else "ES256", "kid": key}).encode())
     other = f"{head.decode().rstrip('=')}.{token.partition('.')[2]}"
-    assert refusal(tenants.callers(), other).reason == "CREDENTIALS_INVALID", "of another kind of key"
+    assert refusal(tenants.callers(), other).reason == "CREDENTIALS_INVALID", "an algorithm of another kind of key"
     tenants.write(entry.replace(f"'{algorithm}'", "'ES384'"))
     if algorithm != "RS512":
-        assert refusal(tenants.callers(), token).reason == "CREDENTIALS_INVALID", "it is not allowed"
+        assert refusal(tenants.callers(), token).reason == "CREDENTIALS_INVALID", "this issuer no longer allows it"
 
 
 @pytest.mark.parametrize("algorithm", ["none", "None", "HS256", "ES256"])
-def test_a_token_without_a_signature_is_refused(callers: Callers, algorithm: str) -> None:
+def test_token_without_a_signature_is_refused(callers: Callers, algorithm: str) -> None:
     assert refusal(callers, unsigned(algorithm)).reason == "CREDENTIALS_INVALID"
 
 
-def test_a_public_key_is_no_shared_secret(callers: Callers) -> None:
+def test_token_signed_with_the_public_key_as_a_secret_is_refused(callers: Callers) -> None:
     claims = {"iss": NAME, "aud": "motiongen", "exp": int(time.time()) + LIFE_S, "tenant": "studio"}
-    secret = base64.urlsafe_b64encode(public_pem("RS256", "second")).decode()  # PyJWT itself signs with no PEM
+    secret = base64.urlsafe_b64encode(public_pem("RS256", "second")).decode()  # PyJWT refuses to sign with a PEM
     forged = jwt.encode(claims, secret, "HS256", {"kid": "second"})
     assert refusal(callers, forged).reason == "CREDENTIALS_INVALID"
 
 
-def test_a_token_of_another_key_or_another_content_is_refused(issuer: Issuer, callers: Callers) -> None:
+def test_wrong_key_changed_payload_and_unknown_issuer_are_refused(issuer: Issuer, callers: Callers) -> None:
     assert refusal(callers, Issuer().token("stranger")).reason == "CREDENTIALS_INVALID"
     head, _, signature = issuer.token().split(".")
     other = issuer.token(tenant="other").split(".")[1]
@@ -109,17 +107,17 @@ def test_a_token_of_another_key_or_another_content_is_refused(issuer: Issuer, ca
 
 
 @pytest.mark.parametrize("claim", ["exp", "aud", "iss", "tenant"])
-def test_what_a_token_must_say_is_asked_for(issuer: Issuer, callers: Callers, claim: str) -> None:
+def test_token_without_a_required_claim_is_refused(issuer: Issuer, callers: Callers, claim: str) -> None:
     assert refusal(callers, issuer.token(**{claim: None})).reason == "CREDENTIALS_INVALID"
 
 
-def test_why_a_token_does_not_hold_is_told_to_who_has_a_real_one(issuer: Issuer, callers: Callers) -> None:
+def test_refusal_of_a_genuine_token_names_the_wrong_claim(issuer: Issuer, callers: Callers) -> None:
     assert "audience is motiongen" in str(refusal(callers, issuer.token(aud=["billing"])))
     assert "no claim 'tenant'" in str(refusal(callers, issuer.token(tenant=7)))
     assert "the tenant 'other'" in str(refusal(callers, issuer.token(tenant="other")))
 
 
-def test_clocks_may_differ_by_the_leeway(issuer: Issuer, callers: Callers) -> None:
+def test_clocks_may_differ_by_the_leeway_and_no_more(issuer: Issuer, callers: Callers) -> None:
     now = int(time.time())
     assert callers.identify(bearer(issuer.token(exp=now - 5)), {}).tenant == "studio"
     assert callers.identify(bearer(issuer.token(iat=now + 15, nbf=now + 15)), {}).tenant == "studio"
@@ -134,7 +132,7 @@ def test_clocks_may_differ_by_the_leeway(issuer: Issuer, callers: Callers) -> No
     assert refusal(callers, issuer.token(exp=10**400)).reason == "CREDENTIALS_INVALID"
 
 
-def test_a_signed_token_expires(issuer: Issuer, tenants: TenantsFile, callers: Callers) -> None:
+def test_signed_token_expires_after_the_leeway(issuer: Issuer, tenants: TenantsFile, callers: Callers) -> None:
     caller = callers.identify(bearer(issuer.token(exp=int(tenants.wall) + 100)), {})
     tenants.wall += 119
     assert callers.lapse(caller) is None
@@ -145,7 +143,7 @@ def test_a_signed_token_expires(issuer: Issuer, tenants: TenantsFile, callers: C
     assert lapse.reason == "CREDENTIALS_EXPIRED"
 
 
-def test_an_issuer_names_only_the_tenants_that_say_so(
+def test_issuer_may_name_only_tenants_that_list_it(
     issuer: Issuer, tenants: TenantsFile, callers: Callers, tmp_path: Path
 ) -> None:
     caller = callers.identify(bearer(issuer.token()), {})
@@ -156,7 +154,7 @@ def test_an_issuer_names_only_the_tenants_that_say_so(
     assert lapse.reason == "CREDENTIALS_REVOKED"
 
 
-def test_a_key_that_is_taken_back_ends_what_it_let_in(issuer: Issuer, callers: Callers, tmp_path: Path) -> None:
+def test_removed_key_revokes_callers_admitted_with_it(issuer: Issuer, callers: Callers, tmp_path: Path) -> None:
     caller = callers.identify(bearer(issuer.token()), {})
     del issuer.keys["first"]
     (tmp_path / "keys.json").write_text(json.dumps(issuer.document()))
@@ -168,7 +166,7 @@ def test_a_key_that_is_taken_back_ends_what_it_let_in(issuer: Issuer, callers: C
 
 
 @pytest.mark.parametrize("name", ["first", ""])
-def test_another_key_of_the_same_name_or_without_one_ends_what_the_old_one_let_in(
+def test_replaced_key_of_the_same_name_revokes_callers_of_the_old_one(
     tenants: TenantsFile, tmp_path: Path, name: str
 ) -> None:
     tenants.wall = time.time()
@@ -191,9 +189,7 @@ def test_another_key_of_the_same_name_or_without_one_ends_what_the_old_one_let_i
     assert refusal(callers, token).reason == "CREDENTIALS_INVALID"
 
 
-def test_a_key_that_is_told_in_other_words_or_beside_a_new_one_ends_nothing(
-    issuer: Issuer, callers: Callers, tmp_path: Path
-) -> None:
+def test_reworded_key_or_one_added_beside_it_revokes_nobody(issuer: Issuer, callers: Callers, tmp_path: Path) -> None:
     (tmp_path / "keys.json").write_text(json.dumps({"keys": [{**Issuer().document()["keys"][0], "kid": ""}]}))
     callers.look()
     without_name, named = callers.identify(bearer(issuer.token(kid="")), {}), Issuer().document()["keys"][0]
@@ -204,10 +200,10 @@ def test_a_key_that_is_told_in_other_words_or_beside_a_new_one_ends_nothing(
 
 
 def refuse_to_read(_token: str) -> NoReturn:
-    raise AssertionError("it is known, and must not be read again")
+    raise AssertionError("a token that was checked before is parsed again")
 
 
-def test_a_token_is_checked_once_until_its_key_is_another(
+def test_token_is_checked_once_until_its_key_changes(
     issuer: Issuer, callers: Callers, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     checks = []
@@ -236,7 +232,7 @@ def test_a_token_is_checked_once_until_its_key_is_another(
     assert refusal(callers, token).reason == "CREDENTIALS_INVALID"
 
 
-def test_so_many_checks_are_remembered(issuer: Issuer, tmp_path: Path) -> None:
+def test_remembered_checks_are_bounded_and_depend_on_the_issuers_settings(issuer: Issuer, tmp_path: Path) -> None:
     (tmp_path / "keys.json").write_text(json.dumps(issuer.document()))
     keys = KeyRings().of(KeySource(str(tmp_path / "keys.json")))
     of = entries.Issuer("corp", NAME, ("motiongen",), KeySource(str(tmp_path / "keys.json")))
@@ -247,11 +243,11 @@ def test_so_many_checks_are_remembered(issuer: Issuer, tmp_path: Path) -> None:
         checks.check(each, of, keys)
     assert [checks.known(each, of, keys) is not None for each in said if each is not None] == [False, True, True]
     assert said[2] is not None
-    assert checks.known(said[2], replace(of, leeway_s=1.0), keys) is None, "what is asked of it has changed"
+    assert checks.known(said[2], replace(of, leeway_s=1.0), keys) is None, "the issuer's settings have changed"
 
 
 @pytest.mark.parametrize("junk", ["a.b.c", "..", "." * 2 + "x" * 9000, "mg_1.2.3", "é.é.é", "e30.e30.e30"])
-def test_what_only_looks_like_a_token_is_refused(callers: Callers, junk: str) -> None:
+def test_malformed_tokens_are_refused(callers: Callers, junk: str) -> None:
     assert refusal(callers, junk).reason == "CREDENTIALS_INVALID"
 
 
@@ -271,7 +267,7 @@ def test_what_only_looks_like_a_token_is_refused(callers: Callers, junk: str) ->
         ("issuer = ''", "issuer must be a non-empty string"),
     ],
 )
-def test_what_is_wrong_with_an_issuer_is_said(tenants: TenantsFile, change: str, said: str) -> None:
+def test_invalid_issuer_settings_raise_errors_that_say_why(tenants: TenantsFile, change: str, said: str) -> None:
     name = change.split()[0]
     lines = {"issuer": "issuer = 'https://a'", "audience": "audience = ['b']", name: change}
     tenants.write("[issuers.corp]\n" + "\n".join(lines.values()))
@@ -279,7 +275,7 @@ def test_what_is_wrong_with_an_issuer_is_said(tenants: TenantsFile, change: str,
         tenants.callers()
 
 
-def test_a_tenant_cannot_have_an_issuer_that_is_not_there(tenants: TenantsFile) -> None:
+def test_tenant_with_an_unknown_issuer_is_refused(tenants: TenantsFile) -> None:
     tenants.write("[tenants.a]\nissuers = ['corp']")
     with pytest.raises(ValueError, match="issuers has corp; known are none"):
         tenants.callers()

@@ -1,4 +1,4 @@
-"""Fetching keys over HTTP: from real servers, also from those that answer slowly, too much, or nonsense."""
+"""Fetching keys over HTTP, also from servers that answer slowly, without end, or with nonsense."""
 
 from __future__ import annotations
 
@@ -20,7 +20,7 @@ HEAD = b"HTTP/1.1 200 OK\r\nContent-Type: application/json\r\n"
 
 @contextlib.contextmanager
 def answering(answer: Callable[[socket.socket], None]) -> Iterator[tuple[int, list[str]]]:
-    """A server of one connection after another, which does with each as the test says: its port, and what it heard."""
+    """A server that passes its connections to `answer`, one after the other. Gives its port and the request lines."""
     heard: list[str] = []
 
     def serve() -> None:
@@ -41,7 +41,7 @@ def answering(answer: Callable[[socket.socket], None]) -> Iterator[tuple[int, li
             thread.join()
 
 
-def test_they_are_fetched_from_a_real_server_also_by_discovery() -> None:
+def test_keys_are_fetched_directly_and_by_discovery() -> None:
     issuer = Issuer(first="ES256")
     with issuer.served():
         assert list(fetched(KeySource(f"{issuer.url}/jwks"))) == ["first"]
@@ -53,7 +53,7 @@ def test_they_are_fetched_from_a_real_server_also_by_discovery() -> None:
         fetched(KeySource(f"{issuer.url}/jwks"))
 
 
-def test_by_https_they_come_only_from_who_proves_itself() -> None:
+def test_https_servers_must_present_a_trusted_certificate() -> None:
     issuer = Issuer(first="ES256")
     context = ssl.SSLContext(ssl.PROTOCOL_TLS_SERVER)
     context.load_cert_chain(CERTIFICATES / "server-1.pem", CERTIFICATES / "server-1.key")
@@ -65,11 +65,11 @@ def test_by_https_they_come_only_from_who_proves_itself() -> None:
 
 
 @pytest.mark.parametrize("begun", [HEAD + b"Content-Length: 100000\r\n\r\n", HEAD + b"X-More: "], ids=["body", "head"])
-def test_a_server_that_sends_a_byte_at_a_time_is_left_in_the_end(begun: bytes) -> None:
+def test_server_that_drips_bytes_misses_the_deadline(begun: bytes) -> None:
     def drip(line: socket.socket) -> None:
         line.sendall(begun)
         pause = threading.Event()
-        while True:  # until the line is cut
+        while True:  # until the connection is closed
             line.sendall(b" ")
             pause.wait(0.01)
 
@@ -77,7 +77,7 @@ def test_a_server_that_sends_a_byte_at_a_time_is_left_in_the_end(begun: bytes) -
         fetched(KeySource(f"http://127.0.0.1:{port}/jwks"), within_s=0.1)
 
 
-def test_no_more_is_read_than_keys_may_have() -> None:
+def test_answer_larger_than_the_limit_is_refused() -> None:
     def flood(line: socket.socket) -> None:
         line.sendall(HEAD + b"\r\n[")
         while True:
@@ -102,7 +102,7 @@ def test_no_more_is_read_than_keys_may_have() -> None:
     ],
 )
 @pytest.mark.parametrize("is_discovery", [False, True])
-def test_an_answer_that_is_none_is_a_fetch_that_failed(answer: bytes, is_discovery: bool) -> None:
+def test_unusable_answer_fails_the_fetch(answer: bytes, is_discovery: bool) -> None:
     with (
         answering(lambda line: line.sendall(answer)) as (port, _),
         pytest.raises(ValueError, match=f"http://127.0.0.1:{port}/jwks.*answer"),
@@ -111,7 +111,7 @@ def test_an_answer_that_is_none_is_a_fetch_that_failed(answer: bytes, is_discove
 
 
 @pytest.mark.parametrize("named", ["http://login.example/jwks", "https://me:hush@login.example/jwks"])
-def test_keys_that_discovery_finds_come_by_a_way_on_which_nobody_can_change_them(named: str) -> None:
+def test_key_address_from_discovery_must_be_https_without_a_password(named: str) -> None:
     answer = HEAD + b'\r\n{"jwks_uri": "%s"}' % named.encode()
     with (
         answering(lambda line: line.sendall(answer)) as (port, _),
@@ -120,7 +120,7 @@ def test_keys_that_discovery_finds_come_by_a_way_on_which_nobody_can_change_them
         fetched(KeySource(f"http://127.0.0.1:{port}/jwks", is_discovery=True))
 
 
-def test_a_proxy_of_the_environment_sees_nothing_but_where_https_goes(monkeypatch: pytest.MonkeyPatch) -> None:
+def test_environment_proxy_is_used_only_for_https_to_other_machines(monkeypatch: pytest.MonkeyPatch) -> None:
     for name in ("no_proxy", "NO_PROXY", "HTTP_PROXY", "HTTPS_PROXY"):
         monkeypatch.delenv(name, raising=False)
     issuer = Issuer(first="ES256")

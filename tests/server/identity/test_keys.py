@@ -1,4 +1,4 @@
-"""Keys of issuers: fetched, kept, fetched again, and what happens while they cannot be."""
+"""Keys of issuers: how they are fetched, kept and refreshed, and what happens while the issuer is down."""
 
 from __future__ import annotations
 
@@ -23,7 +23,7 @@ ODD_KEY = {"kty": "RSA", "kid": "a", "n": "AQAB", "e": "AQAB", "alg": ["RS256"]}
 
 
 class Clock:
-    """Time that a test moves, and work that it does when it likes."""
+    """Fetched keys on a clock that the test moves, with fetches that run when the test calls `work`."""
 
     def __init__(self, issuer: Issuer) -> None:
         self.now = 1000.0
@@ -39,7 +39,7 @@ class Clock:
         return keys_of(self.issuer.document())  # type: ignore[return-value]
 
     def work(self) -> None:
-        """Do what was begun."""
+        """Run the fetches that were begun."""
         while self.waiting:
             self.waiting.pop()()
 
@@ -52,7 +52,7 @@ def clock() -> Clock:
     return Clock(Issuer(first="ES256", second="ES256"))
 
 
-def test_keys_are_waited_for_once_and_then_kept(clock: Clock) -> None:
+def test_first_callers_share_one_fetch_and_its_keys_are_kept(clock: Clock) -> None:
     with pytest.raises(KeysUnavailable):
         clock.keys.find("first")
     waiting = clock.keys.wanted("first")
@@ -66,7 +66,7 @@ def test_keys_are_waited_for_once_and_then_kept(clock: Clock) -> None:
     assert clock.issuer.asked == 1
 
 
-def test_they_are_fetched_again_before_they_are_old(clock: Clock) -> None:
+def test_keys_are_refreshed_once_their_refresh_time_has_passed(clock: Clock) -> None:
     clock.keys.look()
     clock.work()
     clock.now += 299
@@ -79,24 +79,24 @@ def test_they_are_fetched_again_before_they_are_old(clock: Clock) -> None:
     assert (clock.knows("first"), clock.knows("second"), clock.issuer.asked) == (False, True, 2)
 
 
-def test_who_has_a_key_that_is_known_does_not_wait_for_an_issuer_that_does_not_answer(clock: Clock) -> None:
+def test_token_with_a_known_key_does_not_wait_for_a_slow_issuer(clock: Clock) -> None:
     clock.keys.look()
     clock.work()
     clock.now += 301
     clock.keys.look()
-    assert len(clock.waiting) == 1, "they are being fetched"
+    assert len(clock.waiting) == 1, "a fetch is running"
     assert clock.keys.wanted("first") is None
     assert isinstance(clock.keys.wanted("third"), Future)
     clock.issuer.is_down = True
     for _ in range(10):
         clock.now += RETRY_S
         clock.work()
-        assert (clock.keys.wanted("first"), len(clock.waiting)) == (None, 1), "they are asked for meanwhile"
+        assert (clock.keys.wanted("first"), len(clock.waiting)) == (None, 1), "fetches go on in the background"
     clock.now += 3600
-    assert isinstance(clock.keys.wanted("first"), Future), "what is too old is of no use to anybody"
+    assert isinstance(clock.keys.wanted("first"), Future), "keys this old are no longer used"
 
 
-def test_keys_that_are_good_for_a_second_are_fetched_every_second(clock: Clock) -> None:
+def test_keys_with_a_refresh_time_of_a_second_are_fetched_every_second(clock: Clock) -> None:
     source = KeySource("https://login.example/jwks", refresh_s=1, stale_s=0)
     keys = FetchedKeys(source, clock.fetch, lambda: clock.now, clock.waiting.append)  # type: ignore[arg-type]
     for _ in range(5):
@@ -109,10 +109,10 @@ def test_keys_that_are_good_for_a_second_are_fetched_every_second(clock: Clock) 
     clock.work()
     clock.now += 1.1
     keys.look()
-    assert clock.waiting == [], "who is down is asked less often"
+    assert clock.waiting == [], "an issuer that is down is asked less often"
 
 
-def test_where_nobody_has_called_for_long_a_key_is_looked_for_before_it_lets_in(clock: Clock) -> None:
+def test_keys_not_refreshed_for_long_are_fetched_before_they_are_used(clock: Clock) -> None:
     clock.keys.look()
     clock.work()
     clock.now += 300 + GIVE_UP_S + 1
@@ -122,7 +122,7 @@ def test_where_nobody_has_called_for_long_a_key_is_looked_for_before_it_lets_in(
     assert not clock.knows("first")
 
 
-def test_a_key_that_is_not_known_is_asked_for_but_not_often(clock: Clock) -> None:
+def test_unknown_keys_trigger_a_fetch_but_not_often(clock: Clock) -> None:
     clock.keys.look()
     clock.work()
     clock.now += RETRY_S
@@ -135,12 +135,12 @@ def test_a_key_that_is_not_known_is_asked_for_but_not_often(clock: Clock) -> Non
     assert (clock.waiting, clock.issuer.asked) == ([], 2)
 
 
-def test_only_so_many_wait(clock: Clock) -> None:
+def test_number_of_waiting_callers_is_bounded(clock: Clock) -> None:
     waiting = [clock.keys.wanted("first") for _ in range(MOST_WAITING + 5)]
     assert waiting.count(None) == 5
 
 
-def test_while_they_cannot_be_fetched_the_old_ones_hold_for_a_while(
+def test_old_keys_stay_valid_for_a_while_when_they_cannot_be_refreshed(
     clock: Clock, caplog: pytest.LogCaptureFixture
 ) -> None:
     caplog.set_level(logging.INFO)
@@ -152,7 +152,7 @@ def test_while_they_cannot_be_fetched_the_old_ones_hold_for_a_while(
         clock.keys.look()
         clock.work()
         assert clock.knows("first")
-    assert len([line for line in caplog.messages if "cannot be fetched" in line]) == 1, "an outage is told once"
+    assert len([line for line in caplog.messages if "cannot be fetched" in line]) == 1, "an outage is logged once"
     clock.now += 301
     with pytest.raises(KeysUnavailable):
         clock.keys.find("first")
@@ -163,7 +163,7 @@ def test_while_they_cannot_be_fetched_the_old_ones_hold_for_a_while(
     assert caplog.messages[-1].endswith("first, second")
 
 
-def test_after_a_failed_fetch_nobody_waits_for_the_next(clock: Clock) -> None:
+def test_callers_do_not_wait_again_right_after_a_failed_fetch(clock: Clock) -> None:
     clock.issuer.is_down = True
     assert clock.keys.wanted("first") is not None
     clock.work()
@@ -172,7 +172,7 @@ def test_after_a_failed_fetch_nobody_waits_for_the_next(clock: Clock) -> None:
     assert clock.keys.wanted("first") is not None
 
 
-def test_without_a_name_the_only_key_is_meant() -> None:
+def test_token_without_a_key_name_uses_the_only_key() -> None:
     clock = Clock(Issuer(first="ES256"))
     clock.keys.look()
     clock.work()
@@ -184,7 +184,7 @@ def test_without_a_name_the_only_key_is_meant() -> None:
     assert not clock.knows("")
 
 
-def test_keys_to_encrypt_with_and_shared_ones_are_passed_over() -> None:
+def test_encryption_keys_and_shared_secrets_are_skipped() -> None:
     document = Issuer(good="ES256").document()
     (good,) = document["keys"]
     shared = {"kty": "oct", "k": "c2VjcmV0", "kid": "shared"}
@@ -193,17 +193,17 @@ def test_keys_to_encrypt_with_and_shared_ones_are_passed_over() -> None:
 
 
 @pytest.mark.parametrize("document", [[], {}, {"keys": {}}, None])
-def test_what_is_no_set_of_keys_is_said_to_be_none(document: object) -> None:
+def test_document_that_is_not_a_key_set_is_refused(document: object) -> None:
     with pytest.raises(ValueError, match="not a set of keys"):
         keys_of(document)
 
 
-def test_an_authority_must_be_there(tmp_path: Path) -> None:
+def test_missing_authority_file_is_refused(tmp_path: Path) -> None:
     with pytest.raises(OSError, match="No such file"):
         KeyRings().of(KeySource("https://login.example/jwks", authority=str(tmp_path / "nowhere")))
 
 
-def test_a_file_of_keys_must_be_there_and_be_one(tmp_path: Path) -> None:
+def test_missing_or_invalid_key_file_is_refused_and_a_valid_one_is_shared(tmp_path: Path) -> None:
     path = tmp_path / "keys.json"
     with pytest.raises(OSError, match="No such file"):
         KeyRings().of(KeySource(str(path)))
@@ -216,7 +216,7 @@ def test_a_file_of_keys_must_be_there_and_be_one(tmp_path: Path) -> None:
     assert rings.of(KeySource(str(path))) is rings.of(KeySource(str(path)))
 
 
-def test_a_key_that_is_none_is_passed_over_and_told(caplog: pytest.LogCaptureFixture) -> None:
+def test_malformed_keys_are_skipped_and_logged(caplog: pytest.LogCaptureFixture) -> None:
     document = Issuer(good="ES256").document()
     odd = [{"kty": ["RSA"], "kid": "b"}, {"kty": "RSA", "n": 5, "e": "AQAB"}]
     document["keys"] = [ODD_KEY, *odd, *document["keys"], {"kty": "EC", "crv": [], "x": {}, "y": 1, "kid": {}}]
@@ -226,7 +226,7 @@ def test_a_key_that_is_none_is_passed_over_and_told(caplog: pytest.LogCaptureFix
     assert "'a'" in told[0]
 
 
-def test_a_file_that_gets_an_odd_key_lets_in_whom_it_has_let_in(
+def test_malformed_key_in_the_file_locks_nobody_out(
     tmp_path: Path, tenants: TenantsFile, caplog: pytest.LogCaptureFixture
 ) -> None:
     issuer, path = Issuer(first="ES256"), tmp_path / "keys.json"
@@ -247,7 +247,7 @@ def test_a_file_that_gets_an_odd_key_lets_in_whom_it_has_let_in(
         KeyRings().of(KeySource(str(path)))
 
 
-def test_whatever_a_fetch_raises_the_next_is_begun_and_the_keys_that_were_hold(
+def test_unexpected_error_in_a_fetch_keeps_the_keys_and_later_fetches(
     clock: Clock, caplog: pytest.LogCaptureFixture
 ) -> None:
     clock.keys.look()
@@ -267,7 +267,7 @@ def test_whatever_a_fetch_raises_the_next_is_begun_and_the_keys_that_were_hold(
     assert clock.knows("third")
 
 
-def test_without_a_thread_a_fetch_has_failed_and_is_tried_again(clock: Clock, monkeypatch: pytest.MonkeyPatch) -> None:
+def test_fetch_whose_thread_cannot_start_fails_and_is_retried(clock: Clock, monkeypatch: pytest.MonkeyPatch) -> None:
     def no_thread(_work: Callable[[], None]) -> NoReturn:
         raise RuntimeError("can't start new thread")
 
@@ -282,7 +282,7 @@ def test_without_a_thread_a_fetch_has_failed_and_is_tried_again(clock: Clock, mo
     assert clock.knows("first")
 
 
-def test_a_fetch_that_does_not_end_is_given_up_and_what_it_brings_then_is_nothing(clock: Clock) -> None:
+def test_overdue_fetch_is_abandoned_and_its_late_result_ignored(clock: Clock) -> None:
     first = clock.keys.wanted("first")
     assert first is not None
     (late,) = clock.waiting

@@ -1,4 +1,4 @@
-"""What streams and calls get by who asks for them: tokens, tenants' quotas, and credentials that end."""
+"""Streams and calls of callers with tokens: refusals, tenants' quotas, and credentials that expire or are revoked."""
 
 from __future__ import annotations
 
@@ -39,7 +39,7 @@ class Line:
 
     @asynccontextmanager
     async def beside(self) -> AsyncIterator[Line]:
-        """One from the same address over a connection of its own."""
+        """A channel from the same address, over a connection of its own."""
         options = [("grpc.use_local_subchannel_pool", 1)]
         async with grpc.aio.insecure_channel(self.address, options=options) as channel:
             yield Line(channel, self.address, self.server)
@@ -65,7 +65,7 @@ async def connected(tenants: TenantsFile, limits: ServiceLimits | None = None) -
         yield Line(channel, server.address, server)
 
 
-async def test_calls_without_a_token_that_is_known_are_refused(tenants: TenantsFile) -> None:
+async def test_calls_without_a_known_token_are_refused(tenants: TenantsFile) -> None:
     token = tenants.one()
     async with connected(tenants) as line:
         for wrong in ("", new_token()[0]):
@@ -82,7 +82,7 @@ async def test_calls_without_a_token_that_is_known_are_refused(tenants: TenantsF
         await talk.plays_on(1)
 
 
-async def test_guessing_tokens_is_paid_by_the_address_and_by_no_tenant(tenants: TenantsFile) -> None:
+async def test_guessed_tokens_are_charged_to_the_address_not_to_a_tenant(tenants: TenantsFile) -> None:
     token = tenants.one()
     async with connected(tenants, ServiceLimits(peer=PeerLimits(calls_per_second=0.1))) as line:
         codes = []
@@ -94,7 +94,7 @@ async def test_guessing_tokens_is_paid_by_the_address_and_by_no_tenant(tenants: 
         assert (await line.catalog(token)).models
 
 
-async def test_a_tenant_has_its_own_quota_over_all_its_streams(tenants: TenantsFile) -> None:
+async def test_tenants_quota_covers_all_its_streams(tenants: TenantsFile) -> None:
     token = tenants.one("quota = { heroes = 1, streams = 2 }")
     async with connected(tenants) as line:
         first, second = await line.talk(token), await line.talk(token)
@@ -108,7 +108,7 @@ async def test_a_tenant_has_its_own_quota_over_all_its_streams(tenants: TenantsF
         assert "your tenant has as many streams as it may (quota streams), 2" in str(refused.value.details())
 
 
-async def test_a_tenant_cannot_resume_what_another_has_opened(tenants: TenantsFile) -> None:
+async def test_tenant_cannot_resume_another_tenants_session(tenants: TenantsFile) -> None:
     (one, its_hash), (other, other_hash) = new_token(), new_token()
     tenants.write(
         f"[tenants.a]\ntokens = [{{ hash = '{its_hash}' }}]\n[tenants.b]\ntokens = [{{ hash = '{other_hash}' }}]"
@@ -125,7 +125,7 @@ async def test_a_tenant_cannot_resume_what_another_has_opened(tenants: TenantsFi
         await again.resume(1, heard)
 
 
-async def test_a_stream_whose_token_expires_is_told_and_its_session_goes_on_with_another(tenants: TenantsFile) -> None:
+async def test_expiring_token_gets_a_goodbye_and_its_session_resumes_with_another(tenants: TenantsFile) -> None:
     (old, old_hash), (new, new_hash) = new_token(), new_token()
     tenants.write(f"[tenants.a]\ntokens = [{{ hash = '{old_hash}', expires = {EXPIRES} }}, {{ hash = '{new_hash}' }}]")
     async with connected(tenants) as line:
@@ -144,7 +144,7 @@ async def test_a_stream_whose_token_expires_is_told_and_its_session_goes_on_with
         await again.plays_on(1)
 
 
-async def test_a_stream_whose_token_is_taken_out_ends_and_leaves_nothing(tenants: TenantsFile) -> None:
+async def test_removed_token_ends_its_stream_and_session(tenants: TenantsFile) -> None:
     token = tenants.one()
     async with connected(tenants) as line:
         talk = await line.talk(token)
@@ -154,11 +154,13 @@ async def test_a_stream_whose_token_is_taken_out_ends_and_leaves_nothing(tenants
         again = await line.talk(another)
         await again.ask_resume(1, heard)
         await again.until(lambda: heard.outcomes or heard.closed)
-        assert heard.closed or heard.outcomes[0].reason == "SESSION_NOT_KEPT"  # the end may just be on its way
+        assert (
+            heard.closed or heard.outcomes[0].reason == "SESSION_NOT_KEPT"
+        )  # closed: the notice that the session ended may still be on its way
 
 
-async def test_sessions_that_take_more_steps_than_their_tenant_has_are_refused(tenants: TenantsFile) -> None:
-    token = tenants.one("quota = { steps_per_second = 5, share = 2 }")  # one takes 2 a second to play on
+async def test_sessions_beyond_their_tenants_steps_quota_are_refused(tenants: TenantsFile) -> None:
+    token = tenants.one("quota = { steps_per_second = 5, share = 2 }")  # each session needs 2 a second
     async with connected(tenants) as line:
         talk = await line.talk(token)
         for handle in (1, 2):
@@ -167,7 +169,7 @@ async def test_sessions_that_take_more_steps_than_their_tenant_has_are_refused(t
             await talk.open(3)
 
 
-async def test_a_quota_that_changes_holds_for_sessions_that_are_open(tenants: TenantsFile) -> None:
+async def test_changed_quota_applies_to_open_sessions(tenants: TenantsFile) -> None:
     token = tenants.one("quota = { share = 2, steps_per_second = 50 }")
     async with connected(tenants) as line:
         talk = await line.talk(token)
@@ -183,7 +185,7 @@ async def test_a_quota_that_changes_holds_for_sessions_that_are_open(tenants: Te
         await talk.plays_on(1)
 
 
-async def test_a_quota_that_is_made_smaller_holds_for_a_stream_that_only_plays_on(tenants: TenantsFile) -> None:
+async def test_reduced_quota_applies_to_a_stream_that_only_plays(tenants: TenantsFile) -> None:
     token = tenants.one("quota = { heroes = 2 }")
     async with connected(tenants) as line:
         talk = await line.talk(token)
@@ -197,7 +199,7 @@ async def test_a_quota_that_is_made_smaller_holds_for_a_stream_that_only_plays_o
         await talk.plays_on(1)
 
 
-def test_a_quota_that_changes_holds_from_the_next_call(tenants: TenantsFile) -> None:
+def test_changed_quota_applies_from_the_next_call(tenants: TenantsFile) -> None:
     token = tenants.one("quota = { events_per_second = 10 }")
     callers, peers = tenants.callers(), Peers()
     address = peers.find("ipv4:10.0.0.7:5", 0.0)

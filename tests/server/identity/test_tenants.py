@@ -1,4 +1,4 @@
-"""The tenants' file: what it may say."""
+"""The file of tenants: its settings, and the errors for invalid ones."""
 
 from __future__ import annotations
 
@@ -13,7 +13,7 @@ from tests.server.identity.files import TenantsFile
 HASH = str(new_token()[1])
 
 
-def test_a_file_that_says_everything(tenants: TenantsFile) -> None:
+def test_every_setting_of_the_file_is_read(tenants: TenantsFile) -> None:
     tenants.write(f"""
         [tenants.studio]
         roles = ["motion", "metrics"]
@@ -31,7 +31,7 @@ def test_a_file_that_says_everything(tenants: TenantsFile) -> None:
     assert read.by_name["operator"].roles == {Role.ADMIN}
 
 
-def test_quotas_are_limits_of_an_address() -> None:
+def test_every_quota_is_a_limit_of_addresses_too() -> None:
     assert set(QUOTAS) <= set(PeerLimits.__dataclass_fields__)
 
 
@@ -55,7 +55,7 @@ def test_quotas_are_limits_of_an_address() -> None:
         ("[tenants.a]\ncertificates = ['x']\n[tenants.b]\ncertificates = ['x']", "certificate 'x' is given twice"),
     ],
 )
-def test_what_is_wrong_in_a_file_is_said(tenants: TenantsFile, text: str, said: str) -> None:
+def test_invalid_file_raises_an_error_that_says_why(tenants: TenantsFile, text: str, said: str) -> None:
     tenants.write(text)
     with pytest.raises(ValueError, match=said):
         read_tenants(str(tenants.path))
@@ -64,7 +64,7 @@ def test_what_is_wrong_in_a_file_is_said(tenants: TenantsFile, text: str, said: 
 @pytest.mark.parametrize(
     "entry", ["tokens = ['TOKEN']", "tokens = 'TOKEN'", "tokens = [{ hash = 'TOKEN' }]", "quota = 'TOKEN'"]
 )
-def test_a_token_that_is_written_where_its_hash_should_be_is_not_told(tenants: TenantsFile, entry: str) -> None:
+def test_error_about_a_token_in_place_of_its_hash_does_not_show_it(tenants: TenantsFile, entry: str) -> None:
     token, _ = new_token()
     tenants.write("[tenants.studio]\n" + entry.replace("TOKEN", token))
     with pytest.raises(ValueError, match="studio") as refused:

@@ -1,4 +1,4 @@
-"""TLS: who gets through, and certificates that are renewed while streams play on."""
+"""TLS: which clients can connect, and certificates that are renewed while streams play."""
 
 from __future__ import annotations
 
@@ -28,7 +28,7 @@ def served(folder: Path, client_ca: str = "") -> LocalServer:
 
 
 async def code_of(address: str, credentials: grpc.ChannelCredentials | None) -> grpc.StatusCode:
-    """What a client gets that asks for the catalogue."""
+    """The status of a call for the catalogue."""
     if credentials is None:
         channel = grpc.aio.insecure_channel(address, options=ALONE)
     else:
@@ -39,17 +39,17 @@ async def code_of(address: str, credentials: grpc.ChannelCredentials | None) -> 
 
 
 async def shown_name(address: str) -> str:
-    """The common name of the certificate that a server shows to who connects now."""
+    """The common name of the certificate that a server shows to a new connection."""
     host, _, port = address.rpartition(":")
     context = ssl.create_default_context(cafile=AUTHORITY)
     context.set_alpn_protocols(["h2"])
     _, writer = await asyncio.open_connection(host, int(port), ssl=context)
     subject = writer.get_extra_info("peercert")["subject"]
-    writer.transport.abort()  # the server's settings, which come now, are nothing to a shutdown that waits for them
+    writer.transport.abort()  # not closed cleanly: that would wait for the peer's HTTP/2 settings
     return str(dict(pair for part in subject for pair in part)["commonName"])
 
 
-async def test_clients_must_speak_tls_and_trust_who_signed(tmp_path: Path) -> None:
+async def test_clients_must_speak_tls_and_trust_the_servers_authority(tmp_path: Path) -> None:
     async with asyncio.timeout(LIMIT_S), served(tmp_path) as server:
         stranger = (CERTIFICATES / "stranger-authority.pem").read_bytes()
         assert await code_of(server.address, client_credentials()) is grpc.StatusCode.OK
@@ -57,14 +57,14 @@ async def test_clients_must_speak_tls_and_trust_who_signed(tmp_path: Path) -> No
         assert await code_of(server.address, grpc.ssl_channel_credentials(stranger)) is grpc.StatusCode.UNAVAILABLE
 
 
-async def test_where_an_authority_is_named_clients_must_show_its_certificate(tmp_path: Path) -> None:
+async def test_with_a_client_authority_clients_must_present_its_certificate(tmp_path: Path) -> None:
     async with asyncio.timeout(LIMIT_S), served(tmp_path, AUTHORITY) as server:
         assert await code_of(server.address, client_credentials("client")) is grpc.StatusCode.OK
         assert await code_of(server.address, client_credentials()) is grpc.StatusCode.UNAVAILABLE
         assert await code_of(server.address, client_credentials("stranger")) is grpc.StatusCode.UNAVAILABLE
 
 
-async def test_a_hundred_renewals_under_load_end_no_stream(tmp_path: Path) -> None:
+async def test_hundred_certificate_renewals_under_load_end_no_stream(tmp_path: Path) -> None:
     async with (
         asyncio.timeout(LIMIT_S),
         served(tmp_path, AUTHORITY) as server,
@@ -84,14 +84,16 @@ async def test_a_hundred_renewals_under_load_end_no_stream(tmp_path: Path) -> No
             assert await talk.to_the_end() is grpc.StatusCode.OK
 
 
-async def test_who_connects_next_is_shown_the_new_certificate(tmp_path: Path) -> None:
+async def test_new_connections_are_shown_the_renewed_certificate(tmp_path: Path) -> None:
     async with asyncio.timeout(LIMIT_S), served(tmp_path) as server:
         assert await shown_name(server.address) == "server-1"
         copy_pair("server-2", tmp_path)
         assert await shown_name(server.address) == "server-2"
 
 
-async def test_files_that_do_not_fit_change_nothing(tmp_path: Path, caplog: pytest.LogCaptureFixture) -> None:
+async def test_mismatched_certificate_and_key_keep_the_old_pair(
+    tmp_path: Path, caplog: pytest.LogCaptureFixture
+) -> None:
     async with asyncio.timeout(LIMIT_S), served(tmp_path) as server:
         (tmp_path / "server.pem").write_bytes((CERTIFICATES / "server-2.pem").read_bytes())
         for _ in range(2):
@@ -101,7 +103,7 @@ async def test_files_that_do_not_fit_change_nothing(tmp_path: Path, caplog: pyte
         assert await shown_name(server.address) == "server-2"
 
 
-def test_grpc_is_given_certificates_only_where_there_are_others(tmp_path: Path) -> None:
+def test_grpc_is_given_certificates_only_when_they_changed(tmp_path: Path) -> None:
     files = TlsFiles(*copy_pair("server-1", tmp_path))
     renewal = Renewal(Watched("certificates", files.paths, files.read))
     assert [renewal(), renewal()] == [None, None]
@@ -121,6 +123,6 @@ def test_grpc_is_given_certificates_only_where_there_are_others(tmp_path: Path) 
         (("server-1.pem", "server-1.key", "nowhere.pem"), "No such file"),
     ],
 )
-def test_files_that_cannot_be_served_are_named_at_the_start(files: tuple[str, str, str], said: str) -> None:
+def test_unusable_tls_files_fail_the_start_with_a_reason(files: tuple[str, str, str], said: str) -> None:
     with pytest.raises(SettingError, match=said):
         ServerTls(TlsFiles(*(name and str(CERTIFICATES / name) for name in files)))

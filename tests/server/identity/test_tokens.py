@@ -1,4 +1,4 @@
-"""Tokens, and what is kept of them."""
+"""Tokens, the hashes that the server keeps of them, and the command that creates them."""
 
 from __future__ import annotations
 
@@ -10,7 +10,7 @@ from motiongen_server.identity.__main__ import main
 from motiongen_server.identity.tokens import TokenHash, new_token, number_of
 
 
-def test_a_hash_is_of_its_token_and_of_no_other() -> None:
+def test_hash_matches_its_own_token_only() -> None:
     token, kept = new_token()
     other, _ = new_token()
     assert kept.is_of(token)
@@ -18,30 +18,30 @@ def test_a_hash_is_of_its_token_and_of_no_other() -> None:
     assert not kept.is_of(token[:-1] + ("0" if token[-1] != "0" else "1"))
 
 
-def test_what_is_kept_can_be_written_down_and_tells_nothing_of_the_secret() -> None:
+def test_hash_survives_its_text_form_and_does_not_reveal_the_secret() -> None:
     token, kept = new_token()
     assert TokenHash.parse(str(kept)) == kept
     assert number_of(token) == kept.number
     assert token.rpartition("_")[2] not in str(kept)
 
 
-def test_two_hashes_of_one_token_differ_by_their_salt() -> None:
+def test_hashes_of_two_tokens_differ_in_salt() -> None:
     (_, one), (_, two) = new_token(), new_token()
     assert one.salt != two.salt
 
 
 @pytest.mark.parametrize("given", ["", "mg_12_34", "mg_" + "0" * 12 + "_" + "g" * 64, "x" * 100_000])
-def test_what_is_no_token_has_no_number(given: str) -> None:
+def test_malformed_token_has_no_number(given: str) -> None:
     assert number_of(given) is None
 
 
 @pytest.mark.parametrize("given", ["", "sha256:12:34:56", "md5:" + "0" * 12 + ":" + "0" * 32 + ":" + "0" * 64])
-def test_what_is_no_hash_is_refused(given: str) -> None:
+def test_malformed_hash_is_refused(given: str) -> None:
     with pytest.raises(ValueError, match="a token's hash"):
         TokenHash.parse(given)
 
 
-def test_the_command_prints_a_token_and_the_entry_that_lets_it_in(capsys: pytest.CaptureFixture[str]) -> None:
+def test_command_prints_a_token_and_the_entry_that_admits_it(capsys: pytest.CaptureFixture[str]) -> None:
     assert main(["studio", "--days", "30"]) == 0
     printed = capsys.readouterr()
     (entry,) = tomllib.loads(printed.err)["tenants"]["studio"]["tokens"]
@@ -50,7 +50,7 @@ def test_the_command_prints_a_token_and_the_entry_that_lets_it_in(capsys: pytest
 
 
 @pytest.mark.parametrize("name", ["studio", 'the "best" studio', "a\\b.c", "Café 日本"])
-def test_the_entry_is_toml_whatever_the_name(name: str, capsys: pytest.CaptureFixture[str]) -> None:
+def test_entry_is_valid_toml_for_any_tenant_name(name: str, capsys: pytest.CaptureFixture[str]) -> None:
     assert main([name]) == 0
     assert list(tomllib.loads(capsys.readouterr().err)["tenants"]) == [name]
 
@@ -65,7 +65,7 @@ def test_the_entry_is_toml_whatever_the_name(name: str, capsys: pytest.CaptureFi
         (["a]\n[b"], "it must be a name of printable characters"),
     ],
 )
-def test_what_no_entry_can_say_is_one_line(
+def test_invalid_arguments_fail_with_a_message(
     arguments: list[str], complaint: str, capsys: pytest.CaptureFixture[str]
 ) -> None:
     with pytest.raises(SystemExit) as ended:

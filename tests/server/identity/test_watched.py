@@ -1,4 +1,4 @@
-"""Files that are read anew: also where others that they name come later than they do."""
+"""Files that are read again when they change, also when a file that they name appears only later."""
 
 from __future__ import annotations
 
@@ -11,7 +11,7 @@ from motiongen_server.identity.watched import Watched
 from tests.waiting import LIMIT_S
 
 
-def test_what_could_not_be_read_for_another_file_is_read_once_that_is_there(
+def test_failed_read_is_retried_until_the_file_it_names_exists(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch, caplog: pytest.LogCaptureFixture
 ) -> None:
     path, named = tmp_path / "tenants.toml", tmp_path / "keys.json"
@@ -26,18 +26,18 @@ def test_what_could_not_be_read_for_another_file_is_read_once_that_is_there(
     path.write_text("names another")
     assert not files.look()
     named.write_text("keys")
-    assert not files.look(), "it is not tried at every look"
-    monkeypatch.setattr(watched, "RETRY_S", -1.0)  # for what fails from now on
+    assert not files.look(), "the read is not retried at every look"
+    monkeypatch.setattr(watched, "RETRY_S", -1.0)  # from now on a failed read is retried at once
     named.unlink()
     path.write_text("names another, again")
     assert not any(files.look() for _ in range(3))
-    assert len(caplog.messages) == 2, "each change is told once"
+    assert len(caplog.messages) == 2, "each change is logged once"
     named.write_text("keys")
     assert files.look()
     assert files.value == "names another, again keys"
 
 
-def test_whatever_reading_raises_what_was_read_before_holds_and_it_is_told_once(
+def test_any_error_in_reading_keeps_the_old_value_and_is_logged_once(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch, caplog: pytest.LogCaptureFixture
 ) -> None:
     path = tmp_path / "keys.json"
@@ -48,7 +48,7 @@ def test_whatever_reading_raises_what_was_read_before_holds_and_it_is_told_once(
             return path.read_text()
         raise TypeError("unhashable type: 'list'")
 
-    monkeypatch.setattr(watched, "RETRY_S", -1.0)  # each look tries it again
+    monkeypatch.setattr(watched, "RETRY_S", -1.0)  # a failed read is retried at every look
     files = Watched("keys", [str(path)], read)
     path.write_text("odd")
     assert not any(files.look() for _ in range(5))
@@ -59,7 +59,7 @@ def test_whatever_reading_raises_what_was_read_before_holds_and_it_is_told_once(
     assert files.value == "mended"
 
 
-def test_what_is_written_while_it_is_read_is_read_whole_at_the_next_look(tmp_path: Path) -> None:
+def test_file_changed_while_it_is_read_is_read_again_at_the_next_look(tmp_path: Path) -> None:
     path = tmp_path / "tenants.toml"
     path.write_text("first")
     coming: list[str] = []

@@ -28,7 +28,7 @@ from tests.waiting import LIMIT_S
 
 
 class Shop:
-    """Loads fake models by their names. A test can delay a load, or let it fail."""
+    """Loads fake models by their names. A test can delay a load, or make it fail."""
 
     def __init__(self) -> None:
         self.go = threading.Event()

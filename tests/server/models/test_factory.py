@@ -1,4 +1,4 @@
-"""What is left of a model that could not be loaded to its end: nothing, unless one of its name is served."""
+"""A load that fails half-way leaves nothing behind, and does not disturb a served model of the same name."""
 
 from __future__ import annotations
 
@@ -22,7 +22,7 @@ from tests.server.engine.fakes import FACTS
 
 @dataclass
 class Model:
-    """One that is loaded."""
+    """A loaded model."""
 
     facts: ModelFacts = FACTS
     licence: str = "CC0-1.0"
@@ -35,7 +35,7 @@ class Model:
 
 @dataclass
 class Loads:
-    """Loads the same model again and again, of which an engine reports at once. is_sound: it can be served."""
+    """Engines that load the same model each time, and report 40 sent frames at once. is_sound: it can be served."""
 
     metrics: Metrics
     is_sound: bool = True
@@ -53,7 +53,7 @@ class Loads:
         return LengthEncoder()
 
 
-async def test_a_model_whose_text_encoder_does_not_fit_leaves_no_metrics() -> None:
+async def test_failed_load_removes_the_models_metrics_unless_one_of_its_name_is_served() -> None:
     metrics = Metrics()
     factory, loads = ModelFactory(ServerConfig(), metrics), Loads(metrics, is_sound=False)
     factory.use(cast(Engines, loads))
@@ -73,18 +73,18 @@ async def test_a_model_whose_text_encoder_does_not_fit_leaves_no_metrics() -> No
     with pytest.raises(AttributeError):
         await factory.load("fake")
     assert loads.made[2].is_stopped
-    assert frames_sent() == 80, "they are those of the model of this name that is served"
+    assert frames_sent() == 80, "they belong to the served model of this name"
     factory.forget(served)
     assert frames_sent() is None
     build = {"model": FACTS.model_id, "rig": FACTS.rig.rig_id}
     assert metrics.registry.get_sample_value("motiongen_build_info", build) is None
     with pytest.raises(AttributeError):
         await factory.load("fake")
-    assert frames_sent() is None, "nothing of that name is served any more"
+    assert frames_sent() is None, "no model of that name is served any more"
     factory.close()
 
 
-async def test_what_presets_are_told_by_is_known_though_the_encoder_goes_away() -> None:
+async def test_presets_texts_are_encoded_when_the_model_loads() -> None:
     metrics = Metrics()
     factory, loads = ModelFactory(ServerConfig(), metrics), Loads(metrics)
     factory.use(cast(Engines, loads))
@@ -97,7 +97,9 @@ async def test_what_presets_are_told_by_is_known_though_the_encoder_goes_away() 
 
 
 @pytest.mark.parametrize("broken", ["open_store", "make_catalog"])
-async def test_a_model_that_fails_after_it_was_loaded_is_let_go(broken: str, monkeypatch: pytest.MonkeyPatch) -> None:
+async def test_model_that_cannot_be_set_up_after_loading_is_stopped(
+    broken: str, monkeypatch: pytest.MonkeyPatch
+) -> None:
     def fail(*_: object, **__: object) -> None:
         raise ValueError(broken)
 
@@ -109,7 +111,7 @@ async def test_a_model_that_fails_after_it_was_loaded_is_let_go(broken: str, mon
         patched.setattr(f"motiongen_server.models.factory.{broken}", fail)
         with pytest.raises(ValueError, match=broken):
             await factory.load("fake")
-    assert loads.made[0].is_stopped, "else every engine process would hold it for good"
+    assert loads.made[0].is_stopped, "otherwise every engine process would keep it for good"
     assert metrics.registry.get_sample_value("motiongen_build_info", labels) is None
     await factory.load("fake")
     assert not loads.made[1].is_stopped

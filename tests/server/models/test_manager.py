@@ -25,7 +25,7 @@ from tests.server.in_process import in_process
 from tests.server.models.model_shop import LIMIT_S, Shop, Stage, load, refusal, reload, unload
 
 
-async def test_sessions_get_the_model_they_name_on_one_stream(stage: Stage) -> None:
+async def test_sessions_of_one_stream_get_the_models_they_name(stage: Stage) -> None:
     talk = await stage.talk()
     opened = [(await talk.open(handle, model_id=model)).opened for handle, model in enumerate(("", "two", "one"))]
     assert [each.model_id for each in opened if each] == ["one", "two", "one"]
@@ -38,7 +38,7 @@ async def test_sessions_get_the_model_they_name_on_one_stream(stage: Stage) -> N
     assert (heard.outcomes[0].field, heard.outcomes[0].allowed) == ("open.model_id", "one, two")
 
 
-async def test_a_model_is_loaded_while_others_play(stage: Stage) -> None:
+async def test_model_is_loaded_while_other_models_play(stage: Stage) -> None:
     talk = await stage.talk()
     await talk.open(1)
     stage.shop.go.clear()
@@ -71,7 +71,7 @@ async def test_a_model_is_loaded_while_others_play(stage: Stage) -> None:
         (ZeroDivisionError("in the loader"), ("INTERNAL", "CANNOT_LOAD"), "the log says why"),
     ],
 )
-async def test_a_load_that_fails_is_told_and_leaves_the_others_serving(
+async def test_failed_load_gives_the_reason_and_leaves_other_models_serving(
     stage: Stage, error: Exception, told: tuple[str, str], named: str
 ) -> None:
     talk = await stage.talk()
@@ -87,9 +87,7 @@ async def test_a_load_that_fails_is_told_and_leaves_the_others_serving(
     await talk.open(2, model_id="three")
 
 
-async def test_a_load_that_the_end_of_the_server_breaks_off_is_no_fault(
-    stage: Stage, caplog: pytest.LogCaptureFixture
-) -> None:
+async def test_load_interrupted_by_draining_logs_no_fault(stage: Stage, caplog: pytest.LogCaptureFixture) -> None:
     stage.shop.broken["three"] = RuntimeError("the engine process was killed")
     stage.shop.go.clear()
     loading = asyncio.ensure_future(stage.manager.load("three"))
@@ -102,7 +100,7 @@ async def test_a_load_that_the_end_of_the_server_breaks_off_is_no_fault(
     assert [line.getMessage() for line in caplog.records if line.levelno > logging.INFO] == []
 
 
-async def test_a_model_that_comes_while_the_server_drains_takes_no_sessions_either(stage: Stage) -> None:
+async def test_model_loaded_while_the_server_drains_takes_no_sessions(stage: Stage) -> None:
     stage.shop.go.clear()
     loading = asyncio.ensure_future(stage.manager.load("three"))
     await stage.until(lambda models: models[-1].state == admin_pb2.MODEL_STATE_LOADING)
@@ -115,18 +113,18 @@ async def test_a_model_that_comes_while_the_server_drains_takes_no_sessions_eith
 
 
 class Leaving:
-    """An engine that has been told to end, and whose end nobody has noted yet."""
+    """An engine that was told to stop, and whose last heartbeat is old."""
 
     failure = None
     heartbeat_at = 7.0
     num_engines = 1
 
 
-async def test_of_a_model_that_is_being_unloaded_no_sign_of_life_is_waited_for(stage: Stage) -> None:
+async def test_heartbeat_of_a_model_being_unloaded_is_ignored(stage: Stage) -> None:
     kept = stage.manager.kept[1]
     engine, kept.state = kept.engine, ModelState.UNLOADING
     kept.engine = cast(EnginePort, Leaving())
-    assert stage.manager.heartbeat_at > 7.0, "the server would count as not ready"
+    assert stage.manager.heartbeat_at > 7.0, "the server would report itself as not ready"
     kept.state = ModelState.SERVING
     assert stage.manager.heartbeat_at == 7.0
     kept.engine = engine
@@ -149,14 +147,14 @@ async def test_server_is_ready_while_one_model_is_served_and_another_is_loaded_a
         kept.engine = engine
 
 
-async def test_two_models_of_one_name_are_not_held(stage: Stage) -> None:
+async def test_second_model_of_the_same_name_is_refused(stage: Stage) -> None:
     stage.shop.named["folder"] = "two"
     told = await refusal(stage.admin.LoadModel(load("folder")))
     assert told[:2] == (grpc.StatusCode.ALREADY_EXISTS, "MODEL_LOADED")
     assert (await stage.listed())["two"].source == "two"
 
 
-async def test_a_model_with_sessions_is_not_unloaded_without_a_grace(stage: Stage) -> None:
+async def test_model_with_sessions_is_not_unloaded_without_a_grace(stage: Stage) -> None:
     talk = await stage.talk()
     await talk.open(1, model_id="two")
     told = await refusal(stage.admin.UnloadModel(unload("two")))
@@ -168,7 +166,7 @@ async def test_a_model_with_sessions_is_not_unloaded_without_a_grace(stage: Stag
     assert set(await stage.listed()) == {"one"}
 
 
-async def test_sessions_of_an_unloaded_model_are_closed_and_those_of_others_go_on(stage: Stage) -> None:
+async def test_unloading_closes_the_models_sessions_and_no_others(stage: Stage) -> None:
     talk = await stage.talk()
     await talk.open(1)
     await talk.open(2, model_id="two")
@@ -184,7 +182,7 @@ async def test_sessions_of_an_unloaded_model_are_closed_and_those_of_others_go_o
     await talk.open(4, model_id="two")
 
 
-async def test_within_the_grace_sessions_play_on_and_none_is_opened(stage: Stage) -> None:
+async def test_during_the_grace_sessions_play_on_and_opens_are_refused(stage: Stage) -> None:
     talk = await stage.talk()
     await talk.open(1, model_id="two")
     unloading = asyncio.ensure_future(stage.admin.UnloadModel(unload("two", LIMIT_S)))
@@ -193,11 +191,11 @@ async def test_within_the_grace_sessions_play_on_and_none_is_opened(stage: Stage
     await talk.ask_open(2, model_id="two")
     assert (await talk.answer(2, 1)).reason == "UNKNOWN_MODEL"
     assert (await refusal(stage.admin.UnloadModel(unload("two", 0))))[1] == "MODEL_BUSY"
-    await talk.close(1)  # the last one: nothing is waited for any longer
+    await talk.close(1)  # the last session: the grace ends early
     assert (await unloading).closed_sessions == 0
 
 
-async def test_the_last_model_stays(stage: Stage) -> None:
+async def test_last_model_cannot_be_unloaded(stage: Stage) -> None:
     await stage.admin.UnloadModel(unload("one"))
     told = await refusal(stage.admin.UnloadModel(unload("two")))
     assert told[:2] == (grpc.StatusCode.FAILED_PRECONDITION, "LAST_MODEL")
@@ -217,12 +215,14 @@ async def test_the_last_model_stays(stage: Stage) -> None:
         ("ReloadModel", reload("two", -1), "INVALID_ARGUMENT", "GRACE_OUT_OF_RANGE"),
     ],
 )
-async def test_calls_that_make_no_sense(stage: Stage, call: str, request_: object, code: str, reason: str) -> None:
+async def test_invalid_admin_calls_are_refused(
+    stage: Stage, call: str, request_: object, code: str, reason: str
+) -> None:
     told = await refusal(getattr(stage.admin, call)(request_))
     assert (told[0].name, told[1]) == (code, reason)
 
 
-async def test_the_admin_service_is_not_on_the_port_of_clients(stage: Stage) -> None:
+async def test_admin_service_is_not_served_on_the_client_port(stage: Stage) -> None:
     async with grpc.aio.insecure_channel(f"127.0.0.1:{stage.application.grpc_port}") as channel:
         stub = admin_pb2_grpc.MotionAdminServiceStub(channel)
         with pytest.raises(grpc.aio.AioRpcError) as caught:
@@ -230,7 +230,7 @@ async def test_the_admin_service_is_not_on_the_port_of_clients(stage: Stage) -> 
     assert caught.value.code() is grpc.StatusCode.UNIMPLEMENTED
 
 
-async def test_one_model_named_twice_is_a_wrong_setting() -> None:
+async def test_same_model_named_twice_fails_the_start() -> None:
     shop = Shop()
     shop.named["folder"] = "one"
     application = Application(

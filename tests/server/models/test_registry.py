@@ -1,4 +1,4 @@
-"""Which model an OpenSession gets, and what the catalogue says of several."""
+"""Which model an OpenSession gets, and what the catalogue lists when there are several."""
 
 from __future__ import annotations
 
@@ -21,7 +21,7 @@ class NoEngine:
     free_share = 0.25
 
     def submit(self, event: object) -> None:
-        raise AssertionError("nothing is submitted here")
+        raise AssertionError("an event was submitted")
 
 
 def served(model_id: str, rig_id: str = "fake") -> LoadedModel:
@@ -30,14 +30,14 @@ def served(model_id: str, rig_id: str = "fake") -> LoadedModel:
     return LoadedModel(model_id, NoEngine(), PromptEncoder(LengthEncoder(), 1), catalog)
 
 
-def test_the_first_is_the_default_and_the_others_go_by_name() -> None:
+def test_first_model_is_the_default_and_others_are_found_by_name() -> None:
     first, second = served("one"), served("two")
     models = ModelRegistry(first)
     models.put(second)
     assert [models.find(name) for name in ("", "one", "two")] == [first, first, second]
 
 
-def test_a_model_that_is_not_there_is_refused_with_those_that_are() -> None:
+def test_unknown_model_is_refused_with_the_names_of_those_served() -> None:
     models = ModelRegistry(served("one"))
     models.put(served("two"))
     with pytest.raises(EventRefused, match="no model 'three' is served") as refused:
@@ -46,13 +46,13 @@ def test_a_model_that_is_not_there_is_refused_with_those_that_are() -> None:
     assert (refused.value.field, refused.value.allowed) == ("open.model_id", "one, two")
 
 
-def test_of_a_very_long_name_only_the_beginning_is_repeated() -> None:
+def test_refusal_repeats_only_the_beginning_of_a_very_long_name() -> None:
     with pytest.raises(EventRefused) as refused:
         ModelRegistry(served("one")).find("m" * 5_000)
     assert len(str(refused.value)) < 300
 
 
-def test_a_model_that_takes_no_sessions_says_why_by_name_and_as_the_default() -> None:
+def test_model_that_takes_no_sessions_gives_its_refusal() -> None:
     first = served("one")
     models = ModelRegistry(first)
     models.put(served("two"))
@@ -64,7 +64,7 @@ def test_a_model_that_takes_no_sessions_says_why_by_name_and_as_the_default() ->
     assert models.find("two").model_id == "two"
 
 
-def test_the_catalogue_lists_all_models_and_each_rig_once() -> None:
+def test_catalogue_lists_all_models_and_each_rig_once() -> None:
     models = ModelRegistry(served("one"))
     before = models.catalog_response("")
     models.put(served("two"))
@@ -76,7 +76,7 @@ def test_the_catalogue_lists_all_models_and_each_rig_once() -> None:
     assert not models.catalog_response(after.catalog_etag).models
 
 
-def test_the_catalogue_tells_what_is_free_now_whatever_its_etag() -> None:
+def test_catalogue_with_an_unchanged_etag_still_tells_the_free_share() -> None:
     models = ModelRegistry(served("one"))
     first = models.catalog_response("")
     etag, told = first.catalog_etag, first.free_share
@@ -87,7 +87,7 @@ def test_the_catalogue_tells_what_is_free_now_whatever_its_etag() -> None:
     assert models.catalog_response("").catalog_etag == etag
 
 
-def test_one_that_is_removed_is_offered_no_more_and_the_next_is_the_default() -> None:
+def test_removed_model_leaves_the_catalogue_and_the_next_becomes_the_default() -> None:
     first, second = served("one"), served("two", "robot")
     models = ModelRegistry(first)
     models.put(second)
@@ -96,7 +96,7 @@ def test_one_that_is_removed_is_offered_no_more_and_the_next_is_the_default() ->
     assert [rig.rig_id for rig in models.catalog_response("").rigs] == ["robot"]
 
 
-def test_one_that_was_replaced_is_not_removed_by_what_it_was_before() -> None:
+def test_removing_a_replaced_model_keeps_its_replacement() -> None:
     old, new = served("one"), served("one")
     models = ModelRegistry(old)
     models.put(served("two"))

@@ -1,4 +1,4 @@
-"""Reloading models while they and others are served, and what is freed."""
+"""Reloading models while they and others are served, and freeing what they held."""
 
 from __future__ import annotations
 
@@ -16,7 +16,7 @@ from tests.server.in_process import ENGINE, InProcessModel
 from tests.server.models.model_shop import Stage, load, refusal, reload, unload
 
 
-async def test_a_reloaded_model_takes_new_sessions_and_lets_the_old_ones_end(stage: Stage) -> None:
+async def test_reload_closes_the_old_sessions_and_takes_new_ones(stage: Stage) -> None:
     talk = await stage.talk()
     await talk.open(1)
     await talk.open(2, model_id="two")
@@ -31,7 +31,7 @@ async def test_a_reloaded_model_takes_new_sessions_and_lets_the_old_ones_end(sta
     assert [(model.model_id, model.sessions) for model in listed.models] == [("one", 1), ("two", 1)]
 
 
-async def test_a_model_that_cannot_be_loaded_again_is_served_as_before(stage: Stage) -> None:
+async def test_model_is_served_as_before_when_its_reload_fails(stage: Stage) -> None:
     talk = await stage.talk()
     await talk.open(1)
     stage.shop.broken["one"] = SettingError("cannot serve model 'one': the folder is gone")
@@ -45,7 +45,7 @@ async def test_a_model_that_cannot_be_loaded_again_is_served_as_before(stage: St
     await talk.open(2)
 
 
-async def test_while_a_model_without_sessions_is_reloaded_opens_are_told_to_come_back(stage: Stage) -> None:
+async def test_opens_during_a_reload_get_a_time_to_retry(stage: Stage) -> None:
     talk = await stage.talk()
     stage.shop.go.clear()
     reloading = asyncio.ensure_future(stage.admin.ReloadModel(reload("one")))
@@ -59,7 +59,7 @@ async def test_while_a_model_without_sessions_is_reloaded_opens_are_told_to_come
     await talk.open(2)
 
 
-async def test_what_was_begun_goes_on_when_the_caller_has_gone(stage: Stage) -> None:
+async def test_load_goes_on_after_its_caller_has_gone(stage: Stage) -> None:
     stage.shop.go.clear()
     call = stage.admin.LoadModel(load("three"))
     await stage.until(lambda models: models[-1].state == admin_pb2.MODEL_STATE_LOADING)
@@ -69,7 +69,7 @@ async def test_what_was_begun_goes_on_when_the_caller_has_gone(stage: Stage) -> 
     await (await stage.talk()).open(1, model_id="three")
 
 
-async def test_an_engine_that_fails_takes_no_other_with_it_and_can_be_reloaded(stage: Stage) -> None:
+async def test_failed_engine_leaves_others_alone_and_can_be_reloaded(stage: Stage) -> None:
     def observe(report: object) -> None:
         raise RuntimeError("the books do not fit together")
 
@@ -92,7 +92,7 @@ async def test_an_engine_that_fails_takes_no_other_with_it_and_can_be_reloaded(s
     await serving
 
 
-async def test_a_model_that_fails_while_it_is_loaded_again_in_vain_is_refused(stage: Stage) -> None:
+async def test_model_that_fails_during_an_unsuccessful_reload_is_refused(stage: Stage) -> None:
     def observe(report: object) -> None:
         raise RuntimeError("the books do not fit together")
 
@@ -114,21 +114,19 @@ async def test_a_model_that_fails_while_it_is_loaded_again_in_vain_is_refused(st
 
 @pytest.fixture
 def failing(monkeypatch: pytest.MonkeyPatch) -> dict[str, ModelLost]:
-    """Which models are not served for what a test puts here."""
+    """Failures by model; a test adds those of models that are not to be served."""
     failing: dict[str, ModelLost] = {}
     monkeypatch.setattr(InProcessModel, "failure", property(lambda model: failing.get(model.facts.model_id)))
     return failing
 
 
-async def test_a_model_that_was_replaced_on_the_disk_says_so_and_may_come_back(
-    stage: Stage, failing: dict[str, ModelLost]
-) -> None:
+async def test_model_lost_on_disk_refuses_opens_until_it_is_back(stage: Stage, failing: dict[str, ModelLost]) -> None:
     talk = await stage.talk()
     failing["one"] = ModelLost("'/models/one' holds another model by now", "its weights have changed")
     stage.manager.look_after()
     status = (await stage.listed())["one"]
     assert (status.state, status.message) == (admin_pb2.MODEL_STATE_FAILED, "'/models/one' holds another model by now")
-    for handle, model_id in enumerate(("one", "")):  # nobody is given another model than the one that was meant
+    for handle, model_id in enumerate(("one", "")):  # the default is not replaced by another model
         heard = await talk.ask_open(handle, model_id=model_id)
         assert (await talk.answer(handle, 1)).reason == "MODEL_FAILED"
         assert heard.outcomes[0].message.startswith("one is not served: its weights have changed")
@@ -143,7 +141,7 @@ async def test_a_model_that_was_replaced_on_the_disk_says_so_and_may_come_back(
     await talk.open(4, model_id="one")
 
 
-async def test_a_model_that_comes_back_while_it_is_reloaded_in_vain_is_served(
+async def test_model_that_recovers_during_an_unsuccessful_reload_is_served(
     stage: Stage, failing: dict[str, ModelLost]
 ) -> None:
     failing["one"] = ModelLost("'one' cannot be loaded again", "the server could not load it again")
@@ -161,7 +159,7 @@ async def test_a_model_that_comes_back_while_it_is_reloaded_in_vain_is_served(
     await (await stage.talk()).open(1, model_id="one")
 
 
-async def test_what_is_unloaded_is_freed_though_what_is_loaded_is_left_out_of_collection(stage: Stage) -> None:
+async def test_unloaded_models_are_freed_despite_frozen_garbage_collection(stage: Stage) -> None:
     talk = await stage.talk()
     with settled_objects():
         await talk.open(1)
@@ -173,9 +171,9 @@ async def test_what_is_unloaded_is_freed_though_what_is_loaded_is_left_out_of_co
         assert gc.get_freeze_count() > 0
 
 
-async def test_what_is_loaded_and_not_kept_is_let_go(stage: Stage) -> None:
+async def test_loaded_model_that_is_refused_is_freed(stage: Stage) -> None:
     assert (await refusal(stage.admin.LoadModel(load("one"))))[1] == "MODEL_LOADED"
     stage.shop.named["two"] = "another"
     assert (await refusal(stage.admin.ReloadModel(reload("two"))))[1] == "ANOTHER_MODEL"
-    gc.collect()  # what was raised holds it
+    gc.collect()  # the exceptions refer to the models
     assert [runner() is None for runner in stage.shop.made] == [False, False, True, True]

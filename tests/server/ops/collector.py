@@ -11,7 +11,7 @@ from opentelemetry.proto.trace.v1 import trace_pb2
 
 
 class Collector(trace_service_pb2_grpc.TraceServiceServicer):
-    """Use as `with Collector() as collector`. spans: all received; service: the name in the last one's resource."""
+    """Use as `with Collector() as collector`. spans: all received; service: the service name of the last resource."""
 
     def __init__(self) -> None:
         self.spans: list[trace_pb2.Span] = []

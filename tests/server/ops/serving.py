@@ -1,4 +1,4 @@
-"""The port of operations of a test, served by this event loop."""
+"""An operations port, served by the test's event loop."""
 
 from __future__ import annotations
 
@@ -15,7 +15,7 @@ from tests.waiting import LIMIT_S
 
 @asynccontextmanager
 async def serving(is_alive: Callable[[], bool] = lambda: True) -> AsyncIterator[int]:
-    """A free port of this machine, with checks and metrics of an empty registry. is_alive: what `/livez` asks."""
+    """The number of a port with health checks and an empty metrics registry. is_alive: the answer of `/livez`."""
     server = OpsServer(ops_app(CollectorRegistry(), is_alive, lambda: True), "127.0.0.1", 0)
     with socket.create_server(("127.0.0.1", 0)) as listener:
         serving = asyncio.create_task(server.serve([listener]))

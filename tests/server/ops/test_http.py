@@ -18,7 +18,7 @@ from tests.waiting import until_true
 
 @pytest.mark.parametrize(("path", "alive", "ready"), [("/livez", 1, 0), ("/healthz", 1, 0), ("/readyz", 0, 1)])
 @pytest.mark.parametrize("well", [True, False])
-async def test_each_check_answers_for_its_own_question(path: str, alive: int, ready: int, well: bool) -> None:
+async def test_each_check_answers_its_own_question(path: str, alive: int, ready: int, well: bool) -> None:
     answers = {"alive": well if alive else not well, "ready": well if ready else not well}
     app = ops_app(CollectorRegistry(), lambda: answers["alive"], lambda: answers["ready"])
     async with httpx.AsyncClient(transport=httpx.ASGITransport(app), base_url="http://ops") as client:
@@ -26,7 +26,7 @@ async def test_each_check_answers_for_its_own_question(path: str, alive: int, re
     assert (response.status_code, response.text) == ((200, "ok\n") if well else (503, "not ok\n"))
 
 
-async def test_metrics_are_prometheus_text_of_the_registry() -> None:
+async def test_metrics_are_the_registry_in_prometheus_text_format() -> None:
     registry = CollectorRegistry()
     Counter("motiongen_things", "Things.", registry=registry).inc(3)
     app = ops_app(registry, lambda: True, lambda: True)
@@ -37,7 +37,7 @@ async def test_metrics_are_prometheus_text_of_the_registry() -> None:
     assert "motiongen_things_total 3.0" in response.text
 
 
-async def test_of_two_tokens_in_one_request_none_counts() -> None:
+async def test_request_with_two_tokens_is_refused() -> None:
     def refusal_of(authorization: str) -> str | None:
         return None if authorization == "Bearer mine" else "no"
 
@@ -48,13 +48,13 @@ async def test_of_two_tokens_in_one_request_none_counts() -> None:
             assert answer.status_code == status
 
 
-async def test_a_connection_lives_for_a_while_and_the_oldest_goes_where_there_are_too_many(
+async def test_old_connections_are_closed_when_there_are_too_many_or_at_the_age_limit(
     monkeypatch: pytest.MonkeyPatch,
 ) -> None:
     monkeypatch.setattr(http, "MOST_CONNECTIONS", 2)
     async with serving() as port:
         first, *others = [await asyncio.open_connection("127.0.0.1", port) for _ in range(3)]
-        assert await end_of(first[0]), "the oldest"
+        assert await end_of(first[0]), "the oldest goes"
         monkeypatch.setattr(http, "LIFE_S", 0.05)
         late = await asyncio.open_connection("127.0.0.1", port)
         assert await end_of(late[0])
@@ -62,7 +62,7 @@ async def test_a_connection_lives_for_a_while_and_the_oldest_goes_where_there_ar
             writer.transport.abort()
 
 
-async def test_clients_mistakes_are_not_logged_and_faults_are(caplog: pytest.LogCaptureFixture) -> None:
+async def test_malformed_requests_are_not_logged_and_faults_are(caplog: pytest.LogCaptureFixture) -> None:
     caplog.set_level("INFO")
 
     def fault() -> bool:
@@ -81,7 +81,7 @@ async def test_clients_mistakes_are_not_logged_and_faults_are(caplog: pytest.Log
     async with serving(is_alive=fault) as port:
         assert b"400" in await answer(port, b"garbage\r\n\r\n")
         assert b"200" in await answer(port, upgrade)
-        for method in (b"GET", b"HEAD"):  # whose body turns out to be none
+        for method in (b"GET", b"HEAD"):  # with a malformed chunked body
             chunked = b" /readyz HTTP/1.1\r\nHost: ops\r\nTransfer-Encoding: chunked\r\n\r\nno length\r\n"
             await answer(port, method + chunked)
         await until_true(lambda: not http.BoundedConnection.open_ones)
@@ -90,10 +90,12 @@ async def test_clients_mistakes_are_not_logged_and_faults_are(caplog: pytest.Log
         (logged,) = [record for record in caplog.records if record.name.startswith("uvicorn")]
         assert logged.levelname == "ERROR"
         await until_true(lambda: not http.BoundedConnection.open_ones)
-        assert not [record for record in caplog.records if record.name == "asyncio"], "nor their ends"
+        assert not [record for record in caplog.records if record.name == "asyncio"], (
+            "nor is the end of a connection logged"
+        )
 
 
-async def test_metrics_are_made_a_few_times_a_second_however_often_they_are_asked_for(
+async def test_metrics_are_rendered_a_few_times_a_second_however_often_requested(
     monkeypatch: pytest.MonkeyPatch,
 ) -> None:
     class Counted:
@@ -117,7 +119,7 @@ async def test_metrics_are_made_a_few_times_a_second_however_often_they_are_aske
             now[0] = second
 
 
-async def test_a_connection_is_answered_once() -> None:
+async def test_connection_is_answered_only_once() -> None:
     async with serving() as port:
         reader, writer = await asyncio.open_connection("127.0.0.1", port)
         writer.write(b"GET /livez HTTP/1.1\r\nHost: x\r\n\r\n" * 10)
@@ -126,7 +128,7 @@ async def test_a_connection_is_answered_once() -> None:
 
 
 async def end_of(reader: asyncio.StreamReader) -> bool:
-    """Whether the other side has ended it; waits for that."""
+    """Wait for the end of the connection; False if something else came."""
     try:
         return await reader.read() == b""
     except ConnectionResetError:

@@ -1,4 +1,4 @@
-"""Log lines."""
+"""The formats of log lines, and where they go."""
 
 from __future__ import annotations
 
@@ -22,7 +22,7 @@ def root_logger() -> Iterator[logging.Logger]:
     root.setLevel(level)
 
 
-def test_json_lines_hold_time_level_logger_and_message() -> None:
+def test_json_line_has_time_level_logger_and_message() -> None:
     record = logging.LogRecord(
         "motiongen_server.rpc.service", logging.WARNING, "x.py", 1, "lost %d of\n%s", (3, "ten"), None
     )
@@ -38,7 +38,7 @@ def test_json_lines_hold_time_level_logger_and_message() -> None:
     assert "exception" not in told
 
 
-def test_json_lines_hold_the_traceback() -> None:
+def test_json_line_has_the_traceback() -> None:
     try:
         raise ValueError("broken")
     except ValueError:
@@ -48,7 +48,7 @@ def test_json_lines_hold_the_traceback() -> None:
 
 
 @pytest.mark.parametrize("form", ["text", "json"])
-def test_lines_go_to_standard_error_from_the_level_on(
+def test_lines_from_the_level_up_go_to_standard_error(
     form: str, root_logger: logging.Logger, capsys: pytest.CaptureFixture[str]
 ) -> None:
     configure_logs("WARNING", form)

@@ -1,4 +1,4 @@
-"""Memory that is kept: a block that was freed is there again without the operating system."""
+"""Keeping freed memory for reuse, giving it back to the operating system, and garbage collection."""
 
 from __future__ import annotations
 
@@ -38,7 +38,7 @@ print(int(kept), faults() - before)
 """
 
 
-def test_large_blocks_are_not_faulted_in_again_and_again() -> None:
+def test_freed_large_blocks_are_reused_without_new_page_faults() -> None:
     ran = subprocess.run([sys.executable, "-c", SCRIPT], capture_output=True, text=True, check=True)
     kept, faults = map(int, ran.stdout.split())
     assert not kept or faults < 2 * LARGE / resource.getpagesize()
@@ -61,7 +61,7 @@ print(int(kept), before - resident())
 """
 
 
-def test_what_loading_has_freed_is_given_back() -> None:
+def test_memory_freed_after_loading_is_given_back() -> None:
     ran = subprocess.run([sys.executable, "-c", GIVEN_BACK], capture_output=True, text=True, check=True)
     kept, given_back = map(int, ran.stdout.split())
     assert not kept or given_back > 6 * LARGE
@@ -85,13 +85,13 @@ print(int(is_one), resident_bytes(os.getpid()) - before)
 """
 
 
-def test_what_a_thread_took_at_its_peak_is_given_back() -> None:
+def test_memory_of_a_threads_peak_is_given_back() -> None:
     ran = subprocess.run([sys.executable, "-c", PEAK_OF_A_THREAD], capture_output=True, text=True, check=True)
     is_one, stays = map(int, ran.stdout.split())
     assert not is_one or stays < LARGE
 
 
-def test_objects_that_are_there_are_settled_for_a_while_and_no_longer() -> None:
+def test_objects_are_frozen_and_collected_rarely_only_while_settled() -> None:
     before = gc.get_threshold()
     with settled_objects():
         assert gc.get_freeze_count() > 1000
@@ -100,13 +100,13 @@ def test_objects_that_are_there_are_settled_for_a_while_and_no_longer() -> None:
 
 
 class Ring:
-    """Holds itself, so that only a collection frees it."""
+    """Refers to itself, so that only garbage collection frees it."""
 
     def __init__(self) -> None:
         self.itself = self
 
 
-def test_garbage_that_is_looked_for_rarely_is_freed_when_nothing_is_done() -> None:
+def test_garbage_among_settled_objects_is_freed_on_demand() -> None:
     with settled_objects():
         held = weakref.ref(Ring())
         assert held() is not None
@@ -114,29 +114,29 @@ def test_garbage_that_is_looked_for_rarely_is_freed_when_nothing_is_done() -> No
         assert held() is None
 
 
-def test_the_memory_of_a_process_is_told_and_of_one_that_has_ended_none() -> None:
+def test_resident_memory_is_reported_and_is_0_for_an_ended_process() -> None:
     ended = subprocess.Popen([sys.executable, "-c", ""])
     ended.wait()
     assert resident_bytes(os.getpid()) > 1 << 20
     assert resident_bytes(ended.pid) == 0
 
 
-def test_memory_is_given_back_after_a_peak_and_not_again_and_again() -> None:
+def test_memory_is_given_back_once_for_each_peak() -> None:
     resident = 100 << 20
     freed = FreedMemory(lambda: resident)
     assert not freed.is_due(is_busy=True)
     resident += KEPT_BYTES // 2
-    assert not freed.is_due(is_busy=True), "what is in use every day stays"
+    assert not freed.is_due(is_busy=True), "usual growth is kept"
     resident += KEPT_BYTES
     assert freed.is_due(is_busy=True)
-    assert not freed.is_due(is_busy=True), "it did not help: only a higher peak is worth another try at once"
+    assert not freed.is_due(is_busy=True), "it did not help; only a higher peak calls for another try at once"
     resident = 90 << 20
     assert not freed.is_due(is_busy=True)
     resident += KEPT_BYTES + 1
     assert freed.is_due(is_busy=True)
 
 
-def test_what_was_in_use_when_a_peak_was_seen_is_tried_for_again_ever_more_seldom() -> None:
+def test_giving_back_after_a_lasting_peak_is_retried_ever_more_rarely() -> None:
     resident = 100 << 20
     freed = FreedMemory(lambda: resident)
     assert not freed.is_due(is_busy=False)
@@ -150,7 +150,7 @@ def test_what_was_in_use_when_a_peak_was_seen_is_tried_for_again_ever_more_seldo
     assert [look for look in range(1, 1000) if freed.is_due(is_busy=False)] == tries[1:]
 
 
-def test_memory_is_given_back_when_nothing_is_done_any_more_and_once() -> None:
+def test_memory_is_given_back_once_whenever_work_ends() -> None:
     freed = FreedMemory(lambda: 100 << 20)
     assert [freed.is_due(is_busy=busy) for busy in (False, True, True, False, False, True, False)] == [
         False, False, False, True, False, False, True

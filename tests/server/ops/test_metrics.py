@@ -1,4 +1,4 @@
-"""Metrics: all have the prefix, none stays unset, and a step report's numbers arrive."""
+"""Metrics: their names, and that the numbers of step reports, streams and prompts arrive in them."""
 
 from __future__ import annotations
 
@@ -78,7 +78,7 @@ def full_report() -> StepReport:
 
 
 def value_of(metrics: Metrics, name: str, **labels: str) -> float | None:
-    """Of the engine of the model "tiny"."""
+    """A sample of the engine "0" of the model "tiny"."""
     return metrics.registry.get_sample_value(name, {"model": "tiny", "engine": "0", **labels})
 
 
@@ -91,13 +91,13 @@ def touched(family: Metric) -> bool:
     return any(value > 0 for value in values)
 
 
-def test_every_metric_has_the_prefix_and_a_meaning() -> None:
+def test_every_metric_has_the_prefix_and_a_description() -> None:
     for name, family in families(Metrics()).items():
         assert name.startswith(("motiongen_", OF_THE_PROCESS))
         assert family.documentation.endswith(".")
 
 
-def test_a_full_report_sets_every_metric_that_the_application_does_not() -> None:
+def test_full_report_sets_every_metric_that_the_application_does_not() -> None:
     metrics = Metrics()
     metrics.of_engine("tiny", "0").observe(full_report())
     untouched = {name for name, family in families(metrics).items() if not touched(family)}
@@ -105,7 +105,7 @@ def test_a_full_report_sets_every_metric_that_the_application_does_not() -> None
     assert untouched == SET_BY_THE_APPLICATION
 
 
-def test_the_numbers_arrive() -> None:
+def test_numbers_of_step_reports_arrive() -> None:
     metrics = Metrics()
     metrics.of_engine("tiny", "0").observe(full_report())
     metrics.of_engine("tiny", "0").observe(full_report())
@@ -120,7 +120,7 @@ def test_the_numbers_arrive() -> None:
     assert value("motiongen_sessions", **{"class": "NEAR", "state": "PLAYING"}) == 6
 
 
-def test_what_the_streams_count_arrives() -> None:
+def test_counts_of_the_streams_arrive() -> None:
     metrics = Metrics()
     metrics.reject("OVERLOADED")
     metrics.give_up_on_reader()
@@ -133,7 +133,7 @@ def test_what_the_streams_count_arrives() -> None:
 
 @dataclass
 class Service:
-    """The edge, which counts for itself."""
+    """An edge with its own counts."""
 
     num_streams: int = 3
     num_parked: int = 0
@@ -144,7 +144,7 @@ class Service:
     num_held_back: int = 7
 
 
-def test_what_the_edge_counts_is_told_as_it_is_when_somebody_asks() -> None:
+def test_counts_of_the_edge_are_read_when_requested() -> None:
     metrics, service = Metrics(), Service(3, 4, 5, 6, 0.5)
     metrics.watch_service(service)
     names = ("streams", "sessions_parked", "outbound_queue_bytes", "other_servers", "gateway_lag_seconds")
@@ -154,7 +154,7 @@ def test_what_the_edge_counts_is_told_as_it_is_when_somebody_asks() -> None:
     assert value("motiongen_sessions_parked") == 0
 
 
-def test_clips_and_resumes_are_counted_by_how_they_ended_and_only_whole_clips_are_timed() -> None:
+def test_clips_and_resumes_are_counted_by_outcome_and_complete_clips_timed() -> None:
     metrics = Metrics()
     metrics.end_clip("OK", 2.0, 3)
     metrics.end_clip("CANCELLED", 100.0, 1)
@@ -166,7 +166,7 @@ def test_clips_and_resumes_are_counted_by_how_they_ended_and_only_whole_clips_ar
     assert value("motiongen_session_resumes_total", {"how": "resumed"}) == 1
 
 
-def test_what_messages_took_of_the_event_loop_arrives() -> None:
+def test_event_loop_time_of_messages_arrives() -> None:
     metrics, service = Metrics(), Service()
     value = metrics.registry.get_sample_value
     assert value("motiongen_client_loop_seconds_total") == 0
@@ -175,7 +175,7 @@ def test_what_messages_took_of_the_event_loop_arrives() -> None:
     assert value("motiongen_streams_held_back_total") == 7
 
 
-def test_where_prompts_came_from_is_counted() -> None:
+def test_prompts_are_counted_by_source() -> None:
     metrics = Metrics()
     for source in ("store", "encoder", "encoder", "TEXT_ENCODER_SLOW"):
         metrics.count_prompt(source)
@@ -184,7 +184,7 @@ def test_where_prompts_came_from_is_counted() -> None:
     assert value("motiongen_prompts_total", {"source": "TEXT_ENCODER_SLOW"}) == 1
 
 
-def test_the_tier_of_every_class_is_there_from_the_start_and_follows_the_reports() -> None:
+def test_tier_of_every_class_is_set_from_the_start_and_follows_reports() -> None:
     metrics = Metrics()
     metrics.of_engine("tiny", "0")
     value = partial(value_of, metrics)
@@ -193,17 +193,17 @@ def test_the_tier_of_every_class_is_there_from_the_start_and_follows_the_reports
     assert value("motiongen_service_tier", **{"class": "CROWD"}) == ServiceTier.HOLD.value
 
 
-def test_the_memory_of_the_process_is_told() -> None:
+def test_resident_memory_of_the_process_is_reported() -> None:
     assert (Metrics().registry.get_sample_value("process_resident_memory_bytes") or 0) > 1 << 20
 
 
-def test_a_step_without_rows_is_no_denoising_step() -> None:
+def test_step_without_rows_does_not_count_as_denoising_step() -> None:
     metrics = Metrics()
     metrics.of_engine("tiny", "0").observe(StepReport())
     assert value_of(metrics, "motiongen_batch_rows_count") == 0
 
 
-def test_every_class_and_state_is_there_from_the_start_and_falls_back_to_0() -> None:
+def test_every_class_and_state_starts_at_0_and_falls_back_to_it() -> None:
     metrics = Metrics()
     metrics.of_engine("tiny", "0")
     value = partial(value_of, metrics)
@@ -215,7 +215,7 @@ def test_every_class_and_state_is_there_from_the_start_and_falls_back_to_0() -> 
     assert value("motiongen_sessions", **{"class": "NEAR", "state": "PLAYING"}) == 0
 
 
-def test_while_a_model_is_loaded_anew_both_of_its_engines_count_and_the_end_of_one_is_not_that_of_the_other() -> None:
+def test_metrics_of_both_engines_of_a_reloading_model_are_combined() -> None:
     metrics = Metrics()
     old, new = (metrics.of_engine("tiny", "0").observer() for _ in range(2))
     playing = partial(value_of, metrics, "motiongen_sessions", **{"class": "NEAR", "state": "PLAYING"})
@@ -228,7 +228,7 @@ def test_while_a_model_is_loaded_anew_both_of_its_engines_count_and_the_end_of_o
     assert (playing(), metrics.load_of("tiny"), tier()) == (2, 0.5, 1)
 
 
-def test_models_are_told_apart_and_one_that_is_gone_is_told_no_more() -> None:
+def test_models_have_separate_metrics_and_a_forgotten_one_has_none() -> None:
     metrics = Metrics()
     metrics.of_engine("tiny", "0").observe(full_report())
     for _ in range(2):
@@ -242,7 +242,7 @@ def test_models_are_told_apart_and_one_that_is_gone_is_told_no_more() -> None:
     assert (metrics.load_of("large"), metrics.load_of("tiny")) == (0.7, 0.0)
 
 
-def test_what_is_served_is_what_prometheus_can_read() -> None:
+def test_metrics_text_is_valid_for_prometheus() -> None:
     metrics = Metrics()
     for model_id in ("tiny", "large"):
         metrics.of_engine(model_id, "0").observe(full_report())

@@ -1,4 +1,4 @@
-"""The port of operations: how many connections it has, whatever they do or do not say."""
+"""The operations port: limits on its connections, also on those that send nothing."""
 
 from __future__ import annotations
 
@@ -23,7 +23,7 @@ from tests.server.identity.files import AUTHORITY, CERTIFICATES
 from tests.waiting import LIMIT_S, until_true
 
 SOON_S = 20.0
-"""Less than the minute after which asyncio gives a handshake up."""
+"""Less than the minute after which asyncio abandons a TLS handshake."""
 PAIR = TlsFiles(str(CERTIFICATES / "server-1.pem"), str(CERTIFICATES / "server-1.key"))
 
 
@@ -37,7 +37,7 @@ def is_held(connection: socket.socket) -> bool:
 
 
 @pytest.mark.parametrize("by_tls", [False, True])
-async def test_who_only_connects_takes_no_more_than_there_are_places(
+async def test_silent_connections_are_bounded_and_the_oldest_closed(
     by_tls: bool, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     monkeypatch.setattr(ops_port, "CONNECTIONS_OF_AN_ADDRESS", 1000)
@@ -53,14 +53,14 @@ async def test_who_only_connects_takes_no_more_than_there_are_places(
                 await asyncio.sleep(0)
             async with asyncio.timeout(SOON_S):
                 await until_true(lambda: sum(map(is_held, connections)) <= MOST_CONNECTIONS)
-            assert is_held(connections[-1]), "the oldest go"
+            assert is_held(connections[-1]), "the newest stays"
         await port.stop()
 
 
-async def test_a_flood_from_one_address_is_turned_away_and_another_has_its_answer(
+async def test_flood_from_one_address_is_refused_while_another_is_answered(
     monkeypatch: pytest.MonkeyPatch,
 ) -> None:
-    """With TLS whoever is turned away has had no handshake: nothing of it has been done for him."""
+    """Refused connections cost no TLS handshake."""
     handshakes = 0
 
     class Counted(ssl.SSLContext):
@@ -71,7 +71,7 @@ async def test_a_flood_from_one_address_is_turned_away_and_another_has_its_answe
 
     context = Counted(ssl.PROTOCOL_TLS_SERVER)
     context.load_cert_chain(PAIR.certificate, PAIR.key)
-    # However slow the machine, a second is not over before the flood is.
+    # The clock stands still, so that no new second begins during the flood.
     monkeypatch.setattr(ops_port, "AddressPaces", partial(AddressPaces, clock=lambda: 0.0))
     port = OpsPort(ops_app(CollectorRegistry(), lambda: True, lambda: True), "127.0.0.1", 0, context)
     trusted = ssl.create_default_context(cafile=AUTHORITY)
@@ -92,7 +92,7 @@ async def test_a_flood_from_one_address_is_turned_away_and_another_has_its_answe
         await port.stop()
 
 
-def test_a_flood_from_many_addresses_of_one_ipv6_network_is_turned_away(monkeypatch: pytest.MonkeyPatch) -> None:
+def test_flood_from_one_ipv6_network_is_refused_across_its_addresses(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(ops_port, "AddressPaces", partial(AddressPaces, clock=lambda: 0.0))
     hosts = itertools.count()
 

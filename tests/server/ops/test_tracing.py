@@ -1,4 +1,4 @@
-"""Traces of windows as OpenTelemetry spans: kept in memory, sent to a real OTLP receiver, or to nobody."""
+"""Traces of windows as OpenTelemetry spans: kept in memory, sent to an OTLP collector, or to an address without one."""
 
 from __future__ import annotations
 
@@ -50,7 +50,7 @@ ATTRIBUTES = {
 }
 
 
-def test_a_window_is_a_span_from_the_event_to_the_frame() -> None:
+def test_window_becomes_a_span_from_its_event_to_its_frames() -> None:
     exporter = InMemorySpanExporter()
     spans = WindowSpans(exporter)
     spans.record(WINDOW)
@@ -70,8 +70,8 @@ def test_a_window_is_a_span_from_the_event_to_the_frame() -> None:
     assert span.parent is None
 
 
-def test_the_monotonic_clock_is_told_as_a_date() -> None:
-    """By the same two clocks, read here: what lies between is the time that this test takes."""
+def test_span_times_are_dates_converted_from_the_monotonic_clock() -> None:
+    """The offset of the two clocks is read before and after the conversion."""
     exporter = InMemorySpanExporter()
     before = time.time_ns() - time.monotonic_ns()
     spans = WindowSpans(exporter)
@@ -86,7 +86,7 @@ def test_the_monotonic_clock_is_told_as_a_date() -> None:
 
 
 @pytest.mark.parametrize(("share", "least", "most"), [(0.0, 0, 0), (0.25, 180, 320), (1.0, 1000, 1000)])
-def test_a_share_of_the_windows_is_traced(share: float, least: int, most: int) -> None:
+def test_share_of_the_windows_is_traced(share: float, least: int, most: int) -> None:
     exporter = InMemorySpanExporter()
     spans = WindowSpans(exporter, share)
     for _ in range(1000):
@@ -95,7 +95,7 @@ def test_a_share_of_the_windows_is_traced(share: float, least: int, most: int) -
     assert least <= len(exporter.get_finished_spans()) <= most
 
 
-def test_a_collector_is_sent_them() -> None:
+def test_spans_are_sent_to_the_collector() -> None:
     with Collector() as collector:
         spans = open_window_spans(f"grpc:127.0.0.1:{collector.port}", 1.0)
         assert spans is not None
@@ -108,7 +108,7 @@ def test_a_collector_is_sent_them() -> None:
         assert [event.name for event in collector.spans[0].events] == ["scheduled", "first step", "planned"]
 
 
-def test_a_collector_of_this_machine_is_sent_them_by_no_proxy(monkeypatch: pytest.MonkeyPatch) -> None:
+def test_collector_on_this_machine_is_reached_without_the_proxy(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setenv("http_proxy", "http://127.0.0.1:9")
     monkeypatch.delenv("no_proxy", raising=False)
     with Collector() as collector:
@@ -119,8 +119,8 @@ def test_a_collector_of_this_machine_is_sent_them_by_no_proxy(monkeypatch: pytes
         assert len(collector.spans) == 1
 
 
-def test_where_no_collector_is_nobody_waits(monkeypatch: pytest.MonkeyPatch) -> None:
-    """More than may be kept are recorded; some are dropped, and no call comes to wait for the network."""
+def test_unreachable_collector_drops_spans_without_blocking(monkeypatch: pytest.MonkeyPatch) -> None:
+    """More spans are recorded than the queue holds; some are dropped, and recording waits for no network call."""
     monkeypatch.setattr(tracing, "END_S", 0.1)
     exports: list[tuple[int, SpanExportResult]] = []
     export, are_recorded = OTLPSpanExporter.export, threading.Event()
@@ -132,7 +132,7 @@ def test_where_no_collector_is_nobody_waits(monkeypatch: pytest.MonkeyPatch) -> 
 
     monkeypatch.setattr(OTLPSpanExporter, "export", noted)
     with socket.socket() as nobody:
-        nobody.bind(("127.0.0.1", 0))  # and does not listen
+        nobody.bind(("127.0.0.1", 0))  # bound, but not listening
         spans = open_window_spans(f"grpc:127.0.0.1:{nobody.getsockname()[1]}", 1.0)
         assert spans is not None
         for _ in range(5000):
@@ -144,7 +144,7 @@ def test_where_no_collector_is_nobody_waits(monkeypatch: pytest.MonkeyPatch) -> 
 
 
 class StuckExporter(SpanExporter):
-    """Sends nothing until it is told to end."""
+    """Blocks in each export until it is shut down."""
 
     def __init__(self) -> None:
         self.ended = threading.Event()
@@ -159,16 +159,16 @@ class StuckExporter(SpanExporter):
         self.ended.set()
 
 
-def test_at_the_end_what_cannot_be_sent_is_given_up_soon(monkeypatch: pytest.MonkeyPatch) -> None:
+def test_close_gives_up_soon_on_a_stuck_export(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(tracing, "END_S", 0.1)
     exporter = StuckExporter()
     spans = WindowSpans(exporter)
     spans.record(WINDOW)
     spans.close()
-    assert exporter.num_ends == 2, "by us, before the library did"
+    assert exporter.num_ends == 2, "once by us, before the library's own call"
 
 
-def test_nothing_is_opened_where_nothing_is_asked_for() -> None:
+def test_without_an_address_no_spans_are_opened() -> None:
     assert open_window_spans("", 1.0) is None
 
 
@@ -176,12 +176,12 @@ def test_nothing_is_opened_where_nothing_is_asked_for() -> None:
     "address",
     ["collector:4317", "http://collector:4317", "grpc:collector", "grpc::4317", "grpc:", "grpc:a:99999", "grpc:a:0"],
 )
-def test_what_is_no_address_is_refused(address: str) -> None:
+def test_invalid_address_is_refused(address: str) -> None:
     with pytest.raises(SettingError, match=r"trace_to is .* it must be grpc:HOST:PORT, or grpcs:HOST:PORT for TLS"):
         ServerConfig(trace_to=address)
 
 
-def test_without_the_library_the_setting_says_what_to_install(monkeypatch: pytest.MonkeyPatch) -> None:
+def test_missing_library_is_reported_with_the_extra_to_install(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setitem(sys.modules, "opentelemetry.exporter.otlp.proto.grpc.trace_exporter", None)
     with pytest.raises(SettingError, match=r"install motiongen-server\[tracing\]"):
         open_window_spans("grpc:localhost:4317", 1.0)

@@ -1,4 +1,4 @@
-"""Which servers a client is named that finds no room: those that have some, and told of it lately."""
+"""Which servers are named to a client that finds no room: those that have lately reported some."""
 
 from __future__ import annotations
 
@@ -34,7 +34,7 @@ def names(servers: OtherServers, model: str = "m") -> list[str]:
     return [each.address.partition(":")[0] for each in servers.named(model)]
 
 
-def test_those_with_room_for_the_model_are_named_and_no_others() -> None:
+def test_only_servers_with_room_for_the_model_are_named() -> None:
     told = Told(replica("free", 0.5), replica("full", 0.0), replica("nearly", 0.04), replica("other", 0.9, "n"))
     servers = OtherServers(told)
     assert servers.named("m") == ()
@@ -43,13 +43,13 @@ def test_those_with_room_for_the_model_are_named_and_no_others() -> None:
     assert servers.num_known == 4
 
 
-def test_a_server_that_can_be_reached_by_nothing_is_not_named() -> None:
+def test_server_without_address_or_routing_key_is_not_named() -> None:
     servers = OtherServers(Told(Replica("nobody", "", "", {"m": 1.0}), Replica("by-key", "", KEY, {"m": 1.0})))
     servers.exchange()
     assert servers.named("m") == (OtherServer("", KEY),)
 
 
-def test_three_at_most_are_named_and_the_emptier_ones_more_often_first() -> None:
+def test_at_most_three_servers_are_named_emptier_ones_more_often_first() -> None:
     told = Told(replica("a", 0.9), replica("b", 0.3), replica("c", 0.3), replica("d", 0.3))
     servers = OtherServers(told, draw=Random(1).random)
     servers.exchange()
@@ -60,7 +60,7 @@ def test_three_at_most_are_named_and_the_emptier_ones_more_often_first() -> None
     assert first["b"] == pytest.approx(667, abs=150)
 
 
-def test_what_is_old_is_not_told_any_more() -> None:
+def test_servers_are_not_named_once_their_reports_are_old() -> None:
     clock, told = Clock(), Told(replica("free", 0.5))
     servers = OtherServers(told, clock=clock)
     servers.exchange()
@@ -76,7 +76,7 @@ def test_what_is_old_is_not_told_any_more() -> None:
     assert names(servers) == ["free"]
 
 
-def test_it_tells_its_room_its_address_and_a_key_that_a_client_has_drawn() -> None:
+def test_server_reports_its_address_and_a_valid_routing_key_of_a_client() -> None:
     told = Told()
     servers = OtherServers(told, "here:50051")
     servers.note_call((("x-motiongen-key", "alice@example.com"), ("other", KEY)))
@@ -90,7 +90,7 @@ def test_it_tells_its_room_its_address_and_a_key_that_a_client_has_drawn() -> No
     assert OtherServers(Told())._name != told.own[0].name
 
 
-def test_it_begins_by_itself_and_is_forgotten_when_it_ends() -> None:
+def test_server_reports_after_start_and_leaves_the_directory_at_close() -> None:
     told = Told()
     servers = OtherServers(told)
     servers.start(lambda: {"m": 0.25})
@@ -100,7 +100,7 @@ def test_it_begins_by_itself_and_is_forgotten_when_it_ends() -> None:
     assert told.is_closed
 
 
-def test_it_ends_also_where_the_store_is_away() -> None:
+def test_close_works_while_the_store_is_away() -> None:
     told = Told()
     servers = OtherServers(told)
     servers.start(dict)
@@ -109,7 +109,7 @@ def test_it_ends_also_where_the_store_is_away() -> None:
     assert told.is_closed
 
 
-def test_what_no_store_should_do_ends_nothing_and_is_logged_once(caplog: pytest.LogCaptureFixture) -> None:
+def test_unexpected_error_of_the_store_is_logged_once_and_tolerated(caplog: pytest.LogCaptureFixture) -> None:
     class Broken(Told):
         is_broken = True
 
@@ -151,16 +151,16 @@ def test_what_no_store_should_do_ends_nothing_and_is_logged_once(caplog: pytest.
         json.dumps({"address": "", "key": "", "free": {}, "more": "a" * MOST_BYTES}).encode(),
     ],
 )
-def test_what_is_no_server_is_passed_over(text: bytes) -> None:
+def test_invalid_entry_of_the_directory_is_ignored(text: bytes) -> None:
     assert read_replica("it", text) is None
 
 
-def test_what_a_later_version_adds_is_passed_over() -> None:
+def test_unknown_fields_of_a_later_version_are_ignored() -> None:
     text = b'{"address": "a:1", "key": "k", "free": {"m": 1}, "more": [1]}'
     assert read_replica("it", text) == Replica("it", "a:1", "k", {"m": 1.0})
 
 
-def test_a_refusal_keeps_all_that_it_says() -> None:
+def test_refusal_with_other_servers_keeps_all_its_fields() -> None:
     refusal = Outcome(SessionKey(3, 4), 1, Code.RESOURCE_EXHAUSTED, None, "OVERLOADED", "full", "open", "less", 2.0)
     hinted = RefusedOpen.of(refusal, (OtherServer("a:1", ""),))
     assert isinstance(hinted, RefusedOpen)
@@ -168,7 +168,7 @@ def test_a_refusal_keeps_all_that_it_says() -> None:
     assert RefusedOpen.of(refusal, ()) is refusal
 
 
-def test_servers_of_one_machine_tell_each_other_nothing() -> None:
+def test_only_stores_shared_between_machines_have_a_directory() -> None:
     assert open_other_servers("auto", "") is None
     assert open_other_servers("sqlite:", "a:1") is None
     several = open_other_servers("redis://localhost:1/0", "")

@@ -1,4 +1,4 @@
-"""A gRPC server with one method, for tests of what clients may do with any."""
+"""A gRPC server with one method, for tests of what clients can do to any server."""
 
 from __future__ import annotations
 
@@ -21,7 +21,7 @@ SERVED = b"/motiongen.test.Echo/Say"
 async def serving(
     say: Callable[[object, Any], Awaitable[None]], calls_a_second: float = CALLS_A_SECOND
 ) -> AsyncIterator[int]:
-    """The port of a server with the method `SERVED`. say: its handler. calls_a_second: of an address."""
+    """Serves the method `SERVED` and yields the port. say: the method's handler. calls_a_second: of an address."""
     async with asyncio.timeout(LIMIT_S):
         server = make_server(calls_a_second=calls_a_second)
         serve_methods(server, "motiongen.test.Echo", {"Say": grpc.stream_stream_rpc_method_handler(say)})

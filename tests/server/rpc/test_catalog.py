@@ -17,7 +17,7 @@ def catalog(limits: Limits | None = None, licence: str = "CC0-1.0") -> Catalog:
     return Catalog(FACTS, limits or Limits(), Guidance(1.5, 2.5), licence, text_encoder="hashed-1", history_frames=16)
 
 
-def test_model_rig_and_limits_are_told() -> None:
+def test_catalog_describes_the_model_and_its_rig() -> None:
     response = catalog().response("")
     (model,), (rig,) = response.models, response.rigs
     assert (model.model_id, model.rig_id, rig.rig_id) == (FACTS.model_id, FACTS.rig.rig_id, FACTS.rig.rig_id)
@@ -29,12 +29,12 @@ def test_model_rig_and_limits_are_told() -> None:
     assert (model.licence, model.text_encoder) == ("CC0-1.0", "hashed-1")
 
 
-def test_no_limit_is_left_at_zero() -> None:
+def test_limits_message_sets_every_limit() -> None:
     limits = catalog().limits_message
     assert {each.name for each, _ in limits.ListFields()} == set(service_pb2.Limits.DESCRIPTOR.fields_by_name)
 
 
-def test_the_known_etag_saves_the_rest() -> None:
+def test_known_etag_is_answered_with_the_etag_alone() -> None:
     offered = catalog()
     etag = offered.response("").catalog_etag
     assert etag
@@ -42,14 +42,14 @@ def test_the_known_etag_saves_the_rest() -> None:
     assert offered.response("stale").rigs
 
 
-def test_the_etag_changes_with_the_content_and_only_then() -> None:
+def test_etag_changes_only_when_the_content_does() -> None:
     etag = catalog().response("").catalog_etag
     assert catalog().response("").catalog_etag == etag
     assert catalog(Limits(max_prompts=3)).response("").catalog_etag != etag
     assert catalog(licence="MIT").response("").catalog_etag != etag
 
 
-def test_a_rig_s_offsets_lie_in_a_row() -> None:
+def test_rig_message_lists_offsets_joint_by_joint() -> None:
     layout = replace(
         FACTS.rig,
         joint_names=("hips", "spine"),

@@ -1,4 +1,4 @@
-"""Servers of gRPC: what no client may do to one, whatever it asks for."""
+"""What no client can do to a gRPC server, whatever it sends."""
 
 from __future__ import annotations
 
@@ -22,7 +22,7 @@ RST_STREAM, CANCEL = 3, b"\0\0\0\x08"
 
 @asynccontextmanager
 async def served() -> AsyncIterator[int]:
-    """The port of a server with one method, which answers with each message that comes."""
+    """Yields the port of a server whose only method echoes every message."""
 
     async def say(_messages: object, context: Any) -> None:
         while isinstance(message := await context.read(), bytes):
@@ -34,7 +34,7 @@ async def served() -> AsyncIterator[int]:
 
 
 @pytest.mark.parametrize("path", [b"/motiongen.test.Echo/\xff", b"\xff\xfe", b"/nobody.Serves/This"])
-async def test_a_method_that_nobody_serves_is_refused_whatever_its_name_and_streams_go_on(
+async def test_call_to_an_unknown_method_is_refused_and_open_streams_continue(
     path: bytes, caplog: pytest.LogCaptureFixture
 ) -> None:
     async with served() as port, grpc.aio.insecure_channel(f"127.0.0.1:{port}") as channel:
@@ -53,7 +53,7 @@ async def test_a_method_that_nobody_serves_is_refused_whatever_its_name_and_stre
 @pytest.mark.parametrize(
     "header", [(b"authorization", b"Bearer mg_secret\xff"), (b"user-agent", b"\xff"), (b"\xff", b"x")]
 )
-async def test_metadata_that_is_no_text_is_not_logged(header: Header, caplog: pytest.LogCaptureFixture) -> None:
+async def test_metadata_that_is_not_valid_text_is_not_logged(header: Header, caplog: pytest.LogCaptureFixture) -> None:
     async with served() as port:
         await asyncio.to_thread(answer_to, port, SERVED, header)
         assert status_in(await asyncio.to_thread(answer_to, port, SERVED)) == OK
@@ -61,7 +61,7 @@ async def test_metadata_that_is_no_text_is_not_logged(header: Header, caplog: py
 
 
 @pytest.mark.parametrize("path", [SERVED, b"/nobody.Serves/This"])
-async def test_who_resets_a_call_at_once_is_not_logged(path: bytes, caplog: pytest.LogCaptureFixture) -> None:
+async def test_call_that_is_reset_at_once_is_not_logged(path: bytes, caplog: pytest.LogCaptureFixture) -> None:
     async with served() as port:
         begun_and_reset = (call_of(stream, path) + frame(RST_STREAM, 0, stream, CANCEL) for stream in range(1, 41, 2))
         _, writer = await asyncio.open_connection("127.0.0.1", port)
@@ -78,7 +78,7 @@ async def test_who_resets_a_call_at_once_is_not_logged(path: bytes, caplog: pyte
 async def test_grpc_reads_no_headers_of_calls_that_are_refused(
     path: bytes, num_headers: int, status: int, is_read: bool, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    """What serves its calls begins with reading them all: a hundred thousand take the event loop 50 ms."""
+    """gRPC reads all headers of a call that it serves: a hundred thousand of them take the event loop 50 ms."""
     served_by_grpc: list[str] = []
     serve = cygrpc._handle_rpc
 
@@ -93,7 +93,7 @@ async def test_grpc_reads_no_headers_of_calls_that_are_refused(
     assert served_by_grpc == [SERVED.decode()] * is_read
 
 
-async def test_a_fault_before_a_call_is_begun_ends_no_server(
+async def test_fault_before_a_call_begins_fails_the_call_and_not_the_server(
     monkeypatch: pytest.MonkeyPatch, caplog: pytest.LogCaptureFixture
 ) -> None:
     def fail(_self: HeaderTime, _context: Any) -> None:

@@ -1,4 +1,4 @@
-"""The methods that gRPC is given: all of the contract's, under their names."""
+"""The methods registered with gRPC: all of the contract's, under their names."""
 
 from __future__ import annotations
 
@@ -11,7 +11,7 @@ from motiongen_server.rpc.handlers import SERVICE, add_methods
 
 
 class Server:
-    """Keeps what is added to it."""
+    """Keeps the handlers that are registered with it."""
 
     def __init__(self) -> None:
         self.served: dict[str, grpc.RpcMethodHandler[Any, Any]] = {}
@@ -22,8 +22,8 @@ class Server:
         self.served |= {f"{service}.{name}": handler for name, handler in handlers.items()}
 
 
-def test_every_method_of_the_contract_is_served_and_none_has_its_request_awaited_by_grpc() -> None:
-    """gRPC would wait for ever. On the wire a stream of one message is the same as a message."""
+def test_every_contract_method_is_registered_as_stream_stream() -> None:
+    """Otherwise gRPC would wait for the request for ever. On the wire, a stream of one message equals one message."""
     server: Any = Server()
     methods: Any = SimpleNamespace(**{method.name: object() for method in SERVICE.methods})
     add_methods(methods, server)

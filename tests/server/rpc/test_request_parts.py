@@ -17,7 +17,7 @@ from motiongen_server.rpc.request_parts import (
 from motiongen_server.rpc.wire_fields import CLIP, Malformed, num_fields
 
 MOST = 500
-"""Fields of one event."""
+"""The most fields that an event may have."""
 
 HELLO = service_pb2.ClientHello(client_agent="someone")
 KNOWN = st.builds(
@@ -37,7 +37,9 @@ def walked(data: bytes, most: int = 10) -> tuple[RequestParts, int]:
 
 
 @given(st.lists(KNOWN, max_size=200), UNKNOWN, st.booleans())
-def test_the_parts_are_the_message(events: list[session_pb2.SessionEvent], unknown: bytes, hello_first: bool) -> None:
+def test_parts_together_equal_the_message(
+    events: list[session_pb2.SessionEvent], unknown: bytes, hello_first: bool
+) -> None:
     whole = service_pb2.StreamMotionRequest(events=events)
     said = service_pb2.StreamMotionRequest(hello=HELLO).SerializeToString()
     data = whole.SerializeToString()
@@ -51,7 +53,7 @@ def test_the_parts_are_the_message(events: list[session_pb2.SessionEvent], unkno
     assert all(len(part.events) <= EVENTS_A_PART for part in given_back)
 
 
-def test_no_more_is_walked_over_than_was_asked_for() -> None:
+def test_walk_stops_after_the_number_of_fields_asked_for() -> None:
     parts = RequestParts(b"\x0a\x00" * 1000, MOST)
     assert parts.walk(300) == 300
     assert not parts.is_done
@@ -60,7 +62,7 @@ def test_no_more_is_walked_over_than_was_asked_for() -> None:
 
 
 @given(st.binary(min_size=1, max_size=300))
-def test_garbage_is_called_that_or_read_as_protobuf_reads_it(data: bytes) -> None:
+def test_random_bytes_are_malformed_or_read_as_protobuf_reads_them(data: bytes) -> None:
     try:
         parts, _ = walked(data)
         found = [event for part, _ in parts.events() for event in part.events]
@@ -77,19 +79,19 @@ def test_garbage_is_called_that_or_read_as_protobuf_reads_it(data: bytes) -> Non
     [b"\x0a\x05ab", b"\x0a", b"\x0b\x00", b"\xff" * 12, b"\x0d\x00"],
     ids=["cut", "no length", "group", "tag", "fixed"],
 )
-def test_what_ends_too_early_is_malformed(data: bytes) -> None:
+def test_invalid_wire_bytes_are_malformed(data: bytes) -> None:
     with pytest.raises(Malformed):
         walked(data)
 
 
 def edit(num_constraints: int, sequence: int = 2) -> session_pb2.SessionEvent:
-    """Each constraint is a field, and has two."""
+    """An event with this many constraints; each is a field that has two more."""
     waypoint = motion_pb2.Constraint(frame=9, waypoint=motion_pb2.Waypoint(x=1, z=2))
     change = session_pb2.EditConstraints(upsert=[waypoint] * num_constraints)
     return session_pb2.SessionEvent(session=7, event_seq=sequence, edit_constraints=change)
 
 
-def test_an_event_of_more_fields_than_it_may_have_is_told_apart_and_not_read() -> None:
+def test_event_with_too_many_fields_is_marked_and_its_content_is_not_read() -> None:
     fits, too_many = edit((MOST - 10) // 3), edit(MOST // 3 + 1, 3)
     after = session_pb2.SessionEvent(session=8, event_seq=4, close=session_pb2.CloseSession())
     parts, _ = walked(service_pb2.StreamMotionRequest(events=[fits, too_many, after]).SerializeToString())
@@ -100,7 +102,7 @@ def test_an_event_of_more_fields_than_it_may_have_is_told_apart_and_not_read() -
     assert list(third.events) == [after]
 
 
-def test_fields_are_walked_over_no_further_than_an_event_may_have() -> None:
+def test_counting_of_an_event_stops_at_its_field_limit() -> None:
     event = edit(100_000).SerializeToString()
     _, count = walked(service_pb2.StreamMotionRequest.FromString(b"").SerializeToString() + wrapped(event))
     assert count == 1 + (MOST + 1) // 32
@@ -115,7 +117,7 @@ def wrapped(event: bytes) -> bytes:
     return bytes(written) + bytes([length]) + event
 
 
-def test_what_is_parsed_at_once_has_so_many_fields_at_most() -> None:
+def test_no_part_has_more_fields_than_are_parsed_at_once() -> None:
     many = [edit(MOST // 3 - 10, number) for number in range(60)]
     parts, _ = walked(service_pb2.StreamMotionRequest(events=many).SerializeToString())
     sizes = [len(part.events) for part, _ in parts.events()]
@@ -129,7 +131,7 @@ def test_what_is_parsed_at_once_has_so_many_fields_at_most() -> None:
     assert max(len(part.events) for part, _ in parts.events()) <= FIELDS_A_PART // 400
 
 
-def test_a_clip_is_counted_through_all_that_holds_messages() -> None:
+def test_fields_of_a_clip_are_counted_at_every_level() -> None:
     opening = session_pb2.OpenSession(constraints=[motion_pb2.Constraint(waypoint=motion_pb2.Waypoint(x=1))] * 9)
     data = service_pb2.GenerateClipRequest(frame_count=40, open=opening).SerializeToString()
     assert num_fields(data, 0, len(data), CLIP, MOST) == 2 + 9 * 2
@@ -144,6 +146,6 @@ def test_a_clip_is_counted_through_all_that_holds_messages() -> None:
     ],
     ids=["control fields", "kinds of one event", "a field beyond its event"],
 )
-def test_what_no_client_says_is_malformed(data: bytes) -> None:
+def test_messages_that_no_client_sends_are_malformed(data: bytes) -> None:
     with pytest.raises(Malformed):
         list(walked(data)[0].events())

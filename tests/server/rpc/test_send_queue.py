@@ -50,7 +50,7 @@ def put_all(*outputs: Output) -> SendQueue:
 
 
 def frames(run: Run) -> list[int]:
-    """The numbers of the frames in a run, which the rows of these tests say; checked against the run's own books."""
+    """The numbers of a run's frames, which the rows of these tests contain; checked against the run's own numbers."""
     numbers = [int(row[0]) for part in run.parts for row in part]
     assert numbers == list(range(run.first_frame, run.first_frame + run.num_frames))
     return numbers
@@ -62,7 +62,7 @@ def num_bytes(item: Run | tuple[Output, int]) -> int:
     return size_of(item[0])
 
 
-def test_outputs_come_out_in_order_with_the_number_they_went_in_with() -> None:
+def test_outputs_are_taken_in_order_with_the_numbers_they_were_put_with() -> None:
     outcome = Outcome(KEY, 2, Code.OK)
     first, run, answer, later = put_all(notice(1, 0), chunk(0, 4), outcome, chunk(4, 4)).take(1 << 30)
     assert (first, answer) == ((notice(1, 0), 0), (outcome, 2))
@@ -72,7 +72,7 @@ def test_outputs_come_out_in_order_with_the_number_they_went_in_with() -> None:
     assert (frames(later), later.applied_seq) == ([4, 5, 6, 7], 3)
 
 
-def test_neighbouring_frames_go_out_as_one_whatever_other_sessions_say() -> None:
+def test_consecutive_frames_are_joined_across_outputs_of_other_sessions() -> None:
     run, other = put_all(chunk(0, 4), chunk(0, 2, key=OTHER), chunk(4, 4)).take(1 << 30)
     assert isinstance(run, Run)
     assert isinstance(other, Run)
@@ -80,7 +80,7 @@ def test_neighbouring_frames_go_out_as_one_whatever_other_sessions_say() -> None
     assert (other.handle, frames(other)) == (OTHER.handle, [0, 1])
 
 
-def test_frames_of_another_plan_or_after_a_gap_or_beyond_the_most_start_an_update() -> None:
+def test_another_plan_a_gap_or_a_full_run_starts_a_new_run() -> None:
     send_queue = put_all(chunk(0, 4), chunk(4, 4, plan=2), chunk(9, 4, plan=2), chunk(13, MAX_RUN_FRAMES, plan=2))
     assert [frames(item) for item in send_queue.take(1 << 30) if isinstance(item, Run)] == [
         [0, 1, 2, 3],
@@ -90,7 +90,7 @@ def test_frames_of_another_plan_or_after_a_gap_or_beyond_the_most_start_an_updat
     ]
 
 
-def test_a_plan_takes_out_the_frames_it_replaces_and_leaves_those_below() -> None:
+def test_plan_removes_the_frames_it_replaces_and_keeps_earlier_ones() -> None:
     send_queue = put_all(chunk(0, 4), chunk(4, 8), chunk(12, 4), chunk(0, 20, key=OTHER), notice(2, 6))
     mine, other, told = send_queue.take(1 << 30)
     assert isinstance(mine, Run)
@@ -100,8 +100,8 @@ def test_a_plan_takes_out_the_frames_it_replaces_and_leaves_those_below() -> Non
     assert send_queue.dropped_frames == 10
 
 
-def test_what_was_taken_is_neither_added_to_nor_cut() -> None:
-    """It is being written: frames that joined it would be lost, and counted for ever."""
+def test_taken_run_is_neither_extended_nor_cut() -> None:
+    """A run that was taken is being written: frames added to it would be lost, and counted for ever."""
     send_queue = put_all(chunk(0, 4), notice(2, 8), chunk(8, 4, plan=2))
     first, _, second = send_queue.take(10_000)
     assert (len(send_queue), send_queue.num_bytes) == (0, 0)
@@ -115,28 +115,28 @@ def test_what_was_taken_is_neither_added_to_nor_cut() -> None:
     assert send_queue.dropped_frames == 0
 
 
-def test_of_runs_that_wait_for_one_session_a_plan_cuts_those_behind_what_was_taken() -> None:
+def test_plan_cuts_only_runs_that_were_not_taken() -> None:
     send_queue = put_all(chunk(0, 4), chunk(8, 4), chunk(16, 4))
     (first,) = send_queue.take(1)
     (second,) = send_queue.take(1)
     send_queue.put(notice(2, 0), 5)
-    assert send_queue.dropped_frames == 4, "those of the third, and of none that was taken"
+    assert send_queue.dropped_frames == 4, "the third run's frames, and none of a run that was taken"
     assert isinstance(first, Run)
     assert isinstance(second, Run)
     assert (frames(first), frames(second)) == ([*range(4)], [*range(8, 12)])
-    assert [type(item) for item in send_queue.take(10_000)] == [tuple], "the plan"
+    assert [type(item) for item in send_queue.take(10_000)] == [tuple], "only the plan is left"
     assert send_queue.num_bytes == 0
 
 
-def test_frames_join_the_newest_that_wait_and_none_before_what_was_said_since() -> None:
+def test_frames_join_the_newest_run_unless_its_session_had_other_output() -> None:
     send_queue = put_all(chunk(0, 4), chunk(8, 4), chunk(12, 4), Outcome(KEY, 2, Code.OK), chunk(16, 4))
     runs = [item for item in send_queue.take(10_000) if isinstance(item, Run)]
     assert [frames(run) for run in runs] == [[*range(4)], [*range(8, 16)], [*range(16, 20)]]
     assert [run.applied_seq for run in runs] == [0, 1, 4]
 
 
-def test_frames_of_the_same_plan_do_not_join_those_that_were_cut() -> None:
-    """Else they would be told with the number that held before what was said in between."""
+def test_frames_do_not_join_a_run_that_was_dropped() -> None:
+    """Otherwise they would be sent with an `applied_seq` from before the events in between."""
     send_queue = put_all(chunk(0, 8))
     send_queue.drop_frames()
     send_queue.put_chunk(chunk(0, 4), 5)
@@ -145,7 +145,7 @@ def test_frames_of_the_same_plan_do_not_join_those_that_were_cut() -> None:
     assert (frames(run), run.applied_seq) == ([*range(4)], 5)
 
 
-def test_after_a_clearing_nothing_waits_and_what_comes_does_not_join_what_went() -> None:
+def test_cleared_queue_is_empty_and_later_frames_start_a_new_run() -> None:
     send_queue = put_all(notice(1, 0), chunk(0, 4))
     send_queue.clear()
     assert (len(send_queue), send_queue.num_bytes, send_queue.take(10_000)) == (0, 0, [])
@@ -155,21 +155,21 @@ def test_after_a_clearing_nothing_waits_and_what_comes_does_not_join_what_went()
     assert frames(run) == [*range(4, 8)]
 
 
-def test_a_plan_of_the_next_session_on_a_handle_leaves_the_last_one_s_frames() -> None:
+def test_plan_keeps_the_frames_of_the_previous_session_on_its_handle() -> None:
     closed = Closed(KEY, CloseReason.CLIENT, Code.OK, "", 4, 0)
     run, _, _ = put_all(chunk(0, 4), closed, notice(1, 0)).take(1 << 30)
     assert isinstance(run, Run)
     assert frames(run) == [0, 1, 2, 3]
 
 
-def test_what_is_taken_of_the_last_session_on_a_handle_leaves_the_next_one_s_frames_to_its_plans() -> None:
+def test_plan_cuts_its_frames_after_those_of_the_previous_session_were_taken() -> None:
     send_queue = put_all(chunk(0, 4), Closed(KEY, CloseReason.CLIENT, Code.OK, "", 4, 0), chunk(0, 8))
     send_queue.take(1)
     send_queue.put(notice(2, 6), 3)
     assert send_queue.dropped_frames == 2
 
 
-def test_frames_can_be_dropped_and_the_rest_stays() -> None:
+def test_drop_frames_keeps_all_other_outputs() -> None:
     send_queue = put_all(chunk(0, 4), Outcome(KEY, 2, Code.OK), chunk(4, 4), chunk(0, 3, key=OTHER))
     send_queue.drop_frames()
     assert send_queue.dropped_frames == 11
@@ -177,7 +177,7 @@ def test_frames_can_be_dropped_and_the_rest_stays() -> None:
     assert send_queue.take(1 << 30) == [(Outcome(KEY, 2, Code.OK), 1)]
 
 
-def test_a_message_is_filled_up_to_its_limit_but_never_empty() -> None:
+def test_take_fills_a_message_to_its_limit_but_takes_at_least_one_run() -> None:
     send_queue = put_all(chunk(0, 4), chunk(8, 4), chunk(16, 4))
     one = send_queue.num_bytes // 3
     assert len(send_queue.take(2 * one)) == 2
@@ -196,7 +196,7 @@ def test_a_message_is_filled_up_to_its_limit_but_never_empty() -> None:
     ),
     st.integers(1, 800),
 )
-def test_bytes_are_those_of_what_waits_and_frames_below_a_plan_survive(outputs: list[Output], max_bytes: int) -> None:
+def test_num_bytes_counts_what_waits_and_frames_before_a_plan_survive(outputs: list[Output], max_bytes: int) -> None:
     send_queue = put_all(*outputs)
     waiting = send_queue.num_bytes
     came: dict[int, list[int]] = {KEY.handle: [], OTHER.handle: []}
@@ -229,6 +229,6 @@ def test_bytes_are_those_of_what_waits_and_frames_below_a_plan_survive(outputs: 
     ],
     ids=lambda output: type(output).__name__,
 )
-def test_an_output_takes_as_many_bytes_as_are_counted_however_much_it_says(output: Output) -> None:
+def test_size_of_an_output_is_at_least_its_bytes_and_less_than_twice_them(output: Output) -> None:
     num_bytes = len(response_of([(output, 2**53)]))
     assert num_bytes <= size_of(output) < 2 * num_bytes

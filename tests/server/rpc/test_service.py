@@ -1,4 +1,4 @@
-"""The servicer's border with the engine's thread; what it does on the wire is in tests/contract."""
+"""The servicer's border with the engine's thread; its behaviour on the wire is tested in tests/contract."""
 
 from __future__ import annotations
 
@@ -29,7 +29,7 @@ async def test_outputs_for_a_client_that_has_gone_are_dropped() -> None:
         assert server.service.num_streams == 0
 
 
-def test_outputs_after_the_event_loop_s_end_are_dropped() -> None:
+def test_outputs_after_the_event_loop_ended_are_dropped() -> None:
     async def make() -> MotionService:
         prompts = PromptEncoder(LengthEncoder(), 1)
         catalog = Catalog(
@@ -40,7 +40,7 @@ def test_outputs_after_the_event_loop_s_end_are_dropped() -> None:
     asyncio.run(make()).deliver([STRAY])
 
 
-async def test_without_streams_the_service_is_finished() -> None:
+async def test_service_without_streams_finishes_at_once() -> None:
     async with LocalServer() as server:
         server.service.goodbye(1.0)
         server.service.close_all()

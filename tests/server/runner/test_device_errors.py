@@ -1,4 +1,4 @@
-"""What a device does wrong reaches the engine in the words of the runner's contract, and jobs stay where they were."""
+"""Errors of a device reach the engine as those of the runner's port, and leave jobs as they were."""
 
 from __future__ import annotations
 
@@ -38,13 +38,13 @@ def model() -> Model:
         (ValueError("no"), ValueError),
     ],
 )
-def test_each_error_has_its_name(raised: Exception, expected: type[Exception]) -> None:
+def test_device_errors_are_translated_for_the_engine(raised: Exception, expected: type[Exception]) -> None:
     with pytest.raises(expected) as caught, device_errors():
         raise raised
     assert type(caught.value) is expected
 
 
-def test_what_can_be_had_again_is_let_go_of_where_there_is_no_memory() -> None:
+def test_graphs_are_dropped_when_memory_runs_out() -> None:
     let_go = []
     with pytest.raises(OutOfMemory), device_errors(lambda: let_go.append("graphs")):
         raise torch.OutOfMemoryError("CUDA out of memory")
@@ -53,12 +53,12 @@ def test_what_can_be_had_again_is_let_go_of_where_there_is_no_memory() -> None:
     assert let_go == ["graphs"]
 
 
-def test_a_real_allocation_that_cannot_be_made_is_out_of_memory() -> None:
+def test_failed_allocation_of_torch_is_out_of_memory() -> None:
     with pytest.raises(OutOfMemory), device_errors():
         torch.empty(1 << 50, dtype=torch.float64)
 
 
-def test_a_step_without_memory_leaves_its_jobs_where_they_were(model: Model, monkeypatch: pytest.MonkeyPatch) -> None:
+def test_step_that_runs_out_of_memory_leaves_its_jobs_unchanged(model: Model, monkeypatch: pytest.MonkeyPatch) -> None:
     runner, undisturbed = TorchRunner(model, "tiny"), TorchRunner(model, "tiny")
     jobs = [make_job(number, model, np.random.default_rng(number)) for number in (1, 2)]
     for one in (runner, undisturbed):

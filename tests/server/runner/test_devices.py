@@ -1,4 +1,4 @@
-"""Every stage of the runner keeps to one device: what its weights are not on is brought there first."""
+"""Every stage of the runner works on one device: tensors elsewhere are first brought to where its weights are."""
 
 from __future__ import annotations
 
@@ -22,7 +22,7 @@ TINY = Path(__file__).parents[2] / "data" / "golden" / "tiny-core27" / "checkpoi
 
 
 @pytest.fixture(autouse=True)
-def _no_tables_are_left_there() -> Iterator[None]:
+def _forget_tables_on_the_pretended_device() -> Iterator[None]:
     yield
     constant.cache_clear()
 
@@ -34,7 +34,7 @@ def away(folder: Path) -> Model:
 
 
 @pytest.mark.parametrize("folder", [MINI, TINY], ids=["mini", "tiny"])
-def test_nothing_that_a_session_asks_for_mixes_devices(folder: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+def test_no_kind_of_window_mixes_devices(folder: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(linear, "_onednn_takes", lambda weight: False)  # a device has no such kernels
     here, there = load_checkpoint(folder), away(folder)
     expected = TorchRunner(here, "here")
@@ -50,7 +50,7 @@ def test_nothing_that_a_session_asks_for_mixes_devices(folder: Path, monkeypatch
     assert features == pytest.approx(expected.features(begun[0].frames[:8]), abs=1e-4)
 
 
-def test_a_history_from_anywhere_is_planned_from() -> None:
+def test_window_is_planned_from_a_history_on_any_device() -> None:
     model, here = away(MINI), load_checkpoint(MINI)
     waypoint = all_kinds(here, played(TorchRunner(here, "here"), all_kinds(here)))[1]
     text = torch.zeros(model.config.denoiser.text_tokens, model.config.denoiser.text_dim)

@@ -1,4 +1,4 @@
-"""A history given as tokens and as features, which the runner encodes, is one and the same."""
+"""A history gives the same window as tokens and as features, which the runner encodes."""
 
 from __future__ import annotations
 
@@ -23,7 +23,7 @@ def run(runner: TorchRunner, job: WindowJob) -> WindowResult:
     return runner.decode([job.job_id])[0]
 
 
-def test_tokens_and_features_of_one_history_give_one_window() -> None:
+def test_tokens_and_features_of_a_history_give_the_same_window() -> None:
     model = load_checkpoint(TINY)
     runner = TorchRunner(model, "tiny")
     job = replace(make_job(1, model, np.random.default_rng(3)), first_frame=100, start_pose=None)
@@ -35,7 +35,7 @@ def test_tokens_and_features_of_one_history_give_one_window() -> None:
     assert np.abs(first.frames - second.frames).max() < TOLERANCE
 
 
-def test_a_windows_tokens_are_its_frames() -> None:
+def test_root_part_of_a_window_s_tokens_equals_its_features() -> None:
     model = load_checkpoint(TINY)
     runner = TorchRunner(model, "tiny")
     job = replace(make_job(1, model, np.random.default_rng(5)), history=np.zeros((0, 1), np.float32))

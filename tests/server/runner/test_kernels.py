@@ -1,4 +1,4 @@
-"""Which kernels oneDNN makes while windows are served, and that no more of them are kept than an engine is to keep."""
+"""Which kernels oneDNN makes while windows are served, and that it keeps no more of them than allowed."""
 
 from __future__ import annotations
 
@@ -10,7 +10,7 @@ import pytest
 
 from motiongen_server.devices import KERNELS_KEPT
 
-# Batches of all sizes, histories of all lengths, and way points at all distances, in an order that mixes them.
+# Batches of all sizes, histories of all lengths, and waypoints at all distances, mixed.
 SERVING = """
 import random
 import numpy as np
@@ -57,7 +57,7 @@ for sizes in (range(1, 17), range(16, 0, -1)):
 """
 
 
-# Layers of many widths in every size that products are filled up to, twice over: bytes in use after each half.
+# Layers of many widths, with every size that products are padded to, twice: bytes in use after each half.
 KEEPING = """
 import ctypes
 import torch
@@ -107,46 +107,46 @@ with torch.inference_mode():
 """
 
 
-def told_by(program: str, **more: str) -> str:
-    """What a program prints in an engine's environment, and more."""
+def printed_by(program: str, **more: str) -> str:
+    """What a program prints in an engine's environment. more: further environment variables."""
     environment = {**os.environ, **KERNELS_KEPT, "OMP_NUM_THREADS": "1", **more}
     command = [sys.executable, "-c", program]
     return subprocess.run(command, env=environment, capture_output=True, text=True, check=True).stdout
 
 
 def made_while_serving() -> tuple[list[tuple[str, ...]], int]:
-    """What each kernel that was made is for, as oneDNN tells it, the kind first; and how many were found made already.
+    """What each kernel made while serving is for, as oneDNN reports it, kind first; and how often one was reused.
 
     In an engine's environment.
     """
-    _, served = told_by(SERVING, ONEDNN_VERBOSE="profile_create").split("loaded\n")
+    _, served = printed_by(SERVING, ONEDNN_VERBOSE="profile_create").split("loaded\n")
     lines = [line.split(",") for line in served.splitlines() if "create:cache_miss" in line]
     made = [tuple(fields[fields.index("create:cache_miss") + 2 : -1]) for fields in lines]
     return made, served.count("create:cache_hit")
 
 
-def test_serving_makes_products_of_filled_sizes_only_and_seldom_again() -> None:
+def test_serving_makes_only_products_and_rarely_the_same_again() -> None:
     made, found = made_while_serving()
-    assert {kernel[0] for kernel in made} <= {"inner_product"}, "others have a kernel for each shape of a batch"
+    assert {kernel[0] for kernel in made} <= {"inner_product"}, "other kinds have a kernel for each shape of a batch"
     again = len(made) - len(set(made))
-    assert again <= 0.02 * found, "too few are kept for what is served"
+    assert again <= 0.02 * found, "too few kernels are kept for these windows"
 
 
-def test_what_is_kept_of_products_comes_to_an_end() -> None:
-    """Memory in use as malloc counts it, once more products have been made than are kept, and after as many again."""
-    first, then = ([int(number) for number in line.split()] for line in told_by(KEEPING).splitlines())
+def test_memory_of_kept_products_is_bounded() -> None:
+    """Memory in use according to malloc, once more products were made than are kept, and after as many again."""
+    first, then = ([int(number) for number in line.split()] for line in printed_by(KEEPING).splitlines())
     assert first[1] > int(KERNELS_KEPT["ONEDNN_PRIMITIVE_CACHE_CAPACITY"])
     assert then[0] - first[0] < KEPT_MIB * (1 << 20)
 
 
 @pytest.mark.parametrize("places", [KERNELS_KEPT["ONEDNN_PRIMITIVE_CACHE_CAPACITY"], ""])
-def test_what_is_kept_of_products_can_be_freed(places: str) -> None:
-    """As oneDNN tells it: a product is found that was made before, and made anew after all have been freed.
+def test_free_kernels_frees_kept_products(places: str) -> None:
+    """oneDNN reports that a product made before is reused, and made again after all have been freed.
 
-    Torch itself keeps nothing here, which would be found in place of oneDNN's.
+    Torch's own cache is limited to one entry here; otherwise it would be used in place of oneDNN's.
     """
     more = {"ONEDNN_VERBOSE": "profile_create", "ONEDNN_PRIMITIVE_CACHE_CAPACITY": places, "LRU_CACHE_CAPACITY": "1"}
-    again, freed = told_by(FREEING, **more).split("loaded\n")[1].split("again\n")
+    again, freed = printed_by(FREEING, **more).split("loaded\n")[1].split("again\n")
     anew = freed.split("freed\n")[1]
     assert "create:cache_hit,cpu,inner_product" in again
     assert "create:cache_miss,cpu,inner_product" in anew

@@ -1,4 +1,4 @@
-"""Noise that is made ahead is the noise that a window starts from."""
+"""Noise made ahead of time is the noise that a window would start from anyway."""
 
 from __future__ import annotations
 
@@ -21,24 +21,24 @@ def made(noise: NoiseAhead) -> int:
 
 
 @given(PLANS)
-def test_it_is_that_of_the_plan_whatever_was_made_ahead(plans: list[tuple[int, int]]) -> None:
+def test_noise_is_that_of_the_plan_whatever_was_made_ahead(plans: list[tuple[int, int]]) -> None:
     noise = NoiseAhead(TOKENS, WIDTH)
     for seed, plan in plans:
         assert torch.equal(noise.of(seed, plan), window_noise(seed, plan - 1, TOKENS, WIDTH))
         noise.follow([(seed, plan)])
 
 
-def test_the_next_plans_are_there_when_they_are_asked_for() -> None:
+def test_noise_of_the_next_plans_is_made_ahead() -> None:
     noise = NoiseAhead(TOKENS, WIDTH)
     noise.follow([(7, 1), (8, 4)])
     until(lambda: made(noise) == 2)
     assert torch.equal(noise.of(8, 5), window_noise(8, 4, TOKENS, WIDTH))
     assert made(noise) == 1
-    noise.of(7, 1)  # a plan that nobody foresaw is made at once
+    noise.of(7, 1)  # noise of an unforeseen plan is made at once
     assert made(noise) == 1
 
 
-def test_what_nobody_asks_for_is_let_go_of(monkeypatch: pytest.MonkeyPatch) -> None:
+def test_oldest_unused_noise_is_dropped(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(noise_ahead, "MOST_AHEAD", 4)
     noise = NoiseAhead(TOKENS, WIDTH)
     noise.follow([(seed, 1) for seed in range(10)])

@@ -1,4 +1,4 @@
-"""Outputs on request, against the model library's own ways to the same numbers."""
+"""Outputs on request, compared with the same numbers computed by the model library."""
 
 from __future__ import annotations
 
@@ -20,7 +20,7 @@ FPS = 25
 
 
 def turning(name: str, frames: int = 60) -> tuple[Motion, np.ndarray]:
-    """Every joint turns evenly about an axis of its own, several times about; and its rows, with continuous signs."""
+    """A motion in which every joint turns steadily about its own axis, and its rows, with continuous signs."""
     skeleton, generator = load_skeleton(name), np.random.default_rng(5)
     axes = generator.normal(size=(skeleton.num_joints, 3))
     axes /= np.linalg.norm(axes, axis=1, keepdims=True)
@@ -34,7 +34,7 @@ def turning(name: str, frames: int = 60) -> tuple[Motion, np.ndarray]:
 
 
 @pytest.mark.parametrize("name", ["core27", "g134"])
-def test_places_turns_and_speeds_are_those_of_the_skeleton(name: str) -> None:
+def test_joint_positions_rotations_and_velocities_equal_the_library_s(name: str) -> None:
     skeleton, (motion, rows) = load_skeleton(name), turning(name)
     asked = ["joint_velocities_mps", "joint_positions_m", "joint_global_rotation_quat_wxyz"]
     made = outputs_of_rows(skeleton, FPS, asked, rows)
@@ -47,10 +47,10 @@ def test_places_turns_and_speeds_are_those_of_the_skeleton(name: str) -> None:
     np.testing.assert_allclose(found, rotations[1:], atol=1e-5)
 
 
-def test_signs_of_world_quaternions_go_on_from_chunk_to_chunk() -> None:
+def test_signs_of_global_quaternions_are_continuous_across_chunks() -> None:
     skeleton, (_, rows) = load_skeleton("core27"), turning("core27")
     still = rows.copy()
-    still[:, 3 + 4 * 5 : -4] = rows[0, 3 + 4 * 5 : -4]  # chains of a few turning joints, as of a body
+    still[:, 3 + 4 * 5 : -4] = rows[0, 3 + 4 * 5 : -4]  # chains of a few turning joints, as in a body
     parts = [
         outputs_of_rows(skeleton, FPS, ["joint_global_rotation_quat_wxyz"], still[begin - 1 : begin + 7])
         for begin in range(1, 50, 7)
@@ -59,7 +59,7 @@ def test_signs_of_world_quaternions_go_on_from_chunk_to_chunk() -> None:
     assert (turns[1:] * turns[:-1]).sum(axis=-1).min() > 0.5
 
 
-def test_qpos_is_that_of_the_robot_within_its_ranges_and_qvel_leads_from_row_to_row() -> None:
+def test_qpos_is_clamped_to_the_robot_and_qvel_leads_from_row_to_row() -> None:
     skeleton, (motion, rows) = load_skeleton("g134"), turning("g134")
     qpos = outputs_of_rows(skeleton, FPS, ["g1_qpos"], rows)
     whole, _ = clamp_to_range(motion_to_qpos(motion))
@@ -76,7 +76,7 @@ def test_qpos_is_that_of_the_robot_within_its_ranges_and_qvel_leads_from_row_to_
     np.testing.assert_allclose(qvel[1:], forward[:-1], atol=2e-3)
 
 
-def test_qpos_of_a_pose_of_the_robot_is_that_pose() -> None:
+def test_qpos_of_a_robot_pose_is_that_pose() -> None:
     robot = load_g1()
     qpos = torch.cat(
         [torch.tensor([1.0, 2.0, 0.8, math.cos(0.3), 0, 0, math.sin(0.3)]), (robot.lower + robot.upper) / 3]
@@ -88,7 +88,7 @@ def test_qpos_of_a_pose_of_the_robot_is_that_pose() -> None:
     np.testing.assert_allclose(made[7:], qpos[7:], atol=1e-5)
 
 
-def test_only_the_robot_s_rig_offers_the_robot_s_numbers() -> None:
+def test_only_the_robot_s_rig_offers_qpos_and_qvel() -> None:
     assert [block.name for block in output_blocks(load_skeleton("core27"))] == [
         "joint_positions_m",
         "joint_global_rotation_quat_wxyz",

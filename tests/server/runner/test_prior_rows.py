@@ -1,4 +1,4 @@
-"""Frames as they are on the wire become the features that they were made of."""
+"""Frame rows as sent to clients are converted back to the features that they were made of."""
 
 from __future__ import annotations
 
@@ -14,7 +14,7 @@ from tests.conftest import ROOT
 
 
 @pytest.mark.parametrize("name", ["tiny-core27", "tiny-g134"])
-def test_rows_give_back_their_features(name: str) -> None:
+def test_features_of_rows_are_those_they_were_made_of(name: str) -> None:
     model = load_checkpoint(ROOT / "tests" / "data" / "golden" / name / "checkpoint")
     layout, joints = model.representation, model.skeleton.num_joints
     numbers = torch.Generator().manual_seed(5)

@@ -1,4 +1,4 @@
-"""Prompts become texts of as many vectors as a model takes, and are brought to a device once."""
+"""Prompts become texts of as many vectors as a model takes, and are moved to a device once."""
 
 from __future__ import annotations
 
@@ -15,7 +15,7 @@ CONFIG = DenoiserConfig(TransformerConfig(64, 128, 2, 4), latent_dim=16, text_to
 
 
 @pytest.mark.parametrize("count", [1, 2, 3, 5])
-def test_fewer_vectors_are_filled_up_and_more_are_cut_off(count: int) -> None:
+def test_missing_vectors_are_zeros_and_surplus_ones_are_cut_off(count: int) -> None:
     embedding = np.arange(1, 4 * count + 1, dtype=np.float32).reshape(count, 4)
     prompt = Prompts(CONFIG).of(embedding)
     kept = min(count, 3)
@@ -25,11 +25,11 @@ def test_fewer_vectors_are_filled_up_and_more_are_cut_off(count: int) -> None:
     assert prompt.is_told
 
 
-def test_one_vector_may_come_by_itself() -> None:
+def test_single_vector_needs_no_second_dimension() -> None:
     assert Prompts(CONFIG).of(np.ones(4, np.float32)).text[0].tolist() == [1.0] * 4
 
 
-def test_no_prompt_and_one_of_zeros_tell_nothing() -> None:
+def test_absent_prompt_and_zeros_count_as_no_prompt() -> None:
     held = Prompts(CONFIG)
     for nothing in (None, np.zeros(4, np.float32)):
         prompt = held.of(nothing)
@@ -37,16 +37,16 @@ def test_no_prompt_and_one_of_zeros_tell_nothing() -> None:
         assert not prompt.text.any()
 
 
-def test_an_embedding_is_made_a_text_once_and_never_taken_for_another(monkeypatch: pytest.MonkeyPatch) -> None:
+def test_text_of_an_embedding_is_made_once_and_never_taken_for_another_s(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(prompts, "MOST_HELD", 8)
     held = Prompts(CONFIG)
     embedding = np.ones(4, np.float32)
     assert held.of(embedding).text is held.of(embedding).text
-    for number in range(100):  # arrays that go, whose places in memory others take
+    for number in range(100):  # arrays that are freed, whose memory others reuse
         assert held.of(np.full(4, number, np.float32)).text[0, 0] == number
 
 
-def test_texts_that_several_share_are_those_of_each_on_a_device() -> None:
+def test_texts_on_a_device_are_right_for_rows_that_share_them() -> None:
     one, other = torch.ones(3, 4), torch.full((3, 4), 2.0)
     expected = [1.0, 2.0, 1.0, 1.0]
     with torch.inference_mode(), pretended():

@@ -1,4 +1,4 @@
-"""What the runner replays as graphs is what is given without them, whatever was replayed in between."""
+"""The runner gives the same windows with and without graphs, whatever was replayed in between."""
 
 from __future__ import annotations
 
@@ -30,7 +30,7 @@ TINY = Path(__file__).parents[2] / "data" / "golden" / "tiny-core27" / "checkpoi
 
 @pytest.fixture
 def as_on_a_gpu(monkeypatch: pytest.MonkeyPatch) -> None:
-    """What the processor alone asks, since it is cheap there, is not asked; what comes to the host is a copy."""
+    """Skips shortcuts that only the CPU takes, since they are cheap there; what comes to the host is a copy."""
     on_host = decoding.on_host
     monkeypatch.setattr(decoding, "on_host", lambda *tensors: [part.copy() for part in on_host(*tensors)])
     monkeypatch.setattr(seams, "_joints_of", lambda touched: list(range(1, touched.shape[1])))
@@ -46,7 +46,7 @@ def assert_same(found: Sequence[WindowResult], expected: Sequence[WindowResult])
 
 
 def led(model: Model) -> WindowJob:
-    """A first window whose way is laid out from its first frame on, headings too."""
+    """A first window with a root trajectory from its first frame on, including headings."""
     way = np.linspace((1.0, -2.0), (1.3, 0.0), 40, dtype=np.float32)
     leading = RootTrajectory(VELOCITY_ID, 0, way, np.full(40, 0.15, np.float32))
     return replace(all_kinds(model)[2], constraints=(leading,))
@@ -54,7 +54,7 @@ def led(model: Model) -> WindowJob:
 
 @pytest.mark.parametrize("folder", [MINI, TINY], ids=["mini", "tiny"])
 @pytest.mark.usefixtures("as_on_a_gpu")
-def test_replayed_windows_are_those_that_are_called(folder: Path) -> None:
+def test_replayed_windows_equal_those_without_graphs(folder: Path) -> None:
     model, recorder = load_checkpoint(folder), TapeRecorder()
     plain, replayed = TorchRunner(model, "plain"), TorchRunner(model, "replayed", graphs=eager(recorder))
     first = all_kinds(model)
@@ -66,11 +66,11 @@ def test_replayed_windows_are_those_that_are_called(folder: Path) -> None:
 
 
 @pytest.mark.usefixtures("as_on_a_gpu")
-def test_a_step_is_a_replay_for_each_length_of_sequences_and_one_for_what_follows() -> None:
+def test_step_replays_one_graph_per_sequence_length_and_one_for_the_rest() -> None:
     model, recorder = load_checkpoint(TINY), TapeRecorder()
     plain, replayed = TorchRunner(model, "plain"), TorchRunner(model, "replayed", graphs=eager(recorder))
     [history] = (one.features[-16:] for one in played(plain, all_kinds(model)[:1]))
-    waypoint, beyond = ((Waypoint(1, frame, 1.0, 1.0),) for frame in (60, 90))  # within the window, and behind it
+    waypoint, beyond = ((Waypoint(1, frame, 1.0, 1.0),) for frame in (60, 90))  # within the window, and beyond it
     for asked, num_lengths in (((), ()), 1), (((), waypoint, ()), 1), (((), beyond, waypoint), 2), (((), ()), 1):
         jobs = [job(number, model, history, goals, is_told=True) for number, goals in enumerate(asked, start=1)]
         expected, ids = played(plain, jobs), [one.job_id for one in jobs]
@@ -83,7 +83,7 @@ def test_a_step_is_a_replay_for_each_length_of_sequences_and_one_for_what_follow
 
 
 @pytest.mark.usefixtures("as_on_a_gpu")
-def test_rows_whose_root_is_kept_are_replayed_with_the_others() -> None:
+def test_rows_whose_root_is_kept_are_replayed_together_with_others() -> None:
     recorder = TapeRecorder()
     pair = Pair(MINI, torch.float32, eager(recorder))
     jobs = [all_kinds(pair.model)[0], led(pair.model)]
@@ -98,7 +98,7 @@ def test_rows_whose_root_is_kept_are_replayed_with_the_others() -> None:
 
 
 class Pair:
-    """A runner that calls what it does, and one that replays it. They are given the same."""
+    """A runner without graphs and one that replays them, which tests give the same jobs."""
 
     def __init__(self, folder: Path, precision: torch.dtype, graphs: GraphCache) -> None:
         self.model = load_checkpoint(folder)
@@ -127,9 +127,7 @@ class Pair:
     ids=["mini", "tiny", "few graphs", "of what comes often"],
 )
 @pytest.mark.usefixtures("as_on_a_gpu")
-def test_windows_that_come_and_go_in_any_order_are_those_that_are_called(
-    folder: Path, most: int, worth_it: int
-) -> None:
+def test_interleaved_windows_equal_those_without_graphs(folder: Path, most: int, worth_it: int) -> None:
     numbers, recorder = random.Random(7), TapeRecorder()
     pair = Pair(folder, torch.float32, GraphCache(recorder, most, worth_it=worth_it))
     kinds = all_kinds(pair.model) + all_kinds(pair.model, played(pair.called, all_kinds(pair.model)))
@@ -156,7 +154,7 @@ def test_windows_that_come_and_go_in_any_order_are_those_that_are_called(
 
 
 @pytest.mark.usefixtures("as_on_a_gpu")
-def test_graphs_go_where_there_is_no_memory_and_windows_are_still_those_that_are_called(
+def test_graphs_are_dropped_without_memory_and_windows_stay_the_same(
     monkeypatch: pytest.MonkeyPatch,
 ) -> None:
     recorder = TapeRecorder()
@@ -183,7 +181,7 @@ def _out_of_memory(*_: object) -> None:
     raise torch.OutOfMemoryError("no more")
 
 
-def test_rows_say_what_they_are_asked_for() -> None:
+def test_rows_know_which_kind_of_target_they_are_asked_for() -> None:
     model = load_checkpoint(MINI)
     runner = TorchRunner(model, "mini")
     jobs = all_kinds(model)

@@ -45,7 +45,7 @@ RECORDS = Path(__file__).parents[2] / "data" / "records"
 
 
 def a_record(taken_seq: int = 5, num_frames: int = 60) -> SessionRecord:
-    """num_frames: how many frames it holds."""
+    """num_frames: how many frames the snapshot holds."""
     rows = np.random.default_rng(1).normal(size=(num_frames, 12)).astype(np.float32)
     matrix = np.eye(3, dtype=np.float32)[None]
     snapshot = SessionSnapshot(

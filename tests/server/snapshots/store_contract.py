@@ -13,17 +13,17 @@ Two: TypeAlias = tuple[SnapshotStore, SnapshotStore]
 class StoreContract:
     """Modules with subclasses provide the fixture."""
 
-    def test_a_record_is_what_was_saved_last(self, stores: Two) -> None:
+    def test_record_is_what_was_saved_last(self, stores: Two) -> None:
         one, other = stores
         assert one.save([(Lease("a", 1), b"\x00one"), (Lease("b", 1), b"two")]) == [True, True]
         assert one.save([(Lease("a", 1), b"three\xff")]) == [True]
         assert other.read("a") == (1, b"three\xff")
-        assert one.renew([Lease("a", 1)]) == [Renewal.KEPT], "reading takes nothing"
+        assert one.renew([Lease("a", 1)]) == [Renewal.KEPT], "reading takes nothing over"
         assert other.take(Lease("a", 1), "other") == (2, b"three\xff")
         assert other.take(Lease("c", 1), "other") is other.read("c") is None
         assert one.save([]) == []
 
-    def test_who_was_taken_from_writes_nothing_any_more(self, stores: Two) -> None:
+    def test_fenced_holder_can_neither_write_nor_renew_nor_drop(self, stores: Two) -> None:
         one, other = stores
         one.save([(Lease("a", 1), b"old"), (Lease("b", 1), b"mine")])
         held = other.take(Lease("a", 1), "other")
@@ -35,23 +35,23 @@ class StoreContract:
         assert one.take(Lease("a", 2), "one") == (3, b"new")
         assert other.renew([Lease("a", 2)]) == [Renewal.FENCED]
 
-    def test_what_is_dropped_is_gone(self, stores: Two) -> None:
+    def test_dropped_record_is_gone(self, stores: Two) -> None:
         one, other = stores
         one.save([(Lease("a", 4), b"old")])
         one.drop([Lease("a", 4), Lease("never", 1)])
         assert other.take(Lease("a", 4), "other") is None
 
-    def test_a_session_is_taken_only_from_who_holds_it(self, stores: Two) -> None:
+    def test_session_is_taken_only_with_the_epoch_of_its_holder(self, stores: Two) -> None:
         one, other = stores
         one.save([(Lease("a", 3), b"x")])
         for epoch in (1, 2, 4, 30, 77):
             assert other.take(Lease("a", epoch), "other") is None
-        assert one.renew([Lease("a", 3)]) == [Renewal.KEPT], "it stays with who has it"
+        assert one.renew([Lease("a", 3)]) == [Renewal.KEPT], "it stays with its holder"
         assert other.take(Lease("a", 3), "other") == (4, b"x")
         assert one.take(Lease("a", 3), "one") is None, "it was taken already"
         assert one.read("a") == (4, b"x")
 
-    def test_of_many_who_take_a_session_at_once_each_has_an_epoch_of_its_own(self, stores: Two) -> None:
+    def test_concurrent_takers_of_a_session_get_different_epochs(self, stores: Two) -> None:
         one, other = stores
         one.save([(Lease("a", 1), b"x")])
         epochs: list[int] = []

@@ -1,4 +1,4 @@
-"""Records: whole or not at all."""
+"""Records are read completely or not at all."""
 
 from __future__ import annotations
 
@@ -13,19 +13,19 @@ from motiongen_server.snapshots.record import MAX_BYTES, RecordRefused, SessionR
 from tests.server.snapshots.records import RECORDS, a_record
 
 
-def test_a_record_comes_back_as_it_was_written() -> None:
+def test_record_is_read_as_it_was_written() -> None:
     record = a_record()
     again = read_record(write_record(record))
     assert write_record(again) == write_record(record)
     assert np.array_equal(again.snapshot.rows, record.snapshot.rows)
-    assert again.snapshot.rows.flags.writeable, "torch takes no other"
+    assert again.snapshot.rows.flags.writeable, "torch needs writable arrays"
     assert again.opened == record.opened
     assert again.answers == record.answers
     assert again.snapshot.spec.seed == 1 << 63
     assert again.unanswered == {4}
 
 
-def test_a_changed_byte_is_found_wherever_it_is() -> None:
+def test_changed_bit_anywhere_is_detected() -> None:
     data, rng = write_record(a_record()), random.Random(5)
     for index in [*range(64), *rng.sample(range(len(data)), 400)]:
         damaged = bytearray(data)
@@ -34,17 +34,17 @@ def test_a_changed_byte_is_found_wherever_it_is() -> None:
             read_record(bytes(damaged))
 
 
-def test_what_is_cut_off_or_no_record_is_refused() -> None:
+def test_truncated_record_and_other_data_are_refused() -> None:
     data = write_record(a_record())
     for length in (0, 3, 4, 5, 20, 37, len(data) - 1):
         with pytest.raises(RecordRefused):
             read_record(data[:length])
     with pytest.raises(RecordRefused, match="not the record"):
-        read_record(b"\x80\x04\x95" + data)  # as a pickle would begin
+        read_record(b"\x80\x04\x95" + data)  # begins as a pickle does
 
 
 @pytest.mark.parametrize("place", [4, 5, 20], ids=["version", "schema", "the schema's end"])
-def test_a_version_that_is_not_known_is_refused_with_its_name(place: int) -> None:
+def test_record_of_an_unknown_version_is_refused_naming_the_versions(place: int) -> None:
     data = bytearray(write_record(a_record()))
     data[place] = ord("7") if data[place] != ord("7") else ord("8")
     with pytest.raises(RecordRefused, match="another version of the server, in the form") as refused:
@@ -52,8 +52,8 @@ def test_a_version_that_is_not_known_is_refused_with_its_name(place: int) -> Non
     assert "this one reads 1/" in str(refused.value)
 
 
-def test_records_of_the_version_before_are_read() -> None:
-    """`python -m tests.server.snapshots.records` keeps one of this version, which is done at a release."""
+def test_records_of_the_previous_version_are_read() -> None:
+    """At a release, `python -m tests.server.snapshots.records` saves one of that version."""
     kept = sorted(RECORDS.glob("*.bin"))
     assert {path.stem for path in kept} == record_module.ALSO_READ
     for path in kept:
@@ -63,10 +63,10 @@ def test_records_of_the_version_before_are_read() -> None:
         assert (read.opened, read.answers, read.warnings) == (now.opened, now.answers, now.warnings)
         assert [type(each) for each in read.snapshot.constraints] == [type(each) for each in now.snapshot.constraints]
         assert read.snapshot.spec.outputs == ()
-        assert write_record(read) == write_record(now), "what was added since has its default"
+        assert write_record(read) == write_record(now), "fields added since have their defaults"
 
 
-def test_a_record_that_is_too_big_is_refused() -> None:
+def test_record_that_is_too_large_is_refused() -> None:
     record = a_record()
     rows = np.zeros((MAX_BYTES // 48 + 1, 12), np.float32)
     big: SessionRecord = replace(record, snapshot=replace(record.snapshot, rows=rows))

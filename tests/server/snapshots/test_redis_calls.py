@@ -1,4 +1,4 @@
-"""Calls of a Redis fail as a store does, whatever is wrong with its address."""
+"""Calls to a Redis raise `StoreFailed`, whatever is wrong with its address."""
 
 from __future__ import annotations
 
@@ -9,7 +9,7 @@ from motiongen_server.snapshots.store import StoreFailed
 
 
 @pytest.mark.parametrize("host", ["a..b", "x" * 70, "localhost:1"])
-def test_a_host_that_is_none_is_a_store_that_fails(host: str) -> None:
+def test_invalid_host_is_a_failure_of_the_store(host: str) -> None:
     client = open_client(f"redis://{host}/0")
     with pytest.raises(StoreFailed, match=r"^the store: "), calling("the store"):
         client.ping()

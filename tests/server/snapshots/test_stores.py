@@ -1,4 +1,4 @@
-"""The store that is a file of this machine; and which store the settings ask for."""
+"""The store in a file of this machine, and which store the settings ask for."""
 
 from __future__ import annotations
 
@@ -36,7 +36,7 @@ class TestSqlite(StoreContract):
     """A file that two servers share."""
 
 
-def test_records_that_nobody_renews_expire(tmp_path: Path) -> None:
+def test_records_that_are_not_renewed_expire(tmp_path: Path) -> None:
     now = [1000.0]
     store = SqliteStore(tmp_path / "a.sqlite", KEEP_S, lambda: now[0])
     store.save([(Lease("a", 1), b"x"), (Lease("b", 1), b"y")])
@@ -49,8 +49,8 @@ def test_records_that_nobody_renews_expire(tmp_path: Path) -> None:
     assert store.renew([Lease("a", 1)]) == [Renewal.GONE]
 
 
-def test_what_has_expired_leaves_the_file_though_nobody_plays(tmp_path: Path) -> None:
-    """It is what people asked their characters to do."""
+def test_expired_records_are_deleted_although_there_are_no_sessions(tmp_path: Path) -> None:
+    """Records contain what people asked their characters to do."""
     now = [1000.0]
     store = SqliteStore(tmp_path / "a.sqlite", KEEP_S, lambda: now[0])
     store.save([(Lease("a", 1), b"x")])
@@ -61,7 +61,7 @@ def test_what_has_expired_leaves_the_file_though_nobody_plays(tmp_path: Path) ->
     writer.close()
 
 
-def test_a_file_of_a_server_before_this_one_is_gone_on_with(tmp_path: Path) -> None:
+def test_file_of_an_earlier_version_is_read_and_written(tmp_path: Path) -> None:
     with closing(sqlite3.connect(tmp_path / "a.sqlite")) as before:
         before.execute(
             "CREATE TABLE sessions (name TEXT PRIMARY KEY, epoch INTEGER NOT NULL, holder TEXT NOT NULL, "
@@ -76,7 +76,7 @@ def test_a_file_of_a_server_before_this_one_is_gone_on_with(tmp_path: Path) -> N
     store.close()
 
 
-def test_a_new_file_has_pages_that_a_record_fills(tmp_path: Path) -> None:
+def test_new_file_has_the_page_size_for_records(tmp_path: Path) -> None:
     SqliteStore(tmp_path / "a.sqlite", KEEP_S).close()
     with closing(sqlite3.connect(tmp_path / "a.sqlite")) as made:
         assert made.execute("PRAGMA page_size").fetchone() == (PAGE_BYTES,)
@@ -87,13 +87,13 @@ def test_a_file_of_sessions_is_for_its_owner_only(tmp_path: Path) -> None:
     assert (tmp_path / "a.sqlite").stat().st_mode & 0o077 == 0
 
 
-def test_a_file_that_cannot_be_written_fails_with_its_name(tmp_path: Path) -> None:
+def test_file_that_is_no_database_is_refused_by_name(tmp_path: Path) -> None:
     (tmp_path / "a.sqlite").write_bytes(b"this is no database at all, and it is long enough to be looked at" * 20)
     with pytest.raises(StoreFailed, match=r"a\.sqlite"):
         SqliteStore(tmp_path / "a.sqlite", KEEP_S)
 
 
-def test_a_table_of_another_program_is_left_alone(tmp_path: Path) -> None:
+def test_table_of_another_program_is_refused_and_left_alone(tmp_path: Path) -> None:
     with closing(sqlite3.connect(tmp_path / "a.sqlite")) as other:
         other.execute("CREATE TABLE sessions (user TEXT, expires_at REAL)")
         other.execute("INSERT INTO sessions VALUES ('somebody', 1.0)")
@@ -103,7 +103,7 @@ def test_a_table_of_another_program_is_left_alone(tmp_path: Path) -> None:
         assert other.execute("SELECT * FROM sessions").fetchall() == [("somebody", 1.0)]
 
 
-def test_a_full_disk_fails_and_is_written_again_once_there_is_room(tmp_path: Path) -> None:
+def test_save_fails_on_a_full_disk_and_works_once_there_is_room(tmp_path: Path) -> None:
     store = SqliteStore(tmp_path / "a.sqlite", KEEP_S)
     store.save([(Lease("a", 1), b"old")])
     connection = store.connection()
@@ -116,7 +116,7 @@ def test_a_full_disk_fails_and_is_written_again_once_there_is_room(tmp_path: Pat
 
 
 class Held(Sequence[tuple[Lease, bytes]]):
-    """Records that a call has begun to read and goes on with when it is let."""
+    """Records whose reading begins and then waits until the test lets it continue."""
 
     def __init__(self, *records: tuple[Lease, bytes]) -> None:
         self._records = records
@@ -131,8 +131,8 @@ class Held(Sequence[tuple[Lease, bytes]]):
         return self._records[index]
 
 
-def test_a_call_that_is_at_work_when_the_store_is_closed_ends_as_it_would(tmp_path: Path) -> None:
-    """A server that ends waits for its last writes a moment only; the process crashed where one was still at work."""
+def test_call_in_progress_when_the_store_is_closed_is_completed(tmp_path: Path) -> None:
+    """A server that ends waits only briefly for its last writes, and must not crash while one is still running."""
     store, records = SqliteStore(tmp_path / "a.sqlite", KEEP_S), Held((Lease("a", 1), b"x"))
     with ThreadPoolExecutor(1) as pool:
         saving = pool.submit(store.save, records)
@@ -158,7 +158,7 @@ def test_a_call_that_is_at_work_when_the_store_is_closed_ends_as_it_would(tmp_pa
         "rediss://localhost/0?ssl_cert_reqs=bogus",
     ],
 )
-def test_a_store_that_there_is_not_is_refused(asked: str, tmp_path: Path) -> None:
+def test_unknown_store_is_a_setting_error(asked: str, tmp_path: Path) -> None:
     with pytest.raises(SettingError, match="snapshot_store"):
         open_snapshot_store(asked, KEEP_S, tmp_path)
 
@@ -171,7 +171,7 @@ def test_a_store_that_there_is_not_is_refused(asked: str, tmp_path: Path) -> Non
         ("redis://:secret#of-mine@localhost:7000/2", "# as %23"),
     ],
 )
-def test_a_misspelled_address_is_refused_without_its_password(asked: str, told: str, tmp_path: Path) -> None:
+def test_refusal_of_a_misspelled_address_names_it_without_password(asked: str, told: str, tmp_path: Path) -> None:
     with pytest.raises(SettingError, match="snapshot_store") as refused:
         open_snapshot_store(asked, KEEP_S, tmp_path)
     assert told in str(refused.value)
@@ -190,13 +190,13 @@ def test_a_misspelled_address_is_refused_without_its_password(asked: str, told: 
         "rediss://user:hush@localhost/0?ssl_cert_reqs=bogus",
     ],
 )
-def test_a_password_is_not_told_where_its_store_is_refused(asked: str, tmp_path: Path) -> None:
+def test_refusal_of_a_store_does_not_reveal_its_password(asked: str, tmp_path: Path) -> None:
     with pytest.raises(SettingError, match="snapshot_store") as refused:
         open_snapshot_store(asked, KEEP_S, tmp_path)
     assert "hush" not in str(refused.value)
 
 
-def test_the_store_is_where_the_setting_says(tmp_path: Path) -> None:
+def test_store_is_the_one_that_the_setting_names(tmp_path: Path) -> None:
     assert open_snapshot_store("none", KEEP_S, tmp_path) is None
     for asked in ("auto", "sqlite:"):
         assert (
@@ -215,7 +215,7 @@ def test_the_store_is_where_the_setting_says(tmp_path: Path) -> None:
         assert open_snapshot_store(options, KEEP_S, tmp_path) is not None
 
 
-def test_where_nothing_can_be_written_only_who_asked_for_a_file_is_refused(
+def test_unwritable_folder_is_an_error_only_if_a_file_was_asked_for(
     tmp_path: Path, caplog: pytest.LogCaptureFixture
 ) -> None:
     (tmp_path / "state").write_text("a file where the folder should be")
@@ -236,7 +236,7 @@ def test_where_nothing_can_be_written_only_who_asked_for_a_file_is_refused(
         ("unix:///a", True),
     ],
 )
-def test_which_stores_are_for_several_servers(asked: str, is_shared: bool) -> None:
+def test_only_redis_stores_are_for_several_servers(asked: str, is_shared: bool) -> None:
     assert is_for_several_servers(asked) is is_shared
 
 
@@ -248,5 +248,7 @@ def test_which_stores_are_for_several_servers(asked: str, is_shared: bool) -> No
         ("", {}, str(Path("~/.local/state/motiongen").expanduser())),
     ],
 )
-def test_the_state_folder(asked: str, environment: dict[str, str], folder: str) -> None:
+def test_state_folder_is_the_setting_or_the_user_s_default(
+    asked: str, environment: dict[str, str], folder: str
+) -> None:
     assert str(state_folder(asked, environment)) == folder

@@ -1,4 +1,4 @@
-"""What the store is asked for those who resume."""
+"""Calls to the store on behalf of clients that resume."""
 
 from __future__ import annotations
 
@@ -10,7 +10,7 @@ from tests.server.snapshots.kept import Store
 from tests.waiting import LIMIT_S
 
 
-def test_taking_over_says_what_the_store_says(store: Store) -> None:
+def test_take_returns_or_raises_what_the_store_does(store: Store) -> None:
     taker = SnapshotTaker(store)
     store.records["a"] = 1, b"record"
     assert taker.take(Lease("a", 1)).result() == Held(2, b"record")
@@ -21,7 +21,7 @@ def test_taking_over_says_what_the_store_says(store: Store) -> None:
     taker.close()
 
 
-def test_what_no_store_should_do_is_told_as_its_failure(store: Store, monkeypatch: pytest.MonkeyPatch) -> None:
+def test_unexpected_error_of_the_store_is_raised_as_store_failed(store: Store, monkeypatch: pytest.MonkeyPatch) -> None:
     def break_down() -> None:
         raise TypeError("an option that there is not")
 

@@ -1,4 +1,4 @@
-"""The way to the store: the newest record of each session, whatever the store does meanwhile."""
+"""The snapshot writer saves the newest record of each session, whatever the store does meanwhile."""
 
 from __future__ import annotations
 
@@ -19,9 +19,7 @@ from tests.waiting import until
 A, B = Lease("a", 1), Lease("b", 1)
 
 
-def test_what_is_saved_is_told_with_the_events_that_it_holds(
-    store: Store, heard: Heard, saving: SnapshotWriter
-) -> None:
+def test_saved_record_is_reported_with_its_last_event(store: Store, heard: Heard, saving: SnapshotWriter) -> None:
     saving.save(A, a_record(7))
     until(lambda: heard.said)
     assert heard.said == [Written(A, 7)]
@@ -29,7 +27,7 @@ def test_what_is_saved_is_told_with_the_events_that_it_holds(
     assert saving.lag_s == 0.0
 
 
-def test_a_slow_store_is_given_only_the_newest_of_each_session(
+def test_slow_store_is_given_only_the_newest_record_of_each_session(
     store: Store, heard: Heard, saving: SnapshotWriter
 ) -> None:
     store.gate.clear()
@@ -44,7 +42,7 @@ def test_a_slow_store_is_given_only_the_newest_of_each_session(
     assert heard.said == [Written(A, 1), Written(B, 49), Written(A, 49)]
 
 
-def test_the_thread_that_writes_lets_others_go_first(saving: SnapshotWriter) -> None:
+def test_writing_thread_has_low_priority(saving: SnapshotWriter) -> None:
     writes, own = saving._thread.native_id, threading.get_native_id()
     assert writes is not None
     least = min(19, os.getpriority(os.PRIO_PROCESS, own) + writer.NICENESS)
@@ -52,7 +50,9 @@ def test_the_thread_that_writes_lets_others_go_first(saving: SnapshotWriter) -> 
 
 
 @pytest.mark.usefixtures("rare_renewals")
-def test_who_was_written_since_the_last_renewal_needs_none(store: Store, heard: Heard, saving: SnapshotWriter) -> None:
+def test_session_written_since_the_last_renewal_is_not_renewed(
+    store: Store, heard: Heard, saving: SnapshotWriter
+) -> None:
     saving.save(A, a_record(1))
     until(lambda: heard.said)
     saving._renew()
@@ -62,7 +62,7 @@ def test_who_was_written_since_the_last_renewal_needs_none(store: Store, heard: 
 
 
 @pytest.mark.usefixtures("rare_renewals")
-def test_a_store_that_fails_is_told_of_once_and_when_it_is_well_again(
+def test_failing_store_is_reported_once_and_again_when_it_recovers(
     store: Store, heard: Heard, saving: SnapshotWriter
 ) -> None:
     saving.save(A, a_record(1))
@@ -73,15 +73,15 @@ def test_a_store_that_fails_is_told_of_once_and_when_it_is_well_again(
     until(lambda: len(heard.said) == 3)
     assert heard.said[2] == "failed"
     assert saving.is_failing
-    del store.records["b"]  # it was away because it was started anew
+    del store.records["b"]  # it was away because it was restarted
     store.fails = False
     until(lambda: not saving.is_failing and saving.lag_s == 0.0 and ("gone", B) in heard.said)
     assert heard.said.count("failed") == 1
     assert ("renewed", A) in heard.said
-    assert read_record(store.records["a"][1]).taken_seq == 2, "what waited was written"
+    assert read_record(store.records["a"][1]).taken_seq == 2, "the waiting record was written"
 
 
-def test_what_was_written_too_late_to_be_relied_upon_is_told_once_the_store_is_well(
+def test_record_written_too_late_is_reported_after_a_failure_and_recovery(
     store: Store, heard: Heard, saving: SnapshotWriter, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     saving.save(A, a_record(3))
@@ -93,7 +93,7 @@ def test_what_was_written_too_late_to_be_relied_upon_is_told_once_the_store_is_w
     assert heard.said == [Written(A, 3), "failed", ("renewed", A), Written(A, 5)]
 
 
-def test_who_is_fenced_is_told_with_a_write_or_soon_without_one(
+def test_fenced_session_is_reported_at_its_next_write_or_renewal(
     store: Store, heard: Heard, saving: SnapshotWriter
 ) -> None:
     saving.save(A, a_record(1))
@@ -107,7 +107,7 @@ def test_who_is_fenced_is_told_with_a_write_or_soon_without_one(
     assert read_record(store.records["a"][1]).taken_seq == 1
 
 
-def test_a_session_that_is_too_big_is_told_to_be_lost_and_logged_once(
+def test_session_too_large_to_save_is_reported_lost_and_logged_once(
     heard: Heard, saving: SnapshotWriter, caplog: pytest.LogCaptureFixture
 ) -> None:
     for number in range(1, 4):
@@ -116,12 +116,10 @@ def test_a_session_that_is_too_big_is_told_to_be_lost_and_logged_once(
     saving.save(B, a_record(1, num_frames=MAX_BYTES // 48 + 1))
     until(lambda: ("lost", B) in heard.said)
     said = [record.levelname for record in caplog.records if "is not saved" in record.getMessage()]
-    assert said == ["WARNING", "WARNING"], "one of each session: clients can bring it about"
+    assert said == ["WARNING", "WARNING"], "once for each session, since clients can cause it"
 
 
-def test_what_was_dropped_is_dropped_also_by_a_store_that_was_away(
-    store: Store, heard: Heard, saving: SnapshotWriter
-) -> None:
+def test_drop_is_repeated_once_a_failing_store_recovers(store: Store, heard: Heard, saving: SnapshotWriter) -> None:
     store.fails = True
     saving.drop(A)
     until(lambda: "failed" in heard.said)
@@ -131,7 +129,7 @@ def test_what_was_dropped_is_dropped_also_by_a_store_that_was_away(
     assert store.dropped == [A]
 
 
-def test_the_end_writes_what_waits_and_waits_for_no_store_that_fails(store: Store, heard: Heard) -> None:
+def test_close_writes_waiting_records_unless_the_store_fails(store: Store, heard: Heard) -> None:
     saving = SnapshotWriter(store, heard)
     saving.save(A, a_record(3))
     saving.release(A)
@@ -145,17 +143,17 @@ def test_the_end_writes_what_waits_and_waits_for_no_store_that_fails(store: Stor
     assert store.records.keys() == {"a"}
 
 
-def test_a_session_that_was_taken_over_is_renewed_and_fenced_though_nothing_is_saved_of_it(
+def test_adopted_session_is_renewed_and_fenced_without_being_saved(
     store: Store, heard: Heard, saving: SnapshotWriter
 ) -> None:
     store.records["a"] = 1, b"as another server had saved it"
     saving.hold(A)
     until(lambda: A in store.renewed)
-    assert heard.said == [], "that is nothing new to its client"
+    assert heard.said == [], "this is nothing new for its client"
     store.others = {"a": 2}
     until(lambda: heard.said)
     assert heard.said == [("fenced", A)]
     del store.renewed[:]
     saving.hold(B)
     until(lambda: store.renewed.count(B) == 2)
-    assert A not in store.renewed, "it is another's"
+    assert A not in store.renewed, "another server holds it"

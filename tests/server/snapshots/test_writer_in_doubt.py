@@ -1,4 +1,4 @@
-"""A store that is slow, broken, or away: no session is forgotten, and all are told."""
+"""A store that is slow, broken, or away: no session is forgotten, and all are informed."""
 
 from __future__ import annotations
 
@@ -18,9 +18,9 @@ A, B = Lease("a", 1), Lease("b", 1)
 
 
 class Pressed(Store):
-    """During each of its first saves all sessions are saved anew, and time passes, though no call takes too long.
+    """During each of its first saves, all sessions are saved again and time passes, though no call takes too long.
 
-    seen: of each save, of how many sessions there is a record, and whether the writer was in doubt.
+    seen: for each save, how many sessions have a record, and whether the writer considered the store failing.
     """
 
     def __init__(self, leases: Sequence[Lease]) -> None:
@@ -42,7 +42,7 @@ class Pressed(Store):
 
 
 @pytest.mark.usefixtures("rare_renewals")
-def test_sessions_that_are_saved_often_take_no_turns_of_others_and_what_waits_too_long_is_told(
+def test_sessions_take_turns_and_too_long_a_wait_is_reported_as_failure(
     heard: Heard, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     monkeypatch.setattr(writer, "MAX_LAG_S", 2.0)
@@ -55,15 +55,15 @@ def test_sessions_that_are_saved_often_take_no_turns_of_others_and_what_waits_to
         saving._leases.update(leases)
         saving._news.notify()
     until(lambda: len(store.seen) > 10)
-    assert store.seen[1] == (100, False), "the second call brings those that the first had no room for"
-    assert store.seen[4][1], "each waits for more than two seconds"
+    assert store.seen[1] == (100, False), "the second call saves those for which the first had no room"
+    assert store.seen[4][1], "each session waits for more than two seconds"
     assert "failed" in heard.said
     until(lambda: not saving._waiting)
     saving.close()
 
 
 @pytest.mark.usefixtures("rare_renewals")
-def test_a_store_that_answers_is_not_relied_upon_while_others_wait_too_long(
+def test_store_counts_as_failing_while_a_record_waits_too_long(
     store: Store, heard: Heard, saving: SnapshotWriter, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     saving.save(B, a_record(1))
@@ -82,7 +82,7 @@ def test_a_store_that_answers_is_not_relied_upon_while_others_wait_too_long(
     assert not saving.is_failing
 
 
-def test_a_store_that_fails_is_seen_to_be_well_again_though_no_session_is_left(
+def test_recovery_of_the_store_is_noticed_without_any_session(
     store: Store, heard: Heard, saving: SnapshotWriter
 ) -> None:
     saving.save(A, a_record(1))
@@ -94,7 +94,7 @@ def test_a_store_that_fails_is_seen_to_be_well_again_though_no_session_is_left(
     until(lambda: not saving.is_failing)
 
 
-def test_what_no_store_should_do_ends_nothing_and_is_told(
+def test_unexpected_error_of_the_store_is_reported_and_tolerated(
     store: Store, heard: Heard, saving: SnapshotWriter, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     def break_down() -> None:
@@ -108,7 +108,7 @@ def test_what_no_store_should_do_ends_nothing_and_is_told(
     assert read_record(store.records["a"][1]).taken_seq == 1
 
 
-def test_what_is_kept_of_a_session_that_grew_too_big_is_not_relied_upon_after_a_failure(
+def test_session_that_grew_too_large_is_not_reported_renewed_at_recovery(
     store: Store, heard: Heard, saving: SnapshotWriter, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     for lease in (A, B):
@@ -125,7 +125,7 @@ def test_what_is_kept_of_a_session_that_grew_too_big_is_not_relied_upon_after_a_
     assert ("renewed", B) in heard.said
 
 
-def test_a_record_that_was_too_big_is_not_asked_for_again_by_a_store_that_has_none(
+def test_session_too_large_to_save_is_not_reported_gone_by_an_empty_store(
     store: Store, heard: Heard, saving: SnapshotWriter, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     saving.save(B, a_record(1, num_frames=1))
@@ -138,8 +138,8 @@ def test_a_record_that_was_too_big_is_not_asked_for_again_by_a_store_that_has_no
     assert ("gone", A) not in heard.said
 
 
-def test_a_store_that_never_answers_is_told_of_by_who_has_more_to_save(store: Store, heard: Heard) -> None:
-    """As of a disk that stands still: the thread that writes is within that call, and tells nobody anything."""
+def test_store_that_never_answers_is_reported_at_the_next_save(store: Store, heard: Heard) -> None:
+    """For example a disk that hangs: the writing thread is inside that call, and cannot report anything."""
     now = [0.0]
     saving = SnapshotWriter(store, heard, lambda: now[0])
     store.gate.clear()
@@ -159,7 +159,7 @@ def test_a_store_that_never_answers_is_told_of_by_who_has_more_to_save(store: St
 
 
 class Full(Store):
-    """Takes no record, new or old, until one is dropped, but renews what it has."""
+    """Accepts no record, new or old, until one is dropped, but renews what it has."""
 
     is_full = False
 
@@ -175,7 +175,7 @@ class Full(Store):
 
 @pytest.fixture
 def full(heard: Heard) -> Iterator[tuple[Full, SnapshotWriter]]:
-    """With records of two sessions, of which one cannot be saved any more."""
+    """A store with the records of two sessions, one of which cannot be saved any more, and its writer."""
     store = Full()
     saving = SnapshotWriter(store, heard)
     saving.save(A, a_record(1))
@@ -189,7 +189,7 @@ def full(heard: Heard) -> Iterator[tuple[Full, SnapshotWriter]]:
     saving.close()
 
 
-def test_a_full_store_has_room_again_once_sessions_are_over(full: tuple[Full, SnapshotWriter]) -> None:
+def test_full_store_recovers_once_a_session_is_dropped(full: tuple[Full, SnapshotWriter]) -> None:
     store, saving = full
     saving.drop(B)
     until(lambda: not saving.is_failing)
@@ -197,14 +197,12 @@ def test_a_full_store_has_room_again_once_sessions_are_over(full: tuple[Full, Sn
     assert read_record(store.records["a"][1]).taken_seq == 2
 
 
-def test_what_a_full_store_has_does_not_expire_and_is_not_relied_upon(
-    full: tuple[Full, SnapshotWriter], heard: Heard
-) -> None:
+def test_full_store_renews_its_records_but_counts_as_failing(full: tuple[Full, SnapshotWriter], heard: Heard) -> None:
     store, saving = full
     del store.renewed[:]
     until(lambda: store.renewed.count(A) >= 3 and store.renewed.count(B) >= 3)
     assert saving.is_failing
-    assert heard.said[2:] == ["failed"], "clients were told, and nothing is better"
+    assert heard.said[2:] == ["failed"], "clients were told once, and there is no recovery to report"
     store.others = {"b": 2}
     until(lambda: ("fenced", B) in heard.said)
 

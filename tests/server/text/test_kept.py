@@ -1,4 +1,4 @@
-"""A store of embeddings that is slow, or stands still: prompts are encoded without it, and it takes no memory."""
+"""A store of embeddings that is slow or stalled: prompts are encoded without it, and no requests pile up."""
 
 from __future__ import annotations
 
@@ -21,8 +21,8 @@ ENCODER = HashedTextEncoder(4)
 VECTOR = np.ones(4, np.float32)
 
 
-class StandingStore:
-    """Answers when the test lets it."""
+class StalledStore:
+    """Answers once the test sets `go`."""
 
     def __init__(self) -> None:
         self.go = threading.Event()
@@ -44,9 +44,9 @@ class StandingStore:
 
 
 @pytest.fixture
-async def store(monkeypatch: pytest.MonkeyPatch) -> AsyncIterator[StandingStore]:
+async def store(monkeypatch: pytest.MonkeyPatch) -> AsyncIterator[StalledStore]:
     monkeypatch.setattr(kept, "STORE_WAIT_S", 0.01)
-    store = StandingStore()
+    store = StalledStore()
     yield store
     store.go.set()
 
@@ -62,13 +62,13 @@ async def until_found(beside: KeptPrompts, texts: Sequence[str]) -> Mapping[str,
     return found
 
 
-async def test_prompts_are_encoded_without_a_store_that_stands(
-    store: StandingStore, caplog: pytest.LogCaptureFixture
+async def test_prompts_are_encoded_without_a_stalled_store(
+    store: StalledStore, caplog: pytest.LogCaptureFixture
 ) -> None:
     prompts = PromptEncoder(ENCODER, 100, store=store, max_waiting=8)
     for number in range(20):
         await encoded(prompts, [f"walk {number}", f"wave {number}"])
-    assert store.asked == ["walk 0"], "nobody waits behind it who has not waited too long already"
+    assert store.asked == ["walk 0"], "no prompt waits behind a request that is already late"
     assert caplog.text.count("prompt store has not answered within") == 1
     store.go.set()
     await asyncio.to_thread(prompts.close)
@@ -76,7 +76,9 @@ async def test_prompts_are_encoded_without_a_store_that_stands(
     assert store.is_closed
 
 
-async def test_no_more_wait_for_the_store_than_may(store: StandingStore, monkeypatch: pytest.MonkeyPatch) -> None:
+async def test_requests_that_wait_for_the_store_are_bounded(
+    store: StalledStore, monkeypatch: pytest.MonkeyPatch
+) -> None:
     monkeypatch.setattr(kept, "STORE_WAIT_S", LIMIT_S)
     beside = KeptPrompts(store, 3, lambda message, value: None)
     asking = [asyncio.create_task(beside.find([str(number)])) for number in range(5)]
@@ -88,13 +90,11 @@ async def test_no_more_wait_for_the_store_than_may(store: StandingStore, monkeyp
     assert (store.asked, store.put_in) == (["0", "1", "2"], [])
 
 
-async def test_the_end_does_not_wait_for_a_store_that_is_late(
-    store: StandingStore, monkeypatch: pytest.MonkeyPatch
-) -> None:
+async def test_closing_does_not_wait_for_a_late_store(store: StalledStore, monkeypatch: pytest.MonkeyPatch) -> None:
     class Executor(ThreadPoolExecutor):
         def shutdown(self, wait: bool = True, *, cancel_futures: bool = False) -> None:
             super().shutdown(wait=False, cancel_futures=cancel_futures)
-            store.go.set()  # what has begun ends now
+            store.go.set()  # lets the running request end
             super().shutdown(wait=wait)
 
     monkeypatch.setattr(kept, "ThreadPoolExecutor", Executor)
@@ -107,7 +107,9 @@ async def test_the_end_does_not_wait_for_a_store_that_is_late(
     assert (store.put_in, store.is_closed) == ([], True)
 
 
-async def test_once_it_answers_again_it_finds_and_keeps(store: StandingStore, monkeypatch: pytest.MonkeyPatch) -> None:
+async def test_store_that_answers_again_is_read_and_written_again(
+    store: StalledStore, monkeypatch: pytest.MonkeyPatch
+) -> None:
     beside = KeptPrompts(store, 2, lambda message, value: None)
     assert await beside.find(["kept"]) == {}
     store.go.set()

@@ -1,4 +1,4 @@
-"""What start-up makes of the settings of text: encoder, presets, store."""
+"""Creating the text encoder, the presets and the store from the settings at start-up."""
 
 from __future__ import annotations
 
@@ -29,7 +29,7 @@ def prompt_file(folder: Path, width: int = WIDTH) -> str:
     return str(path)
 
 
-def test_presets_are_read_where_they_are_of_the_server_s_encoder(tmp_path: Path) -> None:
+def test_presets_of_the_servers_encoder_are_read(tmp_path: Path) -> None:
     settings = config(text_encoder="hashed", presets=prompt_file(tmp_path))
     presets = load_presets(settings, load_encoder(settings, FACTS).identity, FACTS)
     assert [(preset.preset_id, preset.text) for preset in presets] == PROMPTS
@@ -37,7 +37,7 @@ def test_presets_are_read_where_they_are_of_the_server_s_encoder(tmp_path: Path)
     assert load_presets(config(), "any", FACTS) == ()
 
 
-def test_presets_of_another_encoder_or_width_are_refused_with_both(tmp_path: Path) -> None:
+def test_presets_of_another_encoder_or_width_are_refused_with_both_names(tmp_path: Path) -> None:
     path = prompt_file(tmp_path)
     with pytest.raises(SettingError, match=rf"'hashed-{WIDTH}'.*'llm2vec-1-float32'"):
         load_presets(config(presets=path), "llm2vec-1-float32", FACTS)
@@ -58,19 +58,19 @@ def test_presets_of_another_encoder_or_width_are_refused_with_both(tmp_path: Pat
         ("a" * 300, "File name too long"),
     ],
 )
-def test_an_encoder_that_cannot_be_is_a_wrong_setting(name: str, said: str) -> None:
+def test_unusable_encoder_setting_is_refused(name: str, said: str) -> None:
     with pytest.raises(SettingError, match=said) as refused:
         load_encoder(config(text_encoder=name), FACTS)
     assert repr(name) in str(refused.value)
 
 
-def test_prompts_encoded_beforehand_serve_without_an_encoder(tmp_path: Path) -> None:
+def test_prompt_file_serves_as_the_encoder(tmp_path: Path) -> None:
     encoder = load_encoder(config(text_encoder=f"prompts:{prompt_file(tmp_path)}"), FACTS)
     assert encoder.identity == f"hashed-{WIDTH}"
     np.testing.assert_array_equal(encoder.encode(["a person bows"]), HashedTextEncoder(WIDTH).encode(["a person bows"]))
 
 
-def test_a_server_that_starts_without_its_encoder_has_what_its_store_kept(tmp_path: Path) -> None:
+def test_server_started_without_its_encoder_has_the_stored_vectors(tmp_path: Path) -> None:
     log, store = tmp_path / "log.txt", str(tmp_path / "prompts.db")
     with EncoderProcess(log, "--text-encoder", "hashed", "--width", str(WIDTH)) as process:
         settings = config(text_encoder=f"grpc:{process.address}", prompt_store=store)

@@ -1,4 +1,4 @@
-"""The prompt encoder: what it remembers, what it shares, and what one waiter's end does to the others."""
+"""The prompt encoder: its cache, shared encodings, limits, and waiters that give up."""
 
 from __future__ import annotations
 
@@ -19,7 +19,7 @@ from tests.waiting import LIMIT_S
 
 
 class GatedEncoder:
-    """Encodes a text by its length, when the test lets it."""
+    """Encodes a text as its length, once the test sets `go`."""
 
     identity = "gated-1"
 
@@ -42,7 +42,7 @@ class GatedEncoder:
 
 
 async def settled() -> None:
-    """All who have asked wait in turn now."""
+    """Wait until all tasks that were begun are queued."""
     for _ in range(5):
         await asyncio.sleep(0)
 
@@ -60,7 +60,7 @@ async def prompts(encoder: GatedEncoder) -> AsyncIterator[PromptEncoder]:
     prompts.close()
 
 
-async def test_a_text_is_encoded_once_and_remembered(encoder: GatedEncoder, prompts: PromptEncoder) -> None:
+async def test_text_is_encoded_once_and_cached(encoder: GatedEncoder, prompts: PromptEncoder) -> None:
     encoder.go.set()
     assert prompts.cached("walk") is None
     first = await prompts.encode("walk")
@@ -70,7 +70,7 @@ async def test_a_text_is_encoded_once_and_remembered(encoder: GatedEncoder, prom
     assert prompts.identity == "gated-1"
 
 
-async def test_the_least_recently_used_is_forgotten(encoder: GatedEncoder, prompts: PromptEncoder) -> None:
+async def test_least_recently_used_text_leaves_the_cache(encoder: GatedEncoder, prompts: PromptEncoder) -> None:
     encoder.go.set()
     await prompts.encode("a")
     await prompts.encode("bb")
@@ -79,19 +79,19 @@ async def test_the_least_recently_used_is_forgotten(encoder: GatedEncoder, promp
     assert [prompts.cached(text) is not None for text in ("a", "bb", "ccc")] == [True, False, True]
 
 
-async def test_who_asks_while_it_is_encoded_shares_the_result(encoder: GatedEncoder, prompts: PromptEncoder) -> None:
+async def test_requests_during_an_encoding_share_its_result(encoder: GatedEncoder, prompts: PromptEncoder) -> None:
     waiters = [asyncio.create_task(prompts.encode("jump")) for _ in range(5)]
-    await asyncio.sleep(0)  # each has asked now
+    await asyncio.sleep(0)  # each task is waiting now
     encoder.go.set()
     results = await asyncio.gather(*waiters)
     assert all(result is results[0] for result in results)
     assert encoder.asked == ["jump"]
 
 
-async def test_a_text_that_another_asks_for_already_is_waited_for(encoder: GatedEncoder) -> None:
+async def test_batch_with_a_text_already_under_way_waits_for_that_one(encoder: GatedEncoder) -> None:
     prompts = PromptEncoder(encoder, 10)
     first = asyncio.create_task(prompts.encode("bb"))
-    await asyncio.sleep(0)  # it has asked now
+    await asyncio.sleep(0)  # it is waiting now
     both = asyncio.create_task(prompts.encode_all(["a", "bb"]))
     encoder.go.set()
     assert (await both)["bb"] is await first
@@ -99,9 +99,9 @@ async def test_a_text_that_another_asks_for_already_is_waited_for(encoder: Gated
     prompts.close()
 
 
-async def test_a_waiter_that_gives_up_leaves_the_others(encoder: GatedEncoder, prompts: PromptEncoder) -> None:
+async def test_waiter_that_gives_up_does_not_cancel_the_others(encoder: GatedEncoder, prompts: PromptEncoder) -> None:
     leaver, stayer = (asyncio.create_task(prompts.encode("turn")) for _ in range(2))
-    await asyncio.sleep(0)  # both have asked now
+    await asyncio.sleep(0)  # both are waiting now
     leaver.cancel()
     with pytest.raises(asyncio.CancelledError):
         await leaver
@@ -110,9 +110,7 @@ async def test_a_waiter_that_gives_up_leaves_the_others(encoder: GatedEncoder, p
     assert prompts.cached("turn") is not None
 
 
-async def test_a_failure_reaches_the_waiters_and_is_not_remembered(
-    encoder: GatedEncoder, prompts: PromptEncoder
-) -> None:
+async def test_failure_reaches_all_waiters_and_is_not_cached(encoder: GatedEncoder, prompts: PromptEncoder) -> None:
     encoder.go.set()
     encoder.fails = True
     with pytest.raises(RuntimeError, match="the encoder broke"):
@@ -121,7 +119,7 @@ async def test_a_failure_reaches_the_waiters_and_is_not_remembered(
     np.testing.assert_array_equal(await prompts.encode("fall"), [4])
 
 
-async def test_each_encoding_is_observed_and_cache_hits_are_not(encoder: GatedEncoder) -> None:
+async def test_encodings_are_observed_and_cache_hits_are_not(encoder: GatedEncoder) -> None:
     seen: list[float] = []
     prompts = PromptEncoder(encoder, 10, observe=seen.append)
     encoder.go.set()
@@ -133,7 +131,7 @@ async def test_each_encoding_is_observed_and_cache_hits_are_not(encoder: GatedEn
 
 
 class DictStore:
-    """A store in memory, which remembers what was asked of it."""
+    """A store in memory."""
 
     def __init__(self, **known: NDArray[np.float32]) -> None:
         self.known = dict(known)
@@ -149,7 +147,7 @@ class DictStore:
         self.closed = True
 
 
-async def test_what_the_store_knows_does_not_wait_for_the_encoder(encoder: GatedEncoder) -> None:
+async def test_stored_text_does_not_wait_for_the_encoder(encoder: GatedEncoder) -> None:
     store = DictStore(walk=np.array([7], np.float32))
     prompts = PromptEncoder(encoder, 10, store=store)
     hanging = [asyncio.create_task(prompts.encode(f"new {number}")) for number in range(2 * ENCODING_THREADS)]
@@ -163,35 +161,37 @@ async def test_what_the_store_knows_does_not_wait_for_the_encoder(encoder: Gated
     assert set(store.known) == {"walk", *(f"new {number}" for number in range(2 * ENCODING_THREADS))}
 
 
-async def test_one_who_waits_too_long_is_answered_and_the_next_gets_the_result(encoder: GatedEncoder) -> None:
+async def test_late_encoding_is_refused_and_its_result_serves_the_next_request(encoder: GatedEncoder) -> None:
     prompts = PromptEncoder(encoder, 10, timeout_s=0.01)
     with pytest.raises(EventRefused) as refused:
         await prompts.encode("crawl")
     assert (refused.value.code, refused.value.reason) == (Code.UNAVAILABLE, "TEXT_ENCODER_SLOW")
     assert refused.value.retry_after_s
     encoder.go.set()
-    await asyncio.gather(*asyncio.all_tasks() - {asyncio.current_task()})  # the encoding, for which nobody waits now
+    await asyncio.gather(
+        *asyncio.all_tasks() - {asyncio.current_task()}
+    )  # the encoding, for which no request waits any more
     np.testing.assert_array_equal(await prompts.encode("crawl"), [5])
     assert encoder.asked == ["crawl"]
     prompts.close()
 
 
-async def test_more_than_may_wait_are_refused_at_once(encoder: GatedEncoder) -> None:
+async def test_requests_beyond_the_limit_are_refused_at_once(encoder: GatedEncoder) -> None:
     reasons: list[str] = []
     prompts = PromptEncoder(encoder, 10, max_waiting=2, count=reasons.append)
     waiting = [asyncio.create_task(prompts.encode(text)) for text in ("a", "bb")]
-    await asyncio.sleep(0)  # both have asked now
+    await asyncio.sleep(0)  # both are waiting now
     with pytest.raises(EventRefused) as refused:
         await prompts.encode("ccc")
     assert (refused.value.code, refused.value.reason) == (Code.RESOURCE_EXHAUSTED, "TEXT_ENCODER_BUSY")
-    joined = asyncio.create_task(prompts.encode("a"))  # no further text
+    joined = asyncio.create_task(prompts.encode("a"))  # joins a text that is already under way
     encoder.go.set()
     await asyncio.gather(*waiting, joined)
     prompts.close()
     assert sorted(reasons) == ["TEXT_ENCODER_BUSY", "encoder", "encoder"]
 
 
-async def test_a_peer_with_many_streams_neither_fills_the_places_nor_keeps_others_waiting(
+async def test_peer_with_many_streams_neither_fills_the_queue_nor_delays_others(
     encoder: GatedEncoder,
 ) -> None:
     prompts = PromptEncoder(encoder, 100, max_waiting=20)
@@ -206,10 +206,10 @@ async def test_a_peer_with_many_streams_neither_fills_the_places_nor_keeps_other
     assert refused == ["TEXT_ENCODER_BUSY"] * 22
     assert not any(isinstance(result, Exception) for result in results[40:])
     places = sorted(encoder.asked.index(text) for text in ("good 0", "good 1"))
-    assert places[1] < 2 * ENCODING_THREADS + 4, "behind what is under way, and then every second one or so"
+    assert places[1] < 2 * ENCODING_THREADS + 4, "after those under way, then about every second turn"
 
 
-async def test_who_asks_for_what_another_peer_waits_for_does_not_wait_behind_its_others(encoder: GatedEncoder) -> None:
+async def test_text_queued_by_another_peer_is_served_in_the_newcomers_turn(encoder: GatedEncoder) -> None:
     prompts = PromptEncoder(encoder, 100, max_waiting=20)
     hostile = [asyncio.create_task(prompts.encode(f"new {n}", Asker("hostile", n))) for n in range(20)]
     await settled()
@@ -221,10 +221,12 @@ async def test_who_asks_for_what_another_peer_waits_for_does_not_wait_behind_its
     np.testing.assert_array_equal(await joined, [6])
     await asyncio.gather(*hostile, *others, return_exceptions=True)
     prompts.close()
-    assert encoder.asked.index("new 19") < 2 * ENCODING_THREADS + 4, "it would be the last of the 20"
+    assert encoder.asked.index("new 19") < 2 * ENCODING_THREADS + 4, (
+        "in the turn of the first peer alone it would be the last of 20"
+    )
 
 
-async def test_what_the_store_knows_is_answered_where_all_places_are_taken(encoder: GatedEncoder) -> None:
+async def test_stored_text_is_answered_while_the_queue_is_full(encoder: GatedEncoder) -> None:
     prompts = PromptEncoder(encoder, 10, store=DictStore(walk=np.array([7], np.float32)), max_waiting=2)
     hanging = [asyncio.create_task(prompts.encode(text)) for text in ("a", "bb")]
     await asyncio.to_thread(encoder.begun.wait)
@@ -236,7 +238,7 @@ async def test_what_the_store_knows_is_answered_where_all_places_are_taken(encod
     prompts.close()
 
 
-async def test_an_encoder_that_is_away_is_an_answer_and_known_prompts_go_on(
+async def test_unavailable_encoder_is_refused_and_cached_prompts_still_answered(
     encoder: GatedEncoder, caplog: pytest.LogCaptureFixture
 ) -> None:
     encoder.go.set()
@@ -249,13 +251,13 @@ async def test_an_encoder_that_is_away_is_an_answer_and_known_prompts_go_on(
         assert (refused.value.code, refused.value.reason) == (Code.UNAVAILABLE, "TEXT_ENCODER_UNAVAILABLE")
         assert refused.value.retry_after_s == TextEncoderUnavailable.retry_after_s
     assert await prompts.encode("walk") is known
-    assert caplog.text.count("nobody is there") == 1  # not once for every prompt
+    assert caplog.text.count("nobody is there") == 1  # logged once, not once for each prompt
     encoder.error = None
     np.testing.assert_array_equal(await prompts.encode("a"), [1])
     prompts.close()
 
 
-async def test_a_prompt_that_never_can_be_encoded_gives_no_time_to_retry(encoder: GatedEncoder) -> None:
+async def test_prompt_that_can_never_be_encoded_gets_no_time_to_retry(encoder: GatedEncoder) -> None:
     encoder.go.set()
     encoder.error = PromptNotEncoded("none of those known")
     prompts = PromptEncoder(encoder, 10)
@@ -265,14 +267,14 @@ async def test_a_prompt_that_never_can_be_encoded_gives_no_time_to_retry(encoder
     prompts.close()
 
 
-async def test_what_is_remembered_is_known(encoder: GatedEncoder, prompts: PromptEncoder) -> None:
+async def test_remembered_text_is_not_encoded(encoder: GatedEncoder, prompts: PromptEncoder) -> None:
     preset = np.array([9], np.float32)
     prompts.remember("bow", preset)
     assert await prompts.encode("bow") is preset
     assert encoder.asked == []
 
 
-async def test_closing_breaks_off_calls_of_an_encoder_elsewhere() -> None:
+async def test_closing_interrupts_calls_to_a_remote_encoder() -> None:
     class Elsewhere(GatedEncoder):
         def close(self) -> None:
             self.error = TextEncoderUnavailable("closed")

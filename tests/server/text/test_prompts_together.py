@@ -1,4 +1,4 @@
-"""Texts of one who asks that are encoded in one call: how many, and what becomes of each."""
+"""Texts of one caller that are encoded in one batch: how many, and the outcome of each."""
 
 from __future__ import annotations
 
@@ -17,7 +17,7 @@ from tests.server.text.test_prompts import DictStore
 
 
 class Timed:
-    """An encoder whose calls take so long of a clock that stands still otherwise; it fails for some texts."""
+    """An encoder that advances a clock by text_s for each text, and fails for the texts in `errors`."""
 
     identity = "timed-1"
 
@@ -42,13 +42,15 @@ class Timed:
 NUMBERS = [f"number {number}" for number in range(40)]
 
 
-async def test_a_quick_encoder_takes_several_texts_of_one_who_asks_in_one_call() -> None:
+async def test_fast_encoder_gets_several_texts_of_a_caller_in_one_batch() -> None:
     encoder = Timed(TOGETHER_S / 4)
     prompts = encoder.prompts()
     found = await prompts.encode_all([*NUMBERS[:10], *NUMBERS[:3]])
     assert list(found) == NUMBERS[:10]
     assert all(found[text] is prompts.cached(text) for text in NUMBERS[:10])
-    assert [len(call) for call in encoder.calls] == [1, 4, 4, 1], "as many as take no longer than others may wait"
+    assert [len(call) for call in encoder.calls] == [1, 4, 4, 1], (
+        "as many as fit into the time for which others may wait"
+    )
     encoder.text_s = 1e-6
     await prompts.encode("another")
     await prompts.encode_all(["number 3", *NUMBERS[10:]])
@@ -56,7 +58,7 @@ async def test_a_quick_encoder_takes_several_texts_of_one_who_asks_in_one_call()
     prompts.close()
 
 
-async def test_a_slow_encoder_takes_one_text_at_a_time_so_that_others_have_their_turn() -> None:
+async def test_slow_encoder_gets_one_text_at_a_time() -> None:
     encoder = Timed(TOGETHER_S)
     prompts = encoder.prompts()
     await prompts.encode_all(NUMBERS[:5])
@@ -65,19 +67,19 @@ async def test_a_slow_encoder_takes_one_text_at_a_time_so_that_others_have_their
 
 
 async def quick(encoder: Timed, store: DictStore | None = None) -> PromptEncoder:
-    """One that takes as many texts together as may be, by now."""
+    """A prompt encoder whose encoder has proven fast, so that its batches are as large as allowed."""
     prompts = encoder.prompts(store)
     await prompts.encode("first")
     encoder.calls.clear()
     return prompts
 
 
-async def test_a_text_that_cannot_be_encoded_takes_no_other_with_it() -> None:
+async def test_text_that_cannot_be_encoded_fails_alone() -> None:
     encoder = Timed(1e-6)
     prompts = await quick(encoder)
     encoder.errors = {NUMBERS[1]: PromptNotEncoded("not that one"), NUMBERS[2]: RuntimeError("the encoder broke")}
     asked = asyncio.create_task(prompts.encode_all(NUMBERS[:4], Asker("hostile")))
-    await asyncio.sleep(0)  # it has asked now
+    await asyncio.sleep(0)  # it is waiting now
     results = await asyncio.gather(*(prompts.encode(text) for text in NUMBERS[:4]), return_exceptions=True)
     assert encoder.calls == [tuple(NUMBERS[:4]), *((text,) for text in NUMBERS[:4])]
     assert isinstance(results[1], EventRefused)
@@ -89,7 +91,7 @@ async def test_a_text_that_cannot_be_encoded_takes_no_other_with_it() -> None:
     prompts.close()
 
 
-async def test_an_encoder_that_is_away_is_asked_once_for_all_of_them() -> None:
+async def test_unavailable_encoder_is_called_once_for_the_whole_batch() -> None:
     encoder = Timed(1e-6)
     prompts = await quick(encoder)
     encoder.errors = {NUMBERS[3]: TextEncoderUnavailable("nobody is there")}
@@ -100,7 +102,7 @@ async def test_an_encoder_that_is_away_is_asked_once_for_all_of_them() -> None:
     prompts.close()
 
 
-async def test_an_encoder_that_is_back_is_not_taken_for_quick_because_it_failed_at_once() -> None:
+async def test_quick_failure_does_not_make_a_slow_encoder_count_as_fast() -> None:
     encoder = Timed(TOGETHER_S)
     prompts = encoder.prompts()
     await prompts.encode("first")
@@ -113,7 +115,7 @@ async def test_an_encoder_that_is_back_is_not_taken_for_quick_because_it_failed_
     prompts.close()
 
 
-async def test_those_that_the_store_knows_are_not_asked_for_and_the_others_are_kept_there() -> None:
+async def test_stored_texts_are_left_out_of_the_batch_and_the_others_stored() -> None:
     encoder = Timed(1e-6)
     store = DictStore(**{NUMBERS[1]: np.array([7], np.float32)})
     prompts = await quick(encoder, store)

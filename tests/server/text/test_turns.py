@@ -1,4 +1,4 @@
-"""Who asks the encoder for much, on however many streams, does not keep others waiting, nor take their places."""
+"""Turns at the encoder: a peer with many requests, on any number of streams, neither delays nor displaces others."""
 
 from __future__ import annotations
 
@@ -17,7 +17,7 @@ def streams(peer: str, count: int) -> list[Asker]:
 
 
 class Crowd:
-    """All who ask for turns, one of which is taken from the beginning; who was called is remembered."""
+    """Askers of a single turn, which is taken at first. Records who was called and who lost a place."""
 
     def __init__(self, most: int = MANY) -> None:
         self.turns = Turns(1, most)
@@ -38,7 +38,7 @@ class Crowd:
             self.called.append(asker)
 
     async def ask(self, askers: Sequence[Asker]) -> list[Place]:
-        """Each of them, in this order."""
+        """Queue each of them, in this order."""
         places = [Place(asker) for asker in askers]
         for asker, place in zip(askers, places, strict=True):
             self.tasks.append(asyncio.create_task(self._ask(asker, place)))
@@ -46,7 +46,7 @@ class Crowd:
         return places
 
     async def serve(self, count: int) -> list[Asker]:
-        """End so many turns. Returns who was called."""
+        """End `count` turns. Returns who was called."""
         before = len(self.called)
         for _ in range(count):
             self.turns.give_back()
@@ -67,13 +67,13 @@ async def rest() -> None:
 GREEDY, MODEST = Asker("one", 1), Asker("one", 2)
 
 
-async def test_streams_of_a_peer_go_round() -> None:
+async def test_streams_of_a_peer_take_turns() -> None:
     crowd = await Crowd().begin()
     await crowd.ask([GREEDY] * 5 + [MODEST] * 2)
     assert await crowd.serve(7) == [GREEDY, MODEST, GREEDY, MODEST, GREEDY, GREEDY, GREEDY]
 
 
-async def test_peers_go_round_however_many_streams_one_of_them_has() -> None:
+async def test_peers_take_turns_however_many_streams_one_has() -> None:
     crowd = await Crowd().begin()
     await crowd.ask(streams("hostile", 50))
     await crowd.ask([Asker("good", 1)] * 2)
@@ -83,28 +83,28 @@ async def test_peers_go_round_however_many_streams_one_of_them_has() -> None:
     await crowd.end()
 
 
-async def test_the_stream_of_a_peer_that_has_most_gives_up_its_newest_place() -> None:
+async def test_fullest_stream_of_a_peer_loses_its_newest_place() -> None:
     crowd = await Crowd(most=5).begin()
     await crowd.ask([GREEDY] * 4)
     await crowd.ask([MODEST])
     assert crowd.lost == [GREEDY]
     await crowd.ask([GREEDY])
-    assert crowd.lost == [GREEDY, GREEDY], "nobody has more"
+    assert crowd.lost == [GREEDY, GREEDY], "no other stream has more"
     assert await crowd.serve(4) == [GREEDY, MODEST, GREEDY, GREEDY]
 
 
-async def test_a_peer_of_many_streams_gives_up_places_for_one_that_has_less() -> None:
+async def test_peer_with_many_streams_loses_places_to_a_peer_with_fewer() -> None:
     crowd = await Crowd(most=51).begin()
     await crowd.ask(streams("hostile", 60))
-    assert crowd.lost == streams("hostile", 60)[50:], "no stream of it has more than another"
+    assert crowd.lost == streams("hostile", 60)[50:], "all its streams have one place each"
     crowd.lost.clear()
     await crowd.ask(streams("good", 2))
-    assert crowd.lost == [Asker("hostile", 49), Asker("hostile", 48)], "those that would have waited longest"
+    assert crowd.lost == [Asker("hostile", 49), Asker("hostile", 48)], "those that would have been served last"
     assert (await crowd.serve(2))[1].peer == "good"
     await crowd.end()
 
 
-async def test_hostile_peers_share_with_each_other_and_with_others() -> None:
+async def test_places_and_turns_are_shared_evenly_among_peers() -> None:
     crowd = await Crowd(most=31).begin()
     for peer in ("a", "b", "good"):
         await crowd.ask(streams(peer, 40))
@@ -115,38 +115,38 @@ async def test_hostile_peers_share_with_each_other_and_with_others() -> None:
     await crowd.end()
 
 
-async def test_who_would_have_as_many_as_others_takes_nobodys_place() -> None:
+async def test_asker_with_as_many_places_as_others_displaces_nobody() -> None:
     crowd = await Crowd(most=4).begin()
     await crowd.ask([Asker("a"), Asker("b"), Asker("c"), Asker("d")])
     assert crowd.lost == [Asker("d")]
     await crowd.end()
 
 
-async def test_who_gives_up_waiting_leaves_no_turn_behind() -> None:
+async def test_cancelled_waiters_leak_no_turn() -> None:
     crowd = await Crowd().begin()
     await crowd.ask([Asker("one"), Asker("two")])
     waiting, called = crowd.tasks
     waiting.cancel()
     await rest()
     crowd.turns.give_back()
-    called.cancel()  # in the moment in which it is called
+    called.cancel()  # cancelled in the moment in which it is called
     await rest()
     async with asyncio.timeout(LIMIT_S):
         await crowd.turns.take(Place(Asker("three")))
 
 
-async def test_a_turn_that_ends_in_the_moment_in_which_one_gives_up_waiting_goes_to_the_next() -> None:
+async def test_turn_that_ends_as_a_waiter_is_cancelled_goes_to_the_next() -> None:
     crowd = await Crowd().begin()
     await crowd.ask([Asker("one"), Asker("two")])
     crowd.tasks[0].cancel()
     assert await crowd.serve(1) == [Asker("two")]
 
 
-async def test_one_who_gives_up_waiting_as_its_place_is_lost_is_gone() -> None:
+async def test_waiter_cancelled_as_it_loses_its_place_stays_cancelled() -> None:
     crowd = await Crowd(most=3).begin()
     await crowd.ask([GREEDY] * 2)
     asking = asyncio.create_task(crowd.turns.take(Place(Asker("another"))))
-    await asyncio.sleep(0)  # it has taken the place of the newest, who has not heard of it
+    await asyncio.sleep(0)  # it has taken the newest place, whose waiter has not run since
     crowd.tasks[1].cancel()
     await rest()
     assert crowd.tasks[1].cancelled()
@@ -154,7 +154,7 @@ async def test_one_who_gives_up_waiting_as_its_place_is_lost_is_gone() -> None:
     assert asking.done()
 
 
-async def test_who_asks_for_the_same_is_served_at_whichever_turn_comes_first() -> None:
+async def test_joined_place_is_served_at_the_earliest_turn_of_its_askers() -> None:
     crowd = await Crowd().begin()
     *_, last = await crowd.ask(streams("hostile", 50))
     crowd.turns.join(last, Asker("good", 1))
@@ -163,19 +163,19 @@ async def test_who_asks_for_the_same_is_served_at_whichever_turn_comes_first() -
     await crowd.end()
 
 
-async def test_a_place_of_several_is_lost_when_all_of_them_lose_it() -> None:
+async def test_shared_place_is_lost_only_when_all_its_askers_lose_it() -> None:
     crowd = await Crowd(most=4).begin()
     *_, newest = await crowd.ask([GREEDY] * 3)
     crowd.turns.join(newest, Asker("good"))
     await crowd.ask([Asker("another")])
-    assert crowd.lost == [GREEDY], "the one before it: that makes room"
+    assert crowd.lost == [GREEDY], "the place before it is lost instead"
     assert newest.called is not None
     assert not newest.called.done()
     called = await crowd.serve(3)
     assert sorted(asker.peer for asker in called) == ["another", "one", "one"]
 
 
-async def test_who_joins_before_it_waits_and_after_it_is_called_does_no_harm() -> None:
+async def test_joining_before_waiting_and_after_being_called_is_harmless() -> None:
     turns = Turns(1, 10)
     place = Place(Asker("one"))
     turns.join(place, Asker("two"))

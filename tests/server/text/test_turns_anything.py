@@ -1,4 +1,4 @@
-"""Turns, whoever asks, gives up, joins or is served in whichever order."""
+"""Turns under arbitrary sequences of asking, leaving, joining and serving."""
 
 from __future__ import annotations
 
@@ -15,7 +15,7 @@ from tests.server.text.test_turns import rest
 from tests.waiting import LIMIT_S
 
 Step: TypeAlias = tuple[str, int, Asker]
-"""What is done; to which of those that wait; for whom."""
+"""The kind of step, the index of a waiting place, and the asker."""
 
 ASKERS = st.builds(Asker, st.sampled_from("abc"), st.integers(0, 3))
 INDEXES = st.integers(0, 30)
@@ -24,7 +24,7 @@ ALL = st.tuples(st.sampled_from(["ask", "ask", "serve", "leave", "join"]), INDEX
 
 
 class Played:
-    """Turns, and what became of all who asked. With one at a time, so that calls have an order."""
+    """Turns, and the outcome of each request. With at_once = 1 the calls have an order."""
 
     def __init__(self, at_once: int, most: int) -> None:
         self.turns = Turns(at_once, most)
@@ -50,7 +50,7 @@ class Played:
         await self.look()
 
     async def look(self) -> None:
-        """See what became of them, and that no turn is left while somebody waits, nor too many have places."""
+        """Record the outcomes; check that no turn is free while an asker waits, and that the places are bounded."""
         await rest()
         for place, (asker, task) in list(self.waiting.items()):
             if task.done():
@@ -66,7 +66,7 @@ class Played:
         return Counter(asker.peer for asker, _ in self.waiting.values())
 
     async def end(self) -> None:
-        """Serve all who are left, and see that no turn was lost."""
+        """Serve all that still wait, and check that no turn was lost."""
         while self.serving:
             await self.do(("serve", 0, Asker()))
         assert not self.waiting
@@ -87,7 +87,7 @@ def test_places_are_bounded_and_every_turn_is_used(at_once: int, most: int, step
 
 
 @given(most=st.integers(3, 12), steps=st.lists(WITHOUT_JOINS, max_size=80))
-def test_nobody_loses_a_place_to_one_who_has_as_many(most: int, steps: Sequence[Step]) -> None:
+def test_place_is_lost_only_by_the_peer_with_most(most: int, steps: Sequence[Step]) -> None:
     async def play() -> None:
         played = Played(1, most)
         for step in steps:
@@ -95,10 +95,10 @@ def test_nobody_loses_a_place_to_one_who_has_as_many(most: int, steps: Sequence[
             is_full = played.serving + before.total() >= most
             await played.do(step)
             lost = [asker.peer for asker in played.lost[num_lost:]]
-            assert len(lost) == (is_full and step[0] == "ask"), "one, where there is no room for one more"
+            assert len(lost) == (is_full and step[0] == "ask"), "one place, and only when the queue is full"
             for peer in lost:
                 of_peer = before[peer] + (peer == step[2].peer)
-                assert of_peer == max((before + Counter([step[2].peer])).values()), "of who would have most"
+                assert of_peer == max((before + Counter([step[2].peer])).values()), "the peer that would have most"
         await played.end()
 
     asyncio.run(play())
@@ -108,7 +108,7 @@ def test_nobody_loses_a_place_to_one_who_has_as_many(most: int, steps: Sequence[
 def test_no_peer_is_called_twice_while_another_waits(steps: Sequence[Step]) -> None:
     async def play() -> None:
         played = Played(1, 1000)
-        since: defaultdict[str, Counter[str]] = defaultdict(Counter)  # of each that waits: who was called meanwhile
+        since: defaultdict[str, Counter[str]] = defaultdict(Counter)  # by waiting peer: the calls of others since
         for step in steps:
             before, num_called = played.num_waiting, len(played.called)
             await played.do(step)

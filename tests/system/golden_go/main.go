@@ -1,5 +1,6 @@
-// Reads the golden messages of the contract with Go's own protobuf: every line must give the bytes that it shows, whatever
-// the order of the fields, which protobuf leaves open, and the bytes must give its content. Prints how many lines there were; ends with 1 and what is wrong where one does not agree.
+// Reads the golden messages of the contract with Go's protobuf. The content of each line must give its bytes, in any order
+// of fields, which protobuf leaves open, and the bytes must give its content. Prints the number of lines; exits with code 1
+// and a message if a line does not agree.
 package main
 
 import (
@@ -20,7 +21,7 @@ import (
 	_ "motiongen/v1"
 )
 
-// ordered gives an encoded message, and those within it, with their fields by number; those of one number stay in order.
+// ordered returns an encoded message, and those within it, with fields sorted by number; equal numbers keep their order.
 func ordered(encoded []byte, kind protoreflect.MessageDescriptor) ([]byte, error) {
 	type field struct {
 		number protowire.Number

@@ -1,4 +1,4 @@
-"""In Chromium: trails of root and joints, the plan that was replaced, and plots that end at the residual."""
+"""In Chromium: trails of root and joints, the replaced plan, and plots that end at the residual."""
 
 from __future__ import annotations
 
@@ -12,7 +12,7 @@ from tests.system.view.chromium import Page
 
 pytestmark = pytest.mark.system
 
-# the points of a line on the stage, and where the joint is that leaves it
+# the points of a line on the stage
 LINE = """
 const { marks, cast } = motiongen;
 const drawn = marks[arguments[0]];
@@ -27,7 +27,7 @@ def line(page: Page, name: str) -> list[list[float]]:
     return page.run(LINE, name) or []
 
 
-def test_a_joint_leaves_a_trail_beside_the_root(page: Page, pictures: Path) -> None:
+def test_joint_trail_is_drawn_beside_the_root_trail(page: Page, pictures: Path) -> None:
     page.run("document.querySelector('[data-preset=wave-both]').click()")
     page.until("motiongen.cast.one.track.playhead() > 150")
     assert line(page, "_jointTrail") == []
@@ -35,8 +35,8 @@ def test_a_joint_leaves_a_trail_beside_the_root(page: Page, pictures: Path) -> N
     page.pause()
     page.until_drawn()
     hand, root = line(page, "_jointTrail"), line(page, "_trail")
-    assert len(hand) == len(root) == 81, "four seconds of twenty frames, and the present one"
-    assert min(y for _, y, _ in hand) > 1, "a hand that waves is up"
+    assert len(hand) == len(root) == 81, "four seconds at twenty frames a second, and the present frame"
+    assert min(y for _, y, _ in hand) > 1, "a waving hand is high"
     assert {round(y, 3) for _, y, _ in root} == {0.01}
     here = page.run(
         """
@@ -46,11 +46,11 @@ def test_a_joint_leaves_a_trail_beside_the_root(page: Page, pictures: Path) -> N
         return [...rig.positions.slice(3 * joint, 3 * joint + 3)];
         """
     )
-    assert hand[-1] == pytest.approx(here, abs=0.05), "but for the frame that may have passed"
+    assert hand[-1] == pytest.approx(here, abs=0.05), "a frame may have passed"
     page.picture(pictures / "trail.png")
 
 
-def test_the_plan_that_was_replaced_is_seen_for_a_while(page: Page) -> None:
+def test_replaced_plan_is_shown_for_a_while(page: Page) -> None:
     page.run("document.querySelector('[data-preset=walk]').click()")
     page.until("motiongen.cast.one.track.playhead() > 60")
     page.tell(
@@ -62,7 +62,7 @@ def test_the_plan_that_was_replaced_is_seen_for_a_while(page: Page) -> None:
     page.until("!motiongen.marks._ghost.visible")
 
 
-def test_plots_run_with_the_motion_and_end_at_the_residual(page: Page, pictures: Path) -> None:
+def test_plots_follow_the_motion_and_end_at_the_residual(page: Page, pictures: Path) -> None:
     x, z = page.root()
     target = {"kind": "waypoint", "x_m": x, "z_m": z + 2.0, "frame": 100, "frames_from_effect": True}
     page.tell(op="add_constraints", constraints=[target])

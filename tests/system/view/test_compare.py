@@ -1,6 +1,6 @@
-"""In Chromium: a take is made again, with more steps or by another model, and both are seen at the same frame.
+"""In Chromium: a take is generated again, with more steps or another model, and compared frame by frame.
 
-Files are opened again.
+Saved files are opened again.
 """
 
 from __future__ import annotations
@@ -28,10 +28,10 @@ SLIDES = """
 const [last, done] = arguments;
 import('/ui/plots.js').then(({ figures }) =>
   done([...motiongen.cast.members.values()].map((one) => figures(one, last).slides)));
-"""  # metres a second of feet that are said to stand, as the page plots them
+"""  # speeds, m/s, of feet that are in contact, as the page plots them
 
 
-def test_a_take_is_made_again_with_ten_steps_and_compared(page: Page, pictures: Path) -> None:
+def test_take_is_generated_again_with_ten_steps_and_compared(page: Page, pictures: Path) -> None:
     page.driver.find_element(By.CSS_SELECTOR, "[data-preset=wave-both]").click()
     said = page.until("motiongen.cast.one.info.edits.find(({ effective_frame }) => effective_frame !== null)")
     page.until("motiongen.cast.one.track.playhead() > arguments[0] + 20", said["effective_frame"])
@@ -54,7 +54,7 @@ def test_a_take_is_made_again_with_ten_steps_and_compared(page: Page, pictures: 
     page.until("motiongen.bodies.mesh.count === 2 * arguments[0]", bones)
     page.picture(pictures / "side-by-side.png")
     Select(page.driver.find_element(By.ID, "compare-how")).select_by_value("over")
-    page.until("motiongen.bodies.mesh.count === arguments[0]", bones)  # the other one is a ghost now
+    page.until("motiongen.bodies.mesh.count === arguments[0]", bones)  # the other one is drawn as a ghost
     page.picture(pictures / "laid-over.png")
     page.run("motiongen.timeline.lookAt(15)")
     page.until("motiongen.compare.frame === 15")
@@ -63,7 +63,7 @@ def test_a_take_is_made_again_with_ten_steps_and_compared(page: Page, pictures: 
     assert page.complaints() == []
 
 
-def test_what_was_saved_is_opened_again(page: Page, tmp_path: Path) -> None:
+def test_saved_files_are_opened_again(page: Page, tmp_path: Path) -> None:
     page.driver.execute_cdp_cmd("Browser.setDownloadBehavior", {"behavior": "allow", "downloadPath": str(tmp_path)})
     page.tell(
         op="add_constraints",
@@ -75,22 +75,45 @@ def test_what_was_saved_is_opened_again(page: Page, tmp_path: Path) -> None:
         page.run("document.querySelector(`[data-take='${arguments[0]}']`).click()", name)
         saved = tmp_path / f"character-1.{name}"
         while not saved.exists():
-            page.run("return 0")  # the browser writes it in its own time
+            page.run("return 0")  # until the browser has written it
         page.driver.find_element(By.ID, "open-file").send_keys(str(saved))
         page.until("document.getElementById('open-file').value === ''")
     (entry,) = json.loads((tmp_path / "character-1.constraints.json").read_text())
     assert entry["global_root_heading"] == [1]
     page.until("motiongen.takes.opened.length === 1")  # the glTF, as its own scene
     assert page.run("return motiongen.takes.opened[0].numFrames") > 60
-    page.until("motiongen.cast.members.size === 2")  # who plays the session file again
+    page.until("motiongen.cast.members.size === 2")  # the character that replays the session file
     page.until("motiongen.cast.one.info.targets.filter(({ spec }) => spec.kind === 'trajectory').length === 1")
     page.until("motiongen.cast.members.get(2).info.targets.some(({ spec }) => spec.kind === 'heading')")
     assert page.complaints() == []
 
 
+def test_file_of_another_frame_rate_is_compared_at_the_same_time(page: Page, tmp_path: Path) -> None:
+    page.until("motiongen.cast.one.track.playhead() > 40")
+    joints = page.run("return motiongen.cast.one.rig.joints.length")
+    saved = tmp_path / "slow.npz"
+    rotations = np.tile(np.eye(3, dtype=np.float32), (4, joints, 1, 1))
+    root = np.array([[0, 1, second / 2] for second in range(4)], np.float32)
+    np.savez(saved, local_rot_mats=rotations, root_positions=root, fps=2.0)  # two frames a second
+    page.driver.find_element(By.ID, "open-file").send_keys(str(saved))
+    page.until("motiongen.takes.opened.length === 1")
+    page.run("const [file] = motiongen.takes.opened; file.draw = (_bodies, place) => { file.drawn = place; }")
+    page.run("document.getElementById('compare-panel').open = true")
+    page.run("document.getElementById('compare').click()")
+    rate = page.run("return motiongen.cast.one.rig.frameRate")
+    page.until("motiongen.compare.frame >= arguments[0]", rate)  # the file's frame 2, of 4
+    page.run("motiongen.timeline.lookAt(arguments[0])", rate)
+    page.until("motiongen.compare.frame === arguments[0]", rate)
+    page.until_drawn()
+    assert page.run("return motiongen.takes.opened[0].drawn") == 2
+    page.run("motiongen.timeline.lookAt(arguments[0])", 10 * rate)
+    page.until("motiongen.compare.frame === 1.5 * arguments[0]", rate)  # where the file ends
+    assert page.complaints() == []
+
+
 @pytest.fixture(scope="module")
 def with_and_without(tmp_path_factory: pytest.TempPathFactory) -> Iterator[str]:
-    """The address of a page on a server that holds the built-in model twice: its feet cleaned up, and as they come."""
+    """The address of a page on a server with the built-in model twice: with and without the clean-up of feet."""
     raw = tmp_path_factory.mktemp("models") / RAW_FEET
     shutil.copytree(BUILT_IN, raw)
     for name, old, new in (
@@ -108,7 +131,7 @@ def with_and_without(tmp_path_factory: pytest.TempPathFactory) -> Iterator[str]:
         yield address
 
 
-def test_a_take_is_made_again_without_the_clean_up_of_feet(
+def test_take_is_generated_again_without_the_clean_up_of_feet(
     with_and_without: str, open_page: Callable[..., Page], pictures: Path
 ) -> None:
     page = open_page(with_and_without)

@@ -1,4 +1,4 @@
-"""In Chromium: hands, feet, poses, headings and paths are dragged, become targets, and are met as near as is shown."""
+"""In Chromium: dragged hands, feet, poses, headings and paths become targets, and are met with the error shown."""
 
 from __future__ import annotations
 
@@ -25,7 +25,7 @@ def drag_a_limb(page: Page, joint: str, by: tuple[int, int]) -> None:
 
 
 @pytest.mark.parametrize(("joint", "by"), [("RightHand", (10, -40)), ("LeftFoot", (12, -14))])
-def test_a_limb_is_dragged_to_where_it_then_is(page: Page, pictures: Path, joint: str, by: tuple[int, int]) -> None:
+def test_dragged_limb_reaches_its_target(page: Page, pictures: Path, joint: str, by: tuple[int, int]) -> None:
     drag_a_limb(page, joint, by)
     target = page.settled_target("joint_targets")
     page.picture(pictures / f"dragged-{joint}.png")
@@ -37,7 +37,7 @@ def test_a_limb_is_dragged_to_where_it_then_is(page: Page, pictures: Path, joint
     assert page.complaints() == []
 
 
-def test_a_pose_is_dragged_to_another_place(page: Page, pictures: Path) -> None:
+def test_dragged_pose_is_reached(page: Page, pictures: Path) -> None:
     page.pause()
     page.tool("pose")
     x, z = page.root()
@@ -47,12 +47,12 @@ def test_a_pose_is_dragged_to_another_place(page: Page, pictures: Path) -> None:
     target = page.settled_target("keyframe")
     page.picture(pictures / "dragged-pose.png")
     root = target["spec"]["positions_m"][0]
-    assert math.hypot(root[0] - x - 0.5, root[2] - z - 0.6) < 0.1  # a pixel is two centimetres there
+    assert math.hypot(root[0] - x - 0.5, root[2] - z - 0.6) < 0.1  # one pixel is two centimetres there
     assert target["position_error_m"] < 0.1
     assert page.complaints() == []
 
 
-def test_the_ring_is_turned_and_the_character_turns(page: Page, pictures: Path) -> None:
+def test_turning_the_ring_turns_the_character(page: Page, pictures: Path) -> None:
     page.pause()
     page.tool("face")
     x, z = page.root()
@@ -66,7 +66,7 @@ def test_the_ring_is_turned_and_the_character_turns(page: Page, pictures: Path) 
     assert page.complaints() == []
 
 
-def test_a_path_is_drawn_and_walked(page: Page, pictures: Path) -> None:
+def test_drawn_path_is_walked(page: Page, pictures: Path) -> None:
     page.pause()
     page.tool("path")
     x, z = page.root()

@@ -1,4 +1,4 @@
-"""In Chromium, from the disk: a gallery plays all takes, side by side where there are several columns."""
+"""In Chromium: a gallery opened from a file plays all takes, also side by side."""
 
 from __future__ import annotations
 
@@ -16,7 +16,7 @@ from tests.system.view.chromium import Page
 pytestmark = [pytest.mark.system, pytest.mark.timeout(400)]
 
 
-def test_a_gallery_opens_from_the_disk(
+def test_gallery_opened_from_a_file_plays_all_takes(
     motion_server: ServerProcess, open_driver: Callable[..., webdriver.Chrome], tmp_path: Path, pictures: Path
 ) -> None:
     path = tmp_path / "gallery.html"

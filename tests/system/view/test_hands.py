@@ -1,4 +1,4 @@
-"""In Chromium: keys, the focus and the pointer do what was meant, whatever else happens meanwhile."""
+"""In Chromium: keys, the focus and the pointer act as intended, whatever else happens meanwhile."""
 
 from __future__ import annotations
 
@@ -18,7 +18,7 @@ LISTEN = """
 """
 
 
-def test_the_focus_stays_on_a_button_while_plans_come(page: Page) -> None:
+def test_focus_stays_on_a_button_while_plans_arrive(page: Page) -> None:
     far = page.run("return Math.floor(motiongen.cast.one.track.playhead()) + 1200")
     page.tell(op="add_constraints", constraints=[{"kind": "heading", "frame": far, "heading_rad": 1}])
     page.until("document.querySelector('#targets .waiting button')")
@@ -31,7 +31,7 @@ def test_the_focus_stays_on_a_button_while_plans_come(page: Page) -> None:
     assert page.complaints() == []
 
 
-def test_the_focus_stays_on_a_name_that_is_chosen(page: Page) -> None:
+def test_focus_stays_on_a_name_that_is_chosen(page: Page) -> None:
     page.run("document.getElementById('add').click()")
     page.until("motiongen.cast.members.size === 2")
     page.run("motiongen.cast.choose(1); globalThis.names = document.querySelectorAll('#people .who'); names[1].focus()")
@@ -49,12 +49,12 @@ def test_keys_steer_after_a_box_was_ticked(page: Page) -> None:
     page.until("motiongen.velocity._last")
     page.keys.key_up("w").perform()
     page.until("motiongen.velocity._last === null")
-    page.press(" ")  # which is the box's own
+    page.press(" ")  # handled by the box itself
     assert not page.run("return document.getElementById('keep-prompt').checked")
     assert not page.run("return motiongen.cast.one.info.is_paused")
 
 
-def test_a_key_that_is_held_pauses_once(page: Page) -> None:
+def test_held_key_pauses_once(page: Page) -> None:
     page.run(LISTEN)
     press = (
         "document.body.dispatchEvent(new KeyboardEvent('keydown', { key: ' ', bubbles: true, repeat: arguments[0] }))"
@@ -64,7 +64,7 @@ def test_a_key_that_is_held_pauses_once(page: Page) -> None:
     assert page.run("return said") == [{"op": "pause"}]
 
 
-def test_keys_that_a_mac_says_nothing_of_are_let_go(page: Page) -> None:
+def test_keys_whose_release_a_mac_does_not_report_are_released(page: Page) -> None:
     page.run("document.getElementById('stage').focus()")
     page.keys.key_down("w").perform()
     page.until("motiongen.velocity._last")
@@ -74,7 +74,7 @@ def test_keys_that_a_mac_says_nothing_of_are_let_go(page: Page) -> None:
 
 
 def scheduled_span(page: Page) -> tuple[int, int]:
-    """Where a span that begins later is in the window."""
+    """Schedule a prompt span. Returns its position in the window."""
     page.pause()
     page.run("motiongen.timeline._view.seconds = 25")
     page.until_drawn()
@@ -92,7 +92,7 @@ def scheduled_span(page: Page) -> tuple[int, int]:
     return x, y
 
 
-def test_a_span_is_dragged_again_before_the_first_drag_has_its_answer(page: Page) -> None:
+def test_span_can_be_dragged_again_before_the_first_drag_is_answered(page: Page) -> None:
     x, y = scheduled_span(page)
     page.run(LISTEN)
     page.drag((x, y), (x + 60, y))
@@ -111,7 +111,7 @@ def test_a_span_is_dragged_again_before_the_first_drag_has_its_answer(page: Page
     assert page.complaints() == []
 
 
-def test_a_span_that_was_let_go_follows_no_pointer(page: Page) -> None:
+def test_released_span_does_not_follow_the_pointer(page: Page) -> None:
     x, y = scheduled_span(page)
     page.run(LISTEN)
     page.drag((x, y), (x + 60, y))
@@ -122,12 +122,12 @@ def test_a_span_that_was_let_go_follows_no_pointer(page: Page) -> None:
     away.pointer_action.move_to_location(x - 60, y)
     away.perform()
     assert page.run(where) == start
-    page.drag((x - 100, y + 30), (x - 110, y + 30))  # looks at another frame
+    page.drag((x - 100, y + 30), (x - 110, y + 30))  # only looks at another frame
     assert page.run("return said.length") == 1
     assert page.complaints() == []
 
 
-def test_the_other_button_moves_nothing_on_the_timeline(page: Page) -> None:
+def test_right_button_moves_nothing_on_the_timeline(page: Page) -> None:
     page.until("motiongen.cast.one.track.playhead() > 20")
     canvas = page.driver.find_element(By.ID, "timeline-canvas")
     page.keys.context_click(canvas).perform()
@@ -136,8 +136,8 @@ def test_the_other_button_moves_nothing_on_the_timeline(page: Page) -> None:
 
 
 @pytest.mark.parametrize("end", ["choose", "cancel", "tool"])
-def test_a_drag_that_has_lost_its_character_does_nothing(page: Page, end: str) -> None:
-    """What is dragged is a pose of the chosen one, and no other is to have it."""
+def test_interrupted_drag_of_a_pose_sends_nothing(page: Page, end: str) -> None:
+    """The pose belongs to the character that was chosen, and must not be applied to another one."""
     page.run("document.getElementById('add').click()")
     page.until("motiongen.cast.members.size === 2")
     page.run("motiongen.cast.choose(1)")
@@ -169,7 +169,7 @@ def test_a_drag_that_has_lost_its_character_does_nothing(page: Page, end: str) -
     assert page.complaints() == []
 
 
-def test_a_line_that_is_drawn_goes_with_its_tool(page: Page) -> None:
+def test_unfinished_path_is_removed_when_its_tool_changes(page: Page) -> None:
     page.pause()
     page.tool("path")
     x, z = page.root()
@@ -196,10 +196,10 @@ OTHER_RIG = """
     };
     import("/motion/rig.js").then(({ Rig }) => done((globalThis.other = new Rig(described)).id));
 """
-"""The rig of the chosen character with other names of joints."""
+"""The rig of the chosen character with other joint names."""
 
 
-def test_hands_and_feet_are_known_by_limb_whatever_joints_are_called(page: Page) -> None:
+def test_hands_and_feet_are_found_by_limb_whatever_the_joint_names(page: Page) -> None:
     page.driver.execute_async_script(OTHER_RIG, {})
     ends, feet, same = page.run(
         """
@@ -212,7 +212,7 @@ def test_hands_and_feet_are_known_by_limb_whatever_joints_are_called(page: Page)
     assert same
 
 
-def test_a_rig_without_feet_has_no_handles_of_others(page: Page) -> None:
+def test_rig_without_feet_has_no_handles_for_them(page: Page) -> None:
     page.pause()
     page.tool("limb")
     page.until("motiongen.tools._handles.children.length === 4")
@@ -245,7 +245,7 @@ def test_a_rig_without_feet_has_no_handles_of_others(page: Page) -> None:
     assert page.complaints() == []
 
 
-def test_margins_are_as_long_at_any_rate(page: Page) -> None:
+def test_margins_have_the_same_duration_at_any_frame_rate(page: Page) -> None:
     told = page.driver.execute_async_script(
         """
         const done = arguments[0], { one } = motiongen.cast;
@@ -259,7 +259,7 @@ def test_margins_are_as_long_at_any_rate(page: Page) -> None:
     assert told == [[8, 12], [8, 12], [24, 36]]
 
 
-def test_the_clock_of_a_page_jumps_after_the_same_time_at_any_rate(page: Page) -> None:
+def test_playhead_jumps_after_the_same_time_at_any_frame_rate(page: Page) -> None:
     places = page.driver.execute_async_script(
         """
         const done = arguments[0];
@@ -272,10 +272,10 @@ def test_the_clock_of_a_page_jumps_after_the_same_time_at_any_rate(page: Page) -
         """
     )
     assert places[0] == 16, "0.3 s"
-    assert 10 < places[1] < 11, "0.1 s, which is walked off"
+    assert 10 < places[1] < 11, "0.1 s, which is caught up gradually"
 
 
-def test_what_was_played_is_asked_for_once_while_the_pointer_moves(page: Page) -> None:
+def test_history_is_requested_once_while_the_pointer_moves(page: Page) -> None:
     page.until("motiongen.cast.one.track.playhead() > 60")
     page.driver.refresh()
     page.until_shown()

@@ -1,4 +1,4 @@
-"""In Chromium: contrast in light and dark, keys alone, a phone that looks on, a window in the background."""
+"""In Chromium: contrast in light and dark themes, use by keyboard, a spectator's phone, a background window."""
 
 from __future__ import annotations
 
@@ -14,10 +14,10 @@ from tests.system.view.chromium import Page, viewer
 pytestmark = [pytest.mark.system, pytest.mark.timeout(500)]
 
 LEAST_CONTRAST = 4.5
-"""Of text, by level AA of the Web Content Accessibility Guidelines 2.2, success criterion 1.4.3."""
+"""Least contrast of text, by level AA of the Web Content Accessibility Guidelines 2.2, success criterion 1.4.3."""
 
-# Every element that shows text of its own, with the contrast to what it lies on; panels let the stage shine through, so
-# they are tried over both ends of what can be behind them.
+# Every element with text of its own, and the contrast to its background. Panels are translucent, so they are tried over
+# the darkest and the lightest background that the stage can be.
 CONTRASTS = """
 const numbers = (colour) => colour.match(/[\\d.]+/g).map(Number);
 const canvas = new OffscreenCanvas(1, 1), context = canvas.getContext('2d', { willReadFrequently: true });
@@ -52,7 +52,7 @@ BEHIND = {"dark": ["#14171c", "#4a5360"], "light": ["#e9edf2", "#9aa6b4"]}
 
 
 @pytest.mark.parametrize("theme", ["dark", "light"])
-def test_text_can_be_read(open_page: Callable[..., Page], pictures: Path, theme: str) -> None:
+def test_text_has_enough_contrast(open_page: Callable[..., Page], pictures: Path, theme: str) -> None:
     page = open_page()
     media = {"features": [{"name": "prefers-color-scheme", "value": theme}]}
     page.driver.execute_cdp_cmd("Emulation.setEmulatedMedia", media)
@@ -69,7 +69,7 @@ def test_text_can_be_read(open_page: Callable[..., Page], pictures: Path, theme:
     assert page.run("return document.documentElement.classList.contains('light')") == (theme == "dark")
 
 
-def test_keys_alone_are_enough(page: Page) -> None:
+def test_page_can_be_used_with_the_keyboard_alone(page: Page) -> None:
     nameless = page.run(
         """
         const named = (each) => each.ariaLabel || each.title || each.labels?.length || each.textContent.trim();
@@ -106,7 +106,9 @@ def test_keys_alone_are_enough(page: Page) -> None:
     assert page.complaints() == []
 
 
-def test_a_phone_looks_on(motion_server: ServerProcess, open_page: Callable[..., Page], pictures: Path) -> None:
+def test_spectators_phone_shows_the_stage_without_controls(
+    motion_server: ServerProcess, open_page: Callable[..., Page], pictures: Path
+) -> None:
     with viewer(motion_server.address, 0, "--token") as (to_steer, to_look_on):
         open_page(to_steer).until_shown()
         phone = open_page(to_look_on, size=(500, 860))
@@ -119,15 +121,15 @@ def test_a_phone_looks_on(motion_server: ServerProcess, open_page: Callable[...,
         steering = "return [...document.querySelectorAll('.steering')].filter((each) => each.checkVisibility()).length"
         assert phone.run(steering) == 0
         height = phone.run("return document.getElementById('stage').clientHeight")
-        assert height > 780 / 2  # most of it is the stage
+        assert height > 780 / 2  # the stage takes most of it
         at = phone.run("return motiongen.cast.one.track.playhead()")
         phone.until("motiongen.cast.one.track.playhead() > arguments[0] + 10", at)
         phone.picture(pictures / "phone.png")
         assert phone.complaints() == []
 
 
-def test_a_window_in_the_background_comes_back_to_the_present(page: Page) -> None:
-    """Browsers let a page that nobody sees draw no more, while its messages go on coming."""
+def test_background_window_returns_to_the_present(page: Page) -> None:
+    """Browsers stop drawing a hidden page, while its messages continue to arrive."""
     before = page.run(
         """
         const draw = requestAnimationFrame.bind(window);

@@ -1,4 +1,4 @@
-"""In Chromium: what goes wrong around a page is said in words, and the page goes on."""
+"""In Chromium: errors around a page are reported in words, and the page goes on."""
 
 from __future__ import annotations
 
@@ -22,7 +22,7 @@ def own_storage(page: Page) -> Iterator[Page]:
 
 
 @pytest.mark.parametrize("held", ["{", '{"a": 1}', "3"])
-def test_what_else_is_kept_under_its_name_is_no_end_of_a_page(own_storage: Page, held: str) -> None:
+def test_invalid_stored_prompts_do_not_break_the_page(own_storage: Page, held: str) -> None:
     page = own_storage
     page.run("localStorage.setItem(arguments[0], arguments[1])", STORED, held)
     page.driver.refresh()
@@ -32,7 +32,7 @@ def test_what_else_is_kept_under_its_name_is_no_end_of_a_page(own_storage: Page,
     assert page.complaints() == []
 
 
-def test_a_browser_that_keeps_nothing_has_a_page_nevertheless(view: str, open_page: Callable[..., Page]) -> None:
+def test_page_works_without_local_storage(view: str, open_page: Callable[..., Page]) -> None:
     page = open_page(view)
     none = "Object.defineProperty(window, 'localStorage', { get() { throw new DOMException('not here'); } })"
     page.driver.execute_cdp_cmd("Page.addScriptToEvaluateOnNewDocument", {"source": none})
@@ -43,12 +43,12 @@ def test_a_browser_that_keeps_nothing_has_a_page_nevertheless(view: str, open_pa
     assert page.complaints() == []
 
 
-def test_a_browser_without_webgl_is_told_so(view: str, open_page: Callable[..., Page]) -> None:
+def test_browser_without_webgl_is_reported(view: str, open_page: Callable[..., Page]) -> None:
     page = open_page(view, "--disable-3d-apis")
     page.until("document.getElementById('status').textContent.includes('WebGL')")
 
 
-def test_why_there_is_no_server_is_shown(page: Page) -> None:
+def test_reason_for_a_missing_server_is_shown(page: Page) -> None:
     tell = """
         const [state, detail] = arguments, told = { type: "server", role: "control", address: "host:1", state, detail };
         motiongen.connection.dispatchEvent(new CustomEvent("message", { detail: told }));
@@ -61,8 +61,8 @@ def test_why_there_is_no_server_is_shown(page: Page) -> None:
     page.run(tell, "connected", "")
 
 
-def test_a_mistake_of_the_page_is_said_once(page: Page) -> None:
-    for _ in range(3):  # as a browser tells of one that nobody has caught
+def test_error_of_the_page_is_reported_once(page: Page) -> None:
+    for _ in range(3):  # as browsers report uncaught errors
         page.run("dispatchEvent(new ErrorEvent('error', { error: new Error('out of cheese') }))")
     page.run("dispatchEvent(new ErrorEvent('error', { message: 'a ResizeObserver was late' }))")
     notes = page.run("return [...document.querySelectorAll('#notes p.error')].map(({ textContent }) => textContent)")
@@ -70,7 +70,7 @@ def test_a_mistake_of_the_page_is_said_once(page: Page) -> None:
     assert "failed at something: out of cheese" in notes[0]
 
 
-def test_a_line_on_which_nothing_comes_is_given_up_for_another(view: str, open_page: Callable[..., Page]) -> None:
+def test_silent_connection_is_replaced_by_another(view: str, open_page: Callable[..., Page]) -> None:
     page = open_page(view)
     page.until_shown()
     page.run(
@@ -88,7 +88,7 @@ def test_a_line_on_which_nothing_comes_is_given_up_for_another(view: str, open_p
         connection._ping();
         """
     )
-    assert page.run("return waited"), "a slow line is none that has gone"
+    assert page.run("return waited"), "a slow connection is not a lost one"
     assert page.run("return asked") == "the connection to the bridge was lost"
     page.until("motiongen.connection._socket !== first && motiongen.connection.isOpen")
     page.until("motiongen.connection.roundTripMs !== null")
@@ -103,7 +103,7 @@ def test_a_line_on_which_nothing_comes_is_given_up_for_another(view: str, open_p
         ("async () => { throw new TypeError('Failed to fetch'); }", "the bridge does not answer"),
     ],
 )
-def test_a_take_that_cannot_be_had_is_said_in_words(page: Page, fetch: str, said: str) -> None:
+def test_failed_download_of_a_take_is_reported_in_words(page: Page, fetch: str, said: str) -> None:
     page.run(f"globalThis.realFetch ??= fetch; globalThis.fetch = {fetch}")
     page.driver.find_element(By.CSS_SELECTOR, '[data-take="npz"]').click()
     page.until(NOTED, said)
@@ -111,7 +111,7 @@ def test_a_take_that_cannot_be_had_is_said_in_words(page: Page, fetch: str, said
 
 
 @pytest.mark.parametrize("act", ["_load(file)", "_open({ files: [file] })"])
-def test_a_file_that_cannot_be_read_is_named(page: Page, act: str) -> None:
+def test_unreadable_file_is_named(page: Page, act: str) -> None:
     name = "walk.json" if act.startswith("_load") else "walk.glb"
     said = page.run(
         f"""
@@ -124,7 +124,7 @@ def test_a_file_that_cannot_be_read_is_named(page: Page, act: str) -> None:
     assert "JSON" in said or "glTF" in said
 
 
-def test_a_frame_that_is_nowhere_does_not_take_the_camera_along(page: Page) -> None:
+def test_frame_without_finite_numbers_leaves_the_camera_alone(page: Page) -> None:
     page.pause()
     page.run("for (const row of motiongen.cast.one.track.rows) row.fill(NaN)")
     page.until_drawn()
@@ -134,7 +134,7 @@ def test_a_frame_that_is_nowhere_does_not_take_the_camera_along(page: Page) -> N
     assert page.run(f"return {where}")
 
 
-def test_frames_of_others_come_beside_those_of_an_unknown_one(page: Page) -> None:
+def test_frames_are_accepted_beside_those_of_an_unknown_character(page: Page) -> None:
     page.pause()
     told = page.run(
         """
@@ -149,7 +149,7 @@ def test_frames_of_others_come_beside_those_of_an_unknown_one(page: Page) -> Non
     assert told == [1, 5]
 
 
-def test_a_character_whose_rig_is_offered_no_more_is_shown(page: Page) -> None:
+def test_character_whose_rig_is_no_longer_offered_is_shown(page: Page) -> None:
     shown = page.run(
         """
         const { cast, connection } = motiongen, { rig, info } = cast.one;
@@ -168,7 +168,7 @@ def test_a_character_whose_rig_is_offered_no_more_is_shown(page: Page) -> None:
     assert shown == ["gone", "of old"]
 
 
-def test_a_take_of_which_nothing_has_come_is_compared_all_the_same(page: Page) -> None:
+def test_take_without_frames_can_be_compared(page: Page) -> None:
     page.run(
         """
         const { cast, compare } = motiongen, { info, number } = cast.one;

@@ -1,4 +1,4 @@
-"""In Chromium: what has no handle on the stage is said in numbers: windows, weights, tolerances, options and cuts."""
+"""In Chromium: what has no handle on the stage is entered as numbers: frames, weights, tolerances, options, cuts."""
 
 from __future__ import annotations
 
@@ -15,7 +15,7 @@ pytestmark = [pytest.mark.system, pytest.mark.timeout(500)]
 
 
 def fill(page: Page, **values: Any) -> None:
-    """Fields of the form by their ids, as a user leaves them."""
+    """Set fields of the form, given by their ids, as a user would."""
     for name, value in values.items():
         page.run(
             """
@@ -30,14 +30,14 @@ def fill(page: Page, **values: Any) -> None:
 
 
 def last_edit(page: Page, number: int) -> dict[str, Any]:
-    """The edit of that number, once it is answered."""
+    """The edit with that number, once it is answered."""
     edit: dict[str, Any] = page.until(
         "motiongen.cast.one.info.edits.find(({ number, state }) => number === arguments[0] && state !== 'sent')", number
     )
     return edit
 
 
-def test_everything_that_a_target_can_say(page: Page) -> None:
+def test_every_field_of_a_target_form_is_applied(page: Page) -> None:
     page.run("document.getElementById('target-panel').open = true")
     add = page.driver.find_element(By.ID, "target-add")
     fill(page, target_kind="place", target_x=0.5, target_z=1, target_heading=90, target_when="within")
@@ -52,7 +52,7 @@ def test_everything_that_a_target_can_say(page: Page) -> None:
     page.run("arguments[0].click()", add)
     assert last_edit(page, 2)["state"] == "accepted"
     states = page.run("return motiongen.cast.one.info.targets.map(({ state }) => state)")
-    assert states == ["removed", "waiting"]  # in place of all others
+    assert states == ["removed", "waiting"]  # it replaces all others
     fill(page, target_kind="height", target_y=0.8, target_when="after", target_from=2, target_alone=False)
     page.run("arguments[0].click()", add)
     assert last_edit(page, 3)["state"] == "accepted"
@@ -70,7 +70,7 @@ def test_everything_that_a_target_can_say(page: Page) -> None:
     assert page.complaints() == []
 
 
-def test_options_and_cuts(page: Page) -> None:
+def test_options_and_cuts_are_applied(page: Page) -> None:
     page.run("document.getElementById('options-panel').open = true")
     page.run("document.getElementById('option-steps').value = 2; document.getElementById('options-set').click()")
     assert last_edit(page, 1)["state"] == "accepted"
@@ -90,11 +90,11 @@ def test_options_and_cuts(page: Page) -> None:
     assert back["state"] == "accepted"
     page.until("motiongen.cast.one.track.playhead() > arguments[0] + 2", back["effective_frame"])
     x, z = page.root()
-    assert math.hypot(x - 5, z + 3) > 3  # where it stood before it was put elsewhere
+    assert math.hypot(x - 5, z + 3) > 3  # back near the place before it was moved
     assert page.complaints() == []
 
 
-def test_characters_are_opened_as_asked(page: Page) -> None:
+def test_characters_are_opened_with_the_given_options(page: Page) -> None:
     page.run("document.querySelector('#people details').open = true")
     fill(page, add_steps=2, add_seed="18446744073709551615", add_count=1)
     Select(page.driver.find_element(By.ID, "add-priority")).select_by_value("hero")

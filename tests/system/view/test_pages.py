@@ -1,4 +1,4 @@
-"""In Chromium: several pages see one character, spectators only look, and a page outlives its bridge."""
+"""In Chromium: several pages show one character, spectators cannot steer, and a page outlives its bridge."""
 
 from __future__ import annotations
 
@@ -14,7 +14,7 @@ from tests.system.view.chromium import Page, viewer
 pytestmark = pytest.mark.system
 
 
-def test_two_pages_see_and_steer_one_character(page: Page, open_page: Callable[..., Page]) -> None:
+def test_two_pages_show_and_steer_one_character(page: Page, open_page: Callable[..., Page]) -> None:
     other = open_page(page.address)
     other.until_shown()
     assert other.run("return motiongen.cast.members.size") == 1
@@ -22,7 +22,7 @@ def test_two_pages_see_and_steer_one_character(page: Page, open_page: Callable[.
     other.until("motiongen.cast.one.info.spans.at(-1)?.preset === 'walk'")
 
 
-def test_spectators_look_on(motion_server: ServerProcess, open_page: Callable[..., Page]) -> None:
+def test_spectators_watch_and_cannot_steer(motion_server: ServerProcess, open_page: Callable[..., Page]) -> None:
     with viewer(motion_server.address, 0, "--token") as (to_steer, to_look_on):
         stranger = open_page(to_steer.partition("#")[0])
         stranger.until("document.getElementById('status-server').value.includes('token')")
@@ -38,18 +38,18 @@ def test_spectators_look_on(motion_server: ServerProcess, open_page: Callable[..
         assert "spectators" in refused
 
 
-def test_a_room_that_cannot_be_had_is_said_and_not_asked_for_again(view: str, open_page: Callable[..., Page]) -> None:
+def test_invalid_room_is_reported_and_not_requested_again(view: str, open_page: Callable[..., Page]) -> None:
     page = open_page(f"{view}?room=a%20b")
     page.until("document.getElementById('status-server').value.includes('1 to 40 letters')")
     page.run("globalThis.first = motiongen.connection._socket")
-    # timers come in the order of their times: whoever were to connect again would have done it by then
+    # timers fire in order: a reconnect would have happened by then
     page.driver.execute_async_script("setTimeout(arguments[0], 1000)")
     assert page.run("return motiongen.connection._socket === first && !motiongen.connection.isOpen")
     refused = page.run("return motiongen.cast.ask({ op: 'add' }).then(() => 'taken', (error) => error.message)")
     assert "1 to 40 letters" in refused
 
 
-def test_a_page_shows_what_another_server_offers(page: Page) -> None:
+def test_page_shows_what_another_server_offers(page: Page) -> None:
     told = page.run("return { models: motiongen.cast.models, limits: motiongen.cast.limits }")
     model = {**told["models"][0], "id": "other", "presets": [{"id": "hop", "text": "a person hops", "expect": ""}]}
     offer = """
@@ -60,16 +60,16 @@ def test_a_page_shows_what_another_server_offers(page: Page) -> None:
     """
     mine = told["models"][0]["id"]
     both = page.run(offer, {**told, "models": [model, told["models"][0]]})
-    assert both == [["other", mine], mine, ["other", mine]], "what was chosen stays chosen"
+    assert both == [["other", mine], mine, ["other", mine]], "the chosen model stays chosen"
     other = page.run(offer, {**told, "models": [model]})
     assert other == [["other"], "other", ["other"]]
     page.driver.find_element(By.CSS_SELECTOR, "[data-preset=hop]")
     at = page.run("return motiongen.cast.one.track.playhead()")
-    page.until("motiongen.cast.one.track.playhead() > arguments[0] + 5", at)  # who is there plays on
+    page.until("motiongen.cast.one.track.playhead() > arguments[0] + 5", at)  # the present character plays on
     assert page.complaints() == []
 
 
-def test_a_page_goes_on_with_the_next_bridge(motion_server: ServerProcess, open_page: Callable[..., Page]) -> None:
+def test_page_continues_with_a_restarted_bridge(motion_server: ServerProcess, open_page: Callable[..., Page]) -> None:
     with viewer(motion_server.address) as (address,):
         page = open_page(address)
         page.until_shown()
@@ -81,7 +81,7 @@ def test_a_page_goes_on_with_the_next_bridge(motion_server: ServerProcess, open_
         page.until_shown()
 
 
-def test_a_page_goes_on_with_the_next_server(open_page: Callable[..., Page]) -> None:
+def test_page_continues_with_a_restarted_server(open_page: Callable[..., Page]) -> None:
     settings = ["--devices", "cpu:1", "--profile-s", "0.5", "--admit-load", "1000", "--drain-wait-s", "0"]
     with ServerProcess([*settings, "--drain-grace-s", "0"]) as first:
         address = first.address

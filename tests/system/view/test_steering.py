@@ -1,4 +1,4 @@
-"""In Chromium: a character stands there, walks while W is held, goes where the ground is clicked, and obeys words."""
+"""In Chromium: a character walks while W is held, goes where the ground is clicked, and follows prompts."""
 
 from __future__ import annotations
 
@@ -38,7 +38,7 @@ def test_w_held_for_three_seconds_walks_ahead(page: Page, pictures: Path) -> Non
 
 
 @pytest.mark.parametrize("meanwhile", ["/", Keys.CONTROL, "click"], ids=["slash", "control", "click"])
-def test_a_key_that_is_let_go_is_let_go_whatever_has_the_keys_by_then(page: Page, meanwhile: str) -> None:
+def test_released_key_stops_steering_whatever_has_the_focus_by_then(page: Page, meanwhile: str) -> None:
     page.run(
         """
         const { cast } = motiongen, tell = cast.tell.bind(cast);
@@ -60,11 +60,13 @@ def test_a_key_that_is_let_go_is_let_go_whatever_has_the_keys_by_then(page: Page
     if meanwhile != "click":
         page.keys.key_up(meanwhile).perform()
     at = page.run("return motiongen.cast.one.track.playhead()")
-    page.until("motiongen.cast.one.track.playhead() > arguments[0] + 20", at)  # a second: what is held is said again
+    page.until(
+        "motiongen.cast.one.track.playhead() > arguments[0] + 20", at
+    )  # a second, in which a held key would be sent again
     assert page.run("return said.length") == count
 
 
-def test_a_gamepad_walks_as_far_as_it_is_tilted(page: Page) -> None:
+def test_gamepad_speed_follows_its_tilt(page: Page) -> None:
     page.run(
         "globalThis.pad = { axes: [0, 0], buttons: [{ pressed: false }] }; navigator.getGamepads = () => [null, pad]"
     )
@@ -74,12 +76,12 @@ def test_a_gamepad_walks_as_far_as_it_is_tilted(page: Page) -> None:
     assert math.hypot(slow["x"], slow["z"]) == pytest.approx(0.6, abs=1e-6)
     page.run("pad.axes = [0, -1]; pad.buttons[0].pressed = true")
     page.until("Math.hypot(motiongen.velocity._last.x, motiongen.velocity._last.z) > 2.9")
-    page.run("pad.axes = [0.1, 0.05]")  # at rest, as sticks are
+    page.run("pad.axes = [0.1, 0.05]")  # as sticks report at rest
     page.until("motiongen.velocity._last === null")
     assert page.complaints() == []
 
 
-def test_with_alt_it_faces_where_the_camera_looks(page: Page) -> None:
+def test_with_alt_the_character_faces_where_the_camera_looks(page: Page) -> None:
     ahead = page.run(
         "const d = motiongen.stage.camera.getWorldDirection(motiongen.stage.camera.position.clone()); return [d.x, d.z]"
     )
@@ -97,7 +99,7 @@ def test_with_alt_it_faces_where_the_camera_looks(page: Page) -> None:
     assert page.complaints() == []
 
 
-def test_a_click_on_the_ground_is_reached_within_the_residual_shown(page: Page) -> None:
+def test_clicked_place_is_reached_within_the_residual_shown(page: Page) -> None:
     spot = page.run(
         """
         const { stage, cast } = motiongen;
@@ -119,7 +121,7 @@ def test_a_click_on_the_ground_is_reached_within_the_residual_shown(page: Page) 
     assert page.complaints() == []
 
 
-def test_a_prompt_that_is_typed_is_obeyed_and_a_preset_too(page: Page) -> None:
+def test_typed_prompts_and_presets_take_effect(page: Page) -> None:
     box = page.driver.find_element(By.ID, "prompt-text")
     box.send_keys("a person walks forward\n")
     page.until("motiongen.cast.one.info.spans.at(-1)?.text === 'a person walks forward'")
@@ -130,7 +132,7 @@ def test_a_prompt_that_is_typed_is_obeyed_and_a_preset_too(page: Page) -> None:
     assert page.run("return motiongen.cast.one.info.spans.at(-2).end") is not None
 
 
-def test_the_page_poses_as_the_client_does(page: Page, motion_server: ServerProcess) -> None:
+def test_page_computes_the_same_pose_as_the_client(page: Page, motion_server: ServerProcess) -> None:
     with MotionClient(motion_server.address) as client:
         (rig,) = client.catalog.rigs[:1]
     row, shown = page.run(
@@ -157,7 +159,7 @@ def test_twenty_characters_are_shown_and_removed(page: Page) -> None:
     assert page.complaints() == []
 
 
-def test_marks_of_targets_that_are_over_leave_nothing_on_the_gpu(page: Page) -> None:
+def test_marks_of_finished_targets_leave_nothing_on_the_gpu(page: Page) -> None:
     held = []
     for count in (1, 2):
         place = {"kind": "waypoint", "frame": 0, "at_any_frame": True, "x_m": 0.3 * count, "z_m": 0.3}

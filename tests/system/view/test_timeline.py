@@ -1,4 +1,4 @@
-"""In Chromium: spans are moved, what was played is looked at again, and takes are saved and opened."""
+"""In Chromium: prompt spans are moved, earlier frames are looked at, and takes are saved and opened."""
 
 from __future__ import annotations
 
@@ -21,8 +21,8 @@ SPAN_X = """
 """
 
 
-def test_a_span_is_dragged_to_later_and_back_by_undo(page: Page) -> None:
-    page.driver.find_element(By.ID, "pause").click()  # the span is not to begin while it is dragged
+def test_dragged_span_moves_later_and_undo_moves_it_back(page: Page) -> None:
+    page.driver.find_element(By.ID, "pause").click()  # so that the span does not begin while it is dragged
     page.until("motiongen.cast.one.info.is_paused")
     page.run("motiongen.timeline._view.seconds = 25")
     page.until_drawn()
@@ -47,7 +47,7 @@ def test_a_span_is_dragged_to_later_and_back_by_undo(page: Page) -> None:
     assert page.complaints() == []
 
 
-def test_what_was_played_is_looked_at_while_the_playhead_goes_on(page: Page) -> None:
+def test_earlier_frame_is_shown_while_the_playhead_goes_on(page: Page) -> None:
     page.until("motiongen.cast.one.track.playhead() > 30")
     page.run("motiongen.timeline.lookAt(10)")
     page.until("document.getElementById('where').value.startsWith('looking at frame 10')")
@@ -63,7 +63,7 @@ def test_what_was_played_is_looked_at_while_the_playhead_goes_on(page: Page) -> 
     page.until("!motiongen.cast.one.info.is_paused")
 
 
-def test_a_take_is_saved_and_opened_again(page: Page, tmp_path: Path) -> None:
+def test_take_is_saved_and_opened_again(page: Page, tmp_path: Path) -> None:
     page.driver.execute_cdp_cmd("Browser.setDownloadBehavior", {"behavior": "allow", "downloadPath": str(tmp_path)})
     page.until("motiongen.cast.one.track.playhead() > 20")
     for name in ("npz", "bvh", "session.json"):
@@ -82,7 +82,7 @@ def test_a_take_is_saved_and_opened_again(page: Page, tmp_path: Path) -> None:
 
 
 def _saved(folder: Path, name: str, page: Page) -> Path:
-    """A file that the browser writes in its own time."""
+    """Wait until the browser has written a file. Returns its path."""
     while not (folder / name).exists():
         page.run("return 0")
     return folder / name

@@ -1,4 +1,4 @@
-"""Invented results of runs, with so many frames missed, so much lag, so many edits."""
+"""Synthetic results of runs, with given numbers of missed frames, lag and edits."""
 
 from __future__ import annotations
 
@@ -53,7 +53,7 @@ def make_result(
 
 
 def book_with(*seconds: float) -> Recorder:
-    """A recorder with events of one group that took so long."""
+    """A recorder with events of one group that took these times."""
     recorder = Recorder(("crowd",), 10)
     for each in seconds:
         recorder.record(EVENT, "crowd", each)

@@ -1,4 +1,4 @@
-"""Playback by arithmetic: which frames are missed, and from when to when an edit's way is measured."""
+"""Playback by arithmetic: which frames are missed, and between which moments an edit is measured."""
 
 from __future__ import annotations
 
@@ -20,7 +20,7 @@ NO_JITTER = tuple([0.0] * 1021)
 
 
 class Table:
-    """A character that opened at 0, and a server to play it with."""
+    """A character whose session opened at 0 s, and what its server sends."""
 
     def __init__(self, close_s: float = math.inf) -> None:
         self.recorder = Recorder(("crowd",), 15)
@@ -55,7 +55,7 @@ def table() -> Table:
     return Table()
 
 
-def test_frames_in_time_are_not_missed(table: Table) -> None:
+def test_frames_that_arrive_in_time_are_not_missed(table: Table) -> None:
     table.send_plan(0, 0.1)
     for number in range(10):
         table.send_frames(20 * number, 20, 0.1 + 0.9 * number)  # a second of frames, a tenth of a second early
@@ -65,7 +65,7 @@ def test_frames_in_time_are_not_missed(table: Table) -> None:
     assert table.recorder.histogram(OPEN).get_max_value() == pytest.approx(100_000, rel=0.01)
 
 
-def test_every_frame_time_without_a_frame_is_missed_and_playback_goes_on_from_there(table: Table) -> None:
+def test_each_frame_time_without_a_frame_is_missed_and_playback_continues(table: Table) -> None:
     table.send_plan(0, 0.0)
     table.send_frames(0, 20, 0.0)
     table.send_frames(20, 20, 1.26)  # frame 20 was due at 1.0: held at 1.00, 1.05, .., 1.25
@@ -77,14 +77,14 @@ def test_every_frame_time_without_a_frame_is_missed_and_playback_goes_on_from_th
     assert table.character.playhead(2.31) == 40
 
 
-def test_one_that_never_starts_misses_everything_after_a_grace(table: Table) -> None:
+def test_a_character_that_never_starts_misses_all_frames_after_a_grace(table: Table) -> None:
     table.character.end(11.0, as_planned=True)
     assert table.total("missed") == pytest.approx((11.0 - START_GRACE_S) * FPS, abs=1)
     assert table.total("due") == pytest.approx((11.0 - START_GRACE_S) * FPS)
     assert table.recorder.counts["characters_without_a_frame"] == 1
 
 
-def test_one_that_is_lost_misses_what_it_would_have_played() -> None:
+def test_a_lost_character_misses_the_frames_it_would_have_played() -> None:
     table = Table(close_s=10.0)
     table.send_plan(0, 0.0)
     table.send_frames(0, 40, 0.0)
@@ -93,7 +93,7 @@ def test_one_that_is_lost_misses_what_it_would_have_played() -> None:
     assert table.total("due") == pytest.approx(10 * FPS)
 
 
-def test_one_that_is_lost_before_its_first_frame_has_waited_to_its_end() -> None:
+def test_a_character_lost_before_its_first_frame_counts_as_waiting() -> None:
     table = Table(close_s=10.0)
     table.character.end(0.25, as_planned=False)
     assert table.recorder.histogram(OPEN).get_max_value() / 1e6 == pytest.approx(10, rel=0.01)
@@ -118,7 +118,7 @@ def test_an_edit_is_measured_from_its_intended_moment(table: Table) -> None:
     assert table.recorder.counts["replans"] == 1
 
 
-def test_an_answer_may_come_after_the_frames(table: Table) -> None:
+def test_an_outcome_may_arrive_after_the_frames(table: Table) -> None:
     table.send_plan(0, 2.0)
     table.send_frames(0, 40, 2.0)
     seq = table.character.take_seq(intended_s=2.5)
@@ -133,7 +133,7 @@ def test_an_answer_may_come_after_the_frames(table: Table) -> None:
     assert table.recorder.counts["edits_unanswered"] == 0
 
 
-def test_edits_that_can_show_nothing_are_counted_apart(table: Table) -> None:
+def test_edits_without_visible_effect_are_counted_separately(table: Table) -> None:
     table.send_plan(0, 2.0)
     table.send_frames(0, 40, 2.0)
     nothing, beyond, refused = (table.character.take_seq(intended_s=2.5) for _ in range(3))
@@ -147,7 +147,7 @@ def test_edits_that_can_show_nothing_are_counted_apart(table: Table) -> None:
     assert table.recorder.histogram(ANSWER).get_total_count() == 3
 
 
-def test_an_edit_without_an_answer_has_waited_to_the_end(table: Table) -> None:
+def test_an_unanswered_edit_counts_as_waiting_to_the_end(table: Table) -> None:
     table.character.take_seq(intended_s=3.0)
     table.character.take_seq(intended_s=13.0)  # after measuring
     table.character.give_up_edits(15.0)
@@ -155,7 +155,7 @@ def test_an_edit_without_an_answer_has_waited_to_the_end(table: Table) -> None:
     assert table.recorder.histogram(EVENT).get_max_value() == pytest.approx(12e6, rel=0.01)
 
 
-def test_frames_out_of_order_are_a_breach(table: Table) -> None:
+def test_frames_out_of_order_are_a_protocol_breach(table: Table) -> None:
     table.send_plan(0, 2.0)
     table.send_frames(0, 8, 2.0)
     table.send_frames(16, 8, 2.1)
@@ -166,7 +166,7 @@ def test_frames_out_of_order_are_a_breach(table: Table) -> None:
     assert table.recorder.counts["protocol_breaches"] == 2
 
 
-def test_a_plan_below_what_was_shown_is_counted(table: Table) -> None:
+def test_a_plan_that_replaces_shown_frames_is_counted(table: Table) -> None:
     table.send_plan(0, 2.0)
     table.send_frames(0, 40, 2.0)
     table.send_plan(4, 2.5, [9])  # frame 10 is on screen
@@ -175,8 +175,8 @@ def test_a_plan_below_what_was_shown_is_counted(table: Table) -> None:
 
 @settings(deadline=None)
 @given(st.lists(st.floats(0.0, 2.0), min_size=1, max_size=12))
-def test_missed_and_shown_frames_fill_the_time(gaps_s: list[float]) -> None:
-    """However late chunks come, every frame time is either a frame's or missed, as a loop over frame times finds."""
+def test_every_frame_time_is_either_shown_or_missed(gaps_s: list[float]) -> None:
+    """However late chunks arrive; compared with a loop over all frame times."""
     table = Table()
     now_s, first = 0.0, 0
     arrivals = []

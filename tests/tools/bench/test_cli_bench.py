@@ -1,4 +1,4 @@
-"""`motiongen bench` as a user runs it: the real server, without a model, and processes of its own."""
+"""`motiongen bench` as a user runs it: against the real server without a model, with processes of its own."""
 
 from __future__ import annotations
 
@@ -17,10 +17,10 @@ from tests.attack.server import attacked
 from tests.server.identity.files import AUTHORITY, CERTIFICATES, TenantsFile, copy_pair
 from tests.tools.bench.made_up import make_result
 
-NEVER_VOID = ["--max-lag-ms", "60000"]  # the machine that tests may be as slow as it likes
+NEVER_VOID = ["--max-lag-ms", "60000"]  # the machine that runs the tests may be slow
 
 
-def test_a_run_of_two_processes(
+def test_a_run_with_two_processes_plays_the_schedule_and_is_reported(
     null_server: str, short_scenario: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
     out = tmp_path / "out"
@@ -42,7 +42,7 @@ def test_a_run_of_two_processes(
     assert sorted(path.name for path in out.iterdir()) == ["report.html", "report.png", "result.json"]
 
 
-def test_a_server_that_speaks_tls_and_asks_who_calls_is_loaded_too(
+def test_a_server_with_tls_and_tenants_can_be_loaded(
     short_scenario: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
     tenants, token = TenantsFile(tmp_path), tmp_path / "token"
@@ -57,22 +57,22 @@ def test_a_server_that_speaks_tls_and_asks_who_calls_is_loaded_too(
         words = ["bench", *load, "--out", str(tmp_path / "out"), *NEVER_VOID, "--tls-ca", AUTHORITY, *shown]
         unknown = ["--tls-ca", AUTHORITY, "--token-file", str(token), "--connect-timeout", "1"]
         assert run(words) == 1
-        assert "CREDENTIALS_INVALID" in capsys.readouterr().err, "its certificate is of an authority, and of no tenant"
+        assert "CREDENTIALS_INVALID" in capsys.readouterr().err, "its certificate is valid, but of no tenant"
         assert run([*words, "--token-file", str(token)]) == 0
         assert run(["catalog", "--server", server.address, *unknown]) == 1
         assert run([*words, "--tls-key", str(tmp_path / "nowhere")]) == 1
         assert "tls-key" in capsys.readouterr().err
 
 
-def test_a_certificate_needs_its_key(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+def test_a_certificate_without_its_key_is_refused(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
     words = ["demo", "--server", "localhost:1", "--out", str(tmp_path), "--tls-certificate", "a.pem"]
     assert run(words) == 1
     assert "--tls-key together" in capsys.readouterr().err
 
 
 @pytest.fixture
-def pretend(monkeypatch: pytest.MonkeyPatch) -> None:
-    """Runs that are not made: 20 characters are served, and from 100 on the load is late."""
+def simulated_runs(monkeypatch: pytest.MonkeyPatch) -> None:
+    """Runs that are only simulated: 20 characters are served in full, and from 100 on the generator is late."""
 
     async def run_load(load: Load, *_: object) -> Result:
         missed, lag_ms = 0 if load.characters <= 20 else 500, 0.5 if load.characters < 100 else 50.0
@@ -82,14 +82,14 @@ def pretend(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(cli_bench, "REST_S", 0)
 
 
-@pytest.mark.usefixtures("pretend")
-def test_a_late_load_is_void(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+@pytest.mark.usefixtures("simulated_runs")
+def test_a_run_with_a_late_generator_is_void(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
     assert run(["bench", "--characters", "100", "--out", str(tmp_path)]) == VOID
     assert "VOID: the generator's send lag was" in capsys.readouterr().out
 
 
-@pytest.mark.usefixtures("pretend")
-def test_the_most_characters_are_found(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+@pytest.mark.usefixtures("simulated_runs")
+def test_the_largest_number_of_characters_is_found(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
     assert run(["bench", "--find", "--characters", "9", "--out", str(tmp_path)]) == 0
     printed = capsys.readouterr().out
     assert "20 characters are served in full." in printed
@@ -98,7 +98,7 @@ def test_the_most_characters_are_found(tmp_path: Path, capsys: pytest.CaptureFix
     assert (tmp_path / "search.png").is_file()
 
 
-def test_steps_that_the_model_cannot_do_are_refused(
+def test_numbers_of_steps_that_the_model_cannot_do_are_refused(
     null_server: str, short_scenario: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
     load = ["--server", null_server, "--scenario", str(short_scenario), "--steps", "99"]
@@ -121,25 +121,25 @@ def test_steps_that_the_model_cannot_do_are_refused(
         (["--server", "localhost:1", "--start-server"], 2, "not allowed with argument"),
     ],
 )
-def test_mistakes_are_told(
+def test_invalid_arguments_are_reported(
     arguments: list[str], code: int, message: str, tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
     assert run(["bench", "--out", str(tmp_path), *arguments]) == code
     assert message in capsys.readouterr().err
 
 
-def test_a_report_that_could_not_be_written_is_found_out_before_the_run(
+def test_a_report_that_cannot_be_written_is_refused_before_the_run(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
 ) -> None:
     (tmp_path / "file").write_text("in the way")
     assert run(["bench", "--server", "localhost:1", "--out", str(tmp_path / "file")]) == 1
-    assert "a folder that can be made and written (File exists)" in capsys.readouterr().err
+    assert f"allowed is a folder: {tmp_path / 'file'} is not one" in capsys.readouterr().err
     monkeypatch.setattr("importlib.util.find_spec", lambda name: None if name == "hdrh" else object())
     assert run(["bench", "--server", "localhost:1", "--out", str(tmp_path)]) == 1
     assert "motiongen bench needs hdrhistogram: install it with `pip install" in capsys.readouterr().err
 
 
-def test_more_characters_may_have_more_processes_but_leave_cores(monkeypatch: pytest.MonkeyPatch) -> None:
+def test_processes_grow_with_the_characters_up_to_half_the_cores(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr("os.cpu_count", lambda: 8)
     assert [num_processes(characters) for characters in (1, 2000, 2001, 100_000)] == [1, 1, 2, 4]
     monkeypatch.setattr("os.cpu_count", lambda: 1)

@@ -1,4 +1,4 @@
-"""One process of the load against a server that makes mistakes on demand."""
+"""One process of the load generator, against a server that makes mistakes on demand."""
 
 from __future__ import annotations
 
@@ -43,7 +43,7 @@ def load(server: FakeServer, short_scenario: Path) -> Load:
 
 
 class SleptTime(RealTime):
-    """Goes on by what was asked to be slept, so that a busy machine makes the run longer, not the load late."""
+    """A clock that advances by the sleeps asked for: a busy machine makes the run longer, not the generator late."""
 
     def __init__(self) -> None:
         self._now_s = 0.0
@@ -58,7 +58,7 @@ class SleptTime(RealTime):
 
 
 class StalledTime(SleptTime):
-    """Stands still once for all who sleep, as a process does that the machine gives no time."""
+    """A clock that jumps once, as if the process had been stalled."""
 
     def __init__(self, at_s: float, for_s: float) -> None:
         super().__init__()
@@ -74,7 +74,7 @@ class StalledTime(SleptTime):
 async def play(
     load: Load, at_each_tell: object = None, clock: SleptTime | None = None
 ) -> tuple[Recorder, Report, list[Progress]]:
-    """The whole load in this process."""
+    """Play the whole load in this process."""
     clock = clock or SleptTime()
     async with MotionClient(load.address) as client:
         generator = Generator(load, client.catalog, 0, clock)
@@ -97,7 +97,7 @@ def edits_received(streams: list[FakeStream]) -> int:
     return sum(event.WhichOneof("event") in kinds for stream in streams for event in stream.received)
 
 
-async def test_what_was_intended_is_sent_and_what_comes_is_booked(server: FakeServer, load: Load) -> None:
+async def test_scheduled_events_are_sent_and_their_results_recorded(server: FakeServer, load: Load) -> None:
     schedule = load.schedule()
     recorder, report, told = await play(load)
     end_s = len(recorder.seconds["edits"]["near"])
@@ -116,7 +116,7 @@ async def test_what_was_intended_is_sent_and_what_comes_is_booked(server: FakeSe
     assert max(progress.playing for progress in told) > 0
 
 
-async def test_refusals_are_counted_and_the_rest_goes_on(server: FakeServer, load: Load) -> None:
+async def test_refused_edits_are_counted_and_others_continue(server: FakeServer, load: Load) -> None:
     server.refuse = lambda event: "CONSTRAINT_IN_THE_PAST" if event.WhichOneof("event") == "edit_constraints" else ""
     recorder, _, _ = await play(load)
     assert recorder.counts["refused edit: CONSTRAINT_IN_THE_PAST"] > 0
@@ -127,14 +127,14 @@ async def test_refusals_are_counted_and_the_rest_goes_on(server: FakeServer, loa
 async def test_a_refused_open_ends_the_character(server: FakeServer, load: Load) -> None:
     server.refuse = lambda event: "SERVER_FULL"
     recorder, _, _ = await play(load)
-    # how many come before the end, and are answered before it, is up to the machine
+    # how many are sent and answered before the end depends on the machine
     assert load.characters <= recorder.counts["refused open: SERVER_FULL"] <= len(load.schedule().characters)
     assert recorder.counts["sessions_opened"] == 0
     assert recorder.total("due", 0, 3) == 0
     assert recorder.histogram(EVENT).get_total_count() == 0
 
 
-async def test_a_lost_stream_is_missed_frames_and_no_crash(server: FakeServer, load: Load) -> None:
+async def test_lost_streams_and_their_sessions_are_counted(server: FakeServer, load: Load) -> None:
     def lose(progress: Progress) -> None:
         if progress.at_s >= 1:
             for stream in server.streams:
@@ -147,7 +147,7 @@ async def test_a_lost_stream_is_missed_frames_and_no_crash(server: FakeServer, l
     assert recorder.counts["sessions_lost: STREAM_LOST"] > 0
 
 
-async def test_who_cannot_be_opened_any_more_goes_without_frames(server: FakeServer, load: Load) -> None:
+async def test_characters_that_cannot_be_opened_count_as_without_a_frame(server: FakeServer, load: Load) -> None:
     def lose(progress: Progress) -> None:
         for stream in server.streams:
             stream.fail(grpc.StatusCode.UNAVAILABLE)
@@ -155,7 +155,9 @@ async def test_who_cannot_be_opened_any_more_goes_without_frames(server: FakeSer
     load = replace(load, seconds=2)
     recorder, _, _ = await play(load, lose)
     assert recorder.counts["characters_without_a_frame"] >= recorder.counts["opens_not_sent"] > 0
-    assert recorder.histogram(OPEN).get_total_count() == len(load.schedule().characters), "each of them has waited"
+    assert recorder.histogram(OPEN).get_total_count() == len(load.schedule().characters), (
+        "each of them counts as waiting"
+    )
 
 
 @pytest.fixture
@@ -165,15 +167,15 @@ def measured_from_the_start(short_scenario: Path) -> Path:
     return short_scenario
 
 
-async def test_a_stall_of_the_load_weighs_as_much_as_it_is_long(load: Load, measured_from_the_start: Path) -> None:
+async def test_a_stall_of_the_generator_is_weighted_by_its_duration(load: Load, measured_from_the_start: Path) -> None:
     load = replace(load, scenario=load_scenario(str(measured_from_the_start)))
     recorder, _, _ = await play(load, clock=StalledTime(0.3, for_s=0.5))
     lags = recorder.histogram(LOOP_LAG, GENERATOR)
-    assert lags.get_value_at_percentile(60) > 10_000, "half of the second was slept through, and is no single sample"
-    assert lags.get_total_count() > 80, "a hundred a second, whatever stood still"
+    assert lags.get_value_at_percentile(60) > 10_000, "the stall takes half of the second, and is more than one sample"
+    assert lags.get_total_count() > 80, "a hundred samples a second, despite the stall"
 
 
-async def test_a_stall_that_lasts_until_all_is_measured_is_in_the_lag(
+async def test_a_stall_until_the_end_of_the_measurement_counts_as_lag(
     load: Load, measured_from_the_start: Path
 ) -> None:
     load = replace(load, scenario=load_scenario(str(measured_from_the_start)))
@@ -193,12 +195,12 @@ def test_processes_share_a_load_without_overlap(load: Load) -> None:
     assert min(map(len, parts)) > 0
 
 
-async def test_a_server_that_is_not_there_is_said_to_be(load: Load, server: FakeServer) -> None:
+async def test_an_unreachable_server_is_reported(load: Load, server: FakeServer) -> None:
     async with MotionClient(server.address) as client:
         generator = Generator(replace(load, address="127.0.0.1:1"), client.catalog, 0)
     with pytest.raises(ServerUnavailable, match=r"127\.0\.0\.1:1"):
         await generator.connect()
 
 
-def test_every_latency_has_a_name_to_print() -> None:
+def test_every_latency_with_a_printed_name_is_recorded() -> None:
     assert set(LATENCY_NAMES) <= set(LATENCIES)

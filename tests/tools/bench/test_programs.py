@@ -1,4 +1,4 @@
-"""`motiongen bench --program` where the program is none, or does not do as it should; tests/cpp has the real one."""
+"""`motiongen bench --program` with programs that are missing or misbehave; tests/cpp has the real one."""
 
 from __future__ import annotations
 
@@ -33,7 +33,9 @@ def write_program(folder: Path, body: str) -> Path:
         ("""print('{"failed": "no motiongen server answers at a:1"}')""", "^no motiongen server answers at a:1$"),
     ],
 )
-async def test_a_program_that_plays_nothing_says_why(body: str, why: str, short_scenario: Path, tmp_path: Path) -> None:
+async def test_a_program_that_fails_is_reported_with_the_reason(
+    body: str, why: str, short_scenario: Path, tmp_path: Path
+) -> None:
     program = write_program(tmp_path, body)
     load = Load("a:1", load_scenario(str(short_scenario)), characters=3, seconds=1, seed=1, program=program)
     with pytest.raises(GeneratorFailed, match=why):
@@ -41,13 +43,13 @@ async def test_a_program_that_plays_nothing_says_why(body: str, why: str, short_
             await programs.ready()
 
 
-def test_a_program_that_is_not_there_is_refused(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+def test_a_missing_program_is_refused(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
     nowhere = str(tmp_path / "motiongen-load")
     assert run(["bench", "--server", "localhost:1", "--program", nowhere, "--out", str(tmp_path)]) == 1
     assert f"--program: '{nowhere}' was given; allowed is a motiongen-load" in capsys.readouterr().err
 
 
-def test_a_book_of_a_program_is_read_as_one_of_ours() -> None:
+def test_results_of_a_program_are_read_like_those_of_a_recorder() -> None:
     ours = Recorder(("near",), 2)
     for milliseconds in (1, 1, 2, 300):
         ours.record("chunk_slack", "near", milliseconds / 1000)

@@ -1,4 +1,4 @@
-"""What is measured: percentiles, seconds, and books of processes joined."""
+"""The recorder: percentiles, amounts by second, and merging the recorders of several processes."""
 
 from __future__ import annotations
 
@@ -25,7 +25,7 @@ def test_percentiles_are_those_of_the_values(seconds: list[float]) -> None:
 
 @settings(max_examples=15, deadline=None)
 @given(latencies, latencies)
-def test_books_joined_are_one_book(ours: list[float], theirs: list[float]) -> None:
+def test_merged_recorders_equal_one_recorder(ours: list[float], theirs: list[float]) -> None:
     joined, whole = book_with(*ours), book_with(*ours, *theirs)
     other = book_with(*theirs)
     joined.counts["plans"] = 1
@@ -38,7 +38,7 @@ def test_books_joined_are_one_book(ours: list[float], theirs: list[float]) -> No
     assert joined.total("missed", 4, 10) == 0
 
 
-def test_all_is_every_group_together() -> None:
+def test_the_group_all_covers_every_group() -> None:
     recorder = Recorder(("hero", "crowd"), 10)
     recorder.record(EVENT, "hero", 0.1)
     recorder.record(EVENT, "crowd", 0.3)
@@ -47,13 +47,13 @@ def test_all_is_every_group_together() -> None:
     assert summary_ms(recorder.histogram("event_to_screen")) == {"count": 0}
 
 
-def test_what_takes_longer_than_can_be_told_counts_as_the_most() -> None:
+def test_latencies_beyond_the_range_count_as_its_maximum() -> None:
     assert summary_ms(book_with(10_000.0).histogram(EVENT))["max"] == pytest.approx(600_000, rel=0.01)
 
 
 @settings(deadline=None)
 @given(st.floats(0, 12), st.floats(0, 12))
-def test_a_span_adds_up(one_s: float, other_s: float) -> None:
+def test_amounts_over_a_span_add_up(one_s: float, other_s: float) -> None:
     from_s, to_s = sorted((one_s, other_s))
     recorder = Recorder(("crowd",), 10)
     recorder.add_span("due", "crowd", from_s, to_s, 20)

@@ -1,4 +1,4 @@
-"""The files of a report: complete, self-contained, and honest about a run that does not count."""
+"""The files of a report: complete, self-contained, and clear about a void run."""
 
 from __future__ import annotations
 
@@ -50,7 +50,7 @@ class Page(HTMLParser):
         self.text += data
 
 
-def test_a_run_is_written_whole(tmp_path: Path) -> None:
+def test_a_report_is_complete_and_self_contained(tmp_path: Path) -> None:
     result = make_result(scenario="mixed", missed=30)
     written = write_report(tmp_path / "new" / "folder", Standard(), result)
     assert [path.name for path in written] == ["result.json", "report.html", "report.png"]
@@ -67,7 +67,7 @@ def test_a_run_is_written_whole(tmp_path: Path) -> None:
     assert written[2].read_bytes().startswith(PNG)
 
 
-def test_names_are_shown_as_they_are(tmp_path: Path) -> None:
+def test_names_with_markup_are_shown_literally(tmp_path: Path) -> None:
     played = load_scenario("mixed")
     groups = tuple(replace(group, name=rf"$\frac{{{group.name}$ [/red]") for group in played.groups)
     result = make_result(scenario=replace(played, name="$_{$ <b>[/b]", groups=groups), lag_ms=9.0)
@@ -85,14 +85,14 @@ def pytest_fail(name: str) -> None:
     raise AssertionError(f"{name} is not JSON")
 
 
-def test_a_void_run_says_so_first(tmp_path: Path) -> None:
+def test_a_void_run_is_reported_as_void(tmp_path: Path) -> None:
     written = write_report(tmp_path, Standard(), make_result(lag_ms=9.0))
     text = Page(written[1].read_text()).text
     assert re.search(r"VOID: the generator's send lag was 9\.0 ms \(p99\); 5 ms is allowed", text)
     assert json.loads(written[0].read_text())["result"]["void"]
 
 
-def test_a_search_has_its_trials(tmp_path: Path) -> None:
+def test_a_report_of_a_search_lists_its_trials(tmp_path: Path) -> None:
     result = make_result(characters=20)
     trials = (judge(make_result(characters=40, missed=90)), judge(make_result(lag_ms=8.0)), judge(result))
     written = write_report(tmp_path, Standard(), result, Found(20, result, trials, False))
@@ -102,7 +102,7 @@ def test_a_search_has_its_trials(tmp_path: Path) -> None:
     assert "20 characters are served in full" in Page(written[1].read_text()).text
 
 
-def test_a_search_that_found_nobody_is_written_too(tmp_path: Path) -> None:
+def test_a_search_that_serves_no_character_is_reported(tmp_path: Path) -> None:
     found = Found(0, None, (judge(make_result(characters=1, missed=900)),), False)
     written = write_report(tmp_path, Standard(), None, found)
     assert [path.name for path in written] == ["result.json", "report.html", "search.png"]

@@ -1,4 +1,4 @@
-"""Figures of a run, when they do not count, and when the characters were not served in full."""
+"""The result of a run: its figures, what makes it void, and the shortfalls in service."""
 
 from __future__ import annotations
 
@@ -8,7 +8,7 @@ from motiongen_tools.bench.recorder import EVENT
 from tests.tools.bench.made_up import SECONDS, make_result
 
 
-def test_figures_are_of_the_measured_seconds_alone() -> None:
+def test_figures_cover_only_the_measured_seconds() -> None:
     figures = make_result(missed=20).figures()
     assert (figures.due, figures.missed) == (1000, 20)
     assert figures.miss_ratio == pytest.approx(0.02)
@@ -16,7 +16,7 @@ def test_figures_are_of_the_measured_seconds_alone() -> None:
 
 
 @pytest.mark.parametrize(("characters", "ratio"), [(20, 1.0), (2, 0.0)])
-def test_nothing_due_is_everything_missed_but_where_nobody_is(characters: int, ratio: float) -> None:
+def test_no_frames_due_counts_as_all_missed_unless_the_group_is_empty(characters: int, ratio: float) -> None:
     result = make_result(scenario="mixed", characters=characters)  # one in twenty is a hero
     result.recorder.seconds["due"]["hero"] = [0.0] * result.recorder.num_seconds
     assert result.figures("hero").miss_ratio == ratio
@@ -26,13 +26,13 @@ def test_nothing_due_is_everything_missed_but_where_nobody_is(characters: int, r
 
 
 @pytest.mark.parametrize(("lag_ms", "void"), [(4.9, 0), (5.1, 2)])
-def test_a_late_load_makes_the_run_void(lag_ms: float, void: int) -> None:
+def test_a_late_generator_makes_the_run_void(lag_ms: float, void: int) -> None:
     reasons = make_result(lag_ms=lag_ms).void_reasons()
     assert len(reasons) == void
     assert all("5.1 ms (p99); 5 ms is allowed" in reason for reason in reasons)
 
 
-def test_who_misses_nothing_is_served_in_full() -> None:
+def test_few_missed_frames_and_full_service_are_no_shortfall() -> None:
     assert make_result(missed=9, counts={"service level: FULL, 4 steps": 3, "plans": 7}).shortfalls() == []
 
 
@@ -47,18 +47,18 @@ def test_who_misses_nothing_is_served_in_full() -> None:
         (0, {"protocol_breaches": 1}, "protocol breaches (1 times)"),
     ],
 )
-def test_what_is_wanting_is_named(missed: int, counts: dict[str, int], shortfall: str) -> None:
+def test_shortfalls_are_named(missed: int, counts: dict[str, int], shortfall: str) -> None:
     assert make_result(missed=missed, counts=counts).shortfalls() == [shortfall]
 
 
-def test_a_hero_may_never_stand_still() -> None:
+def test_an_underrun_of_a_hero_is_a_shortfall() -> None:
     assert make_result(scenario="hero", hero_underruns=1).shortfalls() == [
         "playback of hero stood still 1 times; HERO never may"
     ]
     assert make_result(scenario="crowd", hero_underruns=1).shortfalls() == []
 
 
-def test_the_headline_and_the_groups() -> None:
+def test_headline_and_groups_of_a_result() -> None:
     result = make_result(scenario="mixed", missed=30)
     assert result.groups() == ["all", "hero", "near", "crowd"]
     assert result.headline() == (

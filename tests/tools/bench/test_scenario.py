@@ -1,4 +1,4 @@
-"""Scenario files: what is read, what is refused, and who belongs to which group."""
+"""Scenario files: what is read, what is refused, and which characters belong to which group."""
 
 from __future__ import annotations
 
@@ -45,7 +45,7 @@ def test_built_in_scenarios_can_be_read(name: str) -> None:
     assert sum(group.share for group in scenario.groups) == pytest.approx(1)
 
 
-def test_a_file_is_read_whole() -> None:
+def test_a_scenario_file_is_read() -> None:
     scenario = read(document())
     assert (scenario.name, scenario.revision, scenario.characters) == ("small", 3, 4)
     assert scenario.groups[0].priority is Priority.CROWD
@@ -66,7 +66,7 @@ def test_a_file_is_read_whole() -> None:
         ({"name": " "}, "name: ' ' was given; allowed is a text that is not blank"),
     ],
 )
-def test_a_wrong_file_says_what_is_wrong(change: dict[str, Any], message: str) -> None:
+def test_invalid_fields_are_reported(change: dict[str, Any], message: str) -> None:
     with pytest.raises(InvalidScenario) as failure:
         read({**document(), **change})
     assert message in str(failure.value)
@@ -89,7 +89,7 @@ def test_a_wrong_file_says_what_is_wrong(change: dict[str, Any], message: str) -
         ({"life": {"median_s": 3}}, "groups[0].life.sigma is missing"),
     ],
 )
-def test_a_wrong_group_says_where(change: dict[str, Any], message: str) -> None:
+def test_invalid_fields_of_a_group_are_reported_with_their_place(change: dict[str, Any], message: str) -> None:
     wrong = document()
     wrong["groups"][0] |= change
     with pytest.raises(InvalidScenario) as failure:
@@ -98,12 +98,12 @@ def test_a_wrong_group_says_where(change: dict[str, Any], message: str) -> None:
 
 
 @pytest.mark.parametrize("content", [b"", b"\xff\xfe\x00", b"a: [", b"!!python/object/apply:os.getcwd []", b"3"])
-def test_what_is_no_scenario_at_all_is_refused(content: bytes) -> None:
+def test_content_that_is_not_a_scenario_is_refused(content: bytes) -> None:
     with pytest.raises(InvalidScenario):
         read_scenario(content, "small.yaml")
 
 
-def test_the_example_of_the_documentation_is_a_scenario() -> None:
+def test_the_example_in_the_documentation_is_valid() -> None:
     page = (ROOT / "docs" / "benchmarking.md").read_text(encoding="utf-8")
     example = re.search(r"^```yaml\n(.*?)^```$", page, re.MULTILINE | re.DOTALL)
     assert example is not None
@@ -113,7 +113,7 @@ def test_the_example_of_the_documentation_is_a_scenario() -> None:
         assert f"| {name} |" in page
 
 
-def test_an_unknown_name_lists_the_known() -> None:
+def test_an_unknown_name_is_refused_with_the_known_ones() -> None:
     with pytest.raises(UnknownName, match="crowd, hero, planner, churn, storm, mixed"):
         load_scenario("crowds")
     with pytest.raises(InvalidScenario, match="cannot be read"):
@@ -122,7 +122,7 @@ def test_an_unknown_name_lists_the_known() -> None:
 
 @settings(deadline=None)
 @given(st.lists(st.integers(1, 20), min_size=1, max_size=5), st.integers(1, 200))
-def test_every_number_of_characters_has_the_shares(weights: list[int], num_characters: int) -> None:
+def test_any_number_of_characters_is_divided_by_the_shares(weights: list[int], num_characters: int) -> None:
     groups = tuple(
         Group(str(index), weight / sum(weights), Priority.NEAR, ("walk",)) for index, weight in enumerate(weights)
     )
@@ -140,7 +140,7 @@ def nested_lists(depth: int) -> str:
 
 
 @pytest.mark.parametrize("content", ["[" * 5000, "format: " + "9" * 5000, "format: 2020-99-99", nested_lists(30)])
-def test_what_no_reader_can_stand_is_refused_in_words(content: str) -> None:
+def test_pathological_yaml_is_refused_with_a_short_message(content: str) -> None:
     with pytest.raises(InvalidScenario, match=r"small\.yaml: ") as refusal:
         read_scenario(content.encode(), "small.yaml")
     assert len(str(refusal.value)) < 400

@@ -1,4 +1,4 @@
-"""Schedules: fixed by seed and number, within the run, and as many characters as asked for."""
+"""Schedules: determined by seed and number, within the run, and with as many characters as asked for."""
 
 from __future__ import annotations
 
@@ -24,7 +24,7 @@ def edits_of(schedule: Schedule, character: int) -> list[tuple[float, int, int]]
 
 @settings(max_examples=25, deadline=None)
 @given(st.sampled_from(BUILT_IN), st.integers(1, 40), st.integers(1, 10), st.integers(0, 2**32))
-def test_a_seed_gives_one_load_within_the_run(name: str, num_characters: int, seconds: int, seed: int) -> None:
+def test_a_seed_determines_a_schedule_within_the_run(name: str, num_characters: int, seconds: int, seed: int) -> None:
     schedule = make_schedule(SCENARIOS[name], num_characters, seconds, seed)
     assert schedule.sha256() == make_schedule(SCENARIOS[name], num_characters, seconds, seed).sha256()
     assert schedule.sha256() != make_schedule(SCENARIOS[name], num_characters, seconds, seed + 1).sha256()
@@ -42,7 +42,7 @@ def test_a_seed_gives_one_load_within_the_run(name: str, num_characters: int, se
 
 
 @pytest.mark.parametrize("name", [name for name in BUILT_IN if name != "churn"])
-def test_what_a_character_does_does_not_depend_on_the_others(name: str) -> None:
+def test_a_character_does_not_depend_on_the_number_of_characters(name: str) -> None:
     few, many = (make_schedule(SCENARIOS[name], number, 10, 7) for number in (5, 50))
     for number in range(5):
         one, other = few.characters[number], many.characters[number]
@@ -50,7 +50,7 @@ def test_what_a_character_does_does_not_depend_on_the_others(name: str) -> None:
         assert [edit[1:] for edit in edits_of(few, number)][:3] == [edit[1:] for edit in edits_of(many, number)][:3]
 
 
-def test_a_prompt_is_always_another_than_before() -> None:
+def test_successive_prompts_always_differ() -> None:
     schedule = make_schedule(SCENARIOS["crowd"], 10, 60, 3)
     for plan in schedule.characters:
         prompts = [plan.prompt, *(value for _, _, value in edits_of(schedule, plan.number))]
@@ -65,7 +65,7 @@ def test_regular_edits_are_spread_over_the_period() -> None:
     assert np.bincount(steady.astype(int) % 5).min() > 50
 
 
-def test_a_storm_comes_at_one_moment() -> None:
+def test_all_edits_of_a_storm_come_at_one_moment() -> None:
     schedule = make_schedule(SCENARIOS["storm"], 20, 20, 3)
     steady = schedule.edit_at_s[schedule.edit_at_s > SCENARIOS["storm"].ramp_s]
     moments, counts = np.unique(steady, return_counts=True)
@@ -73,7 +73,7 @@ def test_a_storm_comes_at_one_moment() -> None:
     assert (counts == 20).all()
 
 
-def test_churn_keeps_about_as_many_as_asked_for() -> None:
+def test_churn_keeps_about_the_requested_number_of_characters() -> None:
     schedule = make_schedule(SCENARIOS["churn"], 200, 60, 3)
     for at_s in range(schedule.phases.measure_from_s, schedule.phases.measure_to_s, 5):
         alive = sum(plan.open_s <= at_s < plan.close_s for plan in schedule.characters)

@@ -1,4 +1,4 @@
-"""The search for the most characters: what it tries, what it trusts, and when it ends."""
+"""The search for the largest number of characters: what it tries, what it trusts, and when it ends."""
 
 from __future__ import annotations
 
@@ -21,7 +21,7 @@ LONG = 30
 
 
 class Machine:
-    """Serves so many in full, in a run of LONG seconds maybe fewer; from `void_from` on the load is late."""
+    """Serves `serves` characters in full, `serves_long` for LONG seconds; from `void_from` on runs are void."""
 
     def __init__(self, serves: int, serves_long: int | None = None, void_from: float = math.inf) -> None:
         self.serves, self.serves_long, self.void_from = (
@@ -53,7 +53,7 @@ class Machine:
 
 @settings(deadline=None)
 @given(st.integers(1, 5000), st.integers(0, 5000))
-def test_a_bracket_closes_on_the_truth(start: int, truth: int) -> None:
+def test_a_bracket_closes_on_the_true_number(start: int, truth: int) -> None:
     bracket, tries = Bracket(start), 0
     while (characters := bracket.next()) is not None:
         assert characters >= 1
@@ -67,7 +67,7 @@ def test_a_bracket_closes_on_the_truth(start: int, truth: int) -> None:
 
 @settings(deadline=None)
 @given(st.integers(1, 100), st.lists(st.booleans(), min_size=200, max_size=200))
-def test_a_bracket_ends_whatever_it_is_told(start: int, answers: list[bool]) -> None:
+def test_a_bracket_ends_for_any_sequence_of_answers(start: int, answers: list[bool]) -> None:
     bracket = Bracket(start)
     for passed in answers:
         if (characters := bracket.next()) is None:
@@ -76,7 +76,7 @@ def test_a_bracket_ends_whatever_it_is_told(start: int, answers: list[bool]) -> 
     assert bracket.next() is None
 
 
-async def test_the_answer_is_confirmed_by_a_longer_run() -> None:
+async def test_the_result_is_confirmed_by_a_longer_run() -> None:
     machine = Machine(serves=20)
     found = await machine.search()
     assert found.characters == 20
@@ -86,7 +86,7 @@ async def test_the_answer_is_confirmed_by_a_longer_run() -> None:
     assert not found.limited_by_generator
 
 
-async def test_an_answer_that_is_not_confirmed_is_lowered() -> None:
+async def test_a_result_that_a_longer_run_does_not_confirm_is_lowered() -> None:
     machine = Machine(serves=20, serves_long=13)
     found = await machine.search()
     assert found.characters in (12, 13)
@@ -94,13 +94,13 @@ async def test_an_answer_that_is_not_confirmed_is_lowered() -> None:
     assert found.trials[-1].passed
 
 
-async def test_a_void_run_proves_nothing_and_is_said_to() -> None:
+async def test_a_search_limited_by_void_runs_says_so() -> None:
     found = await Machine(serves=1000, void_from=50).search()
     assert 46 <= found.characters < 50
     assert found.limited_by_generator
 
 
-async def test_a_run_that_was_void_by_chance_is_made_again() -> None:
+async def test_a_run_that_is_void_once_is_repeated() -> None:
     machine = Machine(serves=20)
     honest, unlucky = machine.run, iter([50.0])
 
@@ -115,19 +115,19 @@ async def test_a_run_that_was_void_by_chance_is_made_again() -> None:
     assert not found.limited_by_generator
 
 
-async def test_nobody_served_is_an_answer_too() -> None:
+async def test_a_search_may_find_that_no_character_is_served() -> None:
     found = await Machine(serves=0).search(start=5)
     assert (found.characters, found.result) == (0, None)
     assert min(trial.characters for trial in found.trials) == 1
 
 
 @pytest.mark.parametrize("start", [1, 20, 300])
-async def test_where_it_starts_does_not_matter(start: int) -> None:
+async def test_the_result_does_not_depend_on_the_start(start: int) -> None:
     assert (await Machine(serves=20).search(start)).characters in (19, 20)
 
 
 class Hurried(Machine):
-    """A machine whose runs take 10 s beside what they measure, by a clock of its own."""
+    """A machine with a clock of its own, whose runs take 10 s longer than they measure."""
 
     now = 0.0
 
@@ -141,7 +141,7 @@ class Hurried(Machine):
 
 
 @pytest.mark.parametrize("within_s", [100.0, 130.0, 150.0])
-async def test_a_search_ends_in_time_with_what_it_knows(within_s: float) -> None:
+async def test_a_search_with_a_time_limit_ends_in_time_with_its_best_result(within_s: float) -> None:
     machine = Hurried(serves=1530)
     found = await machine.search_within(within_s)
     assert machine.now <= within_s
@@ -150,7 +150,7 @@ async def test_a_search_ends_in_time_with_what_it_knows(within_s: float) -> None
     assert found.characters in (100, 200, 400, 800, 1200, 1400)
 
 
-async def test_an_answer_that_there_is_no_time_to_confirm_is_told_as_such() -> None:
+async def test_a_result_without_time_to_confirm_it_is_reported_as_unconfirmed() -> None:
     machine = Hurried(serves=400, serves_long=0)
     found = await machine.search_within(130.0)
     assert (found.out_of_time, found.result) == (True, None)
@@ -159,7 +159,7 @@ async def test_an_answer_that_there_is_no_time_to_confirm_is_told_as_such() -> N
     assert "At least 8 characters are served in full; that was not confirmed; with more" in describe_found(late)
 
 
-async def test_a_search_with_time_is_as_ever() -> None:
+async def test_a_search_with_ample_time_is_not_cut_short() -> None:
     found = await Hurried(serves=150).search_within(1e6)
     assert not found.out_of_time
     assert 143 <= found.characters <= 150

@@ -1,4 +1,4 @@
-"""What a server's metrics say of steps for nothing."""
+"""The share of discarded denoising steps, as read from a server's metrics."""
 
 import pytest
 
@@ -15,14 +15,14 @@ motiongen_frames_sent_total 17.0
 """
 
 
-def test_a_metric_is_added_over_its_labels() -> None:
+def test_a_metric_is_summed_over_its_labels() -> None:
     assert total(METRICS, "motiongen_batch_rows_sum") == 200.0
     assert total(METRICS, "motiongen_steps_discarded_total") == 10.0
     assert total(METRICS, "motiongen_frames_sent_total") == 17.0
     assert total(METRICS, "motiongen_steps") == 0.0
 
 
-def test_the_share_is_of_what_was_done_between() -> None:
+def test_the_share_of_discarded_steps_is_that_between_two_readings() -> None:
     assert thrown_away((200.0, 10.0), (300.0, 12.0)) == pytest.approx(0.02)
     assert thrown_away((200.0, 10.0), (200.0, 10.0)) is None
     assert thrown_away(None, (300.0, 12.0)) is None

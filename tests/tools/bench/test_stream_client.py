@@ -1,4 +1,4 @@
-"""One call of the load against something that takes connections and says nothing."""
+"""One stream of the load generator, against a silent server and a newer one."""
 
 from __future__ import annotations
 
@@ -21,7 +21,7 @@ from tests.client.waiting import until
 from tests.waiting import LIMIT_S
 
 
-async def test_a_server_that_says_nothing_is_given_up(monkeypatch: pytest.MonkeyPatch) -> None:
+async def test_a_silent_server_is_given_up(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(stream_client, "_CONNECT_TIMEOUT_S", 0.1)
     monkeypatch.setattr(stream_client, "_HELLO_TIMEOUT_S", 0.1)
     with socket.create_server(("127.0.0.1", 0)) as silent:
@@ -32,7 +32,7 @@ async def test_a_server_that_says_nothing_is_given_up(monkeypatch: pytest.Monkey
                 await client.start()
 
 
-async def test_what_a_later_version_says_is_counted_by_its_number() -> None:
+async def test_unknown_tiers_and_reasons_are_counted_by_their_number() -> None:
     recorder = Recorder(("crowd",), 1)
     plan, phases = CharacterPlan(0, 0, 0.0, math.inf, 5, 0), Phases(0.0, 0, 1, 1.0)
     character = Character(1, plan, "crowd", fps=20, jitter=make_jitter(), phases=phases, recorder=recorder)

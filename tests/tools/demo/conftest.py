@@ -1,4 +1,4 @@
-"""Motions by formula of a figure with hands and feet that walks along +Z at 1 m/s."""
+"""Synthetic motion of a figure with hands and feet that walks along +Z at 1 m/s."""
 
 from __future__ import annotations
 

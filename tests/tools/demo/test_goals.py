@@ -1,4 +1,4 @@
-"""Goals against a motion of which all is known: 1 m/s along +Z, facing +Z, for two seconds at 20 frames a second."""
+"""Goals measured on a known motion: 1 m/s along +Z, facing +Z, for two seconds at 20 frames a second."""
 
 from __future__ import annotations
 
@@ -26,7 +26,9 @@ from motiongen_tools.demo.script import Circle
         (Pace(0, 20, 1.0, 1.0), 1.0, None),
     ],
 )
-def test_errors_and_the_time_of_arrival(stick_motion: Motion, aim: Aim, error: float, reached_s: float | None) -> None:
+def test_errors_and_times_of_arrival_are_measured(
+    stick_motion: Motion, aim: Aim, error: float, reached_s: float | None
+) -> None:
     reached = measure(Goal("a goal", 0, aim), stick_motion, place_m=0.2)
     assert reached is not None
     if isinstance(aim, RootTrajectory):
@@ -37,7 +39,7 @@ def test_errors_and_the_time_of_arrival(stick_motion: Motion, aim: Aim, error: f
         assert reached.reached_s == (None if reached_s is None else pytest.approx(reached_s, abs=0.051))
 
 
-def test_of_a_hand_the_root_is_no_aim(stick_motion: Motion) -> None:
+def test_the_error_of_a_hand_goal_ignores_the_root(stick_motion: Motion) -> None:
     hand = stick_motion.rig.index("RightHand")
     place = stick_motion.frame(20).joint_positions_m()[hand] + [0, 0.3, 0]
     targets = JointTargets(20, (0, hand), np.array([[9, 9, 9], place]))
@@ -48,7 +50,7 @@ def test_of_a_hand_the_root_is_no_aim(stick_motion: Motion) -> None:
 
 
 @pytest.mark.parametrize("aim", [Waypoint(40, 0, 0), Pace(30, 41, 0, 1), Facing(100, 0)])
-def test_what_is_due_after_the_end_is_not_judged(stick_motion: Motion, aim: Aim) -> None:
+def test_goals_due_after_the_end_are_not_judged(stick_motion: Motion, aim: Aim) -> None:
     assert measure(Goal("later", 0, aim), stick_motion, place_m=0.2) is None
 
 
@@ -57,7 +59,7 @@ def test_only_waypoints_are_places() -> None:
     assert not Goal("", 0, Facing(1, 0)).is_place
 
 
-def test_a_mover_is_told_places_along_its_way_and_a_stander_where_it_faces(stick_motion: Motion) -> None:
+def test_places_are_relative_to_the_path_or_if_standing_to_the_heading(stick_motion: Motion) -> None:
     rows = stick_motion.rows.copy()
     rows[:, 0], rows[:, 3:7] = 0, [math.cos(math.pi / 4), 0, math.sin(math.pi / 4), 0]  # faces +X, goes to +Z
     moving = here(Motion(stick_motion.rig, 0, rows))
@@ -68,7 +70,7 @@ def test_a_mover_is_told_places_along_its_way_and_a_stander_where_it_faces(stick
     assert here(Motion(stick_motion.rig, 0, rows)).off(2, 0) == pytest.approx((2, 0), abs=1e-4)
 
 
-def test_a_circle_begins_at_a_stand_along_the_way_and_keeps_its_radius() -> None:
+def test_a_circle_starts_from_rest_along_the_heading_and_keeps_its_radius() -> None:
     at = Here(0, np.array([1.0, 0.9, 2.0]), 0.0, 0.0)
     path = circle_m(Circle(1.5, 1.0, 12.0), at, 20).astype(np.float64)
     steps = np.linalg.norm(np.diff(path, axis=0), axis=1) * 20
@@ -80,7 +82,7 @@ def test_a_circle_begins_at_a_stand_along_the_way_and_keeps_its_radius() -> None
     assert steps[25:] == pytest.approx(1.0, abs=0.01)
 
 
-def test_deeds_tell_what_was_done_under_each_prompt(stick_motion: Motion) -> None:
+def test_deeds_describe_the_motion_under_each_prompt(stick_motion: Motion) -> None:
     rows = stick_motion.rows.copy()
     rows[:, 0] = 0
     first, second = deeds(Motion(stick_motion.rig, 0, rows), [(0, "stand"), (20, "walk"), (60, "later")])

@@ -8,7 +8,7 @@ from motiongen_tools.demo.script import CAST, STORY, STORY_S, Circle, GoTo, Move
 
 
 @pytest.mark.parametrize("role", CAST, ids=lambda role: role.name)
-def test_cues_are_in_order_and_all_is_due_before_the_end(role: Role) -> None:
+def test_cues_are_in_order_and_their_actions_end_within_the_story(role: Role) -> None:
     times = [cue.at_s for cue in role.cues]
     assert times == sorted(set(times))
     for cue in role.cues:
@@ -23,7 +23,7 @@ def test_cues_are_in_order_and_all_is_due_before_the_end(role: Role) -> None:
             assert cue.at_s + lasts <= STORY_S
 
 
-def test_names_are_those_of_files() -> None:
+def test_names_of_roles_are_unique_and_fit_for_file_names() -> None:
     assert len({role.name for role in CAST}) == len(CAST)
     assert all(role.name.isidentifier() for role in CAST)
 

@@ -1,4 +1,4 @@
-"""What is drawn, by the words and marks on the page."""
+"""Drawings, checked by the words and marks on them."""
 
 from __future__ import annotations
 
@@ -24,7 +24,7 @@ GOALS = (
 )
 
 
-def test_from_above_a_waypoint_has_its_distance(stick_motion: Motion) -> None:
+def test_the_view_from_above_shows_the_distance_from_a_waypoint(stick_motion: Motion) -> None:
     axes = Figure().add_subplot()
     draw_ground(axes, stick_motion, GOALS)
     words = [text.get_text() for text in axes.texts]
@@ -34,7 +34,7 @@ def test_from_above_a_waypoint_has_its_distance(stick_motion: Motion) -> None:
     assert len(stars) == 3
 
 
-def test_the_strip_has_times_prompts_goals_and_contacts(stick_motion: Motion) -> None:
+def test_the_strip_shows_times_prompts_goals_and_contacts(stick_motion: Motion) -> None:
     rows = stick_motion.rows.copy()
     rows[:, -4:] = 0
     rows[10:20, -4] = rows[30:, -4] = 1  # the left heel touches twice

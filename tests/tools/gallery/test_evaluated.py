@@ -1,4 +1,4 @@
-"""Takes of the evaluation come to the gallery as they were written, and other files are refused."""
+"""Takes of the evaluation: the gallery reads them as they were written, and refuses other files."""
 
 from __future__ import annotations
 
@@ -28,7 +28,7 @@ def exhibit(layout: Representation, goals: tuple[tuple[int, float, float], ...],
     return Exhibit("waypoint: 0.01 m off", Result(take, features, positions, rotations, (0,)), goals, path)
 
 
-def test_takes_come_as_they_were_written(tmp_path: Path) -> None:
+def test_takes_are_read_as_they_were_written(tmp_path: Path) -> None:
     layout = load_checkpoint(TINY_MODEL).representation
     path = np.array([[0.0, 0.0], [0.0, 1.0]])
     shown = {"waypoint": [exhibit(layout, ((5, 1.0, 2.0),), None)], "path": [exhibit(layout, (), path)]}
@@ -55,7 +55,7 @@ def test_other_files_are_refused(tmp_path: Path) -> None:
 
 
 def good(path: Path, **other: object) -> bytes:
-    """A take of two joints, but for arrays that are given. Returns the file's bytes."""
+    """Write a take of two joints, with the given arrays in place of its own. Returns the file's bytes."""
     arrays: dict[str, object] = {
         "format": FORMAT, "title": "t", "part": "p", "joint_names": np.array(["Hips", "Head"]), "parents": [-1, 0],
         "frame_rate_hz": 20, "positions_m": np.zeros((3, 2, 3)), "contacts": np.zeros((3, 4)),
@@ -65,8 +65,8 @@ def good(path: Path, **other: object) -> bytes:
     return path.read_bytes()
 
 
-def test_half_a_file_is_refused_wherever_it_ends(tmp_path: Path) -> None:
-    """As where the evaluation was ended while it wrote."""
+def test_a_truncated_file_is_refused_wherever_it_ends(tmp_path: Path) -> None:
+    """As if the evaluation had been ended while it wrote."""
     path = tmp_path / "take.npz"
     whole = good(path)
     assert len(read_takes(tmp_path)) == 1
@@ -88,7 +88,7 @@ def test_half_a_file_is_refused_wherever_it_ends(tmp_path: Path) -> None:
         {"positions_m": np.array(["a"])},
     ],
 )
-def test_arrays_of_other_shapes_and_kinds_are_refused(other: dict[str, object], tmp_path: Path) -> None:
+def test_arrays_of_other_shapes_and_types_are_refused(other: dict[str, object], tmp_path: Path) -> None:
     good(tmp_path / "take.npz", **other)
     with pytest.raises(InvalidInput, match=r"take\.npz"):
         read_takes(tmp_path)

@@ -1,4 +1,4 @@
-"""The page of a gallery is one file, and nothing in a title gets out of its place."""
+"""The page of a gallery is one file, and its content is escaped."""
 
 from __future__ import annotations
 
@@ -10,7 +10,7 @@ from motiongen_tools.gallery.animation import refused
 from motiongen_tools.gallery.page_file import Gallery, write_gallery
 
 
-def test_the_page_is_one_file_with_everything_in_it(tmp_path: Path) -> None:
+def test_the_page_is_self_contained_and_escapes_its_content(tmp_path: Path) -> None:
     gallery = Gallery("a <model>", ["4 steps", "10 steps"])
     gallery.add("Presets", "walk", 1, refused("</script><script>alert(1)</script> {program}"))
     write_gallery(tmp_path / "new" / "gallery.html", gallery, datetime(2026, 1, 2, 3, 4, tzinfo=UTC))

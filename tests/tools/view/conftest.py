@@ -93,7 +93,7 @@ async def room(bridge: Bridge) -> Room:
 
 @pytest.fixture
 async def page(bridge: Bridge, room: Room) -> AsyncIterator[Page]:
-    """A page that may steer."""
+    """A page with the role CONTROL."""
     page = Page()
     serving = asyncio.create_task(Browser(page, bridge, room, Role.CONTROL).serve())
     yield page

@@ -1,4 +1,4 @@
-"""Who may look and who may steer."""
+"""Access to the viewer: roles by token, host names, and the origins of pages."""
 
 from __future__ import annotations
 
@@ -7,7 +7,7 @@ import pytest
 from motiongen_tools.view.access import Access, Role, is_loopback, is_own_page
 
 
-def test_loopback_asks_nobody_and_any_other_address_asks_all() -> None:
+def test_a_token_is_required_unless_listening_at_loopback() -> None:
     assert Access.to_listen_at("127.0.0.1").role_of("") is Role.CONTROL
     open_to_others = Access.to_listen_at("0.0.0.0")
     assert open_to_others.role_of("") is None
@@ -22,7 +22,7 @@ def test_each_token_has_its_role() -> None:
     assert access.role_of("stéér") is None
 
 
-def test_tokens_are_drawn_anew_and_are_not_printed() -> None:
+def test_tokens_are_random_and_not_in_the_repr() -> None:
     first, second = Access.to_listen_at("::"), Access.to_listen_at("::")
     assert first.control_token
     assert first.control_token not in (second.control_token, first.watch_token)
@@ -41,12 +41,12 @@ def test_tokens_are_drawn_anew_and_are_not_printed() -> None:
         ("[::1", False),
     ],
 )
-def test_without_tokens_only_names_of_this_machine_are_served(host: str, admitted: bool) -> None:
+def test_without_tokens_only_host_names_of_this_machine_are_admitted(host: str, admitted: bool) -> None:
     assert Access().admits_host(host) is admitted
     assert Access("steer", "look").admits_host(host)
 
 
-def test_only_our_page_and_programs_open_sockets() -> None:
+def test_only_our_page_and_programs_may_open_sockets() -> None:
     assert is_own_page("http://localhost:8321", "localhost:8321")
     assert is_own_page(None, "localhost:8321")
     assert not is_own_page("http://evil.example", "localhost:8321")
@@ -59,10 +59,10 @@ def test_only_our_page_and_programs_open_sockets() -> None:
 @pytest.mark.parametrize(
     ("site", "ours"), [("same-origin", True), ("none", True), ("same-site", False), ("cross-site", False), ("?", False)]
 )
-def test_a_browser_says_whose_page_asks_where_it_sends_no_origin(site: str, ours: bool) -> None:
+def test_without_an_origin_the_site_decides_whose_page_asks(site: str, ours: bool) -> None:
     assert is_own_page(None, "localhost:8321", site) is ours
 
 
 @pytest.mark.parametrize("host", ["192.168.1.4", "0.0.0.0", "::", "example.org"])
-def test_what_others_reach_is_not_loopback(host: str) -> None:
+def test_addresses_that_others_can_reach_are_not_loopback(host: str) -> None:
     assert not is_loopback(host)

@@ -1,4 +1,4 @@
-"""A page and the bridge: what it is told, what it may say, and what it is answered."""
+"""A page and the bridge: what the page receives, what it may send, and the answers it gets."""
 
 from __future__ import annotations
 
@@ -20,14 +20,14 @@ from tests.client.synthetic import ROW_WIDTH, synthetic_rows
 from tests.tools.view.conftest import Page
 
 
-async def test_a_page_is_told_the_server_what_it_offers_and_who_is_there(page: Page) -> None:
+async def test_a_page_receives_the_server_state_catalogue_and_characters(page: Page) -> None:
     await page.until(lambda: page.last("characters"))
     assert page.last("server")["state"] == "connected"
     assert [rig["id"] for rig in page.last("catalog")["rigs"]] == ["stick9"]
     assert page.last("characters")["numbers"] == []
 
 
-async def test_a_character_comes_with_all_of_its_frames_in_order(page: Page) -> None:
+async def test_a_page_receives_all_frames_of_a_character_in_order(page: Page) -> None:
     answer = await page.ask(op="add", count=1, text="a person stands")
     assert answer["numbers"] == [1]
     told = await page.until(lambda: page.last("character"))
@@ -38,14 +38,14 @@ async def test_a_character_comes_with_all_of_its_frames_in_order(page: Page) -> 
         ((number, place, _, _, buffered_to, first, count),) = header["heads"]
         assert number == 1
         if count:
-            assert end <= first <= max(end, place - 1), "none comes twice, and only what is past is left out"
+            assert end <= first <= max(end, place - 1), "none is sent twice, and only past ones are left out"
             end = first + count
             rows = numbers.reshape(count, ROW_WIDTH)
             np.testing.assert_allclose(rows[:, 2], 0.05 * np.arange(first, end), atol=1e-5)
         assert end == buffered_to
 
 
-async def test_an_edit_is_answered_and_its_frames_replace_the_old_ones(page: Page) -> None:
+async def test_an_accepted_edit_replaces_frames_and_adds_a_seam(page: Page) -> None:
     await page.ask(op="add")
     await page.until(lambda: page.frames)
     shown = len(page.frames)
@@ -57,7 +57,7 @@ async def test_an_edit_is_answered_and_its_frames_replace_the_old_ones(page: Pag
 
 
 def _holds(header: dict, frame: int) -> bool:
-    """Whether rows of that frame come with a message."""
+    """Whether a message has rows of that frame."""
     return bool(header["heads"]) and header["heads"][0][5] <= frame < sum(header["heads"][0][5:7])
 
 
@@ -78,7 +78,7 @@ async def test_a_refusal_is_shown_with_its_reason(page: Page, server: FakeServer
     assert page.last("character")["targets"] == []
 
 
-async def test_an_edit_is_undone(page: Page) -> None:
+async def test_an_edit_can_be_undone(page: Page) -> None:
     await page.ask(op="add", text="a person stands")
     assert "error" in await page.ask(op="undo", character=1)
     await page.ask(op="set_prompt", character=1, text="a person runs")
@@ -87,7 +87,7 @@ async def test_an_edit_is_undone(page: Page) -> None:
     await page.until(lambda: page.last("character")["spans"][-1]["text"] == "a person stands")
 
 
-async def test_mistakes_are_answered_and_the_page_goes_on(page: Page) -> None:
+async def test_invalid_requests_are_answered_and_later_ones_still_work(page: Page) -> None:
     for number, said in enumerate(("not json", "9" * 5000, "[" * 100_000)):
         page.say(said)
         await page.until(lambda least=number: sum("JSON" in m.get("error", "") for m in page.messages) > least)
@@ -104,7 +104,7 @@ async def test_mistakes_are_answered_and_the_page_goes_on(page: Page) -> None:
     assert "error" not in await page.ask(op="ping", at=3)
 
 
-async def test_bytes_are_answered_too(page: Page, monkeypatch: pytest.MonkeyPatch) -> None:
+async def test_a_binary_message_is_answered_with_an_error(page: Page, monkeypatch: pytest.MonkeyPatch) -> None:
     hear = page.receive_text
 
     async def as_starlette_does() -> str:
@@ -112,13 +112,13 @@ async def test_bytes_are_answered_too(page: Page, monkeypatch: pytest.MonkeyPatc
         return said["text"]  # type: ignore[return-value]
 
     monkeypatch.setattr(page, "receive_text", as_starlette_does)
-    await page.ask(op="ping")  # what was waited for until now was the other
+    await page.ask(op="ping")  # until now, the bridge waited in the original
     page.say("bytes")
     await page.until(lambda: any("JSON" in m.get("error", "") for m in page.messages))
     assert "error" not in await page.ask(op="ping")
 
 
-async def test_spectators_look_and_do_not_touch(bridge: Bridge, room: Room, page: Page) -> None:
+async def test_spectators_may_watch_but_not_steer(bridge: Bridge, room: Room, page: Page) -> None:
     await page.ask(op="add")
     watcher = Page()
     serving = asyncio.create_task(Browser(watcher, bridge, room, Role.WATCH).serve())
@@ -132,7 +132,7 @@ async def test_spectators_look_and_do_not_touch(bridge: Bridge, room: Room, page
 
 
 class Stuck(Page):
-    """A page that asks and asks, and reads nothing."""
+    """A page that keeps sending requests, and reads nothing."""
 
     def __init__(self, request: dict) -> None:
         super().__init__()
@@ -152,7 +152,7 @@ class Stuck(Page):
 @pytest.mark.parametrize(
     "request_", [{"op": "history", "character": 1, "first_frame": 0, "end_frame": 99}, {"op": "ping"}, {"op": "add"}]
 )
-async def test_a_page_that_reads_nothing_is_not_listened_to_for_long(
+async def test_requests_of_a_page_that_reads_nothing_are_soon_left_unread(
     bridge: Bridge, room: Room, page: Page, request_: dict
 ) -> None:
     await page.ask(op="add")
@@ -161,14 +161,14 @@ async def test_a_page_that_reads_nothing_is_not_listened_to_for_long(
     serving = asyncio.create_task(browser.serve())
     for _ in range(20):
         await bridge.beat()
-    assert browser.num_waiting <= 2 * MOST_WAITING, "a request for history is answered, and has its frames"
-    assert stuck.num_said <= 2 * MOST_WAITING, "some had been taken to be sent"
-    assert "error" not in await page.ask(op="ping"), "others are heard"
+    assert browser.num_waiting <= 2 * MOST_WAITING, "a request for history has an answer and its frames"
+    assert stuck.num_said <= 2 * MOST_WAITING, "some had been taken to be answered"
+    assert "error" not in await page.ask(op="ping"), "other pages are answered"
     serving.cancel()
     await asyncio.gather(serving, return_exceptions=True)
 
 
-async def test_a_page_that_reads_late_is_answered_in_full(page: Page) -> None:
+async def test_a_page_with_many_pending_requests_gets_all_answers(page: Page) -> None:
     await page.ask(op="add")
     for number in range(5 * MOST_WAITING):
         page.say(json.dumps({"op": "history", "character": 1, "first_frame": 0, "end_frame": 1, "request": -number}))
@@ -176,7 +176,7 @@ async def test_a_page_that_reads_late_is_answered_in_full(page: Page) -> None:
     await page.until(lambda: sum(header["type"] == "history" for header, _ in page.frames) == 5 * MOST_WAITING)
 
 
-async def test_a_number_of_the_server_that_is_not_finite_is_no_end_of_a_page(page: Page, server: FakeServer) -> None:
+async def test_a_number_that_is_not_finite_is_sent_to_a_page_as_null(page: Page, server: FakeServer) -> None:
     await page.ask(op="add")
     await page.ask(op="add_constraints", character=1, constraints=[{"kind": "heading", "frame": 70, "heading_rad": 1}])
     await page.until(lambda: page.last("character")["targets"])
@@ -186,7 +186,7 @@ async def test_a_number_of_the_server_that_is_not_finite_is_no_end_of_a_page(pag
     assert page.last("character")["targets"][0]["rotation_error_rad"] is None
 
 
-async def test_a_frame_that_cannot_be_shown_is_said(
+async def test_a_frame_that_cannot_be_shown_is_reported(
     page: Page, room: Room, server: FakeServer, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     def broken(plan: int, first: int, count: int) -> np.ndarray:
@@ -201,7 +201,9 @@ async def test_a_frame_that_cannot_be_shown_is_said(
     assert not room.character(1).has_ended
 
 
-async def test_a_character_whose_rig_is_offered_no_more_comes_with_it(bridge: Bridge, room: Room, page: Page) -> None:
+async def test_a_character_is_sent_with_its_rig_if_the_catalogue_lacks_it(
+    bridge: Bridge, room: Room, page: Page
+) -> None:
     await page.ask(op="add")
     await page.until(lambda: page.last("character"))
     assert "described" not in page.last("character")
@@ -215,7 +217,7 @@ async def test_a_character_whose_rig_is_offered_no_more_comes_with_it(bridge: Br
     await asyncio.gather(serving, return_exceptions=True)
 
 
-async def test_as_much_can_be_looked_at_again_whatever_the_rate(page: Page, room: Room) -> None:
+async def test_history_can_be_requested_for_as_long_as_frames_are_kept(page: Page, room: Room) -> None:
     await page.ask(op="add")
     kept = room.character(1).session.rig.frames_in(KEEP_S)
     assert kept == 12_000, "a hundred frames a second"
@@ -223,7 +225,7 @@ async def test_as_much_can_be_looked_at_again_whatever_the_rate(page: Page, room
     assert "allowed" in (await page.ask(op="history", character=1, first_frame=0, end_frame=2 * kept))["error"]
 
 
-async def test_a_page_is_told_what_another_server_offers(bridge: Bridge, page: Page) -> None:
+async def test_a_changed_catalogue_is_sent_to_the_page_once(bridge: Bridge, page: Page) -> None:
     await page.until(lambda: page.last("characters"))
     client = bridge.line.client
     (model,) = client.catalog.models
@@ -236,7 +238,7 @@ async def test_a_page_is_told_what_another_server_offers(bridge: Bridge, page: P
     assert sum(message["type"] == "catalog" for message in page.messages) == 2, "once each"
 
 
-async def test_what_was_played_can_be_asked_for_again(page: Page) -> None:
+async def test_played_frames_can_be_requested_again(page: Page) -> None:
     await page.ask(op="add")
     await page.until(lambda: any(h["type"] == "frames" and h["heads"] and h["heads"][0][1] > 3 for h, _ in page.frames))
     await page.ask(op="history", character=1, first_frame=1, end_frame=3)
@@ -245,23 +247,23 @@ async def test_what_was_played_can_be_asked_for_again(page: Page) -> None:
     np.testing.assert_allclose(rows.reshape(2, -1)[:, 2], [0.05, 0.1], atol=1e-6)
 
 
-async def test_who_is_removed_is_gone_for_all(page: Page, room: Room) -> None:
+async def test_a_removed_character_is_gone_from_the_room_and_the_page(page: Page, room: Room) -> None:
     await page.ask(op="add", count=3)
     await page.ask(op="remove", character=2)
     await page.until(lambda: page.last("characters")["numbers"] == [1, 3])
     assert sorted(room.characters) == [1, 3]
 
 
-async def test_frames_come_only_after_the_page_knows_whose_they_are(bridge: Bridge, room: Room) -> None:
+async def test_frames_are_sent_only_after_their_character_is_described(bridge: Bridge, room: Room) -> None:
     browser = Browser(Page(), bridge, room, Role.CONTROL)
     assert [message["type"] for message in browser.news()][:2] == ["server", "catalog"]
-    await room.add({})  # while the news before it is on its way
+    await room.add({})  # while the earlier news is on its way
     assert browser.heads() == []
     assert "character" in [message["type"] for message in browser.news()]
     assert [head.character for head in browser.heads()] == [1]
 
 
-async def test_a_scheduled_prompt_claims_no_latency(page: Page) -> None:
+async def test_a_scheduled_prompt_has_no_latency(page: Page) -> None:
     await page.ask(op="add")
     await page.ask(op="set_prompt", character=1, text="a person waves", frame=60, end_frame=80)
     await page.ask(op="set_prompt", character=1, text="a person runs")

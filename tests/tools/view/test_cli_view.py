@@ -14,18 +14,18 @@ from motiongen_tools.view.session_file import SessionFile, ToldAt, write_session
 from tests.client.fake_server import FakeServer
 
 
-def test_the_page_is_for_this_machine_unless_told_otherwise() -> None:
+def test_view_listens_at_loopback_by_default() -> None:
     options = parse(["view"])
     assert (options.listen, options.port, options.token) == ("127.0.0.1", 8321, False)
 
 
-def test_without_three_it_says_what_to_do(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+def test_a_missing_three_js_is_reported_with_advice(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
     assert run(["view", "--three", str(tmp_path)]) == 1
     assert "make viewer" in capsys.readouterr().err
 
 
 @pytest.mark.parametrize("where", ["a..b", "x" * 70, "192.0.2.1"])
-def test_what_is_no_address_of_this_machine_is_one_line(
+def test_an_address_that_is_not_of_this_machine_is_refused(
     where: str, tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
     (tmp_path / "build").mkdir()
@@ -35,12 +35,12 @@ def test_what_is_no_address_of_this_machine_is_one_line(
 
 
 @pytest.mark.parametrize("port", ["65536", "99999", "-1", "x", "9" * 5000])
-def test_a_port_that_there_is_not_is_refused(port: str, capsys: pytest.CaptureFixture[str]) -> None:
+def test_an_invalid_port_is_refused(port: str, capsys: pytest.CaptureFixture[str]) -> None:
     assert run(["view", f"--port={port}"]) == 2
     assert "allowed is a whole number from 0 to 65535" in capsys.readouterr().err
 
 
-def test_a_session_file_is_replayed_to_a_motion(
+def test_a_session_file_is_replayed_to_a_motion_file(
     server: FakeServer, tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
     edits = (ToldAt(2, 50, {"op": "set_prompt", "text": "a person runs"}),)
@@ -53,7 +53,7 @@ def test_a_session_file_is_replayed_to_a_motion(
     assert "edits that took effect as recorded: 1 of 1" in capsys.readouterr().out
 
 
-def test_what_can_be_written_of_a_replay_is(
+def test_an_output_of_a_replay_that_fails_does_not_prevent_the_others(
     server: FakeServer, tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
     (tmp_path / "a.session.json").write_text(write_session(SessionFile({"text": "a person stands"}, 4, ())))
@@ -66,7 +66,7 @@ def test_what_can_be_written_of_a_replay_is(
     assert "error: no_robot.csv: the converter failed" in told.err
 
 
-def test_a_file_that_is_no_session_is_refused(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+def test_a_file_that_is_not_a_session_is_refused(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
     (tmp_path / "a.json").write_text(json.dumps([1, 2]))
     assert run(["replay", str(tmp_path / "a.json")]) == 1
     assert "motiongen-session-1" in capsys.readouterr().err

@@ -1,4 +1,4 @@
-"""Messages of pages and session files: what no message of the contract can hold is refused before anybody is told."""
+"""Messages of pages and session files: values that the contract cannot hold are refused before they are sent."""
 
 from __future__ import annotations
 
@@ -43,12 +43,12 @@ def constraint(**changes: Any) -> dict[str, Any]:
         ({"op": ["pause"]}, "op"),
     ],
 )
-def test_what_cannot_be_sent_is_refused_by_name(message: dict[str, Any], field: str) -> None:
+def test_values_that_cannot_be_sent_are_refused_with_their_field(message: dict[str, Any], field: str) -> None:
     with pytest.raises(InvalidInput) as refused:
         read(message)
     assert refused.value.field == field
 
 
-def test_what_a_call_does_not_take_is_no_matter() -> None:
+def test_fields_that_an_operation_does_not_take_are_ignored() -> None:
     for operation in ("clear_constraints", "pause", "resume"):
         assert callable(read({"op": operation, "constraints": [{}], "prompt_id": [1]}))

@@ -1,4 +1,4 @@
-"""Constraints to JSON and back, and what is said of those that are wrong."""
+"""Constraints to JSON and back, and the fields that are named when one is wrong."""
 
 from __future__ import annotations
 
@@ -39,7 +39,7 @@ ALL = [
 
 
 @pytest.mark.parametrize("constraint", ALL, ids=lambda each: type(each).__name__)
-def test_every_kind_comes_back_as_it_was(constraint: Constraint) -> None:
+def test_every_kind_of_constraint_round_trips(constraint: Constraint) -> None:
     written = json.loads(json.dumps(write_constraint(constraint)))
     again = read_constraint(written)
     assert type(again) is type(constraint)
@@ -59,15 +59,15 @@ def test_every_kind_comes_back_as_it_was(constraint: Constraint) -> None:
         ({"kind": "waypoint", "frame": 3}, "waypoint"),
         ({"kind": "keyframe", "frame": -1, "positions_m": [[0, 0, 0]]}, "frame"),
         ({"kind": "joint_targets", "frame": 1, "joints": [0], "positions_m": [[0, 0]]}, "positions_m"),
-        ({"kind": "joint_targets", "frame": 1, "joints": 3, "positions_m": []}, "joint_targets"),
+        ({"kind": "joint_targets", "frame": 1, "joints": 3, "positions_m": []}, "joints"),
     ],
 )
-def test_a_mistake_names_its_field(given: dict[str, Any], field: str) -> None:
+def test_a_mistake_is_reported_with_its_field(given: dict[str, Any], field: str) -> None:
     with pytest.raises(InvalidInput) as refused:
         read_constraint(given)
     assert refused.value.field == field
 
 
-def test_a_trajectory_ends_at_its_last_position() -> None:
+def test_first_and_last_frames_of_every_kind_of_constraint() -> None:
     spans = [frames_of(constraint) for constraint in ALL]
     assert spans == [(30, 30), (30, 30), (10, 11), (5, 5), (8, 8), (9, 9), (7, 7), None, None, (30, 40), (30, 30)]

@@ -1,4 +1,4 @@
-"""Targets of a take in the JSON that motion tools exchange, read again as what they were."""
+"""Targets of a take in the JSON that motion tools exchange: written, and read back as the same constraints."""
 
 from __future__ import annotations
 
@@ -33,7 +33,7 @@ def again(text: str, take: Motion, tmp_path: Path) -> list[Any]:
     return read_constraints(tmp_path / "list.json", take.rig, len(take))
 
 
-def test_root_and_heading_are_written(take: Motion, tmp_path: Path) -> None:
+def test_root_and_heading_constraints_are_written(take: Motion, tmp_path: Path) -> None:
     text, told = write_constraint_list(
         [
             target(1, kind="waypoint", frame=110, x_m=1.0, z_m=2.0, heading_rad=0.5),
@@ -61,7 +61,7 @@ def test_root_and_heading_are_written(take: Motion, tmp_path: Path) -> None:
     assert len(again(text, take, tmp_path)) == 3
 
 
-def test_a_whole_pose_is_the_same_when_it_is_read(take: Motion, tmp_path: Path) -> None:
+def test_a_keyframe_round_trips(take: Motion, tmp_path: Path) -> None:
     places = take.joint_positions_m()[30] + np.array([0.3, 0.0, 0.2], np.float32)
     text, told = write_constraint_list([target(1, kind="keyframe", frame=110, positions_m=places.tolist())], take)
     (found,) = again(text, take, tmp_path)
@@ -71,7 +71,7 @@ def test_a_whole_pose_is_the_same_when_it_is_read(take: Motion, tmp_path: Path) 
     assert told == []
 
 
-def test_a_limb_is_where_it_was_asked_for(take: Motion, tmp_path: Path) -> None:
+def test_a_joint_target_is_written_at_its_position(take: Motion, tmp_path: Path) -> None:
     hand = 6
     place = take.joint_positions_m()[12, hand] + np.array([0.02, -0.03, 0.02], np.float32)
     spec = {"kind": "joint_targets", "frame": 112, "joints": [hand], "positions_m": [place.tolist()]}
@@ -83,8 +83,8 @@ def test_a_limb_is_where_it_was_asked_for(take: Motion, tmp_path: Path) -> None:
     assert "written with the pose of the take" in told[0]
 
 
-def test_what_the_server_placed_is_written_where_it_put_it(take: Motion, tmp_path: Path) -> None:
-    """A place a metre ahead of who faces +X is a metre further along +X."""
+def test_a_constraint_placed_by_the_server_is_written_at_its_placement(take: Motion, tmp_path: Path) -> None:
+    """A metre ahead of a character that faces +X is a metre further along +X."""
     placed = Placement(1, 105, 125, 118, 105, 2.0, 3.0, np.pi / 2)
     relative = {"kind": "waypoint", "frame": 0, "x_m": 0.0, "z_m": 1.0, "at_any_frame": True, "is_relative": True}
     text, told = write_constraint_list([target(1, placement=placed, **relative), target(2, **relative)], take)
@@ -95,7 +95,7 @@ def test_what_the_server_placed_is_written_where_it_put_it(take: Motion, tmp_pat
     assert told == ["constraint 2, waypoint: the server has not placed it yet"]
 
 
-def test_a_list_is_read_from_a_frame_on(take: Motion) -> None:
+def test_a_list_can_be_moved_to_start_at_a_frame(take: Motion) -> None:
     entries = [{"type": "root2d", "frame_indices": [0, 1, 7], "root_2d": [[0, 0], [0, 1], [2, 3]]}]
     path, place = moved(read_list(json.dumps(entries).encode(), take.rig, 400), 200)
     assert (path["first_frame"], place["first_frame"]) == (200, 207)

@@ -1,4 +1,4 @@
-"""A feed tells from which frame on a browser lacks frames."""
+"""A feed says from which frame on a browser lacks frames."""
 
 from __future__ import annotations
 
@@ -14,7 +14,7 @@ def playback_with(num_frames: int) -> Playback:
     return playback
 
 
-def test_new_frames_are_told_once() -> None:
+def test_new_frames_are_reported_once() -> None:
     playback = playback_with(0)
     feed = Feed(playback)
     assert feed.changed_from() is None
@@ -25,7 +25,7 @@ def test_new_frames_are_told_once() -> None:
     assert feed.changed_from() == 8
 
 
-def test_a_replan_is_told_from_where_it_replaces() -> None:
+def test_a_replan_is_reported_from_its_first_frame() -> None:
     playback = playback_with(30)
     feed = Feed(playback)
     feed.changed_from()
@@ -35,7 +35,7 @@ def test_a_replan_is_told_from_where_it_replaces() -> None:
     assert feed.changed_from() == 12
 
 
-def test_frames_that_were_only_dropped_are_told_too() -> None:
+def test_dropped_frames_are_reported_too() -> None:
     playback = playback_with(30)
     feed = Feed(playback)
     feed.changed_from()

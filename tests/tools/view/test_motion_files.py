@@ -1,4 +1,4 @@
-"""Motion files of a user: those that no page could draw are refused, with what is wrong."""
+"""Uploaded motion files: those that a page could not draw are refused, with the reason."""
 
 from __future__ import annotations
 
@@ -14,7 +14,7 @@ from motiongen_tools.npz import write_npz
 from motiongen_tools.view.motion_files import read_upload
 
 
-def test_a_figure_that_the_server_does_not_know_is_refused(tmp_path: Path, stick_motion: Motion) -> None:
+def test_a_bvh_file_of_an_unknown_skeleton_is_refused(tmp_path: Path, stick_motion: Motion) -> None:
     write_bvh(tmp_path / "walk.bvh", stick_motion)
     with pytest.raises(MotiongenError):
         read_upload("walk.bvh", (tmp_path / "walk.bvh").read_bytes(), [stick_motion.rig])
@@ -32,7 +32,7 @@ def test_a_figure_that_the_server_does_not_know_is_refused(tmp_path: Path, stick
         ({"rows": np.full((2, 43), np.inf, np.float32)}, "not finite"),
     ],
 )
-def test_a_file_whose_skeleton_or_numbers_are_broken_is_refused(
+def test_an_npz_file_with_an_invalid_skeleton_or_numbers_is_refused(
     tmp_path: Path, stick_motion: Motion, change: dict[str, object], said: str
 ) -> None:
     path = tmp_path / "walk.npz"

@@ -1,4 +1,4 @@
-"""Rotations that are fitted to places give those places again, and a limb comes to where it is wanted."""
+"""Rotations fitted to joint positions reproduce these positions, and a limb reaches its target."""
 
 from __future__ import annotations
 
@@ -34,7 +34,7 @@ def some_pose(seed: int, most_rad: float) -> tuple[np.ndarray, np.ndarray]:
 
 @settings(max_examples=40, deadline=None)
 @given(SEEDS, SEEDS)
-def test_a_pose_is_found_again_from_its_places(seed: int, other: int) -> None:
+def test_a_pose_is_recovered_from_its_joint_positions(seed: int, other: int) -> None:
     root, local = some_pose(seed, 1.5)
     places, rotations = pose(RIG, root, local)
     like = pose(RIG, root, some_pose(other, 1.5)[1])[1]
@@ -45,13 +45,13 @@ def test_a_pose_is_found_again_from_its_places(seed: int, other: int) -> None:
 
 @settings(max_examples=40, deadline=None)
 @given(SEEDS)
-def test_axis_and_angle_are_the_rotation(seed: int) -> None:
+def test_axis_angles_represent_the_rotation(seed: int) -> None:
     _, local = some_pose(seed, 3.1)
     again = quaternion_to_matrix(axis_angle_to_quaternion(axis_angles(local)))
     np.testing.assert_allclose(again, local, atol=1e-9)
 
 
-def test_a_hand_comes_to_a_place_that_its_arm_spans() -> None:
+def test_a_hand_reaches_a_place_near_and_stretches_towards_one_too_far() -> None:
     root, local = np.zeros(3), np.tile(np.eye(3), (RIG.num_joints, 1, 1))
     place = np.array([-0.45, 0.6, 0.2])
     bent = reached(RIG, root, local, 8, place)

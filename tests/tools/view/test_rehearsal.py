@@ -1,4 +1,4 @@
-"""Rehearsals: everything is said again at its frame, by the ids that the new character has given."""
+"""Rehearsals: every edit is repeated at its frame, with the ids of the new character."""
 
 from __future__ import annotations
 
@@ -27,7 +27,7 @@ def told(at_frame: int, prompt_id: int | None = None, ids: tuple[int, ...] = (),
     return ToldAt(at_frame, None, message, prompt_id, ids)
 
 
-def test_each_edit_is_due_once_and_in_its_order() -> None:
+def test_each_edit_is_due_once_and_in_order() -> None:
     later, first, second = told(9, op="undo"), told(3, op="clear_constraints"), told(3, op="set_velocity")
     rehearsal = Rehearsal([later, first, told(4, op="pause"), second], 20)
     assert rehearsal.due(2) == []
@@ -36,8 +36,8 @@ def test_each_edit_is_due_once_and_in_its_order() -> None:
     assert rehearsal.due(30) == [later]
 
 
-def test_of_very_many_for_one_frame_the_first_come_first() -> None:
-    """They would keep all characters waiting, and servers let no more wait."""
+def test_many_edits_at_one_frame_are_due_in_parts() -> None:
+    """All at once would keep the other characters waiting, and be more than servers accept."""
     edits = [told(0, op="clear_constraints", number=number) for number in range(150)]
     rehearsal = Rehearsal(edits, 20)
     parts = [rehearsal.due(0) for _ in range(4)]
@@ -45,7 +45,7 @@ def test_of_very_many_for_one_frame_the_first_come_first() -> None:
     assert list(itertools.chain(*parts)) == edits
 
 
-async def test_what_comes_after_the_last_frame_is_said_to_be_left_out(bridge: Bridge, room: Room) -> None:
+async def test_edits_after_the_last_frame_are_reported_as_left_out(bridge: Bridge, room: Room) -> None:
     edits = (told(0, op="clear_constraints"), told(9, op="clear_constraints"))
     again = room.character(await room.again(SessionFile({}, 3, edits), {}))
     async with asyncio.timeout(LIMIT_S):
@@ -55,8 +55,8 @@ async def test_what_comes_after_the_last_frame_is_said_to_be_left_out(bridge: Br
     assert again.failure == "its last frame came before 1 of its edits, which are not repeated"
 
 
-def test_ids_are_those_of_the_new_character() -> None:
-    """Then a refused edit had taken constraint 1; now it is not told, and 1 is the next one's."""
+def test_ids_are_replaced_by_those_of_the_new_character() -> None:
+    """In the recording a refused edit had taken constraint 1; it is not repeated, so that 1 is the next one's."""
     rehearsal = Rehearsal([], 20)
     add = told(3, None, (2,), op="add_constraints")
     rehearsal.told(add, SimpleNamespace(prompt_id=None, constraint_ids=(1,)))  # type: ignore[arg-type]
@@ -67,7 +67,7 @@ def test_ids_are_those_of_the_new_character() -> None:
     assert rehearsal.renumbered({"op": "set_prompt", "prompt_id": 5})["prompt_id"] == 2
 
 
-async def test_a_character_is_told_again_what_another_was(page: Page, room: Room) -> None:
+async def test_the_edits_of_a_character_are_repeated_for_another(page: Page, room: Room) -> None:
     await page.ask(op="add", text="a person stands", steps=4)
     await page.ask(op="set_prompt", character=1, text="a person runs")
     await page.ask(op="add_constraints", character=1, constraints=[WAYPOINT])
@@ -84,7 +84,7 @@ async def test_a_character_is_told_again_what_another_was(page: Page, room: Room
     assert again.failure == ""
 
 
-async def test_only_what_an_opening_may_say_can_be_changed(page: Page, room: Room) -> None:
+async def test_only_fields_of_an_opening_can_be_changed(page: Page, room: Room) -> None:
     await page.ask(op="add", text="a person stands")
     with pytest.raises(InvalidInput, match="only text"):
         await room.again(session_of(room.character(1)), {"colour": "red"})
@@ -102,14 +102,14 @@ async def test_only_what_an_opening_may_say_can_be_changed(page: Page, room: Roo
         {"op": "add_constraints", "constraints": [LIMB | {"joints": [-1]}]},
     ],
 )
-async def test_what_cannot_be_said_again_is_told_and_all_else_goes_on(
+async def test_an_edit_that_cannot_be_repeated_is_reported_and_the_rest_continues(
     bridge: Bridge, room: Room, server: FakeServer, message: dict[str, Any]
 ) -> None:
     await room.add({"text": "a person stands"})
     number = await room.again(SessionFile({}, 50, (told(0, **message),)), {})
     again, other = room.character(number), room.character(1)
-    await moved(bridge, again)
-    await moved(bridge, other)
+    await wait_for_frames(bridge, again)
+    await wait_for_frames(bridge, other)
     assert "frame 0 cannot be repeated" in again.failure
     assert not again.shown()["is_rehearsing"]
     assert not other.failure
@@ -117,15 +117,15 @@ async def test_what_cannot_be_said_again_is_told_and_all_else_goes_on(
     assert [event.session for event in server.stream.received if event.HasField("close")] == [again.session.handle]
 
 
-async def test_what_an_edit_does_not_take_is_no_matter(bridge: Bridge, room: Room) -> None:
+async def test_fields_that_an_edit_does_not_take_are_ignored(bridge: Bridge, room: Room) -> None:
     message = {"op": "clear_constraints", "constraints": [{}], "prompt_id": [1]}
     (number,) = [await room.again(SessionFile({}, 50, (told(0, **message),)), {})]
-    await moved(bridge, room.character(number))
+    await wait_for_frames(bridge, room.character(number))
     assert room.character(number).failure == ""
     assert [entry.what for entry in room.character(number).edits.entries] == ["the removal of all constraints"]
 
 
-async def test_what_no_bridge_expects_is_its_characters_failure_alone(
+async def test_an_unexpected_error_fails_only_its_character(
     bridge: Bridge, room: Room, monkeypatch: pytest.MonkeyPatch, caplog: pytest.LogCaptureFixture
 ) -> None:
     def fail(*_: Any) -> Any:
@@ -134,13 +134,13 @@ async def test_what_no_bridge_expects_is_its_characters_failure_alone(
     await room.add({"text": "a person stands"})
     monkeypatch.setattr("motiongen_tools.view.character.apply", fail)
     number = await room.again(SessionFile({}, 50, (told(0, op="clear_constraints"), told(2, op="pause"))), {})
-    await moved(bridge, room.character(number))
-    await moved(bridge, room.character(1))
+    await wait_for_frames(bridge, room.character(number))
+    await wait_for_frames(bridge, room.character(1))
     assert "log says why" in room.character(number).failure
     assert [record.exc_info[0] for record in caplog.records if record.exc_info] == [TypeError]
 
 
-async def test_one_that_is_told_no_further_pauses_with_the_others_while_nobody_looks(
+async def test_a_failed_rehearsal_pauses_while_the_room_has_no_viewer(
     room: Room, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     number = await room.again(SessionFile({}, 50, (told(0, op="dance"),)), {})
@@ -152,8 +152,8 @@ async def test_one_that_is_told_no_further_pauses_with_the_others_while_nobody_l
     assert room.character(number).session.is_paused
 
 
-async def moved(bridge: Bridge, character: Character) -> None:
-    """Wait until it has gone on by a few frames."""
+async def wait_for_frames(bridge: Bridge, character: Character) -> None:
+    """Wait until the character has played a few more frames."""
     playback = character.session.playback
     end = playback.playhead + 3
     async with asyncio.timeout(LIMIT_S):

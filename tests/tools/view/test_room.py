@@ -1,4 +1,4 @@
-"""Rooms: where characters stand, how many there may be, and what happens when nobody looks."""
+"""Rooms: where characters stand, how many there may be, and what happens while there is no viewer."""
 
 from __future__ import annotations
 
@@ -19,22 +19,22 @@ from tests.waiting import LIMIT_S
 
 
 class Looker:
-    """A viewer who only looks."""
+    """A viewer that only watches."""
 
     def rewind(self, character: int, frame: int) -> None: ...
 
     def forget(self, character: int) -> None: ...
 
 
-def test_nobody_stands_in_another() -> None:
+def test_start_places_of_characters_are_distinct_and_near_the_origin() -> None:
     places = [place_of(number) for number in range(1, 201)]
     assert places[0].x_m == places[0].z_m == 0
     assert len({(place.x_m, place.z_m) for place in places}) == 200
     assert max(max(abs(place.x_m), abs(place.z_m)) for place in places) <= 8 * SPACING_M
 
 
-async def test_a_place_that_was_left_is_taken_again(room: Room, server: FakeServer) -> None:
-    """In a room of many comings and goings nobody is put where no camera looks."""
+async def test_a_place_that_became_free_is_used_again(room: Room, server: FakeServer) -> None:
+    """Otherwise characters would start ever further away as others are added and removed."""
     await room.add({"count": 3})
     await room.remove(2)
     server.refuse = lambda event: "OVERLOADED" if event.WhichOneof("event") == "open" else ""
@@ -46,20 +46,20 @@ async def test_a_place_that_was_left_is_taken_again(room: Room, server: FakeServ
     assert starts == [place_of(place) for place in (1, 3, 2, 4)]
 
 
-async def test_a_room_is_full_at_some_point(room: Room) -> None:
+async def test_the_number_of_characters_of_a_room_is_limited(room: Room) -> None:
     assert await room.add({"count": 2}) == [1, 2]
     with pytest.raises(InvalidInput, match="at most 198 more"):
         await room.add({"count": 199})
 
 
-async def test_a_refused_opening_is_told(room: Room, server: FakeServer) -> None:
+async def test_a_refused_open_raises_and_adds_no_character(room: Room, server: FakeServer) -> None:
     server.refuse = lambda event: "OVERLOADED" if event.WhichOneof("event") == "open" else ""
     with pytest.raises(EventRefused, match="OVERLOADED"):
         await room.add({})
     assert not room.characters
 
 
-async def test_characters_pause_while_nobody_looks(bridge: Bridge, monkeypatch: pytest.MonkeyPatch) -> None:
+async def test_characters_pause_while_the_room_has_no_viewer(bridge: Bridge, monkeypatch: pytest.MonkeyPatch) -> None:
     room = bridge.room("quiet")
     await room.add({"count": 2})
     room.characters[2].session.pause()
@@ -71,10 +71,10 @@ async def test_characters_pause_while_nobody_looks(bridge: Bridge, monkeypatch: 
     room.viewers.add(Looker())
     room.tick()
     assert not room.characters[1].session.is_paused
-    assert room.characters[2].session.is_paused, "it was paused by somebody, not for want of viewers"
+    assert room.characters[2].session.is_paused, "it was paused by a user, not for want of viewers"
 
 
-async def test_pages_are_told_who_pauses_and_who_goes_on(room: Room, monkeypatch: pytest.MonkeyPatch) -> None:
+async def test_pausing_and_resuming_are_reported_to_pages(room: Room, monkeypatch: pytest.MonkeyPatch) -> None:
     await room.add({})
     character, now_s = room.characters[1], room.clock()
     monkeypatch.setattr(room, "clock", lambda: now_s + IDLE_S + 1)
@@ -86,13 +86,15 @@ async def test_pages_are_told_who_pauses_and_who_goes_on(room: Room, monkeypatch
         room.viewers.add(Looker())
 
 
-async def test_a_room_in_which_somebody_is_about_to_be_is_kept(bridge: Bridge, monkeypatch: pytest.MonkeyPatch) -> None:
-    """A session file is opened by a page that has gone meanwhile: its character is to be in a room that beats."""
+async def test_an_empty_room_is_kept_while_a_character_is_being_opened(
+    bridge: Bridge, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """The page that opened a session file may be gone meanwhile; its character must be in a room that is served."""
     client = bridge.line.client
     really_open = client.open
 
     async def open_slowly(*given: Any, **named: Any) -> Session:
-        bridge.room("another")  # for which empty ones make place
+        bridge.room("another")  # for which empty rooms are dropped
         return await really_open(*given, **named)
 
     monkeypatch.setattr(client, "open", open_slowly)
@@ -101,7 +103,7 @@ async def test_a_room_in_which_somebody_is_about_to_be_is_kept(bridge: Bridge, m
     assert bridge.rooms["empty"] is room
 
 
-async def test_a_character_that_ended_while_nobody_looked_keeps_no_other_from_going_on(
+async def test_a_character_that_ended_meanwhile_does_not_keep_others_paused(
     bridge: Bridge, server: FakeServer, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     room = bridge.room("quiet")
@@ -125,7 +127,7 @@ async def test_a_character_that_ended_while_nobody_looked_keeps_no_other_from_go
     assert not room.characters[2].failure
 
 
-async def test_one_that_fails_ends_neither_the_others_nor_the_bridge(
+async def test_a_failing_character_ends_neither_the_others_nor_the_bridge(
     bridge: Bridge, room: Room, server: FakeServer, monkeypatch: pytest.MonkeyPatch, caplog: pytest.LogCaptureFixture
 ) -> None:
     def fail() -> None:
@@ -139,14 +141,14 @@ async def test_one_that_fails_ends_neither_the_others_nor_the_bridge(
         while other.session.playback.playhead < 3:
             await bridge.beat()
     assert "log says why" in failing.shown()["failure"]
-    assert failing.revision > before, "pages are to be told"
+    assert failing.revision > before, "pages must be told"
     assert [record.exc_info[0] for record in caplog.records if record.exc_info] == [ZeroDivisionError]
     assert not other.failure
     await room.remove(failing.number)
     assert [event.session for event in server.stream.received if event.HasField("close")] == [failing.session.handle]
 
 
-async def test_one_that_cannot_be_shown_is_not_left_on_the_server(room: Room, server: FakeServer) -> None:
+async def test_a_character_that_cannot_be_shown_is_not_left_on_the_server(room: Room, server: FakeServer) -> None:
     with pytest.raises(InvalidInput, match="name"):
         await room.add({"name": 5})
     with pytest.raises(UnknownName):
@@ -154,19 +156,19 @@ async def test_one_that_cannot_be_shown_is_not_left_on_the_server(room: Room, se
     assert not any(stream.characters for stream in server.streams)
 
 
-async def test_rooms_have_names_and_a_limit(bridge: Bridge) -> None:
+async def test_names_of_rooms_are_checked_and_their_number_is_limited(bridge: Bridge) -> None:
     assert bridge.room("main") is bridge.room("main")
     with pytest.raises(InvalidInput, match="letters"):
         bridge.room("../etc")
     for number in range(MOST_ROOMS + 5):
-        bridge.room(f"empty{number}")  # those before make place
+        bridge.room(f"empty{number}")  # earlier empty rooms are dropped
     for number in range(MOST_ROOMS):
         await bridge.room(f"used{number}").add({})
     with pytest.raises(InvalidInput, match="one of the 16"):
         bridge.room("one-more")
 
 
-def test_what_a_session_is_opened_with_is_checked() -> None:
+def test_options_of_a_session_are_checked() -> None:
     options = session_options({"seed": "18446744073709551615", "priority": "hero", "steps": 6}, StartPose())
     assert (options.seed, options.priority.value, options.denoise_steps) == (2**64 - 1, "hero", 6)
     placed = session_options({"start": {"x_m": 1, "z_m": 2}}, StartPose()).start
@@ -176,7 +178,7 @@ def test_what_a_session_is_opened_with_is_checked() -> None:
             session_options(wrong, StartPose())
 
 
-async def test_a_bridge_waits_for_its_server() -> None:
+async def test_a_bridge_without_a_server_keeps_connecting() -> None:
     line = Line(lambda: MotionClient("localhost:1", connect_timeout_s=0.05))
     bridge = Bridge(line)
     running = asyncio.create_task(bridge.run())
@@ -185,7 +187,7 @@ async def test_a_bridge_waits_for_its_server() -> None:
             await bridge.beat()
     with pytest.raises(ServerUnavailable) as waiting:
         await bridge.room("main").add({})
-    assert str(waiting.value) == line.shown(0)["detail"], "it is said once"
+    assert str(waiting.value) == line.shown(0)["detail"], "the reason is not repeated"
     assert line.shown(0)["state"] == "connecting"
     running.cancel()
     await asyncio.gather(running, return_exceptions=True)

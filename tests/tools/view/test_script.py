@@ -1,4 +1,4 @@
-"""What holds after edits were taken, and what takes each of them back."""
+"""What is in force after edits were accepted, and the edits that undo each of them."""
 
 from __future__ import annotations
 
@@ -24,14 +24,14 @@ def spans_of(script: Script) -> list[tuple[str, int, int | None]]:
     return [(span.message["text"], span.start, span.end) for span in script.spans]
 
 
-def test_a_prompt_of_now_ends_the_one_before() -> None:
+def test_an_immediate_prompt_ends_the_one_before() -> None:
     script = Script()
     script.take(prompt("stand"), 0, 1, (), 0)
     script.take(prompt("walk"), 40, 1, (), 30)
     assert spans_of(script) == [("stand", 0, 40), ("walk", 40, None)]
 
 
-def test_a_scheduled_prompt_is_moved_under_its_id() -> None:
+def test_a_scheduled_prompt_can_be_moved_by_its_id() -> None:
     script = Script()
     script.take(prompt("stand"), 0, 1, (), 0)
     script.take(prompt("wave", frame=100, end_frame=140), 100, 2, (), 30)
@@ -41,7 +41,7 @@ def test_a_scheduled_prompt_is_moved_under_its_id() -> None:
     assert spans_of(script) == [("stand", 0, None), ("wave", 120, 180)]
 
 
-def test_each_prompt_edit_has_its_way_back() -> None:
+def test_each_prompt_edit_has_an_inverse() -> None:
     script = Script()
     assert script.inverse(prompt("stand"), 1, ()) == [{"op": "remove_prompts", "prompt_ids": [1]}]
     script.take(prompt("stand"), 0, 1, (), 0)
@@ -55,7 +55,7 @@ def test_each_prompt_edit_has_its_way_back() -> None:
     assert spans_of(script) == [("stand", 0, None)]
 
 
-def test_each_constraint_edit_has_its_way_back() -> None:
+def test_each_constraint_edit_has_an_inverse() -> None:
     script = Script()
     assert script.inverse(add(WAYPOINT), None, (1,)) == [{"op": "remove_constraints", "constraint_ids": [1]}]
     script.take(add(WAYPOINT, OTHER), 50, None, (1, 2), 40)
@@ -71,7 +71,7 @@ def test_each_constraint_edit_has_its_way_back() -> None:
     assert script.inverse({"op": "set_velocity", "x_mps": 1, "z_mps": 0}, None, ()) == []
 
 
-def test_what_became_of_a_target_is_shown() -> None:
+def test_the_state_of_a_target_is_shown() -> None:
     script = Script()
     script.take(add(WAYPOINT, OTHER), 50, None, (1, 2), 40)
     script.note_reached(ConstraintReached(1, True, 90, 0.04, None))
@@ -83,7 +83,7 @@ def test_what_became_of_a_target_is_shown() -> None:
     assert [each["state"] for each in script.shown()["targets"]] == ["met", "removed"]
 
 
-def test_a_target_that_the_server_places_is_shown_where_it_was_put() -> None:
+def test_a_target_placed_by_the_server_is_shown_at_its_placement() -> None:
     script = Script()
     anywhere = {"kind": "waypoint", "frame": 0, "x_m": 1.0, "z_m": 2.0, "at_any_frame": True}
     script.take(add(anywhere), 50, None, (1,), 40)
@@ -93,8 +93,8 @@ def test_a_target_that_the_server_places_is_shown_where_it_was_put() -> None:
     assert (shown["first"], shown["last"], shown["arrival"]) == (50, 130, 90)
 
 
-def test_targets_that_passed_while_the_line_was_lost_wait_no_more() -> None:
-    """The session that goes on is not told of them, and says nothing of them."""
+def test_targets_that_passed_while_the_connection_was_lost_are_removed() -> None:
+    """The session that continues is not sent them, and reports nothing about them."""
     script = Script()
     anywhere = {"kind": "waypoint", "frame": 0, "x_m": 1.0, "z_m": 2.0, "at_any_frame": True}
     script.take(add(WAYPOINT, OTHER, anywhere, anywhere), 50, None, (1, 2, 3, 4), 40)

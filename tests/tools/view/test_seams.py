@@ -10,9 +10,7 @@ from tests.client.synthetic import synthetic_rows
 from tests.waiting import LIMIT_S
 
 
-async def test_a_seam_is_where_a_plan_begins_also_where_frames_of_the_one_before_came_with_it(
-    bridge: Bridge, room: Room
-) -> None:
+async def test_a_seam_is_at_the_first_frame_of_a_plan_and_not_of_the_new_frames(bridge: Bridge, room: Room) -> None:
     (number,) = await room.add({"count": 1})
     character = room.characters[number]
     playback = character.session.playback

@@ -1,4 +1,4 @@
-"""Session files: written, read, refused, and played again."""
+"""Session files: written, read, refused, and replayed."""
 
 from __future__ import annotations
 
@@ -39,7 +39,7 @@ SESSION = SessionFile(
 )
 
 
-def test_a_file_holds_the_session(tmp_path: Path) -> None:
+def test_a_session_file_round_trips(tmp_path: Path) -> None:
     (tmp_path / "a.session.json").write_text(write_session(SESSION))
     assert read_session(tmp_path / "a.session.json") == SESSION
     (tmp_path / "empty.json").write_text(write_session(SessionFile({}, 1, ())))
@@ -60,7 +60,7 @@ def test_a_file_holds_the_session(tmp_path: Path) -> None:
         ("[" * 100_000, "file"),
     ],
 )
-def test_a_wrong_file_is_refused(tmp_path: Path, text: str, field: str) -> None:
+def test_an_invalid_file_is_refused(tmp_path: Path, text: str, field: str) -> None:
     (tmp_path / "a.json").write_text(text)
     with pytest.raises(InvalidInput) as refused:
         read_session(tmp_path / "a.json")
@@ -83,14 +83,14 @@ def test_a_wrong_file_is_refused(tmp_path: Path, text: str, field: str) -> None:
         ),
     ],
 )
-def test_an_edit_that_no_server_could_take_is_refused_with_its_frame(edit: dict[str, Any], said: str) -> None:
+def test_an_invalid_edit_is_refused_with_its_frame(edit: dict[str, Any], said: str) -> None:
     written = {"format": FORMAT, "opening": {}, "num_frames": 20, "edits": [{"at_frame": 7, **edit}]}
     with pytest.raises(InvalidInput) as refused:
         parse_session(json.dumps(written).encode(), "a.json")
     assert said in str(refused.value)
 
 
-def test_more_edits_than_a_viewer_remembers_are_refused() -> None:
+def test_more_edits_than_a_viewer_keeps_are_refused() -> None:
     edits = [{"at_frame": 0, "op": "clear_constraints"}] * (MOST_KEPT + 1)
     whole = {"format": FORMAT, "opening": {}, "num_frames": 20, "edits": edits}
     with pytest.raises(InvalidInput, match="20001 of them' was given; allowed is at most 20000"):
@@ -98,8 +98,8 @@ def test_more_edits_than_a_viewer_remembers_are_refused() -> None:
     assert len(parse_session(json.dumps({**whole, "edits": edits[1:]}).encode(), "a.json").edits) == MOST_KEPT
 
 
-async def test_what_a_character_was_told_is_written_down(page: Page, room: Room, server: FakeServer) -> None:
-    at_73 = session_pb2.EditOutcome(effective_frame=73)  # wherever the character is when it is told
+async def test_the_edits_of_a_character_are_recorded(page: Page, room: Room, server: FakeServer) -> None:
+    at_73 = session_pb2.EditOutcome(effective_frame=73)  # wherever the character is when the edit comes
     server.refuse = lambda event: at_73 if event.HasField("edit_prompts") else ""
     await page.ask(op="add", text="a person stands", steps=4)
     await page.ask(op="set_prompt", character=1, text="a person runs")
@@ -111,7 +111,7 @@ async def test_what_a_character_was_told_is_written_down(page: Page, room: Room,
     assert (edit.message, edit.effective_frame) == ({"op": "set_prompt", "text": "a person runs"}, 73)
 
 
-async def test_a_session_is_played_again(server: FakeServer) -> None:
+async def test_a_session_is_replayed(server: FakeServer) -> None:
     async with MotionClient(server.address) as client:
         session = await client.open("a person stands", keep_s=None)
         answers = await play(session, SESSION)
@@ -119,7 +119,7 @@ async def test_a_session_is_played_again(server: FakeServer) -> None:
         assert len(session.motion(0, SESSION.num_frames)) == 60
 
 
-async def test_an_edit_behind_the_last_frame_is_said_not_to_be_told(server: FakeServer) -> None:
+async def test_an_edit_after_the_last_frame_is_reported_as_not_sent(server: FakeServer) -> None:
     late = SessionFile({}, 20, (ToldAt(4, 9, {"op": "clear_constraints"}), ToldAt(20, 30, {"op": "clear_constraints"})))
     async with MotionClient(server.address) as client:
         answers = await play(await client.open(keep_s=None), late)
@@ -127,7 +127,7 @@ async def test_an_edit_behind_the_last_frame_is_said_not_to_be_told(server: Fake
     assert answers[1][1] == "not sent: the motion ended before it"
 
 
-async def test_an_edit_that_nobody_could_take_is_named(server: FakeServer) -> None:
+async def test_an_invalid_edit_is_reported_when_replayed(server: FakeServer) -> None:
     wrong = SessionFile({}, 20, (ToldAt(4, 9, {"op": "dance"}),))
     async with MotionClient(server.address) as client:
         session = await client.open(keep_s=None)

@@ -1,4 +1,4 @@
-"""What is undone of a character: cuts, by going on from before them, and options, by those there were."""
+"""Undo: edits step by step, cuts by continuing from before them, and options by their earlier values."""
 
 from __future__ import annotations
 
@@ -34,14 +34,14 @@ class Steered:
         self.character = character
 
     async def tell(self, message: Message) -> Entry:
-        """Tell, and wait until the answer is noted."""
+        """Send an edit, and wait until its answer is noted."""
         entry = self.character.tell(message)
         await self.until(lambda: entry.state != "sent")
         assert entry.state == "accepted", entry.detail
         return entry
 
     async def undo(self) -> Message:
-        """What was told to undo the last edit."""
+        """Undo the last edit; returns the message that was sent for it."""
         return (await self.tell({"op": "undo"})).message
 
     async def until(self, holds: Callable[[], bool]) -> None:
@@ -57,7 +57,7 @@ async def steered(bridge: Bridge, room: Room) -> Steered:
 
 
 @pytest.mark.parametrize("name", OPTIONS)
-async def test_an_option_that_was_never_set_has_its_first_value_again(steered: Steered, name: str) -> None:
+async def test_undoing_an_option_restores_its_first_value(steered: Steered, name: str) -> None:
     await steered.tell({"op": "set_options", name: "hero" if name == "priority" else 8})
     assert (await steered.undo())[name] == OPTIONS[name]
 
@@ -71,7 +71,7 @@ async def test_options_are_undone_step_by_step(steered: Steered) -> None:
         steered.character.tell({"op": "undo"})
 
 
-async def test_a_weight_that_is_not_given_stays_as_it_is(steered: Steered, server: FakeServer) -> None:
+async def test_a_guidance_weight_that_is_not_given_is_kept(steered: Steered, server: FakeServer) -> None:
     await steered.tell({"op": "set_options", "text_guidance": 0.5})
     await steered.tell({"op": "set_options", "constraint_guidance": 3.0})
     sent = [event.set_options.guidance for event in server.stream.received if event.HasField("set_options")]
@@ -79,7 +79,7 @@ async def test_a_weight_that_is_not_given_stays_as_it_is(steered: Steered, serve
 
 
 @pytest.mark.parametrize("cut", [{"op": "teleport", "x_m": 5.0, "z_m": 5.0}, {"op": "cut_to", "frame": 16}])
-async def test_after_a_cut_is_undone_it_goes_on_from_before_the_cut(steered: Steered, cut: Message) -> None:
+async def test_undoing_a_cut_continues_from_before_it(steered: Steered, cut: Message) -> None:
     await steered.until(lambda: steered.character.session.playback.playhead > 40)
     done = await steered.tell(cut)
     assert await steered.undo() == {"op": "cut_to", "frame": done.effective_frame}
@@ -91,15 +91,15 @@ def prompt(text: str) -> Message:
     return {"op": "set_prompt", "text": text}
 
 
-async def test_what_is_said_in_one_breath_is_undone_step_by_step(steered: Steered) -> None:
-    """The second is said before the first has its answer; what it is to be undone to is the first."""
+async def test_edits_sent_before_an_answer_are_undone_step_by_step(steered: Steered) -> None:
+    """The second is sent before the first has its answer; undoing it must restore the first."""
     steered.character.tell(prompt("a person walks"))
     await steered.tell(prompt("a person runs"))
     assert await steered.undo() == prompt("a person walks")
     assert (await steered.undo())["op"] == "remove_prompts"
 
 
-async def test_options_that_are_on_their_way_are_kept_by_the_next(steered: Steered, server: FakeServer) -> None:
+async def test_unanswered_options_are_kept_by_the_next_ones(steered: Steered, server: FakeServer) -> None:
     steered.character.tell({"op": "set_options", "text_guidance": 0.5})
     await steered.tell({"op": "set_options", "constraint_guidance": 3.0})
     sent = [event.set_options.guidance for event in server.stream.received if event.HasField("set_options")]
@@ -108,7 +108,7 @@ async def test_options_that_are_on_their_way_are_kept_by_the_next(steered: Steer
     assert await steered.undo() == {"op": "set_options", "text_guidance": 2.5, "constraint_guidance": 2.0}
 
 
-async def test_options_that_were_refused_are_not_kept(steered: Steered, server: FakeServer) -> None:
+async def test_refused_options_are_not_kept(steered: Steered, server: FakeServer) -> None:
     server.refuse = lambda event: "OUT_OF_RANGE" if event.set_options.guidance.text == 99 else ""
     refused = steered.character.tell({"op": "set_options", "text_guidance": 99.0})
     await steered.until(lambda: refused.state == "refused")
@@ -116,8 +116,8 @@ async def test_options_that_were_refused_are_not_kept(steered: Steered, server: 
     assert done.message["text_guidance"] == 2.5
 
 
-async def test_an_edit_that_has_no_answer_is_not_passed_over(steered: Steered) -> None:
-    """Undone would be the one before it, which nobody meant."""
+async def test_undo_does_not_skip_an_unanswered_edit(steered: Steered) -> None:
+    """Otherwise the one before it would be undone, which nobody meant."""
     await steered.tell(prompt("a person walks"))
     entry = steered.character.tell(prompt("a person runs"))
     with pytest.raises(InvalidInput, match="once the server has answered it"):
@@ -126,7 +126,7 @@ async def test_an_edit_that_has_no_answer_is_not_passed_over(steered: Steered) -
     assert await steered.undo() == prompt("a person walks")
 
 
-async def test_what_was_refused_is_not_undone(steered: Steered, server: FakeServer) -> None:
+async def test_undo_skips_refused_edits_and_pauses(steered: Steered, server: FakeServer) -> None:
     await steered.tell(prompt("a person walks"))
     server.refuse = lambda event: "NO_TARGET" if event.HasField("edit_constraints") else ""
     refused = steered.character.tell({"op": "clear_constraints"})
@@ -135,7 +135,7 @@ async def test_what_was_refused_is_not_undone(steered: Steered, server: FakeServ
     assert (await steered.undo())["op"] == "remove_prompts"
 
 
-async def test_options_that_name_none_are_not_undone(steered: Steered) -> None:
+async def test_undo_skips_empty_options(steered: Steered) -> None:
     await steered.tell(prompt("a person walks"))
     await steered.tell({"op": "set_options"})
     assert (await steered.undo())["op"] == "remove_prompts"

@@ -1,4 +1,4 @@
-"""The bridge's web server: whom it serves, what a page may load, takes and motion files."""
+"""The bridge's web server: which requests it serves, the files of the page, takes and motion files."""
 
 from __future__ import annotations
 
@@ -44,7 +44,7 @@ def three(tmp_path: Path) -> Path:
 
 @pytest.fixture
 def idle() -> Bridge:
-    """It has no server, and does nothing."""
+    """A bridge without a server, which does nothing."""
     return Bridge(Line(lambda: MotionClient("localhost:1")))
 
 
@@ -60,7 +60,7 @@ def guarded_site(idle: Bridge, three: Path) -> Iterator[TestClient]:
         yield site
 
 
-def test_the_page_and_three_are_served(open_site: TestClient) -> None:
+def test_the_page_and_three_js_are_served(open_site: TestClient) -> None:
     page = open_site.get("/")
     assert page.status_code == 200
     assert "importmap" in page.text
@@ -69,7 +69,7 @@ def test_the_page_and_three_are_served(open_site: TestClient) -> None:
     assert open_site.get("/main.js").headers["content-type"].startswith("text/javascript")
 
 
-def test_every_module_that_a_module_names_is_there() -> None:
+def test_every_module_that_a_module_imports_exists() -> None:
     for module in [path for path in PAGE.rglob("*.js") if "node_modules" not in path.parts]:
         for line in module.read_text(encoding="utf-8").splitlines():
             if ' from "./' in line or ' from "../' in line:
@@ -77,39 +77,39 @@ def test_every_module_that_a_module_names_is_there() -> None:
                 assert named.resolve().is_file(), f"{module.name}: {line}"
 
 
-def test_another_site_posts_nothing(open_site: TestClient) -> None:
+def test_posts_from_other_sites_are_refused(open_site: TestClient) -> None:
     for address in ("/session/main", "/motion?name=walk.bvh", "/constraints/main/1"):
         posted = open_site.post(address, content=b"{}", headers={"origin": "http://evil.example"})
         assert (posted.status_code, posted.text) == (403, "the page belongs to another site")
         assert open_site.post(address, content=b"{}", headers={"origin": LOCAL}).status_code == 400
 
 
-def test_another_site_has_nothing_made_by_a_picture_or_a_link(open_site: TestClient) -> None:
-    """The browser sends no origin with these, but says that another site asks."""
+def test_requests_by_pictures_and_links_of_other_sites_are_refused(open_site: TestClient) -> None:
+    """Browsers send no origin with these, but they say that another site asks."""
     for site, status in (("cross-site", 403), ("same-site", 403), ("same-origin", 400), ("none", 400)):
         assert open_site.get("/take/main/1/a.glb", headers={"sec-fetch-site": site}).status_code == status
     assert open_site.get("/main.js").headers["cross-origin-resource-policy"] == "same-origin"
 
 
-def test_a_host_or_an_origin_that_is_no_address_is_refused(open_site: TestClient) -> None:
+def test_a_malformed_host_or_origin_is_refused(open_site: TestClient) -> None:
     assert open_site.get("/", headers={"host": "["}).status_code == 421
     assert open_site.post("/session/main", content=b"{}", headers={"origin": "http://["}).status_code == 403
     with open_site.websocket_connect("/ws", headers=HOST | {"origin": "http://["}) as socket:
         assert socket.receive()["code"] == DENIED
 
 
-def test_other_names_for_this_machine_are_not_served(open_site: TestClient) -> None:
+def test_other_host_names_are_refused(open_site: TestClient) -> None:
     assert open_site.get("/", headers={"host": "evil.example"}).status_code == 421
     with pytest.raises(WebSocketDisconnect), open_site.websocket_connect("/ws", headers={"host": "evil.example"}):
         pass
 
 
-def test_pages_of_other_sites_do_not_steer(open_site: TestClient) -> None:
+def test_sockets_of_pages_of_other_sites_are_refused(open_site: TestClient) -> None:
     with open_site.websocket_connect("/ws", headers=HOST | {"origin": "http://evil.example"}) as socket:
         assert socket.receive()["code"] == DENIED
 
 
-def test_a_token_is_asked_for(guarded_site: TestClient) -> None:
+def test_requests_without_a_valid_token_are_refused(guarded_site: TestClient) -> None:
     for query in ("", "?token=guess"):
         with guarded_site.websocket_connect(f"/ws{query}") as socket:
             assert socket.receive()["code"] == DENIED
@@ -117,24 +117,24 @@ def test_a_token_is_asked_for(guarded_site: TestClient) -> None:
     assert guarded_site.post("/motion?name=a.npz", headers={"authorization": "Bearer look"}).status_code == 401
 
 
-def test_a_room_without_a_proper_name_is_refused(open_site: TestClient) -> None:
+def test_a_room_with_an_invalid_name_is_refused(open_site: TestClient) -> None:
     with open_site.websocket_connect("/ws?room=a/b", headers=HOST) as socket:
         assert socket.receive()["code"] == UNKNOWN_ROOM
 
 
-def test_a_reason_is_as_long_as_a_close_frame_may_have_it(open_site: TestClient) -> None:
+def test_the_reason_of_a_close_frame_is_cut_to_its_limit(open_site: TestClient) -> None:
     with open_site.websocket_connect(f"/ws?room={'%E5%AE%A4' * 60}%20", headers=HOST) as socket:
         closed = socket.receive()
     assert closed["code"] == UNKNOWN_ROOM
     assert 100 < len(closed["reason"].encode()) <= 123
 
 
-def test_a_missing_three_says_how_to_have_it(tmp_path: Path) -> None:
+def test_a_missing_three_js_is_reported_with_advice(tmp_path: Path) -> None:
     with pytest.raises(ThreeMissing, match="make viewer"):
         three_folder(tmp_path)
 
 
-def test_the_lock_pins_what_the_package_asks_for_and_names_no_registry() -> None:
+def test_the_lock_file_pins_the_dependencies_and_names_no_registry() -> None:
     asked = json.loads((PAGE / "package.json").read_text())["dependencies"]
     lock = json.loads((PAGE / "package-lock.json").read_text())["packages"]
     assert {name: lock[f"node_modules/{name}"]["version"] for name in asked} == asked
@@ -143,12 +143,12 @@ def test_the_lock_pins_what_the_package_asks_for_and_names_no_registry() -> None
 
 
 async def site_of(bridge: Bridge, three: Path) -> httpx.AsyncClient:
-    """In the loop of the bridge."""
+    """A client of the web server, in the event loop of the bridge."""
     transport = httpx.ASGITransport(web_app(bridge, Access(), three))
     return httpx.AsyncClient(transport=transport, base_url=LOCAL, timeout=LIMIT_S)
 
 
-async def test_takes_are_downloaded(bridge: Bridge, room: Room, three: Path, tmp_path: Path) -> None:
+async def test_takes_can_be_downloaded(bridge: Bridge, room: Room, three: Path, tmp_path: Path) -> None:
     (number,) = await room.add({"text": "a person stands"})
     playback = room.character(number).session.playback
     while playback.playhead < 5:
@@ -171,7 +171,7 @@ async def test_takes_are_downloaded(bridge: Bridge, room: Room, three: Path, tmp
             assert "allowed" in refused.json()["error"]
 
 
-async def test_a_session_file_says_what_a_long_take_has_lost(
+async def test_a_session_file_warns_of_edits_that_are_no_longer_kept(
     bridge: Bridge, room: Room, three: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     monkeypatch.setattr("motiongen_tools.view.edit_log.MOST_KEPT", 2)
@@ -184,7 +184,7 @@ async def test_a_session_file_says_what_a_long_take_has_lost(
             assert bool(answer.headers["x-warnings"]) is bool(lost)
 
 
-async def test_a_session_file_with_a_mistake_is_refused_when_it_is_opened(bridge: Bridge, three: Path) -> None:
+async def test_an_invalid_session_file_is_refused_when_it_is_opened(bridge: Bridge, three: Path) -> None:
     wrong = {"op": "remove_prompts", "prompt_ids": ["1"], "at_frame": 4}
     whole = {"format": FORMAT, "opening": {}, "num_frames": 9, "edits": [wrong]}
     async with await site_of(bridge, three) as site:
@@ -195,7 +195,7 @@ async def test_a_session_file_with_a_mistake_is_refused_when_it_is_opened(bridge
         assert taken.json() == {"numbers": [1]}
 
 
-async def test_motion_files_are_opened(bridge: Bridge, three: Path, tmp_path: Path, stick_motion: Motion) -> None:
+async def test_motion_files_can_be_opened(bridge: Bridge, three: Path, tmp_path: Path, stick_motion: Motion) -> None:
     write_npz(tmp_path / "walk.npz", stick_motion)
     async with await site_of(bridge, three) as site:
         opened = await site.post("/motion?name=walk.npz", content=(tmp_path / "walk.npz").read_bytes())
@@ -214,7 +214,7 @@ async def test_motion_files_are_opened(bridge: Bridge, three: Path, tmp_path: Pa
         assert big.status_code == 400
 
 
-async def test_what_nobody_thought_of_is_told_in_words(
+async def test_an_unexpected_error_is_answered_and_logged(
     bridge: Bridge, room: Room, three: Path, monkeypatch: pytest.MonkeyPatch, caplog: pytest.LogCaptureFixture
 ) -> None:
     def fail(*_: object) -> None:
@@ -228,15 +228,15 @@ async def test_what_nobody_thought_of_is_told_in_words(
     assert [record.exc_info[0] for record in caplog.records if record.exc_info] == [ZeroDivisionError]
 
 
-async def test_constraints_are_read_and_written_beside_the_beat(
+async def test_constraints_are_read_and_written_outside_the_event_loop(
     bridge: Bridge, room: Room, three: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    """Thousands may be read, and a limb takes long to bend: all characters would stand meanwhile."""
+    """There may be thousands, and fitting a limb takes long: all characters would stop meanwhile."""
     loop, main = asyncio.get_running_loop(), threading.current_thread()
 
     def after_a_beat(found: object) -> Callable[..., object]:
         def wait(*_: object) -> object:
-            assert threading.current_thread() is not main, "the bridge stands"
+            assert threading.current_thread() is not main, "the bridge is blocked"
             asyncio.run_coroutine_threadsafe(bridge.beat(), loop).result(LIMIT_S)
             return found
 
@@ -256,21 +256,22 @@ async def test_constraints_are_read_and_written_beside_the_beat(
         assert (await site.get(f"/take/main/{number}/a.constraints.json")).text == "[]"
 
 
-async def test_what_is_wrong_with_a_file_is_said_by_its_own_name(bridge: Bridge, room: Room, three: Path) -> None:
+async def test_errors_of_a_file_use_the_name_that_the_user_knows(bridge: Bridge, room: Room, three: Path) -> None:
     (number,) = await room.add({})
     while not room.character(number).session.playback.started:
         await bridge.beat()
     async with await site_of(bridge, three) as site:
-        assert "failed: a walk.glb: " in (await site.post("/motion?name=a walk.glb", content=b"glTF")).text
+        refused = await site.post("/motion?name=a walk.glb", content=b"glTF")
+        assert refused.json()["error"].startswith("a walk.glb: gltf is only written")
         listed = await site.post(f"/constraints/main/{number}?name=list.json", content=b"{")
-        assert listed.json()["error"].startswith("path: 'list.json' was given")
+        assert listed.json()["error"].startswith("constraint file: 'list.json' was given")
         assert "failed: the motion: " in (await site.get(f"/take/main/{number}/a.csv")).text
 
 
-async def test_no_number_of_files_is_made_at_once(
+async def test_the_number_of_files_made_at_once_is_limited(
     bridge: Bridge, room: Room, three: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    """Whoever looks on may ask for any number of them, and each starts a process."""
+    """Any spectator may request many of them, and each starts a process."""
     under_way: list[int] = []
     most = 0
 
@@ -290,7 +291,7 @@ async def test_no_number_of_files_is_made_at_once(
     assert most == MOST_MADE_AT_ONCE
 
 
-def test_a_list_begins_later_where_frames_are_shorter() -> None:
+def test_the_first_free_frame_is_later_at_a_high_frame_rate() -> None:
     def first_free(rate_hz: int) -> int:
         playback = SimpleNamespace(committed_to=100, playhead=90)
         rig = SimpleNamespace(frames_in=lambda seconds: round(seconds * rate_hz))

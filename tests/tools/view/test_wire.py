@@ -1,4 +1,4 @@
-"""Binary messages hold rows of every character in turn, and rigs are whole in JSON."""
+"""Binary messages with the rows of all characters, and rigs in JSON."""
 
 from __future__ import annotations
 
@@ -14,7 +14,7 @@ from motiongen_tools.view.wire import Head, pack_frames, pack_history, pack_moti
 
 def unpack(message: bytes) -> tuple[dict, np.ndarray]:
     (length,) = struct.unpack_from("<I", message)
-    assert length % 4 == 0, "rows must lie where a browser can view them as numbers"
+    assert length % 4 == 0, "rows must be aligned for a browser to view them as numbers"
     return json.loads(message[4 : 4 + length]), np.frombuffer(message[4 + length :], "<f4")
 
 
@@ -26,8 +26,8 @@ def test_rows_of_all_characters_follow_one_another(stick_motion: Motion) -> None
     np.testing.assert_array_equal(numbers, np.concatenate([*rows[:3], rows[5]]))
 
 
-def test_rows_say_how_wide_they_are(stick_motion: Motion) -> None:
-    """A page that does not know a character knows where the rows of the next one begin."""
+def test_the_widths_of_rows_are_sent(stick_motion: Motion) -> None:
+    """So that a page that does not know a character still finds the rows of the next one."""
     narrow = stick_motion.rows[0, :5]
     heads = [
         Head(1, 0, 0, 0, 1, 0, [narrow]),
@@ -39,19 +39,19 @@ def test_rows_say_how_wide_they_are(stick_motion: Motion) -> None:
     np.testing.assert_array_equal(numbers[5:], stick_motion.rows[1])
 
 
-def test_a_number_that_json_does_not_know_is_null() -> None:
+def test_numbers_that_are_not_finite_become_null() -> None:
     said = {"a": [1.5, math.nan, {"b": (math.inf, -math.inf, 2)}], "c": "NaN", "d": True}
     assert to_json(said) == '{"a":[1.5,null,{"b":[null,null,2]}],"c":"NaN","d":true}'
 
 
-def test_a_motion_brings_its_rig(stick_motion: Motion) -> None:
+def test_a_motion_is_sent_with_its_rig(stick_motion: Motion) -> None:
     header, numbers = unpack(pack_motion("walk.bvh", stick_motion))
     assert (header["name"], header["num_frames"]) == ("walk.bvh", 40)
     assert header["rig"] == rig_json(stick_motion.rig)
     np.testing.assert_array_equal(numbers.reshape(40, -1), stick_motion.rows)
 
 
-def test_history_says_where_it_begins(stick_motion: Motion) -> None:
+def test_history_is_sent_with_its_first_frame(stick_motion: Motion) -> None:
     header, numbers = unpack(pack_history(3, 17, list(stick_motion.rows[:2])))
     assert (header["character"], header["first_frame"], header["num_frames"]) == (3, 17, 2)
     assert len(numbers) == 2 * stick_motion.rig.row_width

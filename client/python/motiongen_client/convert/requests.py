@@ -8,7 +8,6 @@ import numpy as np
 
 from motiongen.v1 import motion_pb2, service_pb2, session_pb2
 from motiongen_client.convert.frames import SCALAR_TYPES
-from motiongen_client.errors import InvalidInput
 from motiongen_client.motion import Motion
 from motiongen_client.prompts import Preset, Prompt, TextEmbedding
 from motiongen_client.types import (
@@ -25,6 +24,8 @@ from motiongen_client.types import (
     SessionOptions,
     StartPose,
     Waypoint,
+    check_target,
+    check_text,
 )
 
 _PRIORITIES = {
@@ -115,31 +116,26 @@ def prompt_span(
 ) -> motion_pb2.PromptSpan:
     """A prompt in force from a frame on, or as soon as possible, up to another frame or to the end.
 
-    Raises InvalidInput for a text that cannot be encoded as UTF-8.
+    Raises InvalidInput for anything else than a prompt, and for a text that cannot be encoded as UTF-8.
     """
     span = motion_pb2.PromptSpan(prompt_id=prompt_id, start_frame=start_frame or 0, end_frame=end_frame or 0)
     match prompt:
         case Preset():
             span.preset_id = prompt.preset_id
         case TextEmbedding():
-            span.text = _writable(prompt.text)
+            span.text = prompt.text
             span.embedding.text_encoder = prompt.text_encoder
             span.embedding.values.extend(np.asarray(prompt.values, np.float32).tolist())
         case _:
-            span.text = _writable(prompt)
+            check_text("prompt", prompt, "a text that UTF-8 can write, a Preset or a TextEmbedding")
+            span.text = prompt
     return span
 
 
-def _writable(text: str) -> str:
-    """The text, if protobuf can encode it. Bytes from a terminal that are not UTF-8 become lone surrogates."""
-    if any("\ud800" <= sign <= "\udfff" for sign in text):
-        raise InvalidInput("text", text, "a text that UTF-8 can write")
-    return text
-
-
 def constraint(constraint_id: int, asked: Constraint) -> motion_pb2.Constraint:
-    """A constraint with its id, by which it can be replaced or removed later."""
+    """A constraint with its id, by which it can be replaced or removed later. Raises InvalidInput if it is none."""
     target = asked.target if isinstance(asked, Flexible) else asked
+    check_target("constraint", target)
     message = motion_pb2.Constraint(
         constraint_id=constraint_id, tolerance_m=target.tolerance_m, tolerance_rad=target.tolerance_rad
     )

@@ -11,7 +11,18 @@ from motiongen_client.types.answers import (
     SessionEnd,
 )
 from motiongen_client.types.catalog import Catalog, Limits, LocomotionPreset, Model
-from motiongen_client.types.checks import as_array, check_finite, check_frame, check_tolerance
+from motiongen_client.types.checks import (
+    as_array,
+    as_tuple,
+    check_finite,
+    check_flag,
+    check_frame,
+    check_number,
+    check_text,
+    check_tolerance,
+    check_type,
+    check_whole,
+)
 from motiongen_client.types.clips import Clip, Deviation, Residual
 from motiongen_client.types.constraints import (
     Constraint,
@@ -25,6 +36,7 @@ from motiongen_client.types.constraints import (
     RootTrajectory,
     Target,
     Waypoint,
+    check_target,
 )
 from motiongen_client.types.options import NO_PROMPTS, FrameFormat, Priority, SessionOptions, StartPose
 
@@ -33,5 +45,6 @@ __all__ = [
     "HeadingTarget", "JointRotations", "JointTargets", "Keyframe", "Limits", "LocomotionPreset", "Model",
     "ModelWarning",    "NO_PROMPTS", "Opened", "Outcome", "Placement", "Priority", "Reopened", "Residual", "RootPath",
     "RootTrajectory", "ServiceLevel", "SessionEnd", "SessionOptions", "StartPose", "Target", "Waypoint", "as_array",
-    "check_finite", "check_frame", "check_tolerance",
+    "as_tuple", "check_finite", "check_flag", "check_frame", "check_number", "check_target", "check_text",
+    "check_tolerance", "check_type", "check_whole",
 ]  # fmt: skip

@@ -4,12 +4,25 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass
+from typing import get_args
 
 import numpy as np
 from numpy.typing import NDArray
 
 from motiongen_client.errors import InvalidInput
-from motiongen_client.types.checks import as_array, check_finite, check_frame, check_tolerance
+from motiongen_client.types.checks import (
+    MOST_UINT32,
+    as_array,
+    as_tuple,
+    check_finite,
+    check_flag,
+    check_frame,
+    check_number,
+    check_text,
+    check_tolerance,
+    check_type,
+    is_whole,
+)
 
 
 @dataclass(frozen=True)
@@ -72,9 +85,10 @@ class Keyframe:
 
 def _joints(joints: Sequence[int]) -> tuple[int, ...]:
     """Joints as a tuple. Raises InvalidInput if there are none, or for anything that cannot be an index."""
-    given = tuple(joints)
-    if not given or not all(isinstance(joint, int | np.integer) and 0 <= joint < 1 << 32 for joint in given):
-        raise InvalidInput("joints", given, "one index of the rig's joints or more")
+    allowed = "one index of the rig's joints or more"
+    given = as_tuple("joints", joints, allowed)
+    if not given or not all(is_whole(joint) and 0 <= joint <= MOST_UINT32 for joint in given):
+        raise InvalidInput("joints", given, allowed)
     return given
 
 
@@ -179,10 +193,16 @@ class FootContact:
     tolerance_rad: float | None = None
 
     def __post_init__(self) -> None:
+        check_text("limb", self.limb, "a name of Rig.limbs")
         _check_place(self)
 
 
 Target = Waypoint | RootTrajectory | Keyframe | JointTargets | HeadingTarget | JointRotations | RootPath | FootContact
+
+
+def check_target(name: str, target: Target) -> None:
+    """Raise InvalidInput unless it is a target, such as a Waypoint."""
+    check_type(name, target, Target, "one of: " + ", ".join(kind.__name__ for kind in get_args(Target)))
 
 
 def _check_place(target: Waypoint | FootContact) -> None:
@@ -212,10 +232,14 @@ class Flexible:
     weight: float | None = None
 
     def __post_init__(self) -> None:
+        check_target("target", self.target)
         if self.last_frame is not None:
             check_frame("last_frame", self.last_frame)
-        if self.weight is not None and not 0 < self.weight <= 10:
-            raise InvalidInput("weight", self.weight, "a number above 0, at most 10, or None for 1")
+        for name in ("at_any_frame", "frames_from_effect", "is_relative"):
+            check_flag(name, getattr(self, name))
+        if self.weight is not None:
+            allowed = "a number above 0, at most 10, or None for 1"
+            check_number("weight", self.weight, allowed, lambda weight: 0 < weight <= 10)
 
 
 Constraint = Target | Flexible

@@ -9,7 +9,7 @@ from types import MappingProxyType
 
 from motiongen_client.errors import InvalidInput
 from motiongen_client.motion import Motion
-from motiongen_client.types.checks import check_finite
+from motiongen_client.types.checks import as_tuple, check_finite, check_flag, check_text, check_type, check_whole
 
 NO_PROMPTS: Mapping[int, str] = MappingProxyType({})
 
@@ -73,14 +73,26 @@ class SessionOptions:
     outputs: tuple[str, ...] = ()
 
     def __post_init__(self) -> None:
+        for name in ("model_id", "rig_id"):
+            if getattr(self, name) is not None:
+                check_text(name, getattr(self, name), 'an id of the catalogue, or ""')
+        check_type("priority", self.priority, Priority, "a Priority")
+        check_type("frame_format", self.frame_format, FrameFormat, "a FrameFormat")
+        check_type("start", self.start, StartPose, "a StartPose")
+        check_type("prior", self.prior, Motion | None, "a Motion, or None")
+        check_flag("keep_prompts", self.keep_prompts)
+        allowed = "names of Model.outputs, such as ('joint_positions_m',)"
+        object.__setattr__(self, "outputs", as_tuple("outputs", self.outputs, allowed))
+        for output in self.outputs:
+            check_text("outputs", output, allowed)
         if self.prior is not None and self.start != StartPose():
             raise InvalidInput("start", self.start, "none beside prior, whose last frame is where the character starts")
-        if self.seed is not None and not 0 <= self.seed < 1 << 64:
-            raise InvalidInput("seed", self.seed, "a whole number from 0 to 2**64 - 1")
+        if self.seed is not None:
+            check_whole("seed", self.seed, "a whole number from 0 to 2**64 - 1", most=2**64 - 1)
         for name in ("lookahead_frames", "denoise_steps", "history_frames"):
             value = getattr(self, name)
-            if value is not None and not 1 <= value < 1 << 32:
-                raise InvalidInput(name, value, "a whole number of 1 or more, or None for the server's default")
+            if value is not None:
+                check_whole(name, value, "a whole number of 1 or more, or None for the server's default", least=1)
         for name in ("text_guidance", "constraint_guidance"):
             if getattr(self, name) is not None:
                 check_finite(name, getattr(self, name))

@@ -12,7 +12,7 @@ import numpy as np
 from motiongen_client.errors import InvalidInput
 from motiongen_client.motion import CONTACT_BLOCK, ROOT_BLOCK, ROTATION_BLOCK, Motion, Rig
 from motiongen_tools.ardy_npz import read_ardy_npz
-from motiongen_tools.conversion import convert_file
+from motiongen_tools.conversion import convert_to_npz
 from motiongen_tools.npz import read_npz
 
 MAX_BYTES = 64 << 20
@@ -38,7 +38,7 @@ def read_upload(name: str, data: bytes, rigs: Sequence[Rig]) -> Motion:
         motion = _read_own(source) if suffixes.endswith(".npz") else None
         if motion is None:
             converted = Path(folder) / "converted.npz"
-            convert_file(source, converted)
+            convert_to_npz(source, converted, source_name=name)
             motion = _read_converted(converted, rigs)
     if not 0 < len(motion) <= MOST_FRAMES:
         raise InvalidInput("file", f"{len(motion)} frames", f"1 to {MOST_FRAMES} frames")

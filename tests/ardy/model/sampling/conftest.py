@@ -1,4 +1,4 @@
-"""A layout without statistics, and standing poses, for tests of corrections after a window."""
+"""A layout without statistics, and standing poses, for tests of the corrections of a window."""
 
 from __future__ import annotations
 

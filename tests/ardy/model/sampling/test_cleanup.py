@@ -1,4 +1,4 @@
-"""Foot clean-up: feet stay where they stand, also across windows, on the ground, and the body keeps its way."""
+"""Foot clean-up: standing feet stay in place and on the ground, also across windows; the body keeps its path."""
 
 from __future__ import annotations
 
@@ -40,7 +40,7 @@ def feet(layout: Representation, features: Tensor) -> Tensor:
     return layout.positions(features)[:, :, list(layout.skeleton.contact_joints)]
 
 
-def test_feet_of_a_swaying_body_stay_where_the_history_has_them(layout: Representation, stand: Stand) -> None:
+def test_feet_of_a_swaying_body_stay_where_the_history_put_them(layout: Representation, stand: Stand) -> None:
     features = stand(sway(41))
     before, after = layout.denormalize(features), cleaned(layout, features)
     assert (feet(layout, before) - feet(layout, before)[:, :1]).norm(dim=-1).max() > 0.03
@@ -51,7 +51,7 @@ def test_feet_of_a_swaying_body_stay_where_the_history_has_them(layout: Represen
     assert moved.norm(dim=-1).max() < 1e-4
 
 
-def test_stances_go_on_over_any_number_of_windows(layout: Representation, stand: Stand) -> None:
+def test_stances_continue_across_windows(layout: Representation, stand: Stand) -> None:
     features = stand(sway(81))
     whole = layout.normalize(cleaned(layout, features[:, :41]))
     second = correct_window(layout, whole, features[:, 41:], None, CLEAN)
@@ -59,7 +59,7 @@ def test_stances_go_on_over_any_number_of_windows(layout: Representation, stand:
     assert (feet(layout, both) - feet(layout, both)[:, :1]).norm(dim=-1).max() < 1e-3
 
 
-def test_the_features_agree_with_each_other(layout: Representation, stand: Stand) -> None:
+def test_corrected_features_are_consistent_with_each_other(layout: Representation, stand: Stand) -> None:
     after = cleaned(layout, stand(sway(41)))[:, 1:]
     positions = layout.positions(after)
     torch.testing.assert_close(layout.positions_block(after)[..., 1:, :], positions[..., 1:, :], atol=1e-5, rtol=0)
@@ -68,7 +68,7 @@ def test_the_features_agree_with_each_other(layout: Representation, stand: Stand
     assert (after[..., layout.contact_block] == 1).all()
 
 
-def test_feet_come_out_of_the_ground_and_down_onto_it(layout: Representation, stand: Stand) -> None:
+def test_sunk_and_floating_feet_are_brought_to_the_ground(layout: Representation, stand: Stand) -> None:
     options = FeetOptions()
     for height in (-0.03, 0.03):
         moves = torch.zeros(41, 3)
@@ -82,16 +82,16 @@ def test_feet_come_out_of_the_ground_and_down_onto_it(layout: Representation, st
         torch.testing.assert_close(late[:, 0::2], torch.full_like(late[:, 0::2], options.heel_m), atol=3e-3, rtol=0)
 
 
-def test_a_body_that_glides_takes_steps(layout: Representation, stand: Stand) -> None:
+def test_a_gliding_body_takes_steps(layout: Representation, stand: Stand) -> None:
     after = feet(layout, cleaned(layout, stand(glide(41, 0.8))))
     speeds = (after[0, 1:] - after[0, :-1])[..., [0, 2]].norm(dim=-1) * 20
     slowest = speeds.amin(dim=-1)
     assert slowest.median() < 0.02
     assert slowest.mean() < 0.25 * 0.8
-    assert after[..., 0::2, 1].max() > 0.07 + 0.03  # somebody lifted a heel
+    assert after[..., 0::2, 1].max() > 0.07 + 0.03  # a heel is lifted
 
 
-def test_legs_stay_bent_and_of_their_length(layout: Representation, stand: Stand) -> None:
+def test_legs_stay_bent_and_keep_their_length(layout: Representation, stand: Stand) -> None:
     positions = layout.positions(cleaned(layout, stand(sway(41, 0.25))))
     for side in ("Left", "Right"):
         hip, knee, ankle = (
@@ -103,7 +103,7 @@ def test_legs_stay_bent_and_of_their_length(layout: Representation, stand: Stand
         assert ((ankle - hip).norm(dim=-1) < 0.9951 * (upper + lower)).all()
 
 
-def test_feet_in_the_air_are_let_be(layout: Representation, stand: Stand) -> None:
+def test_feet_in_the_air_are_left_alone(layout: Representation, stand: Stand) -> None:
     moves = glide(41, 1.5)
     moves[:, 1] = 0.4
     features = stand(moves)
@@ -114,14 +114,14 @@ def test_feet_in_the_air_are_let_be(layout: Representation, stand: Stand) -> Non
 
 
 @pytest.mark.parametrize("history", [0, 1, 16])
-def test_rows_do_not_know_of_each_other(layout: Representation, stand: Stand, history: int) -> None:
+def test_rows_do_not_depend_on_each_other(layout: Representation, stand: Stand, history: int) -> None:
     rows = torch.cat([stand(glide(41 + history, 0.7)), stand(sway(41 + history)), stand(sway(41 + history, 0.2))])
     together = cleaned(layout, rows, history)
     alone = torch.cat([cleaned(layout, row[None], history) for row in rows])
     torch.testing.assert_close(together, alone, atol=1e-5, rtol=0)
 
 
-def test_off_gives_back_what_came(layout: Representation, stand: Stand) -> None:
+def test_without_corrections_the_features_are_returned_unchanged(layout: Representation, stand: Stand) -> None:
     features = stand(sway(41))
     assert correct_window(layout, features[:, :1], features, None, SamplingOptions()) is features
 
@@ -137,7 +137,7 @@ def turned(layout: Representation, features: Tensor, radians: float) -> Tensor:
     return layout.normalize(moved)
 
 
-def test_feet_that_stand_point_where_they_did(layout: Representation, stand: Stand) -> None:
+def test_standing_feet_keep_their_direction_while_the_body_turns(layout: Representation, stand: Stand) -> None:
     features = turned(layout, stand(torch.zeros(41, 3)), 0.2)
     before, after = layout.denormalize(features), cleaned(layout, features)
     assert (feet(layout, before) - feet(layout, before)[:, :1]).norm(dim=-1).max() > 0.03
@@ -153,12 +153,12 @@ def test_a_body_that_turns_on_the_spot_takes_steps(layout: Representation, stand
     assert not up.all(dim=-1).any()  # one after the other
     low = ~(up[1:] | up[:-1])
     toes = (after[0, 1:, 1::2] - after[0, :-1, 1::2])[..., [0, 2]].norm(dim=-1)
-    assert (toes * low).sum(dim=0).mean() < 0.02  # a foot goes while it is in the air
+    assert (toes * low).sum(dim=0).mean() < 0.02  # feet move only in the air
     sole = (after[0, -1, 1::2] - after[0, -1, 0::2])[:, [0, 2]]
     assert (torch.atan2(sole[:, 0], sole[:, 1]) > 2.0 - FeetOptions().twist_rad).all()
 
 
-def test_what_is_slow_beside_the_root_stands() -> None:
+def test_feet_much_slower_than_the_root_are_standing() -> None:
     options, frames = FeetOptions(), torch.arange(20) / 20
     places = torch.zeros(1, 20, 4, 3)
     places[..., 1] = torch.tensor([options.heel_m, options.toe_m] * 2)

@@ -1,4 +1,4 @@
-"""Bodies turned to where their root looks."""
+"""Bodies are turned towards the heading of their root."""
 
 from __future__ import annotations
 
@@ -36,7 +36,7 @@ def test_the_body_follows_a_root_that_turns() -> None:
     assert torch.equal(poses.root[0, -1], torch.tensor([0.4, 0.9, 0.2]))
 
 
-def test_a_turn_about_up_is_the_product_with_its_matrix() -> None:
+def test_turning_about_up_equals_the_product_with_the_rotation_matrix() -> None:
     poses = standing(3)
     before = poses.rotations = rotation_y(torch.arange(81.0).view(1, 3, 27)) @ poses.rotations
     angle = torch.tensor([[0.0, 1.2, -3.0]])
@@ -45,7 +45,7 @@ def test_a_turn_about_up_is_the_product_with_its_matrix() -> None:
     assert torch.equal(poses.rotations[:, 0], before[:, 0])
 
 
-def test_a_turn_right_round_goes_on_the_way_it_began() -> None:
+def test_a_turn_beyond_half_a_circle_keeps_its_direction() -> None:
     poses = standing(81)
     turn = torch.linspace(0, 5.0, 81)
     face_root(poses, torch.stack([turn.cos(), turn.sin()], dim=-1)[None])
@@ -55,7 +55,7 @@ def test_a_turn_right_round_goes_on_the_way_it_began() -> None:
     assert float(steps.min()) > -0.02
 
 
-def test_the_sway_of_a_body_stays() -> None:
+def test_small_sway_of_the_root_leaves_the_body_unchanged() -> None:
     poses = standing(20)
     before = poses.rotations.clone()
     sway = 0.04 * torch.sin(torch.arange(20.0))

@@ -1,4 +1,4 @@
-"""Joins: jumps between tokens go, motion without jumps stays, and so does the history."""
+"""Joins: jumps between tokens are smoothed; motion without jumps and the history are left alone."""
 
 from __future__ import annotations
 
@@ -29,7 +29,7 @@ def test_constant_speed_and_acceleration_are_left_alone() -> None:
         torch.testing.assert_close(join_operator(2, 40, 8, 4) @ curve, curve[2:], atol=1e-3, rtol=0)
 
 
-def test_a_jump_between_two_tokens_is_shared_out(layout: Representation, stand: Stand) -> None:
+def test_a_jump_between_tokens_is_spread_over_neighbouring_frames(layout: Representation, stand: Stand) -> None:
     moves = torch.zeros(42, 3)
     moves[22:, 2] = 0.08  # frame 22 starts a token
     root = joined_root(layout, stand, moves)[:, 2]
@@ -39,7 +39,7 @@ def test_a_jump_between_two_tokens_is_shared_out(layout: Representation, stand: 
 
 
 @pytest.mark.parametrize("history", [1, 2])
-def test_a_jump_at_the_seam_fades_and_the_history_stays(layout: Representation, stand: Stand, history: int) -> None:
+def test_a_jump_at_the_seam_fades_out_after_the_history(layout: Representation, stand: Stand, history: int) -> None:
     moves = torch.zeros(40 + history, 3)
     moves[history:, 0] = 0.08
     root = joined_root(layout, stand, moves, history)[:, 0]
@@ -48,7 +48,7 @@ def test_a_jump_at_the_seam_fades_and_the_history_stays(layout: Representation, 
     assert (root[history + 10 :] - 0.08).abs().max() < 1e-4
 
 
-def test_a_root_that_is_on_its_goal_stays_there(layout: Representation, stand: Stand) -> None:
+def test_a_root_on_its_waypoint_stays_there(layout: Representation, stand: Stand) -> None:
     moves = torch.zeros(42, 3)
     moves[22:, 2] = 0.08
     features = stand(moves)
@@ -59,7 +59,7 @@ def test_a_root_that_is_on_its_goal_stays_there(layout: Representation, stand: S
     assert (new[0, 20, 2] - 0.08).abs() < 1e-5
 
 
-def test_short_windows_and_none_before_are_joined_too() -> None:
+def test_short_windows_with_and_without_history_are_joined() -> None:
     for before in (0, 1, 2):
         for new in (1, 2, 4, 5, 8):
             operator = join_operator(before, new, 8, 4)

@@ -1,4 +1,4 @@
-"""Knees: a shin that was decoded turned about itself is turned back, and nothing else changes."""
+"""Knees: a shin that was decoded with a twist about its own axis is turned back."""
 
 from __future__ import annotations
 
@@ -18,8 +18,8 @@ from tests.ardy.model.sampling.conftest import Stand
 SIDES = ("Left", "Right")
 
 
-def spun(layout: Representation, features: torch.Tensor) -> torch.Tensor:
-    """The same poses (1, T, D) with shins turned about themselves by another angle at every frame."""
+def with_twisted_shins(layout: Representation, features: torch.Tensor) -> torch.Tensor:
+    """The same poses (1, T, D) with the shins twisted about their own axes, by another angle at every frame."""
     natural, skeleton = layout.denormalize(features).clone(), layout.skeleton
     sixd = natural[..., layout.rotation_block].unflatten(-1, (-1, 6))
     rotations = layout.global_rotations(natural)
@@ -33,17 +33,19 @@ def spun(layout: Representation, features: torch.Tensor) -> torch.Tensor:
     return layout.normalize(natural)
 
 
-def test_shins_are_turned_as_their_thighs_are(layout: Representation, stand: Stand) -> None:
+def test_twisted_shins_are_turned_back(layout: Representation, stand: Stand) -> None:
     features = stand(torch.zeros(10, 3))
-    before, turned = (layout.global_rotations(layout.denormalize(one)) for one in (features, spun(layout, features)))
+    before, turned = (
+        layout.global_rotations(layout.denormalize(one)) for one in (features, with_twisted_shins(layout, features))
+    )
     after = hinge_knees(layout.skeleton, turned)
-    assert rotation_vector(after.transpose(-1, -2) @ before).norm(dim=-1).max() < 2e-3, "they were hinges before"
+    assert rotation_vector(after.transpose(-1, -2) @ before).norm(dim=-1).max() < 2e-3, "the knees were hinges before"
 
 
-def test_a_window_of_spinning_shins_keeps_its_feet_smooth(layout: Representation, stand: Stand) -> None:
+def test_feet_of_a_window_with_twisted_shins_move_smoothly(layout: Representation, stand: Stand) -> None:
     moves = torch.zeros(41, 3)
     moves[:, 1] = -0.1 * (1 - torch.cos(torch.arange(41) * 0.3))
-    features = spun(layout, stand(moves))
+    features = with_twisted_shins(layout, stand(moves))
     new = correct_window(layout, features[:, :1], features[:, 1:], None, SamplingOptions(join_tokens=True))
     positions = layout.positions(layout.denormalize(torch.cat([features[:, :1], new], dim=1)))[0]
     accelerations = positions.diff(dim=0).diff(dim=0).norm(dim=-1) * layout.fps**2
@@ -51,7 +53,7 @@ def test_a_window_of_spinning_shins_keeps_its_feet_smooth(layout: Representation
 
 
 @pytest.mark.parametrize("name", ["g134"])
-def test_a_robot_with_other_legs_stays_as_it_is(name: str) -> None:
+def test_a_robot_with_other_legs_is_left_unchanged(name: str) -> None:
     skeleton = load_skeleton(name)
     rotations = axis_angle_to_matrix(
         torch.randn(1, 4, skeleton.num_joints, 3, generator=torch.Generator().manual_seed(0))

@@ -1,4 +1,4 @@
-"""Landings: a foot that is said to stand before it is where it shall stand goes there through the air."""
+"""Landings: a foot whose stance begins before it has reached its place goes there through the air."""
 
 from __future__ import annotations
 
@@ -14,8 +14,8 @@ FPS = 20
 FRAMES = 30
 
 
-def way(metres: float, first: int, frames: int) -> Tensor:
-    """Where (1, T, 2, 3) both feet slide: so many metres ahead, evenly, from frame `first` on."""
+def sliding_feet(metres: float, first: int, frames: int) -> Tensor:
+    """Positions (1, T, 2, 3) of both feet, which slide some metres ahead, evenly, from frame `first` on."""
     share = ((torch.arange(FRAMES) - first) / frames).clamp(0, 1)
     slipped = torch.zeros(1, FRAMES, 2, 3)
     slipped[..., 2] = metres * share[None, :, None]
@@ -29,7 +29,7 @@ def none_pinned(*shape: int) -> Tensor:
 def placed(
     standing: Tensor, slipped: Tensor, pinned: Tensor | None = None, twisted: Tensor | None = None
 ) -> tuple[Tensor, Tensor, Tensor, Tensor]:
-    """Places (B, T, 2, 3) of the feet, and what they turn, are lifted, and stand (B, T, 2)."""
+    """Places (B, T, 2, 3) of the feet, and their turns, lifts and stances (B, T, 2)."""
     shape = standing.shape
     turned = torch.zeros(shape) if twisted is None else twisted
     pins = none_pinned(*shape) if pinned is None else pinned
@@ -51,29 +51,29 @@ def stands_from(first: int) -> Tensor:
     return (torch.arange(FRAMES) >= first)[None, :, None].repeat(1, 1, 2)
 
 
-def test_a_foot_that_lands_behind_a_seam_where_it_is_not_yet_goes_there_in_a_step() -> None:
-    places, _, lift, stands = placed(stands_from(1), way(0.44, 1, 12))
-    assert fastest(places) < 4.0, "at once it would be 8.8 m/s"
+def test_a_foot_that_lands_too_far_from_its_place_takes_a_step() -> None:
+    places, _, lift, stands = placed(stands_from(1), sliding_feet(0.44, 1, 12))
+    assert fastest(places) < 4.0, "a jump would be 8.8 m/s"
     assert hardest(places) < 1.5 * module.ACCELERATION_M_S2
     in_air = ~stands[0, 1:, 0]
     assert 3 <= int(in_air.sum()) <= 6
-    assert (lift[0, 1:, 0] > 0).equal(in_air), "it is lifted while it goes, and at no other time"
+    assert (lift[0, 1:, 0] > 0).equal(in_air), "it is lifted only while it moves"
     assert float(lift.max()) > 0.04
     down = places[0, 1:, 0][~in_air]
-    assert float((down - down[0]).norm(dim=-1).max()) < 1e-4, "where it stands it stays"
+    assert float((down - down[0]).norm(dim=-1).max()) < 1e-4, "a standing foot does not move"
 
 
-def test_a_step_cut_short_gets_frames_of_both_stances() -> None:
+def test_a_short_step_takes_frames_from_both_stances() -> None:
     standing = stands_from(0)
     standing[:, 12] = False
-    places, _, _, stands = placed(standing, way(0.4, 12, 6))
+    places, _, _, stands = placed(standing, sliding_feet(0.4, 12, 6))
     air = (~stands[0, :, 0]).nonzero().flatten().tolist()
     assert air[0] < 12 < air[-1]
     assert len(air) <= 6
     assert hardest(places[:, :, :1]) < 1.5 * module.ACCELERATION_M_S2
 
 
-def test_a_foot_that_turns_far_between_two_stances_has_time_to() -> None:
+def test_a_foot_that_turns_far_between_stances_is_given_another_frame() -> None:
     standing, twisted = stands_from(0), torch.zeros(1, FRAMES, 2)
     standing[:, 12] = False
     twisted[:, 13:] = 1.3 * ((torch.arange(13, FRAMES) - 12) / 6).clamp(max=1)[:, None]
@@ -84,10 +84,10 @@ def test_a_foot_that_turns_far_between_two_stances_has_time_to() -> None:
     assert hardest(toes) < module.ACCELERATION_M_S2
 
 
-def test_who_lands_in_time_is_left_alone() -> None:
+def test_a_foot_that_lands_in_time_is_left_alone() -> None:
     standing = stands_from(0)
     standing[:, 8:16] = False
-    slipped = way(0.35, 8, 8)
+    slipped = sliding_feet(0.35, 8, 8)
     kept = torch.zeros(1, FRAMES, 2, 4)
     number = standing.logical_not().cumsum(dim=1).clamp(max=2)
     assert module.late_landings(kept, standing, number, none_pinned(1, FRAMES, 2), FPS) is None
@@ -96,8 +96,8 @@ def test_who_lands_in_time_is_left_alone() -> None:
     assert not lift.any()
 
 
-def test_feet_stay_on_goals_that_are_near() -> None:
-    standing, slipped = stands_from(1), way(0.44, 1, 12)
+def test_feet_stay_on_nearby_goals() -> None:
+    standing, slipped = stands_from(1), sliding_feet(0.44, 1, 12)
     pinned = none_pinned(1, FRAMES, 2)
     pinned[:, 3, 0] = True
     places, _, lift, stands = placed(standing, slipped, pinned)
@@ -107,10 +107,14 @@ def test_feet_stay_on_goals_that_are_near() -> None:
 
 
 @pytest.mark.parametrize("on_a_gpu", [False, True])
-def test_a_row_gets_the_same_in_any_company(on_a_gpu: bool, monkeypatch: pytest.MonkeyPatch) -> None:
+def test_a_row_does_not_depend_on_the_others_in_its_batch(on_a_gpu: bool, monkeypatch: pytest.MonkeyPatch) -> None:
     if on_a_gpu:
         monkeypatch.setattr(module, "_all_in_time", lambda missing: False)
-    rows = [(stands_from(1), way(0.44, 1, 12)), (stands_from(0), way(0.02, 3, 9)), (stands_from(5), way(0.3, 4, 3))]
+    rows = [
+        (stands_from(1), sliding_feet(0.44, 1, 12)),
+        (stands_from(0), sliding_feet(0.02, 3, 9)),
+        (stands_from(5), sliding_feet(0.3, 4, 3)),
+    ]
     together = placed(*(torch.cat(parts) for parts in zip(*rows, strict=True)))
     monkeypatch.undo()
     for row, (standing, slipped) in enumerate(rows):

@@ -1,4 +1,4 @@
-"""Two-bone inverse kinematics: targets are met, bones keep their length, limbs their plane and a last bit of bend."""
+"""Two-bone inverse kinematics: targets are met, bones keep their length, limbs stay in their plane and bent."""
 
 from __future__ import annotations
 
@@ -28,18 +28,18 @@ def solve(
     return bend((HIP, knee, ankle), (identity, identity), target, FORWARD, hinged)
 
 
-def test_the_end_comes_to_a_target_within_reach_and_bones_keep_their_length() -> None:
+def test_a_target_within_reach_is_met_and_bones_keep_their_length() -> None:
     target = torch.tensor([0.2, -0.6, 0.3])
     first, second, knee, ankle = solve(target)
     torch.testing.assert_close(ankle, target, atol=1e-5, rtol=0)
     assert knee.norm() == pytest.approx(float(KNEE.norm()), abs=1e-5)
     assert (ankle - knee).norm() == pytest.approx(float((ANKLE - KNEE).norm()), abs=1e-5)
-    # The rotations say the same as the positions.
+    # The rotations agree with the positions.
     torch.testing.assert_close(first @ KNEE, knee, atol=1e-5, rtol=0)
     torch.testing.assert_close(knee + second @ (ANKLE - KNEE), ankle, atol=1e-5, rtol=0)
 
 
-def test_a_pose_that_is_there_already_is_left_alone() -> None:
+def test_a_pose_that_already_meets_its_target_is_left_alone() -> None:
     first, second, knee, ankle = solve(ANKLE)
     for got, expected in ((first, torch.eye(3)), (second, torch.eye(3)), (knee, KNEE), (ankle, ANKLE)):
         torch.testing.assert_close(got, expected, atol=1e-5, rtol=0)
@@ -51,7 +51,7 @@ def test_a_target_out_of_reach_leaves_the_limb_bent() -> None:
     assert float(ankle[1]) == pytest.approx(-float(ankle.norm()), abs=1e-6)
 
 
-def test_reach_is_flattened_without_a_kink() -> None:
+def test_the_reach_of_a_limb_saturates_smoothly() -> None:
     distances = torch.linspace(0.9, 1.2, 400)
     slopes = soft_reach(distances, 1.0).diff() / distances.diff()
     assert slopes.diff().abs().max() < 0.1
@@ -72,7 +72,7 @@ def test_a_straight_leg_bends_forward() -> None:
     torch.testing.assert_close(ankle, torch.tensor([0.0, -0.7, 0.0]), atol=1e-5, rtol=0)
 
 
-def test_a_knee_that_is_overstretched_bends_forward_and_one_that_is_not_stays() -> None:
+def test_only_an_overstretched_knee_is_bent_forward() -> None:
     target, hinge = torch.tensor([0.0, -0.75, 0.0]), torch.tensor(1.0)
     places = []
     for ahead in (-0.04, -0.01, -0.001, 0.001, 0.01, 0.04):
@@ -80,9 +80,11 @@ def test_a_knee_that_is_overstretched_bends_forward_and_one_that_is_not_stays() 
         torch.testing.assert_close(ankle, target, atol=1e-5, rtol=0)
         assert knee[2] > 0.1
         places.append(knee)
-    assert float((torch.stack(places)[1:5] - places[0]).norm(dim=-1).max()) < 0.02, "it does not jump where it turns"
+    assert float((torch.stack(places)[1:5] - places[0]).norm(dim=-1).max()) < 0.02, (
+        "it does not jump where it changes sides"
+    )
     torch.testing.assert_close(solve(ANKLE, KNEE, hinged=hinge)[2], KNEE, atol=1e-5, rtol=0)
-    assert solve(target, torch.tensor([0.0, -0.4, -0.04]))[2][2] < -0.1, "an elbow bends as it is bent"
+    assert solve(target, torch.tensor([0.0, -0.4, -0.04]))[2][2] < -0.1, "without a hinge it keeps its side"
 
 
 def test_a_target_at_the_hip_folds_the_leg_but_not_flat() -> None:
@@ -92,7 +94,7 @@ def test_a_target_at_the_hip_folds_the_leg_but_not_flat() -> None:
 
 
 @pytest.mark.parametrize("angle", [0.0, 1e-4, 1.0, 3.0])
-def test_a_swing_turns_one_vector_into_the_other_by_a_rotation(angle: float) -> None:
+def test_a_swing_is_a_rotation_from_one_vector_to_the_other(angle: float) -> None:
     before = torch.tensor([1.0, 0.0, 0.0])
     after = torch.tensor([math.cos(angle), 0.0, math.sin(angle)])
     turn = swing(before, after)
@@ -107,6 +109,6 @@ def test_limbs_are_found_by_their_chains(name: str) -> None:
     assert [skeleton.joint_names[limb.end] for limb in arms(skeleton)] == ["LeftHand", "RightHand"]
 
 
-def test_a_robot_has_no_limbs_of_two_bones() -> None:
+def test_a_robot_without_two_bone_legs_is_refused() -> None:
     with pytest.raises(ConfigError, match=r"g134 has no legs of two bones.*set clean_feet"):
         legs(load_skeleton("g134"))

@@ -1,4 +1,4 @@
-"""A model's own sampling defaults: what a file may say, and what holds without one."""
+"""A model's sampling options: what their file may contain, and the defaults without one."""
 
 from __future__ import annotations
 
@@ -25,14 +25,14 @@ ROOT = Path(__file__).parents[4]
 TINY = ROOT / "tests" / "data" / "golden" / "tiny-core27" / "checkpoint"
 
 
-def test_a_model_without_a_file_is_sampled_as_released() -> None:
+def test_a_model_without_a_sampling_file_uses_the_released_options() -> None:
     model = load_checkpoint(TINY)
     assert model.sampling == released_options(model.config.guidance)
     assert model.sampling.guidance == GuidanceOptions("separated", 2.0, 2.0)
     assert model.sampling == SamplingOptions()
 
 
-def test_what_is_saved_is_loaded_again(tmp_path: Path) -> None:
+def test_saved_sampling_options_are_loaded_again(tmp_path: Path) -> None:
     model = load_checkpoint(TINY)
     save_checkpoint(model, tmp_path)
     assert not (tmp_path / "sampling.yaml").exists()
@@ -44,12 +44,12 @@ def test_what_is_saved_is_loaded_again(tmp_path: Path) -> None:
     assert load_checkpoint(tmp_path).sampling == model.sampling
 
 
-def test_options_survive_the_file() -> None:
+def test_options_round_trip_through_yaml() -> None:
     options = SamplingOptions(project_root=True, projection=ProjectionOptions(slack_m=0.07))
     assert read_options(yaml.safe_load(yaml.safe_dump(write_options(options))), "separated") == options
 
 
-def test_what_a_file_does_not_name_is_as_released() -> None:
+def test_options_missing_from_the_file_are_as_released() -> None:
     assert read_options({"plan_root": True}, "regular") == replace(released_options("regular"), plan_root=True)
 
 
@@ -75,36 +75,36 @@ def test_the_built_in_models_file_can_be_read() -> None:
         ([], "sampling.yaml is []; it must be a mapping"),
     ],
 )
-def test_mistakes_are_named(content: object, words: str) -> None:
+def test_invalid_options_are_refused_by_name(content: object, words: str) -> None:
     with pytest.raises(ConfigError) as caught:
         read_options(content, "separated")
     assert words in str(caught.value)
 
 
-def test_a_checkpoint_with_a_bad_file_is_refused(tmp_path: Path) -> None:
+def test_a_checkpoint_with_an_invalid_sampling_file_is_refused(tmp_path: Path) -> None:
     save_checkpoint(load_checkpoint(TINY), tmp_path)
     (tmp_path / "sampling.yaml").write_text("plan_roots: true\n")
     with pytest.raises(CheckpointError, match="plan_roots"):
         load_checkpoint(tmp_path)
 
 
-def test_a_robot_whose_feet_were_to_be_cleaned_is_refused(tmp_path: Path) -> None:
+def test_clean_feet_is_refused_for_a_robot_without_two_bone_legs(tmp_path: Path) -> None:
     save_checkpoint(load_checkpoint(TINY.parents[1] / "tiny-g134" / "checkpoint"), tmp_path)
     (tmp_path / "sampling.yaml").write_text("clean_feet: true\n")
     with pytest.raises(CheckpointError, match=r"g134 has no legs of two bones"):
         load_checkpoint(tmp_path)
 
 
-def test_joint_guidance_is_one_pass_at_one_and_one() -> None:
+def test_joint_guidance_with_both_weights_1_takes_one_pass() -> None:
     assert needed_passes("joint", GuidanceWeights(1.0, 1.0), True, True) == (Pass(True, True, 1.0),)
-    # Without constraints it is what separated guidance is: u + 3 (text - u).
+    # Without constraints it equals separated guidance: u + 3 (text - u).
     assert needed_passes("joint", GuidanceWeights(3.0, 1.0), True, False) == (
         Pass(True, False, 3.0),
         Pass(False, False, -2.0),
     )
 
 
-def test_joint_weights_follow_the_formula() -> None:
+def test_passes_of_joint_guidance_add_up_to_its_formula() -> None:
     both, text, goals, neither = torch.randn(4).unbind()
     values = {(True, True): both, (True, False): text, (False, True): goals, (False, False): neither}
     found = sum(

@@ -1,4 +1,4 @@
-"""Prompts that a planned root contradicts: when a gait's is told instead, which, and up to which frame."""
+"""Prompts that a planned root contradicts: when a gait's prompt replaces them, which one, and up to which frame."""
 
 from __future__ import annotations
 
@@ -21,7 +21,7 @@ GAITS = {"stand": (0.0, 0), "walk": (0.15, 0), "run": (2.0, 0), "back": (0.15, 2
 
 @pytest.fixture
 def paces() -> PromptPaces:
-    """Three captions, known exactly, and gaits whose texts hold their number from 10 on."""
+    """Three captions, known exactly, and gaits whose vectors hold their number, counted from 10."""
     return PromptPaces(
         mean=torch.zeros(4),
         directions=torch.stack([STAND, WALK, RUN]),
@@ -34,7 +34,7 @@ def paces() -> PromptPaces:
 
 
 def path(speeds: list[float], heading: float | None = None, every: int = 1) -> Targets:
-    """A way along +Z from the origin, at a speed in m/s in each frame; told at one frame in `every`."""
+    """A path along +Z from the origin, with a speed in m/s for each frame; given at one frame in `every`."""
     targets = Targets(load_skeleton("core27"))
     z = np.cumsum(speeds) / FPS
     rows = list(range(every - 1, len(speeds), every))
@@ -45,7 +45,7 @@ def path(speeds: list[float], heading: float | None = None, every: int = 1) -> T
 
 
 def tell(paces: PromptPaces | None, text: Tensor, targets: Targets | None) -> tuple[str, int | None]:
-    """What is told, by name ("own" for the prompt itself), and up to where."""
+    """The name of the gait whose prompt is used ("own" for the prompt itself), and up to which frame."""
     window = range(FIRST, FIRST + HORIZON)
     told = told_text(paces, text[None], targets, (0.0, 0.0), window, fps=FPS, options=PaceOptions())
     if torch.equal(told.text, text[None]):
@@ -70,14 +70,14 @@ def tell(paces: PromptPaces | None, text: Tensor, targets: Targets | None) -> tu
         (torch.zeros(4), 3.0, "own"),
     ],
 )
-def test_a_gait_is_told_where_the_way_contradicts_the_prompt(
+def test_a_gait_replaces_a_prompt_that_the_path_contradicts(
     paces: PromptPaces, prompt: Tensor, speed: float, told: str
 ) -> None:
     assert tell(paces, prompt, path([speed] * HORIZON)) == (told, None)
     assert tell(paces, prompt, path([speed] * (HORIZON + 20), every=5)) == (told, None)
 
 
-def test_the_prompt_holds_again_from_where_the_root_is_there(paces: PromptPaces) -> None:
+def test_the_prompt_is_in_force_again_once_the_root_has_arrived(paces: PromptPaces) -> None:
     assert tell(paces, STAND, path([1.2] * 20)) == ("walk", FIRST + 20)
     there, led_to = tell(paces, STAND, path([1.2] * 20 + [0.0] * 40))
     assert there == "walk"
@@ -86,12 +86,12 @@ def test_the_prompt_holds_again_from_where_the_root_is_there(paces: PromptPaces)
     assert tell(paces, WALK, path([0.0] * 30)) == ("stand", FIRST + 30)
 
 
-def test_a_way_that_is_almost_gone_is_gone_under_the_prompt(paces: PromptPaces) -> None:
+def test_a_path_that_is_almost_over_leaves_the_prompt_in_force(paces: PromptPaces) -> None:
     assert tell(paces, STAND, path([1.2] * 7)) == ("own", None)
     assert tell(paces, STAND, path([1.2] * 8)) == ("walk", FIRST + 8)
 
 
-def test_a_single_way_point_is_a_way(paces: PromptPaces) -> None:
+def test_a_single_waypoint_counts_as_a_path(paces: PromptPaces) -> None:
     targets = Targets(load_skeleton("core27"))
     targets.add_waypoints([FIRST - 3, FIRST + 29], torch.tensor([[9.0, 9.0], [1.5, 0.0]]))
     assert tell(paces, STAND, targets) == ("walk", FIRST + 30)
@@ -100,11 +100,13 @@ def test_a_single_way_point_is_a_way(paces: PromptPaces) -> None:
 @pytest.mark.parametrize(
     ("heading", "told"), [(None, "walk"), (0.2, "walk"), (math.pi, "back"), (-math.pi / 2, "left"), (1.6, "walk")]
 )
-def test_the_gait_is_that_of_the_way_seen_from_the_body(paces: PromptPaces, heading: float | None, told: str) -> None:
+def test_the_gait_follows_the_path_direction_relative_to_the_body(
+    paces: PromptPaces, heading: float | None, told: str
+) -> None:
     assert tell(paces, STAND, path([1.0] * HORIZON, heading))[0] == told
 
 
-def test_what_is_not_known_is_left_alone(paces: PromptPaces) -> None:
+def test_without_paces_or_a_path_ahead_the_prompt_is_unchanged(paces: PromptPaces) -> None:
     fast = path([3.0] * HORIZON)
     assert tell(None, STAND, fast) == ("own", None)
     assert tell(paces, STAND, None) == ("own", None)

@@ -1,4 +1,4 @@
-"""The root brought onto its goals: exact there, smooth between, untouched where nothing is asked."""
+"""The root projected onto its goals: exact there, smooth between them, unchanged where there are none."""
 
 from __future__ import annotations
 
@@ -50,7 +50,7 @@ def projected(layout: Representation, targets: Targets, options: SamplingOptions
     return layout.root_stats.denormalize(projection.apply(layout, walk(layout)))[0]
 
 
-def test_goals_are_met_and_what_comes_after_moves_with_them(layout: Representation) -> None:
+def test_goals_are_met_and_later_frames_move_with_them(layout: Representation) -> None:
     targets = Targets(layout.skeleton)
     targets.add_waypoints([HISTORY + 19, HISTORY + 29], torch.tensor([[0.3, 0.8], [0.4, 1.7]]))
     targets.height[HISTORY + 29] = np.float32(0.8)
@@ -63,7 +63,7 @@ def test_goals_are_met_and_what_comes_after_moves_with_them(layout: Representati
     assert float(root[0, [0]].abs()) < 0.01
 
 
-def test_headings_turn_the_short_way_to_where_they_are_asked(layout: Representation) -> None:
+def test_headings_turn_the_short_way_to_their_targets(layout: Representation) -> None:
     targets = Targets(layout.skeleton)
     targets.add_heading([HISTORY + 19, HISTORY + 39], torch.tensor([2.5, -2.5]))
     root = projected(layout, targets)
@@ -73,7 +73,7 @@ def test_headings_turn_the_short_way_to_where_they_are_asked(layout: Representat
     assert torch.allclose(root[:, [0, 2]], layout.root_stats.denormalize(walk(layout))[0][:, [0, 2]], atol=1e-6)
 
 
-def test_the_root_may_sway_about_what_was_only_planned(layout: Representation) -> None:
+def test_the_root_may_sway_about_planned_places_but_not_requested_ones(layout: Representation) -> None:
     targets = Targets(layout.skeleton)
     targets.add_waypoints([HISTORY + 19], torch.tensor([[0.02, 1.0]]), torch.tensor([0.1]))
     targets.planned, targets.faced = {HISTORY + 19}, {HISTORY + 19}
@@ -84,7 +84,7 @@ def test_the_root_may_sway_about_what_was_only_planned(layout: Representation) -
     assert float(projected(layout, targets)[19, 0]) == pytest.approx(0.02, abs=1e-4)
 
 
-def test_rows_without_goals_or_not_active_stay_bit_for_bit(layout: Representation) -> None:
+def test_rows_that_are_inactive_or_without_goals_are_unchanged(layout: Representation) -> None:
     targets = Targets(layout.skeleton)
     targets.add_waypoints([HISTORY + 9], torch.tensor([[1.0, 1.0]]))
     projection = made(layout, targets)
@@ -108,14 +108,14 @@ def test_without_a_plan_a_goal_that_is_too_far_is_missed(layout: Representation)
 
 
 @pytest.mark.parametrize("goals", [(0,), (39,), (3, 8, 13, 39), tuple(range(40)), (0, 1, 30)])
-def test_curves_are_one_at_their_goal_and_nought_at_the_others(goals: tuple[int, ...]) -> None:
+def test_curves_are_one_at_their_goal_and_zero_at_the_others(goals: tuple[int, ...]) -> None:
     curves = goal_curves(goals, 40)
     assert curves[list(goals)][:, list(goals)] == pytest.approx(np.eye(len(goals)), abs=1e-9)
     assert np.abs(curves[:, [g for g in range(40) if g not in goals]]).max(initial=0.0) == 0.0
     assert curves[goals[-1] :].sum(axis=1) == pytest.approx(1.0)
 
 
-def test_curves_are_cubics_that_join_without_a_jump_of_acceleration() -> None:
+def test_curves_are_cubics_with_continuous_acceleration() -> None:
     goals = (7, 18, 33)
     values = goal_curves(goals, 40)[:, list(goals)] @ np.array([0.3, -0.2, 0.5])
     whole = np.concatenate([[0.0], values[: goals[-1] + 1]])  # frame 0 is of the history
@@ -129,7 +129,7 @@ def test_curves_are_cubics_that_join_without_a_jump_of_acceleration() -> None:
     assert abs(whole[1]) < 0.02
 
 
-def test_the_root_comes_onto_a_goal_without_a_jerk_where_each_frame_is_planned(layout: Representation) -> None:
+def test_a_goal_after_densely_planned_frames_is_reached_smoothly(layout: Representation) -> None:
     targets = Targets(layout.skeleton)
     frames = list(range(HISTORY, HISTORY + 21))
     ways = torch.tensor([[0.1, (frame - HISTORY + 1) / 20] for frame in frames])
@@ -138,13 +138,13 @@ def test_the_root_comes_onto_a_goal_without_a_jerk_where_each_frame_is_planned(l
     root = projected(layout, targets)[:21]
     assert float(root[20, 0]) == pytest.approx(0.1, abs=1e-4)
     assert float(torch.atan2(root[20, 4], root[20, 3])) == pytest.approx(0.3, abs=1e-3)
-    # Slack of 3 cm and 0.2 rad that were kept up to the frame before would go in one step.
+    # If the slack of 3 cm and 0.2 rad were kept until the frame before, it would vanish in one step.
     assert float(root[10:, 0].diff().abs().max()) < 0.005
     assert float(torch.atan2(root[10:, 4], root[10:, 3]).diff().abs().max()) < 0.03
 
 
 def turned_about(layout: Representation, turns: Tensor) -> Tensor:
-    """Headings (T) of roots that are predicted to turn so (T) and planned to turn by 3 rad/s, one frame in one."""
+    """Projected headings (T) of a root whose predicted ones are `turns` (T), planned to turn at 3 rad/s."""
     targets = Targets(layout.skeleton)
     frames = list(range(HISTORY, HISTORY + HORIZON))
     ways = torch.tensor([[0.0, 0.0]] * HORIZON)
@@ -158,12 +158,12 @@ def turned_about(layout: Representation, turns: Tensor) -> Tensor:
     return torch.from_numpy(np.unwrap(torch.atan2(moved[:, 4], moved[:, 3]).numpy()))
 
 
-def test_a_root_that_is_predicted_to_flip_turns_as_it_is_planned_to(layout: Representation) -> None:
+def test_a_root_that_is_predicted_to_flip_turns_as_planned(layout: Representation) -> None:
     late = torch.where(torch.arange(HORIZON) < 16, 0.0, 3.0 / layout.fps * torch.arange(1, HORIZON + 1) + 0.15)
     headings = turned_about(layout, late)
     planned = 3.0 / layout.fps * torch.arange(1, HORIZON + 1)
     assert float((headings - planned).abs().max()) < 0.21
-    assert float(headings.diff().max()) * layout.fps < 3.0 + 1.0 + 1e-3, "at once it would be 10 rad/s"
+    assert float(headings.diff().max()) * layout.fps < 3.0 + 1.0 + 1e-3, "a flip would be 10 rad/s"
 
 
 def test_a_root_that_sways_slowly_is_left_alone(layout: Representation) -> None:
@@ -171,7 +171,7 @@ def test_a_root_that_sways_slowly_is_left_alone(layout: Representation) -> None:
     torch.testing.assert_close(turned_about(layout, sways).float(), sways, atol=1e-4, rtol=0)
 
 
-def test_curves_of_many_goals_are_not_all_kept() -> None:
+def test_the_cache_of_goal_curves_is_bounded() -> None:
     for first in range(10):
         for second in range(first + 1, 30):
             curves = goal_curves((first, second), 40)
@@ -182,7 +182,7 @@ def test_curves_of_many_goals_are_not_all_kept() -> None:
     ("first", "count", "with_heading", "led"),
     [(0, 16, True, True), (0, 40, True, True), (0, 15, True, False), (0, 16, False, False), (1, 39, True, False)],
 )
-def test_a_root_is_led_that_is_asked_for_from_the_first_frame_on(
+def test_a_root_given_from_the_first_frame_on_is_led(
     layout: Representation, first: int, count: int, with_heading: bool, led: bool
 ) -> None:
     targets = Targets(layout.skeleton)

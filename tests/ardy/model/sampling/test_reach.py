@@ -1,4 +1,4 @@
-"""Joint goals: met at their frames, nothing changes far from them, and what cannot be reached is missed."""
+"""Joint goals: they are met at their frames, distant frames do not change, and goals out of reach are missed."""
 
 from __future__ import annotations
 
@@ -17,8 +17,8 @@ from tests.ardy.model.sampling.conftest import Stand
 
 REACH = SamplingOptions(reach_joints=True)
 BOTH = SamplingOptions(reach_joints=True, clean_feet=True)
-FIRST = 100  # the frame that the first new one is
-GOAL = 20  # where most goals are, counted from there
+FIRST = 100  # the first new frame
+GOAL = 20  # the frame of most goals, counted from FIRST
 
 
 def reached(
@@ -47,7 +47,7 @@ def standing(layout: Representation, stand: Stand) -> tuple[Tensor, Tensor]:
         ("LeftToeBase", (0.05, 0.1, 0.1)),
     ],
 )
-def test_a_hand_or_foot_is_where_it_was_asked_for_and_at_rest_elsewhere(
+def test_a_hand_or_foot_goal_is_met_and_distant_frames_stay_at_rest(
     layout: Representation, stand: Stand, joint: str, move: tuple[float, float, float], options: SamplingOptions
 ) -> None:
     features, pose = standing(layout, stand)
@@ -63,7 +63,7 @@ def test_a_hand_or_foot_is_where_it_was_asked_for_and_at_rest_elsewhere(
     assert acceleration < 45
 
 
-def test_a_head_turns_as_asked_and_takes_the_neck_along(layout: Representation, stand: Stand) -> None:
+def test_a_head_rotation_is_met_and_turns_the_neck_along(layout: Representation, stand: Stand) -> None:
     features, _ = standing(layout, stand)
     head, neck = layout.skeleton.index("Head"), layout.skeleton.index("Neck")
     asked = axis_angle_to_matrix(torch.tensor([0.0, 0.9, 0.2]))
@@ -86,7 +86,7 @@ def test_a_root_height_is_met_while_the_feet_stay(layout: Representation, stand:
 
 
 @pytest.mark.parametrize("options", [REACH, BOTH])
-def test_a_whole_pose_is_met_joint_by_joint(layout: Representation, stand: Stand, options: SamplingOptions) -> None:
+def test_a_keyframe_is_met_at_every_joint(layout: Representation, stand: Stand, options: SamplingOptions) -> None:
     features, _ = standing(layout, stand)
     natural = layout.denormalize(features)[0, 0]
     local = global_to_local(layout.skeleton, layout.global_rotations(natural))
@@ -99,7 +99,7 @@ def test_a_whole_pose_is_met_joint_by_joint(layout: Representation, stand: Stand
     assert (positions[GOAL] - asked).norm(dim=-1).max() < 5e-3
 
 
-def test_the_trunk_leans_toward_a_goal_of_the_head_alone(layout: Representation, stand: Stand) -> None:
+def test_a_position_goal_of_the_head_is_met(layout: Representation, stand: Stand) -> None:
     features, pose = standing(layout, stand)
     head, base = layout.skeleton.index("Head"), layout.skeleton.index("Spine")
     lean = axis_angle_to_matrix(torch.tensor([0.4, 0.0, 0.1]))
@@ -110,7 +110,7 @@ def test_the_trunk_leans_toward_a_goal_of_the_head_alone(layout: Representation,
     assert (positions[GOAL, head] - asked).norm() < 1e-3
 
 
-def test_an_elbow_and_a_hand_asked_for_together_are_both_met(layout: Representation, stand: Stand) -> None:
+def test_goals_for_elbow_and_hand_at_one_frame_are_both_met(layout: Representation, stand: Stand) -> None:
     features, pose = standing(layout, stand)
     shoulder, elbow, hand = (layout.skeleton.index(f"Left{name}") for name in ("Arm", "ForeArm", "Hand"))
     upper = axis_angle_to_matrix(torch.tensor([0.3, 0.5, -0.8]))
@@ -123,9 +123,7 @@ def test_an_elbow_and_a_hand_asked_for_together_are_both_met(layout: Representat
     assert (positions[GOAL, [elbow, hand]] - torch.stack([at_elbow, at_hand])).norm(dim=-1).max() < 5e-3
 
 
-def test_what_is_out_of_reach_is_missed_with_an_arm_that_is_not_quite_straight(
-    layout: Representation, stand: Stand
-) -> None:
+def test_a_goal_out_of_reach_is_missed_with_a_slightly_bent_arm(layout: Representation, stand: Stand) -> None:
     features, pose = standing(layout, stand)
     shoulder, elbow, hand = (layout.skeleton.index(f"Left{name}") for name in ("Arm", "ForeArm", "Hand"))
     targets = Targets(layout.skeleton)
@@ -137,9 +135,7 @@ def test_what_is_out_of_reach_is_missed_with_an_arm_that_is_not_quite_straight(
     assert (arm / arm.norm() * (asked - pose[shoulder]) / (asked - pose[shoulder]).norm()).sum() > 0.999
 
 
-def test_close_behind_the_history_a_goal_is_met_as_far_as_the_acceleration_allows(
-    layout: Representation, stand: Stand
-) -> None:
+def test_a_goal_soon_after_the_history_respects_the_acceleration_limit(layout: Representation, stand: Stand) -> None:
     features, pose = standing(layout, stand)
     hand = layout.skeleton.index("LeftHand")
     asked = pose[hand] + torch.tensor([0.0, 0.3, 0.2])
@@ -167,7 +163,7 @@ def test_rows_without_goals_do_not_change(layout: Representation, stand: Stand) 
 
 
 @pytest.mark.parametrize("frame", [0, 1, 4])
-def test_where_a_motion_begins_a_goal_is_met_at_once(layout: Representation, stand: Stand, frame: int) -> None:
+def test_without_a_history_early_goals_are_met(layout: Representation, stand: Stand, frame: int) -> None:
     features, pose = standing(layout, stand)
     hand, head = layout.skeleton.index("LeftHand"), layout.skeleton.index("Head")
     asked, turned = pose[hand] + torch.tensor([0.0, 0.3, 0.2]), axis_angle_to_matrix(torch.tensor([0.0, 0.8, 0.0]))

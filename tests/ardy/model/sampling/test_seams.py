@@ -1,4 +1,4 @@
-"""Seams: a limb that a window begins elsewhere goes there smoothly, and what goes on by itself is left alone."""
+"""Seams: a limb that a window begins elsewhere moves there smoothly; motion that continues is left alone."""
 
 from __future__ import annotations
 
@@ -31,25 +31,25 @@ def arm_angles(skeleton: Skeleton, rotations: Tensor) -> Tensor:
     return rotation_vector(global_to_local(skeleton, rotations)[:, :, skeleton.index("LeftArm")])[..., 2]
 
 
-def test_an_arm_that_is_elsewhere_goes_there_on_a_smooth_way(skeleton: Skeleton) -> None:
+def test_an_arm_that_starts_elsewhere_moves_there_smoothly(skeleton: Skeleton) -> None:
     history, new = posed(skeleton, torch.zeros(1, 2)), posed(skeleton, torch.full((1, 40), 2.0))
     angles = torch.cat([torch.zeros(1), arm_angles(skeleton, settle_seam(skeleton, history, new, OPTIONS))[0]])
     assert abs(float(angles[1])) < OPTIONS.free_rad + 0.01
-    assert float(angles.diff().abs().max()) < 0.4  # 2 rad in one frame before
+    assert float(angles.diff().abs().max()) < 0.4  # unsettled: 2 rad in one frame
     torch.testing.assert_close(angles[2 * OPTIONS.settle_frames + 1 :], torch.full((12,), 2.0))
 
 
-def test_an_arm_that_stood_still_sets_off_gently(skeleton: Skeleton) -> None:
+def test_an_arm_that_was_at_rest_accelerates_gently(skeleton: Skeleton) -> None:
     raised = (0.25 * torch.arange(40.0)).clamp(max=2.0)[None]
     history, new = posed(skeleton, torch.zeros(1, 2)), posed(skeleton, raised)
     angles = torch.cat([torch.zeros(2), arm_angles(skeleton, settle_seam(skeleton, history, new, OPTIONS))[0]])
     speeds = angles.diff()
-    assert float(speeds.diff()[:7].abs().max()) < 0.12  # from still to a quarter of a radian a frame before
+    assert float(speeds.diff()[:7].abs().max()) < 0.12  # unsettled: from rest to 0.25 rad a frame
     assert float(speeds.min()) > -OPTIONS.free_start_rad
     torch.testing.assert_close(angles[OPTIONS.settle_frames + 3 :], raised[0, OPTIONS.settle_frames + 1 :])
 
 
-def test_legs_set_off_at_once_and_one_frame_tells_no_speed(skeleton: Skeleton) -> None:
+def test_legs_and_arms_after_one_frame_of_history_may_start_at_once(skeleton: Skeleton) -> None:
     local = torch.eye(3).expand(1, 42, skeleton.num_joints, 3, 3).clone()
     swing = (0.15 * torch.arange(40.0)).clamp(max=1.0)
     turn = axis_angle_to_matrix(swing[:, None] * torch.tensor([1.0, 0.0, 0.0]))
@@ -60,14 +60,14 @@ def test_legs_set_off_at_once_and_one_frame_tells_no_speed(skeleton: Skeleton) -
     assert torch.equal(settle_seam(skeleton, posed(skeleton, torch.zeros(1, 1)), arm, OPTIONS), arm)
 
 
-def test_what_goes_on_from_the_history_is_left_alone(skeleton: Skeleton) -> None:
+def test_motion_that_continues_the_history_is_left_alone(skeleton: Skeleton) -> None:
     swing = 0.3 * torch.arange(42.0)[None] / 4
     frames = posed(skeleton, swing)
     new = frames[:, 2:]
     assert settle_seam(skeleton, frames[:, :2], new, OPTIONS) is new
 
 
-def test_a_row_is_settled_as_it_is_alone_and_others_are_not_touched(skeleton: Skeleton) -> None:
+def test_rows_are_settled_independently_of_each_other(skeleton: Skeleton) -> None:
     history = posed(skeleton, torch.zeros(2, 2))
     new = posed(skeleton, torch.tensor([[2.0], [0.0]]).expand(2, 40).clone())
     both = settle_seam(skeleton, history, new, OPTIONS)

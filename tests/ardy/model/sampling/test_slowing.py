@@ -1,4 +1,4 @@
-"""Slowing: a root that would stop at once loses its speed over half a second, and others keep their way."""
+"""Slowing: a root that would stop at once loses its speed over half a second; other roots are left alone."""
 
 from __future__ import annotations
 
@@ -35,13 +35,13 @@ def root(layout: Representation, along: Tensor) -> Tensor:
 
 
 def before(layout: Representation, speed: float = SPEED) -> Tensor:
-    """Of a history that walks ahead and comes to the origin."""
+    """`motion_before` of a history that walks ahead and ends at the origin."""
     tokens = by_token(root(layout, torch.arange(1 - HISTORY, 1) * speed / FPS), PATCH)
     return motion_before(layout, torch.cat([tokens, torch.zeros(1, HISTORY // PATCH, 64)], dim=-1), PATCH)
 
 
 def speeds(layout: Representation, along: Tensor, history_speed: float = SPEED) -> Tensor:
-    """Metres a second, ahead, of a way `along` after a history, once it is projected."""
+    """Forward speeds in m/s of a root that goes `along` after such a history, once it is projected."""
     projection = free_projection(before(layout, history_speed), HISTORY, HORIZON, OPTIONS)
     given = root(layout, along)
     made = given if projection is None else projection.apply(layout, given)
@@ -49,12 +49,12 @@ def speeds(layout: Representation, along: Tensor, history_speed: float = SPEED) 
     return torch.cat([ahead[:1], ahead.diff()]) * FPS
 
 
-def test_the_end_of_a_history_is_read_from_its_tokens(layout: Representation) -> None:
+def test_motion_at_the_end_of_a_history_is_read_from_its_tokens(layout: Representation) -> None:
     assert before(layout)[0].tolist() == pytest.approx([0.0, 0.0, 0.0, SPEED], abs=1e-3)
     assert motion_before(layout, torch.zeros(2, 0, ROOT_WIDTH * PATCH + 64), PATCH).tolist() == [[0.0] * 4] * 2
 
 
-def test_a_root_that_would_stand_at_once_slows_down(layout: Representation) -> None:
+def test_a_root_that_would_stop_at_once_slows_down_gradually(layout: Representation) -> None:
     made = speeds(layout, torch.zeros(HORIZON))
     slowing = torch.cat([torch.tensor([SPEED]), made]).diff() * FPS
     assert float(made[0]) > 0.6
@@ -63,17 +63,17 @@ def test_a_root_that_would_stand_at_once_slows_down(layout: Representation) -> N
     assert float(made[13:].abs().max()) < 1e-3
 
 
-def test_one_that_slows_down_by_itself_is_left_to_it(layout: Representation) -> None:
+def test_a_root_that_slows_down_by_itself_is_left_alone(layout: Representation) -> None:
     own = (SPEED * (1 - torch.arange(1, HORIZON + 1) / 20).clamp(min=0)).cumsum(dim=0) / FPS
     assert torch.allclose(speeds(layout, own).cumsum(dim=0) / FPS, own, atol=1e-5)
 
 
 @pytest.mark.parametrize("speed", [0.0, FREE_M_S])
-def test_who_hardly_moved_has_nothing_to_lose(layout: Representation, speed: float) -> None:
+def test_a_root_that_hardly_moved_needs_no_slowing(layout: Representation, speed: float) -> None:
     assert free_projection(before(layout, speed), HISTORY, HORIZON, OPTIONS) is None
 
 
-def test_who_hardly_moved_is_left_alone_beside_one_who_walks(layout: Representation) -> None:
+def test_a_row_that_hardly_moved_is_unchanged_beside_one_that_walks(layout: Representation) -> None:
     both = torch.cat([before(layout, 0.9 * FREE_M_S), before(layout)])
     projection = free_projection(both, HISTORY, HORIZON, OPTIONS)
     assert projection is not None
@@ -83,12 +83,12 @@ def test_who_hardly_moved_is_left_alone_beside_one_who_walks(layout: Representat
     assert not torch.equal(made[1], back[1])
 
 
-def test_faster_ways_are_not_held_back(layout: Representation) -> None:
+def test_a_root_that_speeds_up_is_not_slowed(layout: Representation) -> None:
     run = torch.arange(1, HORIZON + 1) * 3.0 / FPS
     assert torch.allclose(speeds(layout, run), torch.full((HORIZON,), 3.0), atol=1e-3)
 
 
-def test_a_way_that_is_laid_out_is_not_slowed(layout: Representation) -> None:
+def test_a_root_with_a_waypoint_ahead_is_not_slowed(layout: Representation) -> None:
     targets = Targets(layout.skeleton)
     targets.add_waypoints([HISTORY + 30], torch.zeros(1, 2))
     observed, mask = (part[None] for part in targets.observe(layout, 0, HISTORY + HORIZON))
@@ -100,7 +100,7 @@ def test_a_way_that_is_laid_out_is_not_slowed(layout: Representation) -> None:
     assert torch.allclose(projection.apply(layout, given), given, atol=1e-6)
 
 
-def test_models_that_do_not_ask_for_it_stop_as_they_are_told(layout: Representation) -> None:
+def test_without_the_options_for_slowing_there_is_no_projection(layout: Representation) -> None:
     moving = before(layout)
     at_once = SamplingOptions(project_root=True, projection=ProjectionOptions(slowing_s=0.0))
     assert free_projection(moving, HISTORY, HORIZON, SamplingOptions()) is None

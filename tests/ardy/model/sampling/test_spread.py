@@ -1,4 +1,4 @@
-"""Corrections over time: exact where known, gone where nothing is near, smooth between."""
+"""Corrections spread over time: exact where they are known, zero far from there, smooth between."""
 
 from __future__ import annotations
 
@@ -14,7 +14,7 @@ def known_at(*frames: int, num_frames: int = 41) -> Tensor:
     return known
 
 
-def test_one_value_comes_and_goes_over_its_reach() -> None:
+def test_one_value_fades_in_and_out_over_its_reach() -> None:
     values = torch.full((1, 41, 1, 3), 9.0)
     values[0, 20] = 2.0
     curve = spread(values, known_at(20), 8)[0, :, 0, 0]
@@ -25,7 +25,7 @@ def test_one_value_comes_and_goes_over_its_reach() -> None:
     assert curve.diff().diff().abs().max() < 2.0 * 6 / 8**2
 
 
-def test_near_values_go_over_into_each_other() -> None:
+def test_nearby_values_blend_into_each_other() -> None:
     values = torch.zeros(1, 41, 1, 1)
     values[0, 10], values[0, 16] = 1.0, 3.0
     curve = spread(values, known_at(10, 16), 8)[0, :, 0, 0]
@@ -44,6 +44,6 @@ def test_channels_and_rows_do_not_mix() -> None:
     assert (curve[1, :, 1] == 0).all()
 
 
-def test_frames_within_reach_of_a_mark() -> None:
+def test_within_marks_the_frames_in_reach_of_a_known_one() -> None:
     near = within(known_at(5, num_frames=12), 2)[0, :, 0]
     assert near.nonzero().flatten().tolist() == [3, 4, 5, 6, 7]

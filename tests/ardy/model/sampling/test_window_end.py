@@ -1,4 +1,4 @@
-"""Ends of windows: a goal never follows closely on one where an earlier end gives it room."""
+"""Ends of windows: a window ends earlier if that gives the next goal more room."""
 
 from __future__ import annotations
 
@@ -31,16 +31,16 @@ def kept(targets: Targets | None, options: SamplingOptions = PLANNED) -> int:
 
 
 @pytest.mark.parametrize("goal", [0, 1, 20, HORIZON - 1, HORIZON + APPROACH, HORIZON + 60])
-def test_a_goal_within_a_window_or_far_behind_it_leaves_it_whole(goal: int) -> None:
+def test_a_goal_within_the_window_or_far_after_it_leaves_it_whole(goal: int) -> None:
     assert kept(waypoints(goal)) == HORIZON
 
 
 @pytest.mark.parametrize("behind", [0, 1, 5, APPROACH - 1])
-def test_a_goal_close_behind_a_window_gets_its_room_from_it(behind: int) -> None:
+def test_a_goal_shortly_after_the_window_shortens_it(behind: int) -> None:
     assert kept(waypoints(HORIZON + behind)) == HORIZON + behind - APPROACH
 
 
-def test_every_kind_of_goal_gets_room() -> None:
+def test_every_kind_of_goal_shortens_the_window() -> None:
     skeleton, frame = load_skeleton("core27"), FIRST + HORIZON
     turned, placed, lowered, posed = (Targets(skeleton) for _ in range(4))
     turned.add_heading([frame], torch.zeros(1))
@@ -50,19 +50,19 @@ def test_every_kind_of_goal_gets_room() -> None:
     assert [kept(targets) for targets in (turned, placed, lowered, posed)] == [HORIZON - APPROACH] * 4
 
 
-def test_goals_at_every_frame_leave_a_window_whole_and_do_not_hide_a_lone_one() -> None:
+def test_dense_goals_leave_the_window_whole_and_do_not_hide_a_single_goal() -> None:
     path = waypoints(*range(80))
     assert kept(path) == HORIZON
     path.add_rotations(FIRST + HORIZON + 2, [5], torch.eye(3)[None])
     assert kept(path) == HORIZON + 2 - APPROACH
 
 
-def test_of_goals_in_a_row_the_window_ends_where_the_next_is_farthest() -> None:
+def test_among_several_goals_the_window_ends_farthest_before_the_next() -> None:
     assert kept(waypoints(30, 38, 46, 54)) == 39, "right after the one at 38"
 
 
 @given(st.sets(st.integers(0, 80), min_size=1, max_size=6))
-def test_no_end_in_question_would_leave_the_next_goal_more_room(goals: set[int]) -> None:
+def test_no_other_end_would_leave_the_next_goal_more_room(goals: set[int]) -> None:
     def room(end: int) -> int:
         return min([goal - end for goal in goals if goal >= end] + [APPROACH])
 
@@ -74,13 +74,13 @@ def test_no_end_in_question_would_leave_the_next_goal_more_room(goals: set[int])
         assert found == HORIZON
 
 
-def test_what_only_leads_to_goals_needs_no_room() -> None:
+def test_planned_places_do_not_shorten_the_window() -> None:
     led = Targets(load_skeleton("core27"))
     led.add_lead(FIRST, torch.zeros(80, 2), torch.zeros(80), stride=5)
     assert kept(led) == HORIZON
 
 
-def test_models_that_are_neither_planned_nor_corrected_keep_their_windows() -> None:
+def test_windows_of_models_without_plan_or_correction_stay_whole() -> None:
     goal = waypoints(HORIZON)
     assert kept(goal, SamplingOptions()) == HORIZON
     assert kept(goal, SamplingOptions(reach_joints=True)) < HORIZON
@@ -88,7 +88,7 @@ def test_models_that_are_neither_planned_nor_corrected_keep_their_windows() -> N
     assert kept(None) == HORIZON
 
 
-def test_a_short_horizon_keeps_half_of_itself() -> None:
+def test_a_short_horizon_keeps_half_of_its_frames() -> None:
     targets = Targets(load_skeleton("core27"))
     targets.add_waypoints([FIRST + 8], torch.zeros(1, 2))
     assert frames_to_keep(targets, FIRST, 8, PLANNED) == 4

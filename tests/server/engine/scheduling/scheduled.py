@@ -1,4 +1,4 @@
-"""Windows to schedule, schedulers that hold them, and the rows of the next step."""
+"""Window jobs, schedulers that hold them, and the jobs of the next step."""
 
 from __future__ import annotations
 

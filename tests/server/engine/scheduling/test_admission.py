@@ -15,7 +15,7 @@ from tests.server.engine.stage import spec
 PRICES = Prices(step_s=0.0015, window_s=0.002)
 CONFIG = EngineConfig()
 PLAYING = FACTS.fps / FACTS.horizon * (4 * 0.0015 + 0.002)
-"""The share of the machine that a session takes that is never edited."""
+"""The share of the machine that a session takes if it is never edited."""
 RATE = FACTS.fps / FACTS.horizon + EXPECTED_HZ[Priority.NEAR]
 """Windows a second that a session is expected to ask for."""
 EACH = {each: PLAYING + EXPECTED_HZ[each] * (4 * 0.0015 + 0.002) for each in Priority}
@@ -28,27 +28,27 @@ def _admission(prices: Prices = PRICES, measured: float = 0.0, **limits: object)
 
 
 def _fill(admission: Admission, priority: Priority = Priority.NEAR, num_steps: int = 4, first: int = 0) -> int:
-    """How many sessions are let in before one is refused."""
+    """How many sessions are admitted before one is refused."""
     for number in range(10_000):
         if admission.reserve(spec(SessionKey(1, first + number), priority=priority, num_steps=num_steps), 1):
             return number
         admission.note_begun(SessionKey(1, first + number))
-    raise AssertionError("everybody was let in")
+    raise AssertionError("every session was admitted")
 
 
-def test_as_many_are_let_in_as_the_machine_was_measured_to_do() -> None:
+def test_sessions_are_admitted_up_to_the_measured_capacity() -> None:
     admission = _admission()
     limit = CONFIG.admit_load[Priority.NEAR - 1]
     assert _fill(admission) == int(limit / EACH[Priority.NEAR])
     assert admission.load <= limit
 
 
-def test_who_asks_for_more_takes_more_room() -> None:
+def test_sessions_with_more_steps_take_more_capacity() -> None:
     few, many = _fill(_admission(), num_steps=2), _fill(_admission(), num_steps=10)
     assert few > 2 * many
 
 
-def test_a_class_that_is_steered_takes_the_room_that_its_edits_take() -> None:
+def test_sessions_of_a_steered_class_count_with_their_measured_edits() -> None:
     rates = WindowRates(FACTS.fps / FACTS.horizon)
     for _ in range(1000):
         for _ in range(10):
@@ -66,7 +66,7 @@ def test_a_class_that_is_steered_takes_the_room_that_its_edits_take() -> None:
     assert _fill(admission, Priority.CROWD) == int(CONFIG.admit_load[2] / EACH[Priority.CROWD])
 
 
-def test_a_refusal_says_when_to_come_back_and_what_is_allowed() -> None:
+def test_refusal_says_when_to_retry_and_what_is_allowed() -> None:
     admission = _admission()
     _fill(admission)
     refusals = [admission.reserve(spec(SessionKey(2, number)), 7) for number in range(20)]
@@ -79,23 +79,23 @@ def test_a_refusal_says_when_to_come_back_and_what_is_allowed() -> None:
         assert refusal.retry_after_s is not None
         hints.add(refusal.retry_after_s)
     assert 2.0 <= min(hints) <= max(hints) <= 4.0
-    assert len(hints) >= 15  # they do not all come back at once
+    assert len(hints) >= 15  # clients do not all retry at once
     assert admission.take_refused()[Code.RESOURCE_EXHAUSTED] == 21
     assert not admission.take_refused()
 
 
-def test_refusals_that_were_told_of_are_no_longer_counted_there() -> None:
+def test_refusal_counts_once_taken_do_not_change_any_more() -> None:
     admission = Admission(FACTS, EngineConfig(max_sessions=1))
     assert admission.reserve(spec(SessionKey(1, 1)), 1) is None
     told = [admission.take_refused()]
-    for number in range(2, 5):  # from another thread, while what was told is still read
+    for number in range(2, 5):  # from another thread, while the counts taken before are still read
         assert admission.reserve(spec(SessionKey(1, number)), 1) is not None
         assert not told[0]
     told += [admission.take_refused(), admission.take_refused()]
     assert told == [{}, {Code.RESOURCE_EXHAUSTED: 3}, {}]
 
 
-def test_what_is_free_falls_to_nothing_as_sessions_come_in() -> None:
+def test_free_share_falls_to_zero_as_sessions_are_admitted() -> None:
     admission = _admission()
     assert admission.free_share == 1.0
     most = int(CONFIG.admit_load[Priority.NEAR - 1] / EACH[Priority.NEAR])
@@ -109,7 +109,7 @@ def test_what_is_free_falls_to_nothing_as_sessions_come_in() -> None:
     assert admission.free_share == 0.0
 
 
-def test_nothing_is_free_where_no_more_sessions_may_be_open_or_the_server_goes() -> None:
+def test_free_share_follows_max_sessions_and_is_zero_once_closed() -> None:
     few = Admission(FACTS, EngineConfig(max_sessions=4))
     for number in range(3):
         few.reserve(spec(SessionKey(1, number)), 1)
@@ -118,14 +118,14 @@ def test_nothing_is_free_where_no_more_sessions_may_be_open_or_the_server_goes()
     assert few.free_share == 0.0
 
 
-def test_urgent_classes_find_room_where_others_do_not() -> None:
+def test_more_urgent_classes_are_admitted_after_others_are_refused() -> None:
     admission = _admission()
     for number, priority in enumerate(reversed(Priority)):
         assert _fill(admission, priority, first=1000 * number) > 0
     assert admission.load == pytest.approx(CONFIG.admit_load[0], abs=EACH[Priority.HERO])
 
 
-def test_a_rush_is_let_in_as_fast_as_those_who_play_can_bear() -> None:
+def test_rush_of_opens_is_admitted_up_to_a_second_of_first_windows() -> None:
     admission = _admission()
     at_once = 0
     while admission.reserve(spec(SessionKey(1, at_once)), 1) is None:
@@ -137,7 +137,7 @@ def test_a_rush_is_let_in_as_fast_as_those_who_play_can_bear() -> None:
 
 
 @pytest.mark.parametrize("under_quota", [False, True])
-def test_first_windows_may_take_what_is_kept_free_of_those_who_play(under_quota: bool) -> None:
+def test_rush_may_use_all_capacity_except_under_a_quota(under_quota: bool) -> None:
     admission, limit = Admission(FACTS, CONFIG, under_quota=under_quota), CONFIG.admit_load[Priority.NEAR - 1]
     admission.set_prices(PRICES, 0.0)
     playing = int(0.9 * limit / EACH[Priority.NEAR])
@@ -151,7 +151,7 @@ def test_first_windows_may_take_what_is_kept_free_of_those_who_play(under_quota:
     assert playing + at_once < one_after_the_other if under_quota else playing + at_once == one_after_the_other
 
 
-def test_who_leaves_before_it_has_begun_holds_nobody_up() -> None:
+def test_sessions_released_before_they_begin_block_no_later_ones() -> None:
     admission = _admission()
     for number in range(10_000):
         assert admission.reserve(spec(SessionKey(1, number)), 1) is None
@@ -159,7 +159,7 @@ def test_who_leaves_before_it_has_begun_holds_nobody_up() -> None:
     assert admission.num_beginning == 0
 
 
-def test_a_place_that_is_given_up_can_be_taken() -> None:
+def test_released_place_can_be_taken_again() -> None:
     admission = _admission()
     _fill(admission)
     admission.release(SessionKey(1, 0))
@@ -167,9 +167,9 @@ def test_a_place_that_is_given_up_can_be_taken() -> None:
     assert admission.reserve(spec(SessionKey(2, 1)), 1) is not None
 
 
-def test_what_edits_cost_counts_once_it_was_measured() -> None:
+def test_measured_load_counts_beside_the_load_that_sessions_ask_for() -> None:
     admission = _admission(measured=0.89)
-    assert admission.reserve(spec(SessionKey(1, 1)), 1) is None  # the first is always let in
+    assert admission.reserve(spec(SessionKey(1, 1)), 1) is None  # the first is always admitted
     admission.note_begun(SessionKey(1, 1))
     admission.set_prices(PRICES, CONFIG.admit_load[Priority.NEAR - 1] - 0.001)
     assert admission.reserve(spec(SessionKey(1, 2)), 1) is not None
@@ -177,12 +177,12 @@ def test_what_edits_cost_counts_once_it_was_measured() -> None:
     assert admission.reserve(spec(SessionKey(1, 2)), 1) is None
 
 
-def test_a_machine_too_slow_for_one_session_serves_one_late_rather_than_none() -> None:
+def test_machine_too_slow_for_one_session_still_admits_one() -> None:
     admission = _admission(Prices(step_s=10.0))
     assert _fill(admission) == 1
 
 
-def test_a_draining_server_takes_nobody() -> None:
+def test_draining_server_admits_no_session() -> None:
     admission = _admission()
     admission.close()
     refusal = admission.reserve(spec(SessionKey(1, 1)), 1)
@@ -191,7 +191,7 @@ def test_a_draining_server_takes_nobody() -> None:
 
 
 @given(st.integers(0, 60), st.sampled_from(Priority), st.floats(0.0, 1.1))
-def test_as_many_places_are_told_of_as_are_let_in(sessions: int, priority: Priority, measured: float) -> None:
+def test_reported_places_equal_the_sessions_then_admitted(sessions: int, priority: Priority, measured: float) -> None:
     admission = _admission(measured=measured)
     for number in range(sessions):
         admission.reserve(spec(SessionKey(1, number), num_steps=4), 1)
@@ -200,11 +200,11 @@ def test_as_many_places_are_told_of_as_are_let_in(sessions: int, priority: Prior
     assert (places >= 1.0) == (admission.refusal_of(priority, FACTS.default_steps) is None)
     assert (places > 0.0) == (admission.refusal_of(priority, FACTS.min_steps) is None)
     if measured < admission.asked:
-        let_in = _fill(admission, priority, FACTS.default_steps, first=1000)
-        assert let_in == int(places) or places == inf
+        admitted = _fill(admission, priority, FACTS.default_steps, first=1000)
+        assert admitted == int(places) or places == inf
 
 
-def test_a_key_used_again_keeps_the_place_of_the_later_session() -> None:
+def test_reused_key_keeps_the_place_of_the_later_session() -> None:
     admission = _admission()
     old, new = spec(SessionKey(1, 1)), spec(SessionKey(1, 1), num_steps=10)
     admission.reserve(old, 1)
@@ -217,7 +217,7 @@ def test_a_key_used_again_keeps_the_place_of_the_later_session() -> None:
 
 
 @given(st.lists(st.tuples(st.integers(0, 9), st.sampled_from((2, 4, 10)), st.booleans()), max_size=60))
-def test_the_books_always_match_who_is_there(moves: list[tuple[int, int, bool]]) -> None:
+def test_load_asked_for_always_matches_the_sessions_present(moves: list[tuple[int, int, bool]]) -> None:
     admission = _admission()
     there: dict[SessionKey, int] = {}
     for handle, num_steps, comes in moves:
@@ -231,7 +231,7 @@ def test_the_books_always_match_who_is_there(moves: list[tuple[int, int, bool]])
     assert admission.asked == pytest.approx(expected)
 
 
-def test_who_asks_for_other_options_counts_as_if_it_had_come_with_them() -> None:
+def test_changed_options_count_as_if_the_session_had_opened_with_them() -> None:
     admission = _admission()
     others, old = spec(SessionKey(1, 1), num_steps=4), spec(SessionKey(1, 2), num_steps=4)
     new = spec(SessionKey(1, 2), priority=Priority.CROWD, num_steps=10)
@@ -243,20 +243,20 @@ def test_who_asks_for_other_options_counts_as_if_it_had_come_with_them() -> None
         assert expected.reserve(each, 1) is None
     assert admission.asked_by_class == pytest.approx(expected.asked_by_class)
     admission.release(new.session, old)
-    assert admission.asked_by_class == pytest.approx(expected.asked_by_class), "that is not its spec any more"
+    assert admission.asked_by_class == pytest.approx(expected.asked_by_class), "it no longer has the old spec"
     admission.release(new.session, new)
     admission.release(others.session)
     assert admission.asked == 0.0
 
 
-def test_who_is_alone_may_ask_for_more_than_the_machine_can_do() -> None:
+def test_lone_session_may_change_to_more_than_the_machine_can_do() -> None:
     admission = _admission(Prices(step_s=10.0))
     old, new = spec(SessionKey(1, 1), num_steps=2), spec(SessionKey(1, 1), num_steps=10)
     assert admission.reserve(old, 1) is None
     assert admission.change(old, new) is None
 
 
-def test_what_edits_take_beyond_their_owners_parts_leaves_room_to_others() -> None:
+def test_places_include_what_edits_beyond_their_owners_part_give_up() -> None:
     admission = _admission(measured=0.85)
     for handle in (1, 2):
         assert admission.reserve(spec(SessionKey(1, handle), owner=Owner(f"{handle}")), 1) is None

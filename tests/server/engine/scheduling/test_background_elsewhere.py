@@ -1,4 +1,4 @@
-"""Clips of one model beside the sessions of another on one device: they take what those leave, and something always."""
+"""Clips of one model beside sessions of another on one device: they get what the sessions leave, and always some."""
 
 from __future__ import annotations
 
@@ -32,7 +32,7 @@ class Turns:
             stage.runner.fails = self._take_call_s
 
     def _take_call_s(self, call: str, job_ids: Sequence[int]) -> bool:
-        """Windows are prepared and decoded in some time, too; none of this fails."""
+        """Preparing and decoding windows takes time, too; no call fails."""
         self.clock.advance(CALL_S if call in ("prepare", "decode") else 0.0)
         return False
 
@@ -64,7 +64,7 @@ def clips(stage: Stage, num: int) -> None:
 
 
 @pytest.mark.parametrize(("num_sessions", "load"), [(50, 0.6), (65, 0.8)])
-def test_sessions_miss_nothing_beside_the_clips_of_another_model(num_sessions: int, load: float) -> None:
+def test_sessions_miss_no_deadline_beside_the_clips_of_another_model(num_sessions: int, load: float) -> None:
     turns = Turns(2)
     with_clips, with_sessions = turns.stages
     for handle in range(1, num_sessions + 1):
@@ -77,10 +77,10 @@ def test_sessions_miss_nothing_beside_the_clips_of_another_model(num_sessions: i
     turns.run(20.0)
     assert with_sessions.total("deadline_misses") == settled == 0
     assert not any(viewer.underruns for viewer in with_sessions.viewers.values())
-    assert turns.taken_s[0] > 0.05 * 20.0, "clips had what was left"
+    assert turns.taken_s[0] > 0.05 * 20.0, "clips had what the sessions left"
 
 
-def test_a_session_of_the_model_whose_clips_are_held_back_does_not_wait_for_what_they_are_held_back_for() -> None:
+def test_session_of_a_model_whose_clips_are_held_back_starts_promptly() -> None:
     turns = Turns(2)
     with_clips, with_sessions = turns.stages
     clips(with_clips, 8)
@@ -96,7 +96,7 @@ def test_a_session_of_the_model_whose_clips_are_held_back_does_not_wait_for_what
     assert with_sessions.total("deadline_misses") == 0
 
 
-def test_an_engine_that_ends_while_its_clips_are_held_back_waits_for_its_turn() -> None:
+def test_stopping_engine_waits_without_spinning_while_its_clips_are_held_back() -> None:
     turns = Turns(2)
     with_clips, with_sessions = turns.stages
     clips(with_clips, 8)
@@ -114,10 +114,10 @@ def test_an_engine_that_ends_while_its_clips_are_held_back_waits_for_its_turn() 
     engine.stop()
     assert not engine.finished
     engine.wait()
-    assert waited, "else it goes round as fast as it can"
+    assert waited, "otherwise its loop spins"
 
 
-def test_each_engine_tells_the_others_how_many_wait_for_its_windows_and_how_many_are_in_the_background() -> None:
+def test_lease_counts_background_windows_and_windows_that_sessions_wait_for() -> None:
     turns = Turns(1)
     (stage,), (lease,) = turns.stages, turns.leases
     clips(stage, 3)

@@ -7,7 +7,7 @@ from motiongen_server.engine.scheduling.batch_retry import BatchRetry, CallTime
 
 
 class Memory:
-    """Calls that fit `room` items and no more; `broken` items fail in any company."""
+    """Calls for which at most `room` items fit in memory; a call with a `broken` item fails."""
 
     def __init__(self, room: int = 1000, broken: frozenset[int] = frozenset(), most: int = 32) -> None:
         self.room = room
@@ -33,14 +33,14 @@ class Memory:
         return [10 * item for item in items]
 
 
-def test_a_call_that_goes_well_is_one_call() -> None:
+def test_call_that_succeeds_is_made_once() -> None:
     memory = Memory()
     assert memory.attempts([1, 2, 3]) == [10, 20, 30]
     assert memory.sizes == memory.observed == [3]
     assert memory.attempts([]) == []
 
 
-def test_calls_that_run_out_of_memory_are_made_in_parts_and_stay_smaller() -> None:
+def test_call_out_of_memory_is_split_and_later_calls_stay_smaller() -> None:
     memory = Memory(room=5)
     assert memory.attempts(range(20)) == [10 * item for item in range(20)]
     assert memory.sizes == [20, 10, 5, 5, 5, 5]
@@ -63,14 +63,14 @@ def test_calls_grow_again_slowly_once_there_is_memory() -> None:
     assert memory.attempts.most == 32
 
 
-def test_one_alone_that_does_not_fit_fails_and_the_others_go_on() -> None:
+def test_items_that_do_not_fit_even_alone_fail_as_out_of_memory() -> None:
     memory = Memory(room=0)
     assert memory.attempts([1, 2]) == []
     assert [job_id for job_id, _ in memory.failed] == [1, 2]
     assert all(isinstance(error, OutOfMemory) for _, error in memory.failed)
 
 
-def test_who_makes_a_call_fail_fails_alone() -> None:
+def test_item_that_makes_a_call_fail_fails_alone() -> None:
     memory = Memory(broken=frozenset({3}))
     assert memory.attempts([1, 2, 3, 4]) == [10, 20, 40]
     assert [job_id for job_id, _ in memory.failed] == [3]
@@ -78,7 +78,7 @@ def test_who_makes_a_call_fail_fails_alone() -> None:
 
 
 @pytest.mark.parametrize("alone", [False, True])
-def test_a_lost_device_is_not_tried_again(alone: bool) -> None:
+def test_no_call_is_retried_after_the_device_was_lost(alone: bool) -> None:
     memory = Memory(broken=frozenset({3}))
     calls = 0
     inner: Callable[[Sequence[int]], list[int]] = memory._call

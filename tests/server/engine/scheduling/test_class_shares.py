@@ -1,4 +1,4 @@
-"""What each class of sessions gets of the denoising steps, and that no window is lost."""
+"""Which share of the rows of denoising steps each class of sessions gets, and that no window is lost."""
 
 from __future__ import annotations
 
@@ -39,11 +39,11 @@ def test_each_class_gets_its_share_and_the_rest_goes_by_priority() -> None:
         assert rows[priority] == pytest.approx(2000 * share, abs=20)
 
 
-def test_a_class_that_is_alone_gets_everything() -> None:
+def test_class_without_competitors_gets_every_row() -> None:
     assert _rows_by_class(scheduler_of(4, *[window_job(n, BATCH) for n in range(9)]), 10) == {BATCH: 40}
 
 
-def test_what_a_class_did_not_ask_for_is_not_kept_for_later() -> None:
+def test_unused_share_of_a_class_is_not_saved_up() -> None:
     scheduler = scheduler_of(4, *[window_job(n, HERO) for n in range(9)], window_job(99, BATCH, 1.0))
     _rows_by_class(scheduler, 1000)
     scheduler.remove(99)
@@ -54,7 +54,7 @@ def test_what_a_class_did_not_ask_for_is_not_kept_for_later() -> None:
 
 
 @given(st.integers(1, 40), st.lists(st.sampled_from([HERO, NEAR, CROWD]), min_size=1, max_size=60))
-def test_no_class_waits_longer_than_its_share_says(max_rows: int, others: list[Priority]) -> None:
+def test_least_urgent_class_waits_no_longer_than_its_share_allows(max_rows: int, others: list[Priority]) -> None:
     """The bound: a class with jobs left over gets a row within 1 / (share * rows) steps, and one for rounding."""
     jobs = [window_job(n, priority, deadline=0.0) for n, priority in enumerate(others)]
     scheduler = scheduler_of(
@@ -70,14 +70,14 @@ def test_no_class_waits_longer_than_its_share_says(max_rows: int, others: list[P
     assert longest <= 1 / (DEFAULT_SHARES[3] * rows) + 4
 
 
-# ---- none is lost ----------------------------------------------------------------------------------------------------
+# ---- no window is lost -----------------------------------------------------------------------------------------------
 
 
 JOBS = st.lists(st.tuples(st.sampled_from(Priority), st.floats(0, 100)), min_size=1, max_size=40)
 
 
 @given(JOBS, st.integers(1, 16), st.floats(0, 50))
-def test_a_step_takes_each_class_from_its_earliest_on(
+def test_step_takes_the_earliest_due_jobs_of_each_class(
     jobs: list[tuple[Priority, float]], max_rows: int, now: float
 ) -> None:
     held = [window_job(n, priority, deadline) for n, (priority, deadline) in enumerate(jobs)]

@@ -9,25 +9,25 @@ from motiongen_server.engine.types import Priority, ServiceTier
 from tests.server.engine.fakes import FACTS
 
 HERO, NEAR, CROWD, BATCH = Priority
-RUNGS = levels_of(FACTS)
+LEVELS = levels_of(FACTS)
 EVERY_S = 0.25
 ALL = dict.fromkeys(Priority, 10)
 
 
 class Day:
-    """Degradation that is asked four times a second, under a load and with a share of windows late."""
+    """A Degradation that is updated four times a second, under a load and with a share of windows late."""
 
     def __init__(self, present: Mapping[Priority, int] | None = None) -> None:
         self.now = 0.0
         self.present = ALL if present is None else present
-        self.degradation = Degradation(RUNGS, self.now)
+        self.degradation = Degradation(LEVELS, self.now)
         self.moved: list[Priority] = []
         self.shed = 0
 
     def pass_time(
         self, seconds: float, load: float = 0.3, late: float = 0.0, demand: Demand | None = None
     ) -> list[Priority]:
-        """Returns the classes that moved meanwhile, in order."""
+        """Returns the classes whose level changed meanwhile, in order."""
         moved: list[Priority] = []
         for _ in range(round(seconds / EVERY_S)):
             self.now += EVERY_S
@@ -40,14 +40,14 @@ class Day:
         return [self.degradation.depth(priority) for priority in Priority]
 
 
-def test_a_machine_that_keeps_up_gives_everybody_everything() -> None:
+def test_no_class_is_degraded_while_the_machine_keeps_up() -> None:
     day = Day()
     assert day.pass_time(60.0, load=0.9, late=0.01) == []
     assert all(day.degradation.level(priority) is FULL for priority in Priority)
 
 
 @pytest.mark.parametrize("trouble", [{"load": 0.97}, {"late": 0.05}])
-def test_under_pressure_the_least_urgent_class_goes_down_a_rung_every_two_seconds(trouble: dict[str, float]) -> None:
+def test_under_overload_the_least_urgent_classes_go_down_a_level_every_2_s(trouble: dict[str, float]) -> None:
     day = Day()
     assert day.pass_time(2.0, **trouble) == [BATCH]
     assert day.pass_time(2.0, **trouble) == [CROWD]
@@ -55,14 +55,14 @@ def test_under_pressure_the_least_urgent_class_goes_down_a_rung_every_two_second
     assert day.pass_time(1.5, **trouble) == []
 
 
-def test_a_burst_that_is_over_soon_costs_nobody_anything() -> None:
+def test_short_bursts_of_load_degrade_no_class() -> None:
     day = Day()
     for _ in range(10):
         day.pass_time(6.0)
         assert day.pass_time(0.75, load=1.5) == []
 
 
-def test_nobody_gets_less_while_the_machine_stands_idle_half_the_time() -> None:
+def test_late_windows_degrade_no_class_while_the_machine_is_half_idle() -> None:
     day = Day()
     for _ in range(100):
         day.now += EVERY_S
@@ -71,23 +71,23 @@ def test_nobody_gets_less_while_the_machine_stands_idle_half_the_time() -> None:
     assert day.pass_time(2.0, late=0.5) == [BATCH]
 
 
-def test_heroes_give_up_last_and_are_never_held() -> None:
+def test_heroes_are_degraded_last_and_never_hold() -> None:
     day = Day()
     moved = day.pass_time(200.0, late=0.5)
     assert moved.index(NEAR) < moved.index(HERO)
     assert moved.index(CROWD) < moved.index(NEAR)
     assert [day.degradation.level(priority).hold for priority in Priority] == [False, False, True, True]
-    least = [level.tier for level in RUNGS if not level.hold][-1]
+    least = [level.tier for level in LEVELS if not level.hold][-1]
     assert [day.degradation.level(priority).tier for priority in (HERO, NEAR)] == [least] * 2
 
 
-def test_classes_without_sessions_are_passed_over() -> None:
+def test_classes_without_sessions_are_skipped() -> None:
     day = Day({NEAR: 3})
     assert day.pass_time(4.0, late=0.5) == [NEAR, NEAR]
     assert day.levels()[NEAR - 1] == 2
 
 
-def test_it_goes_up_a_rung_after_ten_good_seconds_the_most_urgent_first() -> None:
+def test_levels_recover_after_ten_good_seconds_in_reverse_order() -> None:
     day = Day()
     down = day.pass_time(20.0, late=0.5)
     assert day.pass_time(9.0) == []
@@ -96,18 +96,18 @@ def test_it_goes_up_a_rung_after_ten_good_seconds_the_most_urgent_first() -> Non
     assert day.levels() == [0, 0, 0, 0]
 
 
-def test_it_does_not_go_up_while_the_load_is_high() -> None:
+def test_no_level_recovers_while_the_load_is_high() -> None:
     day = Day()
     day.pass_time(4.0, late=0.5)
     assert day.pass_time(100.0, load=0.9) == []
 
 
-def test_a_rung_that_does_not_hold_is_tried_ever_less_often() -> None:
+def test_recovery_that_fails_is_retried_ever_less_often() -> None:
     day = Day()
     day.pass_time(2.0, late=0.5)
     ups = []
     for _ in range(int(600 / EVERY_S)):
-        # One level down it goes well; as soon as the class is up again, it does not.
+        # One level down no window is late; as soon as the class has recovered, half of them are.
         moved = day.pass_time(EVERY_S, late=0.0 if day.levels()[BATCH - 1] else 0.5)
         if moved and not day.levels()[BATCH - 1]:
             ups.append(day.now)
@@ -117,21 +117,21 @@ def test_a_rung_that_does_not_hold_is_tried_ever_less_often() -> None:
     assert len(ups) < 15
 
 
-def test_a_few_windows_say_nothing() -> None:
-    degradation = Degradation(RUNGS, 0.0)
+def test_few_late_windows_do_not_count() -> None:
+    degradation = Degradation(LEVELS, 0.0)
     degradation.note_windows(3.0, 5, 5)
     assert list(degradation.update(3.0, 0.1, ALL)) == []
     assert degradation.missed_share == 0.0
 
 
-def test_old_misses_are_forgotten() -> None:
-    degradation = Degradation(RUNGS, 0.0)
+def test_old_deadline_misses_are_forgotten() -> None:
+    degradation = Degradation(LEVELS, 0.0)
     degradation.note_windows(1.0, 100, 100)
     assert list(degradation.update(1.0 + DegradationLimits().miss_window_s + 0.1, 0.1, ALL)) == []
     assert degradation.missed_share == 0.0
 
 
-def test_sessions_are_shed_only_where_the_last_rung_did_not_help_and_only_expendable_ones() -> None:
+def test_lasting_overload_sheds_crowd_sessions_but_not_near_ones() -> None:
     day = Day({HERO: 2, CROWD: 5})
     day.pass_time(40.0, late=0.5)
     assert day.shed > 0
@@ -140,29 +140,29 @@ def test_sessions_are_shed_only_where_the_last_rung_did_not_help_and_only_expend
     assert heroes.shed == 0
 
 
-def test_rungs_give_less_and_less() -> None:
-    steps = [level.steps or FACTS.default_steps for level in RUNGS]
+def test_each_level_gives_no_more_than_the_one_before() -> None:
+    steps = [level.steps or FACTS.default_steps for level in LEVELS]
     assert steps == sorted(steps, reverse=True)
     assert min(steps) >= FACTS.min_steps
-    assert [level.tier for level in RUNGS] == sorted(level.tier for level in RUNGS)
-    assert RUNGS[0] is FULL
-    assert RUNGS[-1].tier is ServiceTier.HOLD
-    holds = [level.hold for level in RUNGS]
+    assert [level.tier for level in LEVELS] == sorted(level.tier for level in LEVELS)
+    assert LEVELS[0] is FULL
+    assert LEVELS[-1].tier is ServiceTier.HOLD
+    holds = [level.hold for level in LEVELS]
     assert holds == sorted(holds)
-    shares = [level.held_share for level in RUNGS]
+    shares = [level.held_share for level in LEVELS]
     assert shares == sorted(shares)
     assert (shares[holds.index(True) - 1], shares[-1]) == (0.0, 1.0)
 
 
-def test_windows_that_are_a_moment_late_cost_nobody_anything() -> None:
+def test_slightly_late_windows_degrade_no_class() -> None:
     day = Day()
     for _ in range(40):
         day.now += EVERY_S
-        day.degradation.note_windows(day.now, 20, 3 * 0.05)  # three of twenty, by a twentieth of their time each
+        day.degradation.note_windows(day.now, 20, 3 * 0.05)  # three of twenty, each by a twentieth of its time
         assert day.degradation.update(day.now, 0.7, ALL) == ()
 
 
-def test_when_nobody_is_left_those_who_come_next_are_served_in_full() -> None:
+def test_levels_reset_when_no_session_is_left() -> None:
     day = Day()
     day.pass_time(20.0, load=1.5)
     assert max(day.levels()) > 1
@@ -170,11 +170,11 @@ def test_when_nobody_is_left_those_who_come_next_are_served_in_full() -> None:
     day.pass_time(EVERY_S)
     assert day.levels() == [0, 0, 0, 0]
     day.present = ALL
-    assert day.pass_time(1.0, load=0.97) == [], "what pressed before says nothing of who is there now"
+    assert day.pass_time(1.0, load=0.97) == [], "overload from before does not count for the sessions present now"
 
 
-def test_who_comes_while_others_get_less_is_made_frames_all_the_same() -> None:
-    """Its class was passed over on the way to what the others have, and nobody of it has ever held a pose for it."""
+def test_class_without_sessions_does_not_go_down_to_hold_with_the_others() -> None:
+    """Its class was skipped while the others were degraded, so no session of it has held a pose before."""
     day = Day({HERO: 3})
     while day.degradation.depth(HERO) < 2:
         day.pass_time(EVERY_S, load=0.97)
@@ -182,7 +182,7 @@ def test_who_comes_while_others_get_less_is_made_frames_all_the_same() -> None:
     day.present = {HERO: 3, CROWD: 1}
     while not (moved := day.pass_time(EVERY_S, load=0.97)):
         pass
-    assert moved == [CROWD], "once it is there, its turn comes before the heroes' next"
+    assert moved == [CROWD], "once present, it is degraded before the heroes are degraded further"
     assert day.degradation.level(CROWD).hold
     day.present = {HERO: 3}
     day.pass_time(EVERY_S)
@@ -192,26 +192,26 @@ def test_who_comes_while_others_get_less_is_made_frames_all_the_same() -> None:
 
 
 SAVING = [1.0, 1.0, 0.8, 0.6, 0.5, 0.4, 0.3, 0.2, 0.0]
-"""Of what a class takes in full, what it takes on each level."""
+"""The part of its full load that a class takes on each level."""
 
 
-def test_as_much_is_given_up_at_once_as_has_to_be_and_no_more() -> None:
-    assert len(SAVING) == len(RUNGS)
+def test_class_goes_down_at_once_by_as_many_levels_as_its_demand_needs() -> None:
+    assert len(SAVING) == len(LEVELS)
     for asked, deep in ((1.1, 2), (1.4, 3), (1.7, 4), (2.1, 5), (4.0, 7)):
         day = Day({CROWD: 10})
         day.pass_time(2.0, load=0.99, demand=Demand({CROWD: asked}, SAVING))
         assert day.levels()[CROWD - 1] == deep
         assert asked * SAVING[deep] <= 0.9 < asked * SAVING[deep - 1]
-        assert day.pass_time(1.75, load=0.99, demand=Demand({CROWD: asked}, SAVING)) == [], "it has to show first"
+        assert day.pass_time(1.75, load=0.99, demand=Demand({CROWD: asked}, SAVING)) == [], "this has to show first"
 
 
-def test_what_others_take_of_the_machine_counts_too() -> None:
+def test_load_from_elsewhere_counts_when_levels_are_chosen() -> None:
     day = Day({CROWD: 10})
     day.pass_time(2.0, load=0.99, demand=Demand({CROWD: 0.6}, SAVING, elsewhere=0.5))
     assert 0.5 + 0.6 * SAVING[day.levels()[CROWD - 1]] <= 0.9
 
 
-def test_where_what_is_there_should_fit_already_one_level_is_tried() -> None:
+def test_late_windows_cost_one_level_although_the_demand_should_fit() -> None:
     day = Day({CROWD: 10})
     assert day.pass_time(2.25, late=0.05, demand=Demand({CROWD: 0.5}, SAVING)) == []
     assert day.pass_time(0.5, late=0.05, demand=Demand({CROWD: 0.5}, SAVING)) == [CROWD]
@@ -221,40 +221,38 @@ def test_where_what_is_there_should_fit_already_one_level_is_tried() -> None:
 @pytest.mark.parametrize(
     ("demand", "moved"),
     [(Demand({CROWD: 0.8}, SAVING), []), (Demand({CROWD: 1.0}, SAVING), [CROWD]), (None, [CROWD])],
-    ids=["what is there fits", "it does not", "nobody knows"],
+    ids=["demand fits", "demand does not fit", "demand unknown"],
 )
-def test_a_moment_of_lateness_costs_nobody_anything_where_what_is_there_fits(
-    demand: Demand | None, moved: list[Priority]
-) -> None:
-    """As under a quota of processor time, where everything stands still now and then."""
+def test_brief_lateness_degrades_no_class_if_the_demand_fits(demand: Demand | None, moved: list[Priority]) -> None:
+    """As under a quota of processor time, where everything stalls now and then."""
     day = Day({CROWD: 10})
     day.pass_time(5.0, demand=demand)
     assert day.pass_time(EVERY_S, late=0.5, demand=demand) == []
     assert day.pass_time(4.0, demand=demand) == moved
 
 
-def _out_of_patience(day: Day) -> None:
-    """Under a load that only lower levels bear: none that it went up to has held, and it waits for long."""
+def _exhaust_recoveries(day: Day) -> None:
+    """Alternate overload and recovery until many recoveries have failed, so that the wait for the next is long."""
     for _ in range(12):
         day.pass_time(8.0, load=1.2)
         day.pass_time(12.0, load=0.5)
     day.pass_time(30.0, load=1.2)
 
 
-def test_a_load_that_has_gone_is_forgotten_where_all_that_is_there_fits() -> None:
+def test_recovery_does_not_wait_long_once_the_demand_fits() -> None:
     day, waits = Day({CROWD: 10}), Day({CROWD: 10})
     for each in (day, waits):
-        _out_of_patience(each)
-    assert day.levels()[CROWD - 1] == len(RUNGS) - 1
+        _exhaust_recoveries(each)
+    assert day.levels()[CROWD - 1] == len(LEVELS) - 1
     waits.pass_time(30.0, load=0.2)
     day.pass_time(30.0, load=0.2, demand=Demand({CROWD: 0.5}, SAVING))
     assert waits.levels()[CROWD - 1] > 0
     assert day.levels() == [0, 0, 0, 0]
 
 
-def test_what_is_asked_is_not_believed_again_once_it_has_not_held() -> None:
+def test_demand_is_not_trusted_again_after_recoveries_failed() -> None:
     day = Day({CROWD: 10})
-    _out_of_patience(day)
+    _exhaust_recoveries(day)
     ups = 0
     for _ in range(20):
         ups += len(day.pass_time(5.25, load=0.2, demand=Demand({CROWD: 0.5}, SAVING)))
@@ -262,8 +260,8 @@ def test_what_is_asked_is_not_believed_again_once_it_has_not_held() -> None:
     assert ups <= 4
 
 
-def _seconds_between_ups(day: Day) -> list[float]:
-    """How long each level up is waited for, until everybody has everything."""
+def _waits_before_recoveries(day: Day) -> list[float]:
+    """The waits before each recovery of a level, in seconds, until every class is at full service."""
     waits, at = [], day.now
     while any(day.levels()):
         if day.pass_time(EVERY_S):
@@ -272,25 +270,25 @@ def _seconds_between_ups(day: Day) -> list[float]:
     return waits
 
 
-def test_each_level_up_is_waited_for_anew_and_half_as_long_where_the_one_before_held() -> None:
-    day, out_of_patience = Day(), Day({CROWD: 10})
+def test_wait_before_a_recovery_is_halved_if_the_one_before_held() -> None:
+    day, exhausted = Day(), Day({CROWD: 10})
     down = day.pass_time(20.0, late=0.5)
-    first, *others = _seconds_between_ups(day)
+    first, *others = _waits_before_recoveries(day)
     assert first >= 10.0
     assert others == [10.0] * (len(down) - 1)
-    _out_of_patience(out_of_patience)
-    first, *others = _seconds_between_ups(out_of_patience)
+    _exhaust_recoveries(exhausted)
+    first, *others = _waits_before_recoveries(exhausted)
     assert 80.0 <= first <= 82.0
     assert others == [40.0, 20.0, *[10.0] * (len(others) - 2)]
 
 
-def test_once_nobody_is_left_what_is_asked_is_believed_again() -> None:
+def test_demand_is_trusted_again_once_no_session_was_left() -> None:
     day, fits = Day({CROWD: 10}), Demand({CROWD: 0.5}, SAVING)
-    _out_of_patience(day)
+    _exhaust_recoveries(day)
     for _ in range(4):
         day.pass_time(5.25, load=0.2, demand=fits)
         day.pass_time(4.0, load=1.2, demand=fits)
-    assert day.pass_time(5.25, load=0.2, demand=fits) == [], "it did not hold"
+    assert day.pass_time(5.25, load=0.2, demand=fits) == [], "the recovery did not hold"
     day.present = {}
     day.pass_time(EVERY_S, load=0.0)
     day.present = {CROWD: 10}

@@ -1,4 +1,4 @@
-"""What engines of one process share: turns go round, waiting is no work, and what one uses nobody else promises."""
+"""The device that engines of one process share: they take turns, and each admits only what the others leave."""
 
 from __future__ import annotations
 
@@ -58,7 +58,7 @@ def test_turns_are_given_in_the_order_they_were_asked_for() -> None:
     assert order == [0, 1, 2, 3, 4]
 
 
-def test_one_who_comes_again_at_once_waits_behind_who_waits() -> None:
+def test_lease_that_asks_again_at_once_queues_behind_waiting_ones() -> None:
     device, order = Device(), list[str]()
     busy, other = device.lease(), device.lease()
 
@@ -78,7 +78,7 @@ def test_one_who_comes_again_at_once_waits_behind_who_waits() -> None:
     assert other.waited_s > 0
 
 
-def test_a_turn_ends_with_an_error() -> None:
+def test_error_during_a_turn_ends_the_turn() -> None:
     lease = Device().lease()
     with pytest.raises(RuntimeError), lease:
         raise RuntimeError("in a step")
@@ -86,7 +86,7 @@ def test_a_turn_ends_with_an_error() -> None:
         pass
 
 
-def test_each_knows_what_the_others_use_and_forgets_who_has_left() -> None:
+def test_lease_knows_the_load_of_the_others_until_they_leave() -> None:
     device = Device()
     leases = [device.lease() for _ in range(3)]
     for lease, load in zip(leases, (0.2, 0.3, 0.1), strict=True):
@@ -99,7 +99,7 @@ def test_each_knows_what_the_others_use_and_forgets_who_has_left() -> None:
     assert (leases[0].elsewhere, leases[0].stretch) == (0.0, 1.0)
 
 
-def test_a_window_takes_no_longer_than_one_turn_of_each_engine_for_each_of_its_steps() -> None:
+def test_stretch_is_at_most_the_number_of_engines_on_the_device() -> None:
     device = Device()
     mine, other = device.lease(), device.lease()
     other.load = 3.0
@@ -111,18 +111,18 @@ def turn(lease: DeviceLease, seconds: float, background: float = 0.0) -> None:
         lease.note_call(seconds, background)
 
 
-def test_the_background_has_a_share_of_the_turns_of_others_and_makes_up_for_what_it_takes_more() -> None:
+def test_background_gets_a_share_of_others_turns_and_repays_what_it_overdraws() -> None:
     device = Device()
     clips, sessions = device.lease(), device.lease()
     clips.num_background = 8
     turn(clips, 0.05, background=1.0)
-    assert clips.spare_s == math.inf, "nobody waits for anything"
+    assert clips.spare_s == math.inf, "no session waits for a window"
     sessions.num_waited_for = 1
     assert clips.spare_s == 0.0
     turn(sessions, 0.02)
     assert clips.spare_s == pytest.approx(BACKGROUND_SHARE * 0.02)
     turn(sessions, 0.02)
-    assert clips.spare_s == pytest.approx(BACKGROUND_SHARE * 0.02), "what was not taken is not kept"
+    assert clips.spare_s == pytest.approx(BACKGROUND_SHARE * 0.02), "what was not used is not saved up"
     turn(clips, 0.01, background=1.0)
     turn(sessions, 0.02)
     assert clips.spare_s == 0.0
@@ -134,7 +134,7 @@ def test_the_background_has_a_share_of_the_turns_of_others_and_makes_up_for_what
 
 
 @pytest.mark.parametrize("elsewhere", [0.45, 0.95])
-def test_what_other_engines_use_is_not_promised_again(elsewhere: float) -> None:
+def test_load_of_other_engines_reduces_what_is_admitted(elsewhere: float) -> None:
     admission = Admission(FACTS, EngineConfig(admit_load=(0.9, 0.9, 0.9, 0.9)))
     rate_hz = FACTS.fps / FACTS.horizon + EXPECTED_HZ[Priority.NEAR]
     admission.set_prices(Prices(step_s=0.0, window_s=0.1 / rate_hz), 0.0, elsewhere)  # 0.1 a session
@@ -146,7 +146,7 @@ def test_what_other_engines_use_is_not_promised_again(elsewhere: float) -> None:
     assert taken == (4 if elsewhere == 0.45 else 0)
 
 
-def test_an_engine_steps_in_its_turns_only_and_leaves_at_its_end() -> None:
+def test_engine_steps_only_in_its_turns_and_leaves_the_device_at_its_end() -> None:
     device, opened = Device(), threading.Event()
     runner = FakeRunner(FakeClock())
     engine = Engine(runner, runner.clock, lambda _: opened.set(), EngineConfig(), lease=device.lease())
@@ -163,7 +163,7 @@ def test_an_engine_steps_in_its_turns_only_and_leaves_at_its_end() -> None:
 
 
 @pytest.mark.parametrize("by_runner", [True, False])
-def test_what_is_measured_beside_the_engines_takes_a_turn_for_each_call(by_runner: bool) -> None:
+def test_profiling_beside_engines_takes_one_turn_for_each_call(by_runner: bool) -> None:
     device, under_way, calls = CountedDevice(), list[int](), list[tuple[str, int]]()
 
     def note(call: str, _: Sequence[int]) -> bool:
@@ -182,12 +182,12 @@ def test_what_is_measured_beside_the_engines_takes_a_turn_for_each_call(by_runne
     assert (measured.facts, runner.jobs) == (FACTS, {})
 
 
-def test_the_background_makes_up_for_no_more_than_a_second_and_owes_nothing_once_nobody_waits() -> None:
+def test_background_owes_at_most_a_second_and_nothing_once_no_session_waits() -> None:
     device = Device()
     clips, sessions = device.lease(), device.lease()
     sessions.num_waited_for = 1
     with clips:
-        clips.note_call(30.0, 1.0)  # it stood still
+        clips.note_call(30.0, 1.0)  # the call stalled
     for _ in range(60):
         with sessions:
             sessions.note_call(0.1, 0.0)

@@ -1,4 +1,4 @@
-"""Levels: who of a class stands, and what a level takes of what everything would."""
+"""Levels: which sessions of a class hold, and which part of its full load a level keeps."""
 
 import pytest
 
@@ -11,7 +11,7 @@ HOLDS = [level for level in LEVELS if level.hold]
 LEAST = [level for level in LEVELS if not level.hold][-1]
 
 
-def test_the_newest_sessions_of_a_class_stand_and_the_others_are_made_frames() -> None:
+def test_newest_sessions_of_a_class_hold_and_the_others_get_frames() -> None:
     for level in HOLDS:
         for sessions in (1, 2, 7, 100):
             given = level.of_class(sessions)
@@ -22,14 +22,14 @@ def test_the_newest_sessions_of_a_class_stand_and_the_others_are_made_frames() -
             assert {each for each in given if not each.hold} <= {LEAST}
 
 
-def test_all_sessions_are_alike_on_a_level_on_which_nobody_stands() -> None:
+def test_level_without_hold_is_the_same_for_all_sessions() -> None:
     for level in LEVELS:
         if not level.hold:
             assert level.of_class(3) == [level] * 3
             assert level.of_newcomers is level
 
 
-def test_who_comes_stands_only_where_all_do() -> None:
+def test_newcomers_hold_only_on_the_level_on_which_all_hold() -> None:
     assert [level.of_newcomers for level in HOLDS] == [LEAST] * (len(HOLDS) - 1) + [HOLDS[-1]]
 
 
@@ -40,7 +40,7 @@ def test_each_level_takes_no_more_than_the_one_before(prices: Prices) -> None:
     assert (FULL.kept(FACTS, prices), kept[-1]) == (1.0, 0.0)
 
 
-def test_half_of_the_steps_save_half_of_what_steps_take() -> None:
+def test_half_the_steps_save_half_the_cost_of_steps_only() -> None:
     level = next(level for level in LEVELS if level.steps == FACTS.default_steps // 2 and not level.drop_guidance)
     steps_s = FACTS.default_steps * 0.01
     assert level.kept(FACTS, Prices(0.01, 0.04)) == pytest.approx((steps_s / 2 + 0.04) / (steps_s + 0.04))

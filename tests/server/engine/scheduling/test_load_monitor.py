@@ -16,9 +16,9 @@ QUOTA_CORES = 1.5
 
 
 def admitted(gateway: float, told_of_quota: bool) -> int:
-    """How many are let in by one of two engines on 1.5 cores, where each session takes a hundredth of a core.
+    """How many sessions one of two engines on 1.5 cores admits, where each session takes a hundredth of a core.
 
-    gateway: cores that it uses. Nobody stands still before the quota is used up.
+    gateway: the cores that it uses. Nothing stalls before the quota is used up.
     """
     used = [0.0]
     account = QuotaAccount(QUOTA_CORES, 2, lambda: used[0], lambda: 0.0)
@@ -43,14 +43,14 @@ def admitted(gateway: float, told_of_quota: bool) -> int:
     return count
 
 
-def test_what_others_use_of_a_quota_counts() -> None:
-    """65 can be served: twice that hundredth, and a fifth of a core, of 1.5."""
+def test_use_of_a_quota_by_other_processes_counts_for_admission() -> None:
+    """65 sessions at each engine can be served: with two engines and a fifth of a core, they use up 1.5 cores."""
     assert 52 <= admitted(gateway=0.2, told_of_quota=True) <= 60
     assert admitted(gateway=0.2, told_of_quota=False) > 75
 
 
-def test_the_load_that_is_told_is_the_one_that_sessions_are_let_in_by() -> None:
-    """Of half a core others use a fifth of a core."""
+def test_reported_load_is_the_load_that_admission_goes_by() -> None:
+    """The quota is half a core, of which other processes use a fifth of a core."""
     time_s, busy_s = [0.0], [0.0]
     lease = Device(QuotaAccount(0.5, 1, lambda: (busy_s[0] + 0.2 * time_s[0]) / 0.5, lambda: busy_s[0])).lease()
     stage = Stage(EngineConfig(admit_load=(0.8,) * 4), lease=lease)
@@ -68,9 +68,9 @@ def test_the_load_that_is_told_is_the_one_that_sessions_are_let_in_by() -> None:
             handle += 1
         stage.run(0.25)
     told = next(report.load for report in reversed(stage.reports) if report.load is not None)
-    assert stage.engine.free_share < 0.1, "it is full"
+    assert stage.engine.free_share < 0.1, "the engine is full"
     assert told > 0.9 * 0.8
-    assert told >= stage.engine.lease.load / 0.5, "of the quota its own calls take so much alone"
+    assert told >= stage.engine.lease.load / 0.5, "its own calls alone take this part of the quota"
 
 
 class Yielding(Admission):
@@ -80,8 +80,8 @@ class Yielding(Admission):
         return 0.0625
 
 
-def test_what_edits_take_beyond_their_owners_parts_is_taken_off_in_the_unit_of_the_load() -> None:
-    """Of a quarter of a core, which an engine uses nearly all of; edits, of that, a sixteenth: a 64th of a core."""
+def test_edits_beyond_their_owners_parts_are_subtracted_in_the_unit_of_load() -> None:
+    """An engine uses nearly all of a quota of a quarter of a core; edits take a sixteenth of that, a 64th of a core."""
     lease = Device(QuotaAccount(0.25, 1, lambda: 0.0, lambda: 0.0)).lease()
     admission = Yielding(FACTS, EngineConfig(), under_quota=True)
     monitor = LoadMonitor(FACTS, admission, 0.0, degrade=True, lease=lease)
@@ -93,8 +93,8 @@ def test_what_edits_take_beyond_their_owners_parts_is_taken_off_in_the_unit_of_t
     assert monitor.level(Priority.CROWD) != FULL
 
 
-def test_nobody_gets_less_for_what_edits_take_beyond_their_owners_parts() -> None:
-    """Without a quota: nearly all of a machine is in use, and a sixteenth of it gives way."""
+def test_edits_beyond_their_owners_parts_degrade_no_class() -> None:
+    """Without a quota: nearly all of a machine is in use, and a sixteenth of it can give way."""
     admission = Yielding(FACTS, EngineConfig())
     monitor = LoadMonitor(FACTS, admission, 0.0, degrade=True, lease=Device().lease())
     for tick in range(1, 41):

@@ -1,4 +1,4 @@
-"""What an engine takes itself, between calls of the runner, is counted by window, and idling is not."""
+"""An engine's own time, between calls of the runner, is counted per window; idle time is not."""
 
 from __future__ import annotations
 
@@ -26,7 +26,7 @@ BETWEEN_S, IDLE_S, TURN_S = 0.25, 60.0, 5.0
 
 
 class Shared(Device):
-    """Whose every turn is waited for."""
+    """A device every turn of which has to be waited for."""
 
     def __init__(self, clock: FakeClock) -> None:
         super().__init__()
@@ -39,7 +39,7 @@ class Shared(Device):
 
 
 class Played:
-    """An executor, and what goes through it."""
+    """A step executor and its costs, with methods that run windows through it."""
 
     def __init__(self, clock: FakeClock, runner: FakeRunner, device: Device) -> None:
         self.costs, self._facts, self.lease = CostTable.assumed(0.01), runner.facts, device.lease()
@@ -68,7 +68,7 @@ class Played:
             self.executor.finish(number)
 
     def play(self, clock: FakeClock, number: int, *, background: bool = False, between_s: float = BETWEEN_S) -> None:
-        """A window from its beginning to its end, after each of whose calls some time passes."""
+        """Run a window from beginning to end, with between_s after each of its steps."""
         self.add(number, background=background)
         finished: list[int] = []
         while not finished:
@@ -78,7 +78,7 @@ class Played:
 
 
 @pytest.mark.parametrize("device", [lambda clock: Device(), Shared])
-def test_it_is_what_passes_between_calls_while_there_is_work(device: Callable[[FakeClock], Device]) -> None:
+def test_own_time_is_what_passes_between_calls_while_there_is_work(device: Callable[[FakeClock], Device]) -> None:
     clock = FakeClock()
     played = Played(clock, FakeRunner(clock), device(clock))
     for number in range(2):
@@ -96,7 +96,7 @@ def test_it_is_what_passes_between_calls_while_there_is_work(device: Callable[[F
         assert played.step() == ([], [])
 
 
-def test_idling_after_a_step_of_which_nothing_came_is_not_either() -> None:
+def test_idle_time_after_a_failed_step_is_not_own_time() -> None:
     clock = FakeClock()
     played = Played(clock, FakeRunner(clock, fails=lambda call, job_ids: 0 in job_ids), Device())
     played.add(0)
@@ -111,7 +111,7 @@ def test_idling_after_a_step_of_which_nothing_came_is_not_either() -> None:
     assert played.costs.own_each_s == pytest.approx(before * (1 - 1 / 128))
 
 
-def test_beside_another_device_it_is_part_of_what_a_window_takes_and_of_what_is_in_use() -> None:
+def test_own_time_is_part_of_price_and_use_if_the_device_counts_it() -> None:
     found = []
     for counts_own in (False, True):
         clock = FakeClock()
@@ -127,7 +127,7 @@ def test_beside_another_device_it_is_part_of_what_a_window_takes_and_of_what_is_
     assert use_with_own.busy_s - use.busy_s == pytest.approx(2 * BETWEEN_S)
 
 
-def test_the_backgrounds_part_of_it_does_not_count_as_use() -> None:
+def test_own_time_of_background_windows_does_not_count_as_use() -> None:
     clock = FakeClock()
     played = Played(clock, FakeRunner(clock), Device(counts_own=True))
     played.play(clock, 0, background=True)
@@ -135,8 +135,8 @@ def test_the_backgrounds_part_of_it_does_not_count_as_use() -> None:
     assert played.executor.use == DeviceUse()
 
 
-def test_it_is_not_what_a_single_wave_of_windows_takes() -> None:
-    """A thousand windows a second, of which those of a fifth of a second take as long as all others together."""
+def test_one_wave_of_slow_windows_does_not_determine_own_time() -> None:
+    """Of each thousand windows, a wave of 250 takes as long as the other 750 together."""
     clock = FakeClock()
     played = Played(clock, FakeRunner(clock, step_s=lambda rows: 0.0), Device(counts_own=True))
     played.costs.begin_own(0.001)
@@ -149,7 +149,7 @@ def test_it_is_not_what_a_single_wave_of_windows_takes() -> None:
     assert np.mean(found[1000:]) == pytest.approx(0.001, rel=0.1)
 
 
-def test_an_engine_that_stands_still_for_once_is_not_taken_for_a_slow_one() -> None:
+def test_single_stall_of_an_engine_hardly_changes_own_time() -> None:
     costs = CostTable.assumed(0.01)
     costs.begin_own(0.0003)
     for _ in range(64):
@@ -161,7 +161,7 @@ def test_an_engine_that_stands_still_for_once_is_not_taken_for_a_slow_one() -> N
     assert costs.own_each_s == pytest.approx(0.0003, rel=0.2)
 
 
-def test_what_was_measured_before_anybody_came_gives_way_to_what_those_show_who_come_at_once() -> None:
+def test_initial_measurement_gives_way_to_the_first_windows_of_sessions() -> None:
     costs = CostTable.assumed(0.01)
     costs.begin_own(0.0003)
     for _ in range(8):
@@ -169,7 +169,7 @@ def test_what_was_measured_before_anybody_came_gives_way_to_what_those_show_who_
     assert costs.own_each_s > 0.0008
 
 
-def test_what_it_takes_from_now_on_is_known_within_a_second_or_two() -> None:
+def test_own_time_follows_a_lasting_change() -> None:
     costs = CostTable.assumed(0.01)
     costs.begin_own(0.0003)
     for each_s in (0.003, 0.0006):
@@ -178,7 +178,7 @@ def test_what_it_takes_from_now_on_is_known_within_a_second_or_two() -> None:
         assert costs.own_each_s == pytest.approx(each_s, rel=0.4)
 
 
-def test_what_some_windows_take_more_and_others_less_is_counted_in_full() -> None:
+def test_own_time_of_uneven_windows_is_their_average() -> None:
     costs = CostTable.assumed(0.01)
     costs.begin_own(0.001)
     found = []
@@ -188,8 +188,8 @@ def test_what_some_windows_take_more_and_others_less_is_counted_in_full() -> Non
     assert np.mean(found) == pytest.approx(0.001, rel=0.05)
 
 
-def test_a_pause_of_the_engine_is_no_load() -> None:
-    """Beside a GPU, for a hundred characters for each of whose chunks the engine takes 2 ms, it stands still once."""
+def test_stall_of_the_engine_does_not_count_as_load() -> None:
+    """Beside a GPU, an engine takes 2 ms for each chunk of a hundred characters, and stalls once for 4 s."""
     stage = Stage(EngineConfig(), lease=Device(counts_own=True).lease())
     stage.runner.step_s = lambda rows: 0.001
     deliver = stage.deliver
@@ -215,7 +215,7 @@ def test_a_pause_of_the_engine_is_no_load() -> None:
 
 
 def rounds() -> Callable[[], float]:
-    """A processor of which each round takes a thousandth of a second."""
+    """A clock of processor time that advances by a millisecond each time it is read."""
     used = itertools.count()
     return lambda: 0.001 * next(used)
 
@@ -232,8 +232,8 @@ def rounds() -> Callable[[], float]:
         (20, 40, 4, 1),
     ],
 )
-def test_it_is_measured_before_anybody_comes(fps: int, horizon: int, steps: int, rows: int) -> None:
-    """However many steps their windows have, and however few go along in one."""
+def test_own_time_is_measured_before_any_session_opens(fps: int, horizon: int, steps: int, rows: int) -> None:
+    """For any number of steps of a window and any number of rows of a step."""
     facts = replace(FACTS, fps=fps, horizon=horizon, default_steps=steps, max_steps=1000)
     own_s = own_time_s(facts, EngineConfig(max_rows=rows), rounds())
     # 192 characters need a window each time that one has been played; rounds are a twentieth of a second apart.

@@ -1,4 +1,4 @@
-"""What edits of owners take beyond their parts of the machine."""
+"""How much edits take beyond their owners' parts of the machine."""
 
 from __future__ import annotations
 
@@ -16,7 +16,7 @@ EDITING, ASKING = Owner("editing"), Owner("asking")
 
 @pytest.mark.parametrize("steps", [(2,) * 10, (4,) * 10, (10,) * 10, (2, 10) * 5])
 def test_an_owners_edits_are_priced_at_the_steps_of_its_sessions(steps: tuple[int, ...]) -> None:
-    """Ten sessions that are edited six times a second; of two owners, each has a half of the machine."""
+    """Ten sessions, each edited six times a second; there are two owners, each with half of the machine."""
     parts, prices = OwnerParts(FACTS), Prices(0.002, 0.004)
     for handle, num_steps in enumerate(steps, 1):
         parts.count(spec(SessionKey(1, handle), num_steps=num_steps, owner=EDITING), 1)
@@ -27,7 +27,7 @@ def test_an_owners_edits_are_priced_at_the_steps_of_its_sessions(steps: tuple[in
     assert parts.yielding(prices, {EDITING.name: EDITS_HZ}, EDITING) == 0.0
 
 
-def test_an_owners_part_goes_by_the_weight_that_its_latest_session_has() -> None:
+def test_an_owners_part_follows_the_weight_of_its_latest_session() -> None:
     parts, prices = OwnerParts(FACTS), Prices(0.0, 0.01)
     parts.count(spec(SessionKey(2, 1), owner=ASKING), 1)
     parts.count(spec(SessionKey(1, 1), owner=EDITING), 1)

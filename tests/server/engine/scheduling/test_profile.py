@@ -15,7 +15,7 @@ def _runner(fixed_s: float = 0.01, each_s: float = 0.001) -> FakeRunner:
     return runner
 
 
-def test_the_table_tells_what_steps_of_every_size_cost() -> None:
+def test_profile_measures_the_cost_of_steps_of_every_size() -> None:
     runner = _runner()
     measured = profile(runner, runner.clock, max_rows=24, history_frames=16)
     assert measured.max_rows == 24
@@ -24,7 +24,7 @@ def test_the_table_tells_what_steps_of_every_size_cost() -> None:
     assert measured.costs.decode.seconds(8) < 1e-6
 
 
-def test_windows_are_like_those_of_sessions_and_leave_nothing_behind() -> None:
+def test_profiled_windows_resemble_those_of_sessions_and_leave_no_jobs() -> None:
     runner = _runner()
     profile(runner, runner.clock, max_rows=4, history_frames=16)
     assert runner.breaches == []
@@ -47,7 +47,7 @@ def _guided_runner(fixed_s: float = 0.01) -> FakeRunner:
 
 
 @pytest.mark.parametrize("budget_s", [8.0, 0.0])
-def test_steps_of_a_lone_window_without_constraints_are_known(budget_s: float) -> None:
+def test_profile_measures_steps_of_a_lone_window_without_constraints(budget_s: float) -> None:
     runner = _guided_runner()
     step = profile(runner, runner.clock, max_rows=8, history_frames=16, budget_s=budget_s).costs.step
     known = (1, 2, 4, 8, 16, 32) if budget_s else (1, 4)
@@ -55,17 +55,17 @@ def test_steps_of_a_lone_window_without_constraints_are_known(budget_s: float) -
     assert runner.breaches == []
     for _ in range(300):
         step.observe(1, 0.011)
-    assert step.seconds(4) == pytest.approx(0.014, rel=0.01), "who plays alone says nothing of others"
+    assert step.seconds(4) == pytest.approx(0.014, rel=0.01), "a lone window says nothing about larger steps"
 
 
-def test_where_two_windows_without_constraints_do_not_fit_one_with_them_may() -> None:
+def test_one_window_is_allowed_although_two_without_constraints_do_not_fit() -> None:
     runner = _guided_runner()
     runner.fails = _too_large("decode", 1)
     assert profile(runner, runner.clock, 32, 16).max_rows == 1
 
 
 class _Turns:
-    """Before each turn others are at work for 30 ms."""
+    """Turns of a device; before each of them other engines work for 30 ms."""
 
     def __init__(self, clock: FakeClock) -> None:
         self._clock = clock
@@ -80,7 +80,7 @@ class _Turns:
         self.is_held = False
 
 
-def test_what_others_do_before_a_turn_is_no_part_of_a_call() -> None:
+def test_waiting_for_a_turn_is_not_part_of_the_cost_of_a_call() -> None:
     runner = _runner()
     turns = _Turns(runner.clock)
     outside: list[str] = []
@@ -97,7 +97,7 @@ def test_what_others_do_before_a_turn_is_no_part_of_a_call() -> None:
     assert outside == []
 
 
-def test_a_slow_machine_is_not_measured_for_longer_than_it_may_take() -> None:
+def test_profiling_a_slow_machine_stays_within_its_budget() -> None:
     runner = _runner(fixed_s=0.2)
     began = runner.clock.now()
     measured = profile(runner, runner.clock, max_rows=32, history_frames=16, budget_s=4.0)
@@ -119,14 +119,14 @@ def test_steps_are_no_larger_than_memory_allows(call: str) -> None:
     assert runner.jobs == {}
 
 
-def test_a_device_without_room_for_one_window_is_named() -> None:
+def test_device_without_memory_for_one_window_is_reported() -> None:
     runner = _runner()
     runner.fails = _too_large("denoise", 0)
     with pytest.raises(UnsoundModel, match="memory"):
         profile(runner, runner.clock, 32, 16)
 
 
-def test_a_model_that_makes_nothing_finite_is_named() -> None:
+def test_model_that_makes_non_finite_frames_is_reported() -> None:
     runner = _runner()
     runner.poisoned_result = lambda job: True
     with pytest.raises(UnsoundModel, match="not finite"):
@@ -143,7 +143,7 @@ def _too_large(call: str, room: int) -> Callable[[str, Sequence[int]], bool]:
 
 
 @pytest.mark.parametrize("times", [(0.5, 0.05, 0.02), (0.5, 0.02, 0.05)])
-def test_the_least_time_of_a_size_counts_once_it_was_allocated(times: tuple[float, ...]) -> None:
+def test_shortest_measured_time_of_a_size_counts(times: tuple[float, ...]) -> None:
     runner, steps = FakeRunner(FakeClock()), itertools.count()
     runner.step_s = lambda rows: times[next(steps) // FACTS.min_steps]
 

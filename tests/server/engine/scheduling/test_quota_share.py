@@ -1,4 +1,4 @@
-"""What an engine's own calls stand for under a quota."""
+"""How much of a quota of processor time goes with an engine's own calls."""
 
 import pytest
 
@@ -15,7 +15,7 @@ class Group:
         self.share = QuotaShare(QuotaAccount(cores, engines, lambda: self.used_s, lambda: 0.0))
 
     def pass_by(self, seconds: float, used: float, spent: float) -> float:
-        """The factor once so much of the quota was used for so long, and so much of a processor was the engine's."""
+        """The factor after so many seconds. used: part of the quota in use; spent: load of the engine's calls."""
         for _ in range(round(seconds / EVERY_S)):
             self.used_s += used * EVERY_S
             self.share.update(EVERY_S, spent)
@@ -25,17 +25,17 @@ class Group:
 @pytest.mark.parametrize(
     ("cores", "engines", "used", "spent", "factor"),
     [
-        (1.5, 2, 0.6, 0.4, 1.5),  # two engines and a gateway, none of them standing still
-        (1.5, 2, 1.0, 0.7, 1.43),  # all stand still: a second of the engine's is still what it was
+        (1.5, 2, 0.6, 0.4, 1.5),  # two engines and a gateway, none of them stalled
+        (1.5, 2, 1.0, 0.7, 1.43),  # the quota is used up and all stall: the factor is hardly different
         (0.7, 1, 1.0, 0.6, 1.67),
-        (1.0, 1, 1.0, 1.0, 1.0),  # nobody but the engine
+        (1.0, 1, 1.0, 1.0, 1.0),  # nothing but the engine
         (4.0, 1, 0.225, 0.85, 0.265),  # of four cores, an engine of one thread; or of sixteen, one of four
-        (4.0, 1, 0.175, 0.85, 0.25),  # no less than what it took itself
-        (0.2, 1, 0.8, 0.15, 5.0),  # not of so little either, however much of that a second is
-        (1.0, 1, 0.9, 0.1, 4.0),  # others are at work, not for the sessions of this one alone
+        (4.0, 1, 0.175, 0.85, 0.25),  # no less than what the engine took itself
+        (0.2, 1, 0.8, 0.15, 5.0),  # nor with a small quota, of which a second of calls is five times as much
+        (1.0, 1, 0.9, 0.1, 4.0),  # other processes work not only for the sessions of this engine
     ],
 )
-def test_what_a_second_of_an_engines_calls_stands_for(
+def test_factor_is_the_quota_used_per_second_of_calls_within_bounds(
     cores: float, engines: int, used: float, spent: float, factor: float
 ) -> None:
     assert Group(cores, engines).pass_by(120.0, used, spent) == pytest.approx(factor, rel=0.01)
@@ -44,37 +44,37 @@ def test_what_a_second_of_an_engines_calls_stands_for(
 @pytest.mark.parametrize(
     ("cores", "engines", "factor"), [(1.0, 1, 1.1), (1.5, 2, 1.47), (0.7, 1, 1.57), (2.0, 1, 0.55)]
 )
-def test_before_anything_is_known_engines_are_as_busy_as_each_other(cores: float, engines: int, factor: float) -> None:
+def test_engines_are_assumed_equally_busy_before_any_measurement(cores: float, engines: int, factor: float) -> None:
     group = Group(cores, engines)
     assert group.pass_by(60.0, used=0.2, spent=0.01) == pytest.approx(factor, rel=0.01)
 
 
-def test_what_opening_costs_the_gateway_is_not_taken_for_what_playing_costs() -> None:
+def test_gateway_load_of_opening_sessions_counts_little_for_the_factor() -> None:
     group = Group()
     opening = group.pass_by(2.0, used=0.4, spent=0.2)
     assert 1.05 < opening < 1.1 + 0.25 * 0.9
     assert group.pass_by(120.0, used=0.88, spent=0.8) == pytest.approx(1.1, rel=0.01)
 
 
-def test_what_was_seen_is_kept_while_an_engine_has_nothing_to_do() -> None:
+def test_factor_is_kept_while_an_engine_is_idle() -> None:
     group = Group()
     busy = group.pass_by(60.0, used=0.75, spent=0.5)
     assert group.pass_by(60.0, used=0.3, spent=0.0) == busy
 
 
-def test_what_was_used_before_does_not_count() -> None:
+def test_quota_used_before_the_start_does_not_count() -> None:
     assert Group().pass_by(60.0, used=0.4, spent=0.4) == pytest.approx(1.0, rel=0.01)
 
 
-def test_what_is_seen_counts_little_by_little() -> None:
+def test_observations_change_the_factor_gradually() -> None:
     group = Group()
     before = group.share.factor
     group.pass_by(8.0, used=0.0, spent=0.0)
     group.used_s += 3.0 * EVERY_S
     group.share.update(EVERY_S, 0.25)
-    seen = 3.0 * EVERY_S / 2.0 / 0.25  # of what was used, an eighth of the newest is believed at once
+    seen = 3.0 * EVERY_S / 2.0 / 0.25  # an eighth of the newest use counts at once
     assert group.share.factor == pytest.approx(before + EVERY_S / 16.0 * (seen - before))
     once = Group()
     once.used_s += 60.0
     once.share.update(60.0, 0.5)
-    assert once.share.factor == pytest.approx(2.0), "all of it after a minute"
+    assert once.share.factor == pytest.approx(2.0), "all of it counts after a minute"

@@ -23,7 +23,7 @@ from tests.server.engine.scheduling.scheduled import (
 # ---- order -----------------------------------------------------------------------------------------------------------
 
 
-def test_the_earliest_deadline_goes_first_within_a_class_and_classes_in_order() -> None:
+def test_jobs_are_ordered_by_class_and_within_it_by_deadline() -> None:
     scheduler = scheduler_of(
         8, window_job(1, NEAR, 3.0), window_job(2, NEAR, 1.0), window_job(3, HERO, 9.0), window_job(4, NEAR, 2.0)
     )
@@ -32,7 +32,7 @@ def test_the_earliest_deadline_goes_first_within_a_class_and_classes_in_order() 
     assert next_ids(scheduler) == [3, 4, 1]
 
 
-def test_rows_and_evaluations_are_capped() -> None:
+def test_rows_and_evaluations_of_a_step_are_capped() -> None:
     jobs = [window_job(n, NEAR, n) for n in range(20)]
     assert len(next_ids(scheduler_of(8, *jobs))) == 8
     scheduler = Scheduler(CostTable.assumed(0.02), 8, max_evaluations=10)
@@ -47,7 +47,7 @@ def test_a_job_larger_than_the_cap_runs_alone_rather_than_never() -> None:
     assert next_ids(scheduler) == [1]
 
 
-def test_a_step_takes_no_longer_than_newcomers_may_wait() -> None:
+def test_step_takes_no_longer_than_max_step_s() -> None:
     scheduler = Scheduler(step_costs(0.002, 0.001), 64, max_step_s=0.02)
     for n in range(64):
         scheduler.add(window_job(n, NEAR), 1)
@@ -67,8 +67,8 @@ def _edit(job_id: int, priority: Priority, deadline: float) -> WindowJob:
     )
 
 
-def test_frames_that_somebody_would_run_out_of_come_before_anybodys_replan() -> None:
-    # 4 steps of 0.02 s take 0.08 s; the crowd's frames are endangered from twice that on
+def test_windows_of_sessions_about_to_run_out_come_before_replans() -> None:
+    # 4 steps of 0.02 s take 0.08 s; the crowd's frames are at risk from twice that on
     heroes = [_edit(number, HERO, 0.05) for number in range(4)]
     for deadline, endangered in ((0.15, True), (0.5, False)):
         chosen = next_ids(scheduler_of(4, *heroes, _going_on(9, CROWD, deadline)))
@@ -77,7 +77,7 @@ def test_frames_that_somebody_would_run_out_of_come_before_anybodys_replan() -> 
 
 
 @pytest.mark.parametrize("under_quota", [False, True])
-def test_they_come_earlier_where_the_processor_may_stand_still(under_quota: bool) -> None:
+def test_windows_at_risk_come_first_earlier_under_a_quota(under_quota: bool) -> None:
     scheduler = Scheduler(CostTable.assumed(0.02), 4, under_quota=under_quota)
     for job in (*(_edit(number, HERO, 0.05) for number in range(4)), _going_on(9, CROWD, 0.2)):
         scheduler.add(job, 1)
@@ -85,8 +85,8 @@ def test_they_come_earlier_where_the_processor_may_stand_still(under_quota: bool
 
 
 @pytest.mark.parametrize("longest_left", [True, False])
-def test_a_long_window_is_in_danger_sooner_than_a_short_one_that_is_due_before_it(longest_left: bool) -> None:
-    # 40 steps of 0.02 s take 0.8 s: in danger from twice that on. The short ones before it take 0.04 s.
+def test_long_window_is_at_risk_sooner_than_short_ones_due_before_it(longest_left: bool) -> None:
+    # 40 steps of 0.02 s take 0.8 s: at risk from twice that on. The short ones before it take 0.04 s.
     short = [replace(_going_on(number, CROWD, 1.4), num_steps=2) for number in range(10, 13)]
     long = replace(_going_on(9, CROWD, 1.5), num_steps=40)
     scheduler = scheduler_of(4, *[_edit(number, HERO, 0.05) for number in range(4)], *short, long)
@@ -98,24 +98,24 @@ def test_a_long_window_is_in_danger_sooner_than_a_short_one_that_is_due_before_i
     assert not {10, 11, 12} & set(chosen)
 
 
-def test_an_edit_of_the_crowd_never_passes_a_hero() -> None:
+def test_edit_of_a_crowd_session_never_precedes_a_hero() -> None:
     heroes = [_edit(number, HERO, 0.05) for number in range(4)]
     assert next_ids(scheduler_of(4, *heroes, _edit(9, CROWD, 0.01))) == [0, 1, 2, 3]
 
 
-def test_of_those_who_would_run_out_of_frames_the_most_urgent_class_comes_first() -> None:
+def test_of_windows_at_risk_the_most_urgent_class_comes_first() -> None:
     crowd = [_going_on(number, CROWD, 0.01) for number in range(4)]
     assert next_ids(scheduler_of(2, *crowd, _going_on(9, HERO, 0.1)))[0] == 9
 
 
-def test_an_edit_whose_session_runs_out_of_frames_meanwhile_is_no_less_urgent() -> None:
+def test_edit_of_a_session_about_to_run_out_precedes_replans() -> None:
     heroes = [_edit(number, HERO, 0.05) for number in range(8)]
     late = replace(_edit(9, CROWD, 0.3), runs_out_at=0.3)
     for now, endangered in ((0.0, False), (0.25, True)):
         assert (9 in next_ids(scheduler_of(4, *heroes, late), now)) is endangered
 
 
-# ---- newcomers gather ------------------------------------------------------------------------------------------------
+# ---- new windows gather ----------------------------------------------------------------------------------------------
 
 
 def _under_way(scheduler: Scheduler, *job_ids: int, steps_done: int = 1) -> Scheduler:
@@ -124,7 +124,7 @@ def _under_way(scheduler: Scheduler, *job_ids: int, steps_done: int = 1) -> Sche
     return scheduler
 
 
-def test_newcomers_wait_for_windows_that_will_soon_be_done_and_begin_together() -> None:
+def test_new_windows_wait_for_nearly_finished_ones_and_begin_together() -> None:
     scheduler = scheduler_of(8, *[_edit(number, HERO, 0.05) for number in range(4)])
     _under_way(scheduler, 0, 1)
     assert next_ids(scheduler) == [0, 1]
@@ -134,21 +134,21 @@ def test_newcomers_wait_for_windows_that_will_soon_be_done_and_begin_together() 
 
 
 @pytest.mark.parametrize(("step_s", "wait"), [(0.039, True), (0.041, False)])
-def test_newcomers_do_not_wait_long(step_s: float, wait: bool) -> None:
+def test_new_windows_do_not_wait_long_for_running_ones(step_s: float, wait: bool) -> None:
     jobs = _edit(0, HERO, 0.05), _edit(1, HERO, 0.05)
     scheduler = _under_way(scheduler_of(8, *jobs, costs=CostTable.assumed(step_s)), 0)  # which has three steps to go
     assert next_ids(scheduler) == ([0] if wait else [0, 1])
 
 
 @pytest.mark.parametrize(("step_s", "wait"), [(0.019, True), (0.021, False)])
-def test_newcomers_wait_half_as_long_for_a_more_urgent_class(step_s: float, wait: bool) -> None:
+def test_new_windows_wait_half_as_long_for_a_more_urgent_class(step_s: float, wait: bool) -> None:
     jobs = _edit(0, HERO, 0.05), _edit(1, CROWD, 1.0)
     scheduler = _under_way(scheduler_of(8, *jobs, costs=CostTable.assumed(step_s)), 0)
     assert next_ids(scheduler) == ([0] if wait else [0, 1])
 
 
-def test_those_that_have_begun_go_first_within_a_class() -> None:
-    # Nobody waits here: too long is left of those under way.
+def test_begun_windows_go_first_within_a_class() -> None:
+    # No window waits here: those under way still need too long.
     windows = [_edit(number, HERO, 8.0 + number) for number in range(4)]
     scheduler = _under_way(scheduler_of(3, *windows, costs=CostTable.assumed(0.1)), 2, 3)
     assert next_ids(scheduler) == [0, 2, 3]
@@ -156,7 +156,7 @@ def test_those_that_have_begun_go_first_within_a_class() -> None:
     assert next_ids(scheduler) == [2, 3]
 
 
-def test_rows_that_a_class_is_owed_go_to_those_that_have_begun() -> None:
+def test_rows_owed_to_a_class_go_to_its_begun_windows() -> None:
     heroes = [_edit(number, HERO, 9.0) for number in range(20)]
     crowd = [_edit(number, CROWD, 9.0 + number) for number in (30, 31)]
     scheduler = scheduler_of(10, *heroes, *crowd, costs=CostTable.assumed(0.1))
@@ -167,7 +167,7 @@ def test_rows_that_a_class_is_owed_go_to_those_that_have_begun() -> None:
 @pytest.mark.parametrize(
     ("others", "num_begun", "num_chosen"), [(HERO, 64, 64), (CROWD, 64, 24), (HERO, 1, 24), (HERO, 0, 24)]
 )
-def test_a_step_is_not_made_smaller_for_a_deadline_of_the_same_class_if_it_has_begun(
+def test_step_of_begun_windows_is_not_reduced_for_a_deadline_in_their_class(
     others: Priority, num_begun: int, num_chosen: int
 ) -> None:
     # 4 steps within 0.15 s are 24 rows as rows are counted; a group that falls apart would be decoded in parts.
@@ -179,17 +179,17 @@ def test_a_step_is_not_made_smaller_for_a_deadline_of_the_same_class_if_it_has_b
     assert len(next_ids(scheduler)) == num_chosen
 
 
-def test_newcomers_do_not_wait_for_a_class_below_theirs() -> None:
+def test_new_windows_do_not_wait_for_a_less_urgent_class() -> None:
     scheduler = scheduler_of(8, _edit(0, CROWD, 1.0), _edit(1, HERO, 0.05))
     assert next_ids(_under_way(scheduler, 0)) == [1, 0]
 
 
-def test_frames_in_danger_do_not_wait_for_company() -> None:
+def test_windows_at_risk_do_not_wait_to_begin_together() -> None:
     scheduler = scheduler_of(8, _edit(0, HERO, 0.05), _going_on(1, CROWD, 0.1))
     assert next_ids(_under_way(scheduler, 0)) == [0, 1]
 
 
-def test_a_window_that_waits_may_go_to_another_class() -> None:
+def test_waiting_window_can_be_moved_to_another_class() -> None:
     scheduler = scheduler_of(8, window_job(1, CROWD, 1.0), window_job(2, CROWD, 2.0), window_job(3, HERO, 3.0))
     scheduler.exchange(window_job(1, HERO, 1.0), 3)
     assert next_ids(scheduler) == [1, 3, 2]
@@ -197,4 +197,4 @@ def test_a_window_that_waits_may_go_to_another_class() -> None:
         scheduler.remove(job_id)
     assert next_ids(scheduler) == []
     scheduler.add(window_job(4, CROWD), 1)
-    assert next_ids(scheduler) == [4], "nothing is left behind of those that went"
+    assert next_ids(scheduler) == [4], "removed windows leave nothing behind"

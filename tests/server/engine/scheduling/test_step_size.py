@@ -1,4 +1,4 @@
-"""How many windows a denoising step takes, and how long others will wait by it."""
+"""How many windows a denoising step takes, and how long a window is predicted to take."""
 
 from __future__ import annotations
 
@@ -31,7 +31,7 @@ def test_a_step_is_as_large_as_the_tightest_deadline_allows() -> None:
     assert len(next_ids(scheduler_of(64, *[window_job(n, CROWD) for n in range(64)], costs=step_costs()))) == 64
 
 
-def test_the_steps_that_are_left_share_the_time_that_is_left() -> None:
+def test_remaining_steps_share_the_remaining_time() -> None:
     scheduler = scheduler_of(
         64, window_job(1, HERO, 0.12), *[window_job(n, CROWD) for n in range(2, 65)], costs=step_costs()
     )
@@ -46,7 +46,7 @@ def test_the_steps_that_are_left_share_the_time_that_is_left() -> None:
     assert sum(sizes) >= 60
 
 
-def test_what_prepare_and_decode_take_counts() -> None:
+def test_step_is_smaller_if_decoding_takes_time() -> None:
     scheduler = scheduler_of(
         64, window_job(1, HERO, 0.12), *[window_job(n, CROWD) for n in range(2, 65)], costs=step_costs()
     )
@@ -55,7 +55,7 @@ def test_what_prepare_and_decode_take_counts() -> None:
     assert len(next_ids(scheduler)) < before
 
 
-def test_nobody_makes_room_for_a_job_that_is_late_whatever_is_done() -> None:
+def test_step_is_not_reduced_for_a_job_that_will_be_late_anyway() -> None:
     late = window_job(1, HERO, deadline=0.01)
     scheduler = scheduler_of(64, late, *[window_job(n, CROWD) for n in range(2, 65)], costs=step_costs())
     chosen = next_ids(scheduler)
@@ -63,16 +63,16 @@ def test_nobody_makes_room_for_a_job_that_is_late_whatever_is_done() -> None:
     assert len(chosen) == 64
 
 
-def test_steps_are_not_made_so_small_that_they_waste_the_machine() -> None:
-    # The tight job alone would make it with 0.011 s a step; ten rows cost hardly more, one row wastes nine tenths.
+def test_steps_are_not_reduced_below_an_efficient_size() -> None:
+    # The tight job alone would make it with 0.011 s a step; ten rows cost hardly more, and one row wastes nine tenths.
     scheduler = scheduler_of(
         64, window_job(1, HERO, 0.046), *[window_job(n, CROWD) for n in range(2, 65)], costs=step_costs()
     )
     assert len(next_ids(scheduler)) >= 7
 
 
-def test_with_a_backlog_there_is_nothing_to_waste() -> None:
-    # 63 windows of 4 steps take 0.3 s at the least: with a second the hero gets small steps, with half of it not.
+def test_backlog_keeps_steps_large_despite_a_tight_deadline() -> None:
+    # 63 windows of 4 steps take 0.3 s at the least: due in 1 s they leave the hero small steps, due in 0.5 s not.
     for due, smaller in ((1.0, True), (0.5, False)):
         crowd = [window_job(n, CROWD, due) for n in range(2, 65)]
         chosen = next_ids(scheduler_of(64, window_job(1, HERO, 0.12), *crowd, costs=step_costs()))
@@ -80,7 +80,7 @@ def test_with_a_backlog_there_is_nothing_to_waste() -> None:
         assert (len(chosen) <= 20) is smaller
 
 
-def test_steps_are_held_to_a_length_that_a_backlog_stretches() -> None:
+def test_step_length_has_a_limit_that_a_backlog_extends() -> None:
     # 0.03 s are 20 rows, twice that 50; the greatest buckets within are 16 and 48
     for due, rows in ((LATER, 16), (0.3, 48)):
         scheduler = Scheduler(step_costs(), 64, max_step_s=0.03)
@@ -93,13 +93,13 @@ def test_steps_are_held_to_a_length_that_a_backlog_stretches() -> None:
 
 
 @pytest.mark.parametrize(("own_s", "num_begun"), [(0.0, 128), (0.0004, 50), (0.001, 32)])
-def test_with_time_to_spare_no_more_begin_together_than_an_edit_may_wait_for(own_s: float, num_begun: int) -> None:
+def test_with_time_to_spare_no_more_begin_at_once_than_an_edit_may_wait_for(own_s: float, num_begun: int) -> None:
     scheduler = scheduler_of(128, *[window_job(n, CROWD) for n in range(128)], costs=step_costs(0.001, 0.00001))
     scheduler.costs.observe_own(128, 128 * own_s)
     assert len(next_ids(scheduler)) == num_begun
 
 
-def test_what_windows_take_besides_their_steps_leaves_no_time_to_spare() -> None:
+def test_own_time_of_windows_counts_against_time_to_spare() -> None:
     for deadline, num_begun in ((0.3, 128), (3.0, 32)):  # their steps take 0.01 s, and the engine's own work 0.3
         jobs = [window_job(n, CROWD, deadline) for n in range(128)]
         scheduler = scheduler_of(128, *jobs, costs=step_costs(0.001, 0.00001))
@@ -107,7 +107,7 @@ def test_what_windows_take_besides_their_steps_leaves_no_time_to_spare() -> None
         assert len(next_ids(scheduler)) == num_begun
 
 
-def test_the_prediction_counts_who_goes_before() -> None:
+def test_prediction_counts_the_windows_that_go_first() -> None:
     scheduler = Scheduler(CostTable.assumed(0.01), 4, max_evaluations=4)
     assert scheduler.predict_s(NEAR, 1.0, 4, 1) == pytest.approx(0.04)
     for n in range(7):
@@ -121,7 +121,7 @@ def test_the_prediction_counts_who_goes_before() -> None:
     assert scheduler.predict_s(NEAR, 2.0, 4, 1) == pytest.approx(0.04)
 
 
-def test_the_prediction_counts_evaluations_not_rows() -> None:
+def test_prediction_counts_evaluations_not_rows() -> None:
     scheduler = Scheduler(step_costs(), 64)
     scheduler.add(window_job(1, NEAR, 1.0), 3)
     assert scheduler.predict_s(NEAR, 2.0, 4, 3) == pytest.approx(4 * 0.016)

@@ -1,4 +1,4 @@
-"""Every size is played once, first windows and those that go on, before a runner serves."""
+"""Before a runner serves, every batch size is run once, with first windows and with continuing ones."""
 
 from __future__ import annotations
 
@@ -21,27 +21,27 @@ class SmallRunner(FakeRunner):
 
 
 def sizes_of(jobs: Sequence[WindowJob]) -> list[tuple[int, int]]:
-    """Of windows one behind another: their frames of history, and how many in a row."""
+    """The runs of windows with equal histories: frames of history, and how many windows in a row."""
     return [(frames, len(list(alike))) for frames, alike in groupby(len(job.history) for job in jobs)]
 
 
-def test_each_size_is_played_without_a_history_and_with_one_small_sizes_with_shorter_ones_too() -> None:
+def test_sizes_run_with_and_without_history_and_small_ones_with_short_ones() -> None:
     runner = FakeRunner()
     assert runner.facts.patch == 4
     assert warm_up(runner, (1, 2, 8, 9), 16) == 9
     short = [(frames, size) for size in (1, 2, 8) for frames in (0, 4, 8, 12, 16)]
     assert sizes_of(runner.prepared) == [*short, (0, 9), (16, 9)]
     assert runner.breaches == []
-    assert runner.jobs == {}, "nothing of it is left"
+    assert runner.jobs == {}, "no job is left"
 
 
-def test_sizes_without_memory_are_left_out() -> None:
+def test_sizes_that_do_not_fit_in_memory_are_left_out() -> None:
     runner = SmallRunner()
     assert warm_up(runner, (1, 4, 8, 16), 16) == 4
     assert sizes_of(runner.prepared)[-1] == (16, 4)
 
 
-def test_of_a_size_that_there_was_no_memory_for_half_way_nothing_is_left() -> None:
+def test_size_that_runs_out_of_memory_midway_leaves_no_jobs() -> None:
     runner = FakeRunner()
 
     def no_room(rows: int) -> float:

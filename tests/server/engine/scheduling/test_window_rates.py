@@ -1,4 +1,4 @@
-"""What a session of each class is expected to ask for."""
+"""How many windows a second a session of each class is expected to ask for."""
 
 import pytest
 
@@ -7,7 +7,7 @@ from motiongen_server.engine.types import Priority
 
 
 def _seen(replans: int, sessions: int, seconds: float = 60.0) -> WindowRates:
-    """So many replans in every quarter of a second."""
+    """Rates after so many replans in every quarter of a second."""
     rates = WindowRates(0.5)
     for _ in range(round(seconds / 0.25)):
         for _ in range(replans):
@@ -16,23 +16,23 @@ def _seen(replans: int, sessions: int, seconds: float = 60.0) -> WindowRates:
     return rates
 
 
-def test_until_something_is_seen_a_session_is_expected_to_be_edited_now_and_then() -> None:
+def test_sessions_are_expected_to_be_edited_before_any_observation() -> None:
     rates = WindowRates(0.5)
     rates.update(0.25, {})
     assert [rates[priority] for priority in Priority] == [1.5, 0.8, 0.7, 0.6]
 
 
-def test_a_class_that_is_steered_is_expected_to_be_steered() -> None:
+def test_rate_of_a_steered_class_follows_its_replans() -> None:
     rates = _seen(replans=25, sessions=10)
     assert rates[Priority.HERO] == pytest.approx(10.5, rel=0.15)
     assert rates[Priority.CROWD] == 0.7
 
 
-def test_a_class_that_is_never_edited_is_soon_expected_to_play_on_only() -> None:
+def test_rate_of_a_class_without_replans_falls_to_that_of_playing_on() -> None:
     assert _seen(replans=0, sessions=40)[Priority.HERO] == pytest.approx(0.5, rel=0.1)
 
 
-def test_many_who_have_just_come_do_not_pass_for_ones_that_ask_for_little() -> None:
+def test_sessions_that_have_just_opened_do_not_lower_the_rate() -> None:
     rates = WindowRates(0.5)
     for second in range(1, 4):
         rates.update(1.0, {Priority.CROWD: 30 * second})
@@ -42,7 +42,7 @@ def test_many_who_have_just_come_do_not_pass_for_ones_that_ask_for_little() -> N
     assert rates[Priority.CROWD] == pytest.approx(0.7, rel=0.1)
 
 
-def test_what_was_seen_outlives_the_sessions_and_yields_to_what_others_do() -> None:
+def test_rate_outlives_the_sessions_and_yields_to_later_ones() -> None:
     rates = _seen(replans=25, sessions=10)
     before = rates[Priority.HERO]
     for _ in range(100):

@@ -12,7 +12,7 @@ def markers(viewer: Viewer, begin: int, end: int) -> set[int]:
     return {int(row[PROMPT]) for row in viewer.rows[begin:end]}
 
 
-# when the viewer of `playing` starts to play: after four steps
+# the time at which the viewer of `playing` starts to play: after four steps
 PLAYS_FROM = 100.04
 
 

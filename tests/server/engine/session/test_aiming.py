@@ -1,4 +1,4 @@
-"""What windows are told of constraints that may be met at several frames, lie far away, or leave the root free."""
+"""What windows get of constraints that may be met at several frames, lie far away, or leave the root free."""
 
 import numpy as np
 import pytest
@@ -25,7 +25,7 @@ from tests.server.engine.stage import Stage
 METRES_A_FRAME = SPEED / 20
 
 
-def test_go_there_is_answered_with_the_frame_and_led_to_from_afar() -> None:
+def test_waypoint_at_any_frame_is_answered_with_a_frame_and_led_to() -> None:
     stage, viewer = playing()
     asked = Unplaced(Waypoint(5, 0, 60.0, 0.0), at_any_frame=True)
     shown, seq = viewer.shown, stage.set_constraints(viewer, asked)
@@ -39,7 +39,7 @@ def test_go_there_is_answered_with_the_frame_and_led_to_from_afar() -> None:
     assert stage.runner.prepared[-1].keep_prompt is False, "the model may walk where the prompt says to stand"
 
 
-def test_one_that_was_missed_is_aimed_for_again_until_its_last_frame() -> None:
+def test_missed_waypoint_is_aimed_for_again_until_its_last_frame() -> None:
     stage, viewer = playing()
     frame = viewer.buffered_to + 20
     asked = Unplaced(Waypoint(5, frame, 0.0, 30.0), last_frame=frame + 100)
@@ -57,7 +57,7 @@ def test_one_that_was_missed_is_aimed_for_again_until_its_last_frame() -> None:
     assert frame <= reached.frame <= frame + 100
 
 
-def test_one_that_is_met_is_told_of_at_its_frame_and_asked_for_no_more() -> None:
+def test_met_waypoint_is_reported_at_its_frame_and_left_out_of_later_windows() -> None:
     stage, viewer = playing()
     frame = viewer.buffered_to + 20
     place = (frame + 7) * METRES_A_FRAME
@@ -72,7 +72,7 @@ def test_one_that_is_met_is_told_of_at_its_frame_and_asked_for_no_more() -> None
     assert not any(job.constraints for job in later)
 
 
-def test_one_whose_first_frames_have_passed_is_taken_and_one_that_is_over_is_not() -> None:
+def test_waypoint_with_frames_left_is_accepted_and_one_that_is_over_refused() -> None:
     stage, viewer = playing()
     ahead = viewer.buffered_to + 30
     taken = stage.set_constraints(viewer, Unplaced(Waypoint(5, 1, 0.0, 0.0), last_frame=ahead))
@@ -82,7 +82,7 @@ def test_one_whose_first_frames_have_passed_is_taken_and_one_that_is_over_is_not
     assert viewer.outcomes[over].reason == "FRAME_COMMITTED"
 
 
-def test_a_path_is_walked_from_where_the_character_is() -> None:
+def test_root_path_starts_where_the_character_is() -> None:
     stage, viewer = playing()
     corners = np.array([(20.0, 0.0), (20.0, 5.0)], np.float32)
     seq = stage.set_constraints(viewer, Unplaced(RootPath(3, corners, 1.0, 0.2)))
@@ -95,7 +95,7 @@ def test_a_path_is_walked_from_where_the_character_is() -> None:
 
 
 @pytest.mark.parametrize("is_given", [False, True])
-def test_joints_without_a_root_bring_one_along_where_nobody_says_where_it_is(is_given: bool) -> None:
+def test_joint_targets_add_a_root_unless_another_constraint_places_it(is_given: bool) -> None:
     going = RootState(1.0, 0.0, 0.5, 0.0, 0.0)
     rig = RigLayout("arm", ("root", "hand"), (-1, 0), np.array([[0, 0, 0], [0.8, 0, 0]]), ())
     aiming = Aiming(rig, 20, Timeline.empty(1, 1), range(100, 200), lambda frame: going)
@@ -105,12 +105,12 @@ def test_joints_without_a_root_bring_one_along_where_nobody_says_where_it_is(is_
         assert roots == ()
     else:
         (root,) = roots
-        # In a second it is at (1.5, 0), and the hand comes so far without a step.
+        # In a second the root is at (1.5, 0); it comes only as near as the hand needs to reach.
         assert (root.constraint_id, root.frame) == (VELOCITY_ID, 120)
         assert (root.x, root.z) == pytest.approx((1.5, 2.0 - REACH * 0.8))
 
 
-def test_a_root_that_is_free_is_taken_to_be_on_the_way_to_the_next_place() -> None:
+def test_free_root_is_placed_on_the_way_to_the_next_waypoint_or_on_the_lead() -> None:
     standing = RootState(0.0, 0.0, 0.0, 0.0, 0.0)
     rig = RigLayout("arm", ("root", "hand"), (-1, 0), np.array([[0, 0, 0], [0.8, 0, 0]]), ())
     aiming = Aiming(rig, 20, Timeline.empty(1, 1), range(100, 200), lambda frame: standing)
@@ -121,12 +121,12 @@ def test_a_root_that_is_free_is_taken_to_be_on_the_way_to_the_next_place() -> No
     within, behind = (JointTargets(2, frame, (1,), hand.positions) for frame in (119, 145))
     roots = aiming.free_roots([within, behind], lead)
     assert [(each.x, each.z) for each in roots] == [
-        pytest.approx((0.0, 2.0)),  # where it is led
-        pytest.approx((0.1, 1.0 + REACH * 0.8), abs=0.02),  # no longer: where the hand comes so far
+        pytest.approx((0.0, 2.0)),  # where the lead is at that frame
+        pytest.approx((0.1, 1.0 + REACH * 0.8), abs=0.02),  # the lead has ended: as near as the hand needs to reach
     ]
 
 
-def test_an_opening_tells_where_its_constraints_were_put_and_refuses_what_cannot_be() -> None:
+def test_open_reports_placements_and_refuses_a_path_that_is_too_long() -> None:
     stage = Stage()
     viewer = stage.open(1, constraints=(Unplaced(Waypoint(5, 0, 3.0, 0.0), at_any_frame=True),))
     far = np.array([(90000.0, 0.0)], np.float32)
@@ -142,7 +142,7 @@ def test_an_opening_tells_where_its_constraints_were_put_and_refuses_what_cannot
     assert again.opened is not None
 
 
-def test_a_clip_answers_what_may_be_met_at_any_frame() -> None:
+def test_clip_reports_whether_each_of_its_waypoints_was_met() -> None:
     stage = Stage()
     constraints = (
         Unplaced(Waypoint(1, 0, 500.0, 0.0), at_any_frame=True),
@@ -155,13 +155,13 @@ def test_a_clip_answers_what_may_be_met_at_any_frame() -> None:
     assert {reached.constraint_id: reached.met for reached in viewer.reached} == {1: False, 2: True, 3: True}
 
 
-def test_a_span_says_which_frames_count() -> None:
+def test_span_gives_a_waypoint_its_first_and_last_frame() -> None:
     waypoint = Waypoint(1, 60, 0.0, 0.0, span=Span(40, 90))
     assert (waypoint.first_frame, waypoint.frame, waypoint.last_frame) == (40, 60, 90)
 
 
 @pytest.mark.parametrize(("x", "z"), [(30.0, 40.0), (-40.0, 30.0), (0.0, -60.0)])
-def test_a_lead_goes_straight_to_a_far_place_as_fast_as_it_has_to_be(x: float, z: float) -> None:
+def test_lead_goes_straight_to_a_far_waypoint_as_fast_as_it_must(x: float, z: float) -> None:
     standing = RootState(1.0, 2.0, 0.0, 0.0, 0.0)
     rig = RigLayout("stick", ("root",), (-1,), np.zeros((1, 3)), ())
     aiming = Aiming(rig, 20, Timeline.empty(1, 1), range(100, 200), lambda frame: standing)

@@ -10,7 +10,7 @@ KEY = SessionKey(1, 1)
 
 
 def here() -> Anchor:
-    """No constraint of these tests asks from where a character is."""
+    """The anchor, for which no constraint of these tests may ask."""
     raise AssertionError
 
 
@@ -20,7 +20,7 @@ def _constraints(
     return SetConstraints(KEY, 1, 0.0, upsert, remove, clear)
 
 
-def test_an_edit_of_constraints_names_all_that_came_and_went() -> None:
+def test_constraint_edit_returns_all_added_and_removed_constraints() -> None:
     old = Waypoint(1, 50, 0.0, 0.0)
     path = RootTrajectory(2, 60, np.zeros((10, 2), np.float32))
     new = Waypoint(1, 80, 1.0, 0.0)

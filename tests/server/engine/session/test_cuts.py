@@ -1,4 +1,4 @@
-"""Cuts: the character is elsewhere from the first frame that can still change, and nothing goes on across that."""
+"""Cuts: the character is put elsewhere at the first frame that can still change, and nothing continues across it."""
 
 import numpy as np
 import pytest
@@ -23,7 +23,7 @@ from tests.server.engine.stage import Stage, prompt
 THERE = StartPose(7.0, -2.0, 1.0)
 
 
-def test_it_stands_elsewhere_from_the_plan_that_says_so() -> None:
+def test_cut_puts_the_character_elsewhere_from_its_plan_on() -> None:
     stage, viewer = playing()
     before = len(stage.runner.prepared)
     seq = stage.seek(viewer, THERE)
@@ -38,7 +38,7 @@ def test_it_stands_elsewhere_from_the_plan_that_says_so() -> None:
     stage.check_finished()
 
 
-def test_it_goes_on_from_frames_that_are_given() -> None:
+def test_cut_with_prior_frames_continues_from_them() -> None:
     stage, viewer = playing()
     rows = np.zeros((8, ROW_WIDTH), np.float32)
     rows[:, FRAME] = 500.0
@@ -49,13 +49,13 @@ def test_it_goes_on_from_frames_that_are_given() -> None:
     cut, following = stage.runner.prepared[before : before + 2]
     assert (cut.start_pose, len(cut.history)) == (None, 8)
     assert np.all(cut.history == np.full((8, FEATURE_DIM), 500.0))
-    assert not np.any(following.history == 500.0), "later windows go on from what was made"
+    assert not np.any(following.history == 500.0), "later windows continue from the frames made"
     assert len(following.history) <= following.first_frame - cut.first_frame
     assert stage.runner.breaches == [f"history before {cut.first_frame} is not contiguous"]
 
 
 @pytest.mark.parametrize("steps", [0, 1, 3])
-def test_it_waits_for_no_window_to_be_lost(steps: int) -> None:
+def test_cut_is_made_once_however_far_a_running_window_is(steps: int) -> None:
     stage, viewer = playing()
     if steps:
         start_job(stage, steps)
@@ -67,7 +67,7 @@ def test_it_waits_for_no_window_to_be_lost(steps: int) -> None:
     stage.check_finished()
 
 
-def test_one_that_came_too_late_is_tried_again() -> None:
+def test_cut_is_made_once_although_windows_are_slow() -> None:
     stage, viewer = playing()
     stage.runner.step_s = lambda rows: 0.12
     stage.seek(viewer, THERE)
@@ -77,7 +77,7 @@ def test_one_that_came_too_late_is_tried_again() -> None:
     assert sum(notice.cause is PlanCause.CUT for notice in viewer.notices) == 1
 
 
-def test_one_from_whoever_has_seen_all_that_there_is_is_named_by_its_plan() -> None:
+def test_cut_for_a_client_at_the_end_of_the_plan_is_named_by_its_notice() -> None:
     stage, viewer, state = playing_state()
     stage.run_until(lambda: viewer.buffered_to == state.planned_to)
     end = state.planned_to
@@ -90,7 +90,7 @@ def test_one_from_whoever_has_seen_all_that_there_is_is_named_by_its_plan() -> N
     stage.check_finished()
 
 
-def test_what_is_asked_from_the_character_is_seen_from_where_it_is_after_it() -> None:
+def test_velocity_after_a_cut_does_not_take_the_jump_for_speed() -> None:
     stage, viewer = playing()
     stage.seek(viewer, THERE)
     stage.run(1.0)
@@ -106,14 +106,14 @@ def test_what_is_asked_from_the_character_is_seen_from_where_it_is_after_it() ->
 
 
 def ahead(constraint_id: int, metres: float = 2.0) -> Unplaced:
-    """A way of so many metres straight ahead of where the character is."""
+    """A root path of so many metres straight ahead of the character."""
     corner = np.array([[0.0, metres]], np.float32)
     return Unplaced(RootPath(constraint_id, corner, 1.2, 0.3), is_relative=True)
 
 
 @pytest.mark.parametrize("after_s", [0.0, 0.005, 0.1, 0.2])
-def test_what_is_asked_from_the_character_behind_a_cut_is_seen_from_where_that_puts_it(after_s: float) -> None:
-    """Whether one plan answers both, or the cut's is still being made when the other event comes."""
+def test_relative_path_after_a_cut_starts_where_the_cut_puts_the_character(after_s: float) -> None:
+    """Both if one plan answers the two events, and if the cut's plan is still being made when the second comes."""
     stage, viewer = playing(priority=Priority.HERO)
     stage.runner.step_s = lambda rows: 0.05
     cut = [0]
@@ -141,7 +141,7 @@ def test_what_is_asked_from_the_character_behind_a_cut_is_seen_from_where_that_p
     assert np.hypot(*(held[2].xz[-1] - held[2].xz[0])) == pytest.approx(2.0, abs=0.1)
 
 
-def test_what_is_asked_between_two_cuts_is_seen_from_where_the_first_would_have_put_it() -> None:
+def test_relative_path_between_two_cuts_starts_where_the_first_one_leads() -> None:
     stage, viewer = playing()
     seqs = []
     for number, x in enumerate((20.0, 30.0), 1):
@@ -152,7 +152,7 @@ def test_what_is_asked_between_two_cuts_is_seen_from_where_the_first_would_have_
     assert sum(notice.cause is PlanCause.CUT for notice in viewer.notices) == 1
 
 
-def test_a_session_may_be_cut_before_its_first_frame() -> None:
+def test_cut_before_the_first_frame_is_accepted_and_made() -> None:
     stage = Stage()
     viewer = stage.open()
     seq = stage.seek(viewer, THERE)
@@ -162,7 +162,7 @@ def test_a_session_may_be_cut_before_its_first_frame() -> None:
     stage.check_finished()
 
 
-def test_frames_that_the_model_cannot_read_are_refused() -> None:
+def test_cut_with_prior_frames_that_the_runner_cannot_convert_is_refused() -> None:
     stage, viewer = playing()
     stage.runner.fails = lambda call, job_ids: call == "features"
     seq = stage.seek(viewer, prior_rows=np.zeros((8, ROW_WIDTH), np.float32))
@@ -183,8 +183,8 @@ def test_no_snapshot_is_taken_while_a_cut_waits() -> None:
 
 
 @pytest.mark.parametrize("slow_s", [0.03, 0.15, 0.3])
-def test_one_that_comes_while_a_window_waits_to_begin_is_done_with_it(slow_s: float) -> None:
-    """Another's slow step has the window begin later than was thought, for the prompt that had joined it as well."""
+def test_cut_joins_a_window_that_waits_to_begin(slow_s: float) -> None:
+    """A slow step of another session delays the window, also for the prompt that had joined it."""
     stage = Stage()
     stage.runner.step_s = lambda rows: 0.03
     viewer, other = (stage.open(number, priority=Priority.HERO, prompts=(prompt(1),)) for number in (1, 2))
@@ -204,8 +204,8 @@ def test_one_that_comes_while_a_window_waits_to_begin_is_done_with_it(slow_s: fl
 
 
 @pytest.mark.parametrize("paused", [True, False])
-def test_many_in_a_row_take_the_place_of_one_another(paused: bool) -> None:
-    """A slider that is dragged: each is to be seen at once, and what was before is not to be played out first."""
+def test_cuts_in_quick_succession_replace_one_another(paused: bool) -> None:
+    """As when a slider is dragged: each cut is to be seen at once, before the frames of the one before are played."""
     stage, viewer = playing(EngineConfig(rewind_s=2.0))
     stage.run(2.0)
     if paused:
@@ -217,6 +217,6 @@ def test_many_in_a_row_take_the_place_of_one_another(paused: bool) -> None:
     stage.run_until(lambda: seq in viewer.outcomes)
     frame = viewer.outcomes[seq].effective_frame
     assert frame is not None
-    assert frame - viewer.shown <= 12, "as soon after what is shown as the first"
+    assert frame - viewer.shown <= 12, "as soon after the playhead as the first cut"
     assert stage.runner.prepared[-1].start_pose == StartPose(49.0, 0.0, 0.0)
     assert len(stage.engine.sessions[viewer.key].timeline.rows) <= 150

@@ -1,4 +1,4 @@
-"""Characters that lean, sink or fly off: what is noticed, and how a session rights them."""
+"""Characters that lean, sink or fly off: what is detected, and how a session corrects them."""
 
 import math
 from collections.abc import Callable
@@ -55,17 +55,17 @@ def test_lean_and_heading_are_read_from_the_roots_rotation(heading: float, lean:
         (_rows(x=math.inf), Correction.FRESH_START),
     ],
 )
-def test_what_is_noticed(rows: np.ndarray, correction: Correction | None) -> None:
+def test_correction_depends_on_lean_height_and_position(rows: np.ndarray, correction: Correction | None) -> None:
     assert GUARD.correction(rows) is correction
 
 
-def test_a_fresh_start_is_where_the_character_was_but_within_bounds() -> None:
+def test_fresh_start_is_where_the_character_was_within_bounds() -> None:
     pose = GUARD.fresh_start(_rows(x=12.0, heading=1.5, y=-7.0)[0])
     assert (pose.x, pose.z, pose.heading) == pytest.approx((12.0, 0.0, 1.5))
     assert GUARD.fresh_start(_rows(x=30_000.0)[0]).x == 20_000.0
 
 
-def test_a_guard_that_is_off_notices_nothing() -> None:
+def test_drift_guard_that_is_off_corrects_nothing() -> None:
     guard = DriftGuard(GUARD.reader, EngineConfig(guard_drift=False))
     assert guard.correction(_rows(y=50.0, lean=1.5)) is None
 
@@ -92,11 +92,11 @@ def _contacts(told: str) -> np.ndarray:
         ("", None),
     ],
 )
-def test_who_has_no_foot_on_the_ground_for_long_floats(told: str, floats_from: int | None) -> None:
+def test_flight_begins_where_no_foot_touches_the_ground_for_too_long(told: str, floats_from: int | None) -> None:
     assert CONTACTS.flight(_contacts(told), 4) == floats_from
 
 
-def test_where_rows_do_not_tell_or_nothing_is_claimed_nobody_floats() -> None:
+def test_no_flight_is_found_without_contacts_a_limit_or_the_guard() -> None:
     assert GUARD.reader.flight(_contacts("_" * 50), 4) is None
     assert DriftGuard(CONTACTS, EngineConfig()).flight(_contacts("_" * 50)) is None
     assert DriftGuard(CONTACTS, EngineConfig(guard_drift=False), 4).flight(_contacts("_" * 50)) is None
@@ -128,7 +128,7 @@ def _lost_late() -> tuple[Stage, Viewer]:
     return stage, viewer
 
 
-def test_one_that_leans_gets_a_short_history_and_goes_on_without_a_gap() -> None:
+def test_leaning_character_gets_a_short_history_and_no_gap() -> None:
     stage, viewer = _stage({2: _rows(lean=1.3)})
     stage.run(12.0)
     assert [len(job.history) for job in stage.runner.prepared][:5] == [0, 16, 4, 16, 16]
@@ -143,7 +143,7 @@ def test_one_that_leans_gets_a_short_history_and_goes_on_without_a_gap() -> None
     assert [notice.valid_from for notice in viewer.notices][:4] == [0, 40, 80, 120]
 
 
-def test_one_that_is_lost_goes_on_from_the_frames_before_that_if_there_is_time() -> None:
+def test_lost_character_continues_from_earlier_frames_if_there_is_time() -> None:
     stage, viewer = _stage({2: _rows(y=9.0)})
     stage.run(8.0)
     righting = next(job for job in stage.runner.prepared if job.plan == 3)
@@ -155,7 +155,7 @@ def test_one_that_is_lost_goes_on_from_the_frames_before_that_if_there_is_time()
     assert stage.total("soft_resets") == 1
 
 
-def test_one_that_was_lost_before_starts_anew_where_it_is() -> None:
+def test_character_whose_lost_window_lands_late_gets_a_fresh_start() -> None:
     stage, viewer = _lost_late()
     stage.run(8.0)
     fresh = next(job for job in stage.runner.prepared if job.first_frame and job.start_pose)
@@ -183,7 +183,7 @@ def test_an_edit_soon_after_a_fresh_start_has_no_history_from_before_it() -> Non
     stage.check_finished()
 
 
-def test_an_edit_that_comes_when_one_is_lost_rights_it_too() -> None:
+def test_edit_of_a_lost_character_corrects_it_too() -> None:
     stage, viewer = _stage({2: _rows(y=9.0)})
     stage.run_until(lambda: len(viewer.notices) == 2)
     seq = stage.set_prompts(viewer, prompt(2))
@@ -192,7 +192,7 @@ def test_an_edit_that_comes_when_one_is_lost_rights_it_too() -> None:
     assert stage.total("soft_resets") == 1
 
 
-def test_a_model_that_never_stands_is_not_asked_for_more_than_the_cap_allows() -> None:
+def test_corrections_of_an_always_lost_character_stay_within_the_replan_cap() -> None:
     lost = _rows(y=9.0)
     stage, viewer = _stage(dict.fromkeys(range(1, 10_000), lost))
     stage.run(20.0)
@@ -201,7 +201,7 @@ def test_a_model_that_never_stands_is_not_asked_for_more_than_the_cap_allows() -
     assert viewer.underruns == 0
 
 
-# The last of the numbers that tests do not read: 1 where the left foot is on the ground.
+# The last number of a row: 1 where the left foot is on the ground. Other tests do not read it.
 FLYING = replace(
     FACTS, longest_flight=30,
     rig=replace(FACTS.rig, blocks=(*FACTS.rig.blocks[:2], ChannelBlock("rest", 4), ChannelBlock("foot_contact", 1))),
@@ -222,7 +222,7 @@ def _flying(in_the_air: Callable[[int], bool]) -> tuple[Stage, Viewer]:
     return stage, stage.open(prompts=(prompt(1),))
 
 
-def test_one_that_floats_starts_anew_where_it_is_once_and_then_goes_on() -> None:
+def test_floating_character_gets_one_fresh_start_where_it_is() -> None:
     stage, viewer = _flying(lambda frame: frame >= 30)  # ten frames of one window, and on
     stage.run(10.0)
     (fresh,) = (job for job in stage.runner.prepared if job.start_pose and job.first_frame)
@@ -233,15 +233,15 @@ def test_one_that_floats_starts_anew_where_it_is_once_and_then_goes_on() -> None
     stage.check_finished()
 
 
-def test_one_that_is_in_the_air_now_and_then_runs_on() -> None:
+def test_character_that_is_in_the_air_only_briefly_is_not_corrected() -> None:
     stage, _ = _flying(lambda frame: frame % 31 > 1)  # 29 frames at a time, across windows
     stage.run(10.0)
     assert not stage.total("soft_resets")
 
 
 @pytest.mark.parametrize("paused", [True, False])
-def test_nothing_is_computed_for_one_that_is_lost_while_nobody_plays_it(paused: bool) -> None:
-    """From the same frame it would be lost again, and again."""
+def test_lost_character_is_not_computed_again_while_it_is_not_played(paused: bool) -> None:
+    """From the same frame it would be lost again and again."""
     stage, viewer = _stage({plan: _rows(y=9.0) for plan in range(2, 1000)} if paused else {})
     if not paused:
         stage.silent.add(viewer.key)  # it never begins to play

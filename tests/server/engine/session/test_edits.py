@@ -26,7 +26,7 @@ def _queue(*edits: PendingEdit) -> EditQueue:
     return queue
 
 
-def test_what_was_taken_for_a_window_goes_back_before_what_came_since_and_may_start_at_once() -> None:
+def test_edits_put_back_precede_later_ones_and_may_start_at_once() -> None:
     queue = _queue(_edit(1), _edit(2))
     taken = queue.take()
     queue.not_before = 7.0
@@ -36,7 +36,7 @@ def test_what_was_taken_for_a_window_goes_back_before_what_came_since_and_may_st
     assert queue.not_before == -math.inf
 
 
-def test_a_full_queue_refuses() -> None:
+def test_full_queue_refuses_further_edits() -> None:
     queue = _queue(_edit(1), _edit(2))
     queue.require_room()
     queue.add(_edit(3))
@@ -47,7 +47,7 @@ def test_a_full_queue_refuses() -> None:
     queue.require_room()
 
 
-def test_edits_of_frames_no_window_has_touched_are_settled() -> None:
+def test_edits_of_frames_that_no_window_has_touched_are_settled() -> None:
     queue = _queue(_edit(1, 39), _edit(2, 40), _edit(3, 100))
     assert queue.settle(0) == []
     assert [edit.event_seq for edit in queue.settle(40)] == [2, 3]
@@ -55,12 +55,12 @@ def test_edits_of_frames_no_window_has_touched_are_settled() -> None:
     assert queue.settle(40) == []
 
 
-def test_an_edit_takes_effect_where_its_plan_starts_or_where_it_asked() -> None:
+def test_edit_takes_effect_where_its_plan_starts_or_at_its_own_later_frame() -> None:
     queue = _queue()
     assert [frame for _, frame in queue.landed([_edit(1, 10), _edit(2, 30)], 20, 20)] == [20, 30]
 
 
-def test_each_edit_is_seen_once_and_one_that_was_overtaken_never() -> None:
+def test_edit_counts_as_seen_once_and_never_if_replaced_before() -> None:
     queue = _queue()
     queue.landed([_edit(1, 10), _edit(2, 35)], 20, 20)
     assert queue.seen(20) == []
@@ -70,7 +70,7 @@ def test_each_edit_is_seen_once_and_one_that_was_overtaken_never() -> None:
     assert queue.seen(200) == []
 
 
-def test_the_time_of_a_velocity_begins_with_the_first_window_that_obeys_the_newest() -> None:
+def test_hold_time_begins_with_the_first_window_that_obeys_the_newest_velocity() -> None:
     old, new = Velocity(1.0, 0.0, None, 40), Velocity(2.0, 0.0, None, 40)
     held = Conditions(velocity=new)
     assert held.with_velocity_landed(None, 50) is held
@@ -83,7 +83,7 @@ def test_the_time_of_a_velocity_begins_with_the_first_window_that_obeys_the_newe
 
 
 @pytest.mark.parametrize(("keep_prompt", "dirty_from", "prolongs"), [(False, 140, True), (True, 120, False)])
-def test_a_velocity_said_again_only_prolongs_where_the_prompt_stays_too(
+def test_repeated_velocity_prolongs_only_if_the_prompt_stays_the_same(
     keep_prompt: bool, dirty_from: int, prolongs: bool
 ) -> None:
     walk = Gait("walk", "a person walks", 0.0, Direction.FORWARD, np.ones(2, np.float32))

@@ -1,4 +1,4 @@
-"""A session that goes on from a frame of its own, and which frames those may be."""
+"""A session that is taken back to a frame of its own, and which frames those may be."""
 
 from __future__ import annotations
 
@@ -30,7 +30,7 @@ def gone_back(stage: Stage, viewer: Viewer, frame: int) -> Outcome:
 
 
 def allowed(stage: Stage, viewer: Viewer) -> list[tuple[int, int]]:
-    """The frames that a refusal names."""
+    """The frames that a refusal names, as ranges."""
     refused = gone_back(stage, viewer, FAR)
     assert (refused.code, refused.reason, refused.field) == (
         Code.FAILED_PRECONDITION,
@@ -46,7 +46,7 @@ def later(config: EngineConfig = KEPT) -> tuple[Stage, Viewer, SessionState]:
     return stage, viewer, state
 
 
-def test_it_goes_on_as_after_the_frames_before_the_one_that_is_named() -> None:
+def test_seek_to_a_frame_continues_from_the_frames_before_it() -> None:
     stage, viewer, state = later()
     frame = state.clock.reported - 30
     outcome = gone_back(stage, viewer, frame)
@@ -57,11 +57,11 @@ def test_it_goes_on_as_after_the_frames_before_the_one_that_is_named() -> None:
     assert cut.start_pose is None
     np.testing.assert_array_equal(cut.history[:, 0], np.arange(frame - 16, frame))
     following = stage.runner.prepared[stage.runner.prepared.index(cut) + 1]
-    assert following.history[0, 0] >= cut.first_frame, "later windows go on from what was made"
+    assert following.history[0, 0] >= cut.first_frame, "later windows continue from the frames made"
     stage.check_finished()
 
 
-def test_the_same_moment_may_be_gone_back_to_again_and_again_and_behind_a_cut() -> None:
+def test_same_frame_can_be_sought_repeatedly_even_after_a_cut() -> None:
     stage, viewer, state = later()
     frame = state.clock.reported - 10
     for number in range(1, 4):
@@ -86,7 +86,7 @@ def test_no_history_spans_a_cut() -> None:
     np.testing.assert_array_equal(cuts(stage)[-1].history[:, 0], np.arange(cut + 1, cut + 9))
 
 
-def test_what_is_kept_is_what_the_configuration_says() -> None:
+def test_frames_kept_for_seeking_follow_rewind_s() -> None:
     for rewind_s in (0.0, 1.0, 3.0):
         stage, viewer, state = later(EngineConfig(rewind_s=rewind_s))
         ((low, high),) = allowed(stage, viewer)
@@ -97,7 +97,7 @@ def test_what_is_kept_is_what_the_configuration_says() -> None:
         assert gone_back(stage, viewer, low - 1).reason == "FRAME_NOT_HELD"
 
 
-def test_nothing_is_gone_back_to_before_the_first_frame() -> None:
+def test_seek_before_the_first_frame_was_sent_is_refused() -> None:
     stage = Stage(KEPT)
     viewer = stage.open()
     seq = stage.seek(viewer, frame=1)
@@ -106,7 +106,7 @@ def test_nothing_is_gone_back_to_before_the_first_frame() -> None:
     assert (refused.reason, refused.allowed) == ("FRAME_NOT_HELD", "a frame once 4 frames before it were sent")
 
 
-def test_poses_that_were_held_while_there_was_too_much_to_do_are_not_gone_back_to() -> None:
+def test_timeline_knows_where_held_poses_end_and_motion_begins() -> None:
     timeline = later()[2].timeline
     held = timeline.held(8)
     assert held.held_to == held.end == timeline.end + 8
@@ -114,7 +114,7 @@ def test_poses_that_were_held_while_there_was_too_much_to_do_are_not_gone_back_t
     assert held.spliced(held.end, timeline.rows[:4], timeline.features[:4]).held_to == held.end
 
 
-def test_no_more_frames_are_gone_on_from_than_a_window_has_of_history_and_a_patch_at_the_least() -> None:
+def test_own_frames_are_whole_patches_up_to_the_history_and_at_least_one() -> None:
     _, _, state = later()
     end, patch = state.delivery.sent_to, state.facts.patch
     for most, length in ((0, patch), (patch - 1, patch), (4 * patch, 4 * patch), (4 * patch + 1, 4 * patch)):
@@ -123,7 +123,7 @@ def test_no_more_frames_are_gone_on_from_than_a_window_has_of_history_and_a_patc
         np.testing.assert_array_equal(rows[:, FRAME], np.arange(end - length, end))
 
 
-def test_what_a_client_may_have_lost_with_its_line_is_held_however_much_it_was_promised() -> None:
+def test_frames_after_the_reported_playhead_are_kept_though_committed() -> None:
     stage, _, state = playing_state(EngineConfig(rewind_s=0.0, margin_s=0.7))
     farthest = 0
     for _ in range(200):

@@ -1,4 +1,4 @@
-"""What a snapshot holds is all that another engine has to know: nothing of a session is lost by going on elsewhere."""
+"""A snapshot holds all that another engine needs: nothing of a session is lost when it continues elsewhere."""
 
 from __future__ import annotations
 
@@ -38,7 +38,7 @@ METRES_A_FRAME = SPEED / 20
 
 
 def restored(stage: Stage, viewer: Viewer, snapshot: SessionSnapshot) -> SessionState:
-    """The session as another engine has it, whose client is where it was."""
+    """The session as another engine restores it, with its client at the same frame."""
     frame = stage.engine.sessions[viewer.key].clock.reported
     asked = GoingOn(snapshot, 1, snapshot.end_frame, snapshot.plan, frame, snapshot.committed_to)
     opening = Opening(3, FACTS, SAVING, now=7.0)
@@ -47,12 +47,12 @@ def restored(stage: Stage, viewer: Viewer, snapshot: SessionSnapshot) -> Session
 
 
 def written(snapshot: SessionSnapshot) -> bytes:
-    """All that it holds."""
+    """The snapshot's record, with all that it holds."""
     return write_record(replace(a_record(), snapshot=snapshot))
 
 
 def path(first: int, count: int, constraint_id: int = 1) -> RootTrajectory:
-    """Along the way of the fake runner's characters, but for one frame, whose place is 0.4 m away."""
+    """A trajectory along the fake runner's motion, except for one frame that lies 0.4 m beside it."""
     xz = np.zeros((count, 2), np.float32)
     xz[:, 0] = np.arange(first, first + count) * METRES_A_FRAME
     xz[2, 1] = 0.4
@@ -60,7 +60,7 @@ def path(first: int, count: int, constraint_id: int = 1) -> RootTrajectory:
 
 
 @pytest.mark.parametrize("paused", [False, True])
-def test_all_that_a_snapshot_holds_is_in_the_next_one_of_who_goes_on_with_it(paused: bool) -> None:
+def test_snapshot_of_a_restored_session_equals_that_it_was_restored_from(paused: bool) -> None:
     stage, viewer, state = playing_state(SAVING)
     stage.set_constraints(viewer, path(viewer.committed_to + 20, 200))
     stage.run(2.0)
@@ -77,12 +77,12 @@ def test_all_that_a_snapshot_holds_is_in_the_next_one_of_who_goes_on_with_it(pau
     assert before.velocity is not None
     assert 0 < before.measured_to < before.constraints[0].last_frame
     again = restored(stage, viewer, before)
-    assert written(replace(snapshot_of(again), lost_from=before.lost_from)) == written(before), "nobody is lost"
-    assert again.saved == (before.plan, before.last_seq - len(before.unanswered)), "nothing is new of it"
+    assert written(replace(snapshot_of(again), lost_from=before.lost_from)) == written(before), "no character is lost"
+    assert again.saved == (before.plan, before.last_seq - len(before.unanswered)), "nothing of it is new"
     assert again.replan_wanted
 
 
-def test_what_is_to_be_put_right_still_is() -> None:
+def test_pending_correction_survives_a_restore() -> None:
     stage, viewer, state = playing_state(SAVING)
     state.drift_state.correction, state.drift_state.lost_from = Correction.FRESH_START, 17
     again = restored(stage, viewer, snapshot_of(state))
@@ -90,7 +90,7 @@ def test_what_is_to_be_put_right_still_is() -> None:
 
 
 def told_of(outputs: list[Output]) -> dict[int, tuple[bool, int, int, float]]:
-    """By constraint: whether it was met, the frame, how many were measured, and the worst of them."""
+    """By constraint: whether it was met, its frame, how many frames were measured, and the worst distance."""
     return {
         each.constraint_id: (each.met, each.frame, each.num_frames, each.position_m.worst)
         for each in outputs
@@ -98,7 +98,7 @@ def told_of(outputs: list[Output]) -> dict[int, tuple[bool, int, int, float]]:
     }
 
 
-def test_of_constraints_that_had_begun_the_same_is_told_as_without_the_loss() -> None:
+def test_constraints_begun_before_a_restore_are_reported_as_without_it() -> None:
     stage, viewer, state = playing_state(SAVING)
     begin = viewer.committed_to + 20
     nearest = begin + 4
@@ -122,7 +122,7 @@ def test_of_constraints_that_had_begun_the_same_is_told_as_without_the_loss() ->
     assert all(worst == pytest.approx(0.2 if number == 2 else 0.4) for number, (*_, worst) in told.items())
 
 
-def test_it_holds_the_frames_that_its_client_may_lack_and_the_history_before_them() -> None:
+def test_snapshot_holds_frames_its_client_may_lack_and_the_history_before() -> None:
     stage, viewer, state = playing_state(replace(SAVING, rewind_s=3.0))
     assert snapshot_of(state).first_frame == 0
     stage.run(8.0)
@@ -143,7 +143,7 @@ def test_it_holds_the_frames_that_its_client_may_lack_and_the_history_before_the
     assert refused.value.allowed == f"frames {again.motion_from + FACTS.patch} to {again.end_frame}"
 
 
-def test_what_a_window_on_its_way_puts_right_the_other_engine_does() -> None:
+def test_snapshot_carries_the_correction_of_a_running_window() -> None:
     stage, _, state = playing_state(SAVING)
     stage.run_until(lambda: state.running is not None)
     assert state.running is not None
@@ -152,7 +152,7 @@ def test_what_a_window_on_its_way_puts_right_the_other_engine_does() -> None:
         assert snapshot_of(state).correction == (correction or 0)
 
 
-def test_a_constraint_has_begun_from_its_second_frame_on_until_its_last_is_measured() -> None:
+def test_restored_constraint_has_begun_while_it_is_partly_measured() -> None:
     stage, viewer, state = playing_state(SAVING)
     asked = path(viewer.committed_to + 20, 20)
     stage.set_constraints(viewer, asked)
@@ -164,7 +164,7 @@ def test_a_constraint_has_begun_from_its_second_frame_on_until_its_last_is_measu
         assert [residual.num_frames for _, residual in begun] == num_frames
 
 
-def test_a_client_may_be_at_any_frame_that_is_held_or_the_next_if_there_is_a_history() -> None:
+def test_client_may_be_at_any_held_frame_or_the_next_if_there_is_a_history() -> None:
     _, _, state = playing_state(SAVING)
     all_of_it = snapshot_of(state)
     end = all_of_it.end_frame

@@ -1,4 +1,4 @@
-"""A stick that is held: the same velocity, said again many times a second, is not planned anew each time."""
+"""A held stick: the same velocity, sent many times a second, is not replanned each time."""
 
 import pytest
 
@@ -12,7 +12,7 @@ HELD = SPEED, 0.0
 
 
 def steer(stage: Stage, viewer: Viewer, seconds: float, hold_frames: int, hz: float = 10.0) -> list[int]:
-    """Say the same velocity again and again. Returns the numbers of the events."""
+    """Send the same velocity again and again. Returns the numbers of the events."""
     seqs = []
     for _ in range(round(seconds * hz)):
         seqs.append(stage.set_velocity(viewer, *HELD, hold_frames=hold_frames))
@@ -21,7 +21,7 @@ def steer(stage: Stage, viewer: Viewer, seconds: float, hold_frames: int, hz: fl
 
 
 def leads(stage: Stage, viewer: Viewer, frame: int) -> bool:
-    """Whether the plan that shows a frame was told to go at the velocity there, and not to slow down."""
+    """Whether the plan that a frame belongs to goes at the velocity there, and does not slow down."""
     plan = int(viewer.rows[frame][PLAN])
     (job,) = (job for job in stage.runner.prepared if job.plan == plan)
     for path in job.constraints:
@@ -32,20 +32,20 @@ def leads(stage: Stage, viewer: Viewer, frame: int) -> bool:
 
 
 @pytest.mark.parametrize(("hold_frames", "most_plans"), [(10, 42), (20, 22), (60, 22)])
-def test_a_stick_that_is_held_is_planned_anew_only_as_its_velocity_runs_out(hold_frames: int, most_plans: int) -> None:
+def test_held_stick_is_replanned_only_as_its_velocity_runs_out(hold_frames: int, most_plans: int) -> None:
     stage, viewer = playing()
     steer(stage, viewer, 2.0, hold_frames)
     begun, first_shown = num_edit_plans(viewer), viewer.shown
     steer(stage, viewer, 10.0, hold_frames)
-    assert num_edit_plans(viewer) - begun <= most_plans, "100 times it was said"
+    assert num_edit_plans(viewer) - begun <= most_plans, "it was sent 100 times"
     slow = [frame for frame in range(first_shown, viewer.shown) if not leads(stage, viewer, frame)]
-    assert slow == [], "it never slows down between two words"
+    assert slow == [], "it never slows down between two events"
     assert stage.total("deadline_misses") == 0
     stage.run(1.0)
     stage.check_finished()
 
 
-def test_a_plan_that_goes_on_begins_on_the_grid_of_the_one_before() -> None:
+def test_replans_of_a_held_stick_begin_on_the_token_grid() -> None:
     stage, viewer = playing()
     steer(stage, viewer, 2.0, hold_frames=20)
     before = len(stage.runner.prepared)
@@ -54,7 +54,7 @@ def test_a_plan_that_goes_on_begins_on_the_grid_of_the_one_before() -> None:
     assert all(job.history_tokens is not None for job in stage.runner.prepared[before:])
 
 
-def test_each_word_is_answered_within_half_a_second_and_a_window() -> None:
+def test_each_repeated_velocity_is_answered_within_650_ms() -> None:
     stage, viewer = playing()
     said: dict[int, float] = {}
     late = []
@@ -67,7 +67,7 @@ def test_each_word_is_answered_within_half_a_second_and_a_window() -> None:
     assert all(viewer.outcomes[seq].code is Code.OK for seq in said)
 
 
-def test_a_stick_that_moves_meanwhile_does_not_wait() -> None:
+def test_changed_velocity_does_not_wait() -> None:
     stage, viewer = playing()
     steer(stage, viewer, 2.0, hold_frames=40)
     stage.set_velocity(viewer, *HELD, hold_frames=40)
@@ -77,7 +77,7 @@ def test_a_stick_that_moves_meanwhile_does_not_wait() -> None:
     assert viewer.outcomes[seq].code is Code.OK
 
 
-def test_nor_does_another_edit() -> None:
+def test_prompt_set_while_a_stick_is_held_does_not_wait() -> None:
     stage, viewer = playing()
     steer(stage, viewer, 2.0, hold_frames=40)
     stage.set_velocity(viewer, *HELD, hold_frames=40)
@@ -86,7 +86,7 @@ def test_nor_does_another_edit() -> None:
     assert viewer.outcomes[seq].code is Code.OK
 
 
-def test_while_paused_it_is_answered_at_once() -> None:
+def test_repeated_velocity_is_answered_at_once_while_paused() -> None:
     stage, viewer = playing()
     steer(stage, viewer, 2.0, hold_frames=40)
     stage.pause(viewer, True)
@@ -96,16 +96,16 @@ def test_while_paused_it_is_answered_at_once() -> None:
     assert viewer.outcomes[seq].code is Code.OK
 
 
-def test_what_only_goes_on_does_not_count_as_an_edit_that_took_long() -> None:
+def test_prolonged_velocities_do_not_count_in_the_latencies_of_edits() -> None:
     stage, viewer = playing()
     steer(stage, viewer, 6.0, hold_frames=40)
     kinds = [each.kind for report in stage.reports for each in report.event_latencies]
-    assert kinds.count("velocity") <= 2, "the first, and what was said before that had landed"
+    assert kinds.count("velocity") <= 2, "the first, and those sent before it had landed"
 
 
 @pytest.mark.parametrize(("hz", "step_s"), [(60.0, 0.01), (20.0, 0.03)])
-def test_a_stick_that_speaks_faster_than_windows_land_is_held_all_the_same(hz: float, step_s: float) -> None:
-    """The window that obeys it is of an earlier word, which said the same."""
+def test_velocity_repeated_faster_than_windows_land_is_not_always_replanned(hz: float, step_s: float) -> None:
+    """The window that obeys it was made for an earlier event with the same velocity."""
     stage, viewer = playing()
     stage.runner.step_s = lambda rows: step_s
     steer(stage, viewer, 2.0, hold_frames=60, hz=hz)
@@ -115,14 +115,14 @@ def test_a_stick_that_speaks_faster_than_windows_land_is_held_all_the_same(hz: f
 
 
 @pytest.mark.parametrize("slow_s", [0.01, 0.05, 0.1])
-def test_a_word_holds_for_as_long_as_it_says_though_it_comes_just_before_the_window_of_another_lands(
+def test_velocity_repeated_just_before_a_window_lands_holds_its_full_time(
     slow_s: float,
 ) -> None:
     stage, viewer = playing()
     state = stage.engine.sessions[viewer.key]
     stage.set_velocity(viewer, *HELD, hold_frames=10)
     stage.run_until(lambda: state.running is not None and state.running.steps_done == 2)
-    stage.runner.step_s = lambda rows: slow_s  # so that frames pass between where it begins and what can still change
+    stage.runner.step_s = lambda rows: slow_s  # so that frames pass between its start and what can still change
     stage.run_until(lambda: state.running is not None and state.running.steps_done == 3)
     floor = state.replaceable_from(stage.clock.now(), state.delivery.commit_s)
     stage.set_velocity(viewer, *HELD, hold_frames=10)

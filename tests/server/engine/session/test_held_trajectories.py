@@ -1,4 +1,4 @@
-"""What trajectories and paths a session may hold: so many frames together, however few bytes asked for them."""
+"""How many frames of trajectories and paths a session may hold together, however few bytes asked for them."""
 
 from __future__ import annotations
 
@@ -34,18 +34,18 @@ def _reason(stage: Stage, viewer: Viewer, *asked: object, **more: object) -> str
     return viewer.outcomes[seq].reason
 
 
-def test_what_is_held_counts_together_and_what_is_replaced_or_over_does_not() -> None:
+def test_held_trajectory_frames_add_up_without_those_replaced_or_removed() -> None:
     stage, viewer = playing(EngineConfig(max_held_trajectory_frames=MOST))
     assert _reason(stage, viewer, _run(1, 100, 400), _run(2, 500, 400)) == ""
     assert _reason(stage, viewer, _run(3, 900, 201)) == "TOO_MANY_TRAJECTORY_FRAMES"
     assert _reason(stage, viewer, _run(3, 900, 200)) == ""
     assert _reason(stage, viewer, _run(2, 500, 401)) == "TOO_MANY_TRAJECTORY_FRAMES"
-    assert _reason(stage, viewer, _run(2, 500, 399)) == "", "one of the same id makes room first"
+    assert _reason(stage, viewer, _run(2, 500, 399)) == "", "the one that it replaces no longer counts"
     assert _reason(stage, viewer, _run(4, 2000, 401), remove=(1,)) == ""
     assert _reason(stage, viewer, _run(5, 2000, MOST), clear=True) == ""
 
 
-def test_those_of_an_open_count_too() -> None:
+def test_trajectories_of_an_open_count_towards_the_limit() -> None:
     stage = Stage(EngineConfig(max_held_trajectory_frames=MOST))
     viewer = stage.open(1, constraints=(_run(1, 10, 600), _run(2, 700, 401)))
     stage.run(0.1)
@@ -53,7 +53,7 @@ def test_those_of_an_open_count_too() -> None:
     assert (viewer.refused.reason, viewer.refused.field) == ("TOO_MANY_TRAJECTORY_FRAMES", "open.constraints[1]")
 
 
-def test_no_more_paths_are_worked_out_than_may_be_held(monkeypatch: pytest.MonkeyPatch) -> None:
+def test_paths_beyond_the_limit_are_not_computed(monkeypatch: pytest.MonkeyPatch) -> None:
     walked = []
 
     def counted(*arguments: object) -> object:
@@ -66,7 +66,7 @@ def test_no_more_paths_are_worked_out_than_may_be_held(monkeypatch: pytest.Monke
     assert len(walked) == 3, "each is a walk of some 400 frames"
 
 
-def test_a_path_that_bends_make_too_slow_is_refused_before_its_frames_are_there() -> None:
+def test_path_that_takes_too_long_because_of_its_bends_is_refused() -> None:
     corners = np.array([[(-1.0) ** number * 11.0, 0.1 * number] for number in range(256)], np.float32)
     asked = Unplaced(RootPath(1, corners, 10.0, 0.0), False, True, None, True)
     stage, viewer = playing(EngineConfig())
@@ -76,7 +76,7 @@ def test_a_path_that_bends_make_too_slow_is_refused_before_its_frames_are_there(
     assert (outcome.reason, outcome.field) == ("PATH_TOO_LONG", "edit_constraints.upsert[0].root_path")
 
 
-def test_edits_that_wait_keep_no_path_that_another_has_replaced() -> None:
+def test_waiting_edits_keep_no_replaced_path_in_memory() -> None:
     stage, viewer = playing(EngineConfig())
     state = stage.engine.sessions[viewer.key]
     seen: list[weakref.ref[RootTrajectory]] = []
@@ -92,5 +92,5 @@ def test_edits_that_wait_keep_no_path_that_another_has_replaced() -> None:
     assert sum(each() is not None for each in seen) <= 2
 
 
-def test_the_default_holds_twenty_minutes_of_walking() -> None:
+def test_default_limit_is_twenty_minutes_of_walking() -> None:
     assert EngineConfig().max_held_trajectory_frames == 20 * 60 * 20

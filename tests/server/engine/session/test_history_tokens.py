@@ -1,4 +1,4 @@
-"""Windows on the grid of tokens: their history is not encoded again."""
+"""Windows that start on the token grid: their history is not encoded again."""
 
 import pytest
 
@@ -8,7 +8,7 @@ from tests.server.engine.session.playing import num_edit_plans, playing_state, w
 from tests.server.engine.stage import prompt
 
 
-def test_windows_on_the_grid_get_the_tokens_of_their_history_and_others_do_not() -> None:
+def test_only_windows_on_the_token_grid_get_the_tokens_of_their_history() -> None:
     stage, viewer, _ = playing_state()
     stage.set_prompts(viewer, prompt(2, 2, viewer.shown // 4 * 4 + 17))
     stage.run(6.0)
@@ -19,7 +19,7 @@ def test_windows_on_the_grid_get_the_tokens_of_their_history_and_others_do_not()
     assert any(job.history_tokens is None for job in stage.runner.prepared[1:])
 
 
-def test_aligned_replans_stay_on_the_grid() -> None:
+def test_aligned_replans_stay_on_the_token_grid() -> None:
     stage, viewer, _ = playing_state(EngineConfig(align_within=10_000))
     for n in range(20):
         stage.set_prompts(viewer, prompt(n))
@@ -29,7 +29,7 @@ def test_aligned_replans_stay_on_the_grid() -> None:
     assert all(job.history_tokens is not None for job in stage.runner.prepared[1:])
 
 
-def test_replans_that_follow_one_another_begin_on_the_grid_of_the_first() -> None:
+def test_replans_in_quick_succession_begin_on_the_grid_of_the_first() -> None:
     stage, viewer, _ = playing_state(priority=Priority.HERO)
     before = len(stage.runner.prepared)
     for n in range(20):
@@ -42,7 +42,7 @@ def test_replans_that_follow_one_another_begin_on_the_grid_of_the_first() -> Non
 
 
 @pytest.mark.parametrize("quiet_s", [1.5, 1.55, 1.6, 1.65])
-def test_an_edit_after_a_quiet_time_is_shown_as_soon_as_can_be(quiet_s: float) -> None:
+def test_edit_after_a_quiet_time_is_not_delayed_by_alignment(quiet_s: float) -> None:
     shown = []
     for align_within in (EngineConfig().align_within, 0):
         stage, viewer, _ = playing_state(EngineConfig(align_within=align_within))
@@ -54,7 +54,7 @@ def test_an_edit_after_a_quiet_time_is_shown_as_soon_as_can_be(quiet_s: float) -
     assert shown[0] == shown[1]
 
 
-def test_no_target_is_passed_over_for_the_sake_of_the_grid() -> None:
+def test_alignment_skips_no_frame_of_a_constraint() -> None:
     stage, viewer, _ = playing_state(priority=Priority.HERO)
     for n in range(30):
         stage.set_prompts(viewer, prompt(n))
@@ -66,7 +66,7 @@ def test_no_target_is_passed_over_for_the_sake_of_the_grid() -> None:
             assert viewer.notices[-1].valid_from <= near, "the plan that answers it holds its frame"
 
 
-def test_an_aligned_replan_still_starts_a_scheduled_prompt_where_it_was_asked_for() -> None:
+def test_aligned_replan_starts_a_scheduled_prompt_at_its_own_frame() -> None:
     stage, viewer, _ = playing_state(EngineConfig(align_within=10_000))
     start = viewer.shown // 4 * 4 + 17
     seq = stage.set_prompts(viewer, prompt(2, 2, start))
@@ -75,7 +75,7 @@ def test_an_aligned_replan_still_starts_a_scheduled_prompt_where_it_was_asked_fo
     assert viewer.outcomes[seq].effective_frame == start
 
 
-def test_history_can_be_had_encoded_again_every_time() -> None:
+def test_no_window_gets_history_tokens_when_reuse_tokens_is_off() -> None:
     stage, _, _ = playing_state(EngineConfig(reuse_tokens=False))
     stage.run(5.0)
     assert len(stage.runner.prepared) > 3

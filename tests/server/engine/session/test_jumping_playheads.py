@@ -1,4 +1,4 @@
-"""A playhead that jumps ahead, and one that may go no further."""
+"""Playheads that jump ahead, and sessions whose credit is used up."""
 
 import math
 
@@ -7,7 +7,7 @@ from tests.server.engine.session.playing import playing_state
 from tests.server.engine.stage import prompt
 
 
-def test_a_playhead_beyond_the_plan_makes_the_motion_go_on_from_its_end_without_a_gap() -> None:
+def test_playhead_beyond_the_plan_continues_the_motion_from_the_plans_end() -> None:
     stage, viewer, _ = playing_state()
     end = viewer.buffered_to
     stage.engine.submit(viewer.lie(end + 500, stage.clock.now()))
@@ -15,10 +15,10 @@ def test_a_playhead_beyond_the_plan_makes_the_motion_go_on_from_its_end_without_
     assert len(viewer.rows) > end
     assert viewer.chunks[-1].first_frame <= end + 40
     (due,) = [job for job in stage.runner.prepared if job.first_frame == end]
-    assert due.deadline > stage.clock.now(), "nobody is late because a client jumps"
+    assert due.deadline > stage.clock.now(), "the window is not late because a client jumps"
 
 
-def test_a_playhead_that_jumps_over_the_start_of_a_running_replan_has_it_made_again() -> None:
+def test_replan_is_made_again_if_the_playhead_jumps_over_its_start() -> None:
     stage, viewer, _ = playing_state()
     stage.run_until(lambda: viewer.buffered_to - viewer.shown > 30)
     seq = stage.set_prompts(viewer, prompt(2))
@@ -30,7 +30,7 @@ def test_a_playhead_that_jumps_over_the_start_of_a_running_replan_has_it_made_ag
     assert (viewer.outcomes[seq].effective_frame or 0) > job.first_frame + 3
 
 
-def test_a_session_whose_credit_is_used_up_does_not_ask_to_be_looked_at() -> None:
+def test_session_without_credit_asks_for_no_window_and_no_wake_up() -> None:
     stage, viewer, state = playing_state(lookahead=20)
     stage.silent.add(viewer.key)
     stage.run(20.0)

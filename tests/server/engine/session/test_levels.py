@@ -17,7 +17,7 @@ from tests.server.engine.stage import Stage, prompt
 HOLD = Level(ServiceTier.HOLD, hold=True)
 
 
-def test_a_rung_is_told_once_and_in_effect_at_the_next_window() -> None:
+def test_level_is_reported_once_and_applies_from_the_next_window() -> None:
     stage, viewer, state = playing_state(num_steps=8)
     fewer = Level(ServiceTier.FEWER_STEPS, steps=3)
     assert state.set_tier(fewer) == [ServiceLevel(viewer.key, ServiceTier.FEWER_STEPS, 3)]
@@ -31,7 +31,7 @@ def test_a_rung_is_told_once_and_in_effect_at_the_next_window() -> None:
 
 
 @pytest.mark.parametrize(("asked", "level", "given"), [(8, 3, 3), (2, 3, 2), (8, 1, 2), (8, None, 8)])
-def test_a_rung_never_gives_more_steps_than_asked_for_nor_fewer_than_the_model_can_do(
+def test_level_gives_no_more_steps_than_asked_for_nor_fewer_than_the_minimum(
     asked: int, level: int | None, given: int
 ) -> None:
     _, _, state = playing_state(num_steps=asked)
@@ -51,7 +51,7 @@ def test_dropped_guidance_leaves_weights_that_need_fewer_evaluations() -> None:
     assert stage.runner.prepared[-1].guidance == Guidance(1.0, 0.0)
 
 
-def test_a_full_stride_restarts_no_window() -> None:
+def test_full_stride_level_restarts_no_window() -> None:
     stage, viewer, state = playing_state(num_steps=10)
     state.set_tier(Level(ServiceTier.FULL, full_stride=True))
     for n in range(40):
@@ -69,7 +69,7 @@ def _hold(stage: Stage, state: SessionState, seconds: float) -> None:
     stage.run(seconds)
 
 
-def test_a_session_told_to_hold_repeats_its_last_pose_and_never_runs_out() -> None:
+def test_holding_session_repeats_its_last_pose_without_underruns() -> None:
     stage, viewer, state = playing_state()
     windows = len(stage.runner.prepared)
     _hold(stage, state, 20.0)
@@ -82,7 +82,7 @@ def test_a_session_told_to_hold_repeats_its_last_pose_and_never_runs_out() -> No
     assert stage.total("frames_held") >= 300
 
 
-def test_after_a_hold_motion_goes_on_from_the_pose_that_was_held() -> None:
+def test_motion_after_a_hold_continues_from_the_held_pose() -> None:
     stage, viewer, state = playing_state()
     _hold(stage, state, 5.0)
     held = viewer.rows[-1].copy()
@@ -98,7 +98,7 @@ def test_after_a_hold_motion_goes_on_from_the_pose_that_was_held() -> None:
     stage.check_finished()
 
 
-def test_an_edit_during_a_hold_is_answered_when_it_ends() -> None:
+def test_edit_during_a_hold_is_answered_after_the_hold() -> None:
     stage, viewer, state = playing_state()
     _hold(stage, state, 5.0)
     seq = stage.set_prompts(viewer, prompt(2))
@@ -125,7 +125,7 @@ def test_no_window_starts_inside_a_held_pose() -> None:
     assert viewer.outcomes[seq].effective_frame == end
 
 
-def test_a_session_opened_while_others_hold_gets_its_first_window() -> None:
+def test_session_on_hold_from_its_opening_still_gets_its_first_window() -> None:
     stage = Stage()
     viewer = stage.open()
     stage.engine.step()
@@ -144,11 +144,11 @@ def test_options_do_not_end_a_hold(options: dict[str, object]) -> None:
     assert viewer.outcomes[seq].code is Code.OK
     assert state.level is HOLD
     assert len(stage.runner.prepared) == windows
-    assert viewer.levels == [], "nothing has changed for it"
+    assert viewer.levels == [], "its level has not changed"
 
 
 @pytest.mark.parametrize("holds_there", [True, False])
-def test_in_another_class_a_session_stands_only_where_others_do(
+def test_session_moved_to_another_class_gets_the_level_of_that_class(
     holds_there: bool, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     stage, viewer, state = playing_state()
@@ -164,7 +164,7 @@ def test_in_another_class_a_session_stands_only_where_others_do(
     assert state.level is (part if holds_there else fewer)
 
 
-def test_nothing_is_held_for_a_client_that_stands_or_is_silent() -> None:
+def test_no_pose_is_held_without_end_for_a_paused_or_silent_client() -> None:
     stage, viewer, state = playing_state()
     stage.pause(viewer, True)
     _hold(stage, state, 10.0)

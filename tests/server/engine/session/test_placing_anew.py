@@ -1,4 +1,4 @@
-"""What is asked "from here" is put where the window that answers it starts, however late that is."""
+"""Constraints relative to the character are placed where the window that answers them starts, however late."""
 
 from __future__ import annotations
 
@@ -31,7 +31,7 @@ def pending(asked: Unplaced, at: Anchor) -> tuple[Conditions, PendingEdit]:
     )
 
 
-def test_a_path_begins_where_the_character_is_by_then() -> None:
+def test_relative_path_begins_where_the_character_is_by_then() -> None:
     conditions, edit = pending(AHEAD, anchor(40, 2.0))
     moved, (renewed,) = placed_anew(conditions, (edit,), anchor(52, 2.6))
     (path,) = moved.constraints
@@ -43,12 +43,12 @@ def test_a_path_begins_where_the_character_is_by_then() -> None:
     assert renewed.left_open[0][1] is again.constraints[0]
 
 
-def test_where_the_prediction_was_right_nothing_is_touched() -> None:
+def test_placement_is_unchanged_if_the_prediction_was_right() -> None:
     conditions, edit = pending(AHEAD, anchor(40, 2.0))
     assert placed_anew(conditions, (edit,), anchor(40, 2.0)) == (conditions, (edit,))
 
 
-def test_where_the_frames_before_it_have_become_others_it_is_put_anew() -> None:
+def test_relative_path_is_placed_anew_if_the_frames_before_it_changed() -> None:
     conditions, edit = pending(AHEAD, anchor(40, 2.0))
     moved, (renewed,) = placed_anew(conditions, (edit,), anchor(40, 50.0))
     assert renewed.placements[0].x == 50.0
@@ -57,7 +57,7 @@ def test_where_the_frames_before_it_have_become_others_it_is_put_anew() -> None:
     assert path.xz[-1] == pytest.approx([52.0, 0.0])
 
 
-def test_what_was_replaced_since_stays_as_it_is() -> None:
+def test_constraint_that_was_replaced_meanwhile_is_not_placed_anew() -> None:
     conditions, edit = pending(AHEAD, anchor(40, 2.0))
     other = replace(conditions, constraints=(Waypoint(3, 90, 1.0, 1.0),))
     moved, (renewed,) = placed_anew(other, (edit,), anchor(52, 2.6))
@@ -65,7 +65,7 @@ def test_what_was_replaced_since_stays_as_it_is() -> None:
     assert renewed.placements[0].anchor_frame == 40
 
 
-def test_a_way_that_has_become_too_long_stays_where_it_was_put() -> None:
+def test_path_that_has_become_too_long_keeps_its_placement() -> None:
     far = Unplaced(RootPath(3, np.array([[599.0, 0.0]], np.float32), 1.0, 0.0))
     conditions, edit = pending(far, anchor(40, 0.0))
     moved, (renewed,) = placed_anew(conditions, (edit,), anchor(52, -2.0))
@@ -77,7 +77,7 @@ IN_30 = Unplaced(Waypoint(3, 30, 5.0, 0.0), frames_from_effect=True)
 
 
 @pytest.mark.parametrize("last", [replace(IN_30, target=Waypoint(3, 30, -7.0, 0.0)), Waypoint(3, 200, -7.0, 0.0)])
-def test_of_several_with_one_id_the_last_is_put_there(last: Unplaced | Waypoint) -> None:
+def test_edit_keeps_the_last_of_several_constraints_with_one_id(last: Unplaced | Waypoint) -> None:
     stage = Stage()
     viewer = stage.open(1)
     stage.run(2.0)
@@ -92,7 +92,7 @@ def test_of_several_with_one_id_the_last_is_put_there(last: Unplaced | Waypoint)
     assert told == ([notice.valid_from] if isinstance(last, Unplaced) else [])
 
 
-def test_a_session_is_opened_with_the_last_of_several_with_one_id() -> None:
+def test_open_keeps_the_last_of_several_constraints_with_one_id() -> None:
     stage = Stage()
     viewer = stage.open(1, constraints=(IN_30, Waypoint(4, 50, 1.0, 0.0), Waypoint(3, 60, 2.0, 0.0)))
     stage.step()
@@ -107,7 +107,7 @@ def notice_for(stage: Stage, viewer: Viewer, seq: int) -> PlanNotice:
     return next(notice for notice in viewer.notices if seq in notice.event_seqs)
 
 
-def test_a_path_asked_for_while_replans_wait_begins_with_its_plan() -> None:
+def test_relative_path_asked_for_while_replans_wait_begins_with_its_plan() -> None:
     stage = Stage()
     viewer = stage.open(1)
     stage.run(2.0)

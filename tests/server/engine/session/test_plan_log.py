@@ -1,4 +1,4 @@
-"""What a client is made up for that missed plans: every history against a client that keeps its own books."""
+"""What a client that missed plans has to drop, compared with a client that keeps its own record of every plan."""
 
 from __future__ import annotations
 
@@ -15,13 +15,13 @@ def notice(plan: int, valid_from: int, *event_seqs: int) -> PlanNotice:
     return PlanNotice(KEY, plan, valid_from, PlanCause.EDIT, event_seqs)
 
 
-def test_who_missed_nothing_is_made_up_for_nothing() -> None:
+def test_client_that_missed_no_plan_keeps_all_its_frames() -> None:
     log = PlanLog()
     log.note(notice(1, 0), 0)
     assert log.missed(1, 30) == (30, ())
 
 
-def test_plans_that_were_missed_count_from_the_first_frame_that_any_of_them_replaces() -> None:
+def test_missed_plans_count_from_the_first_frame_that_any_of_them_replaces() -> None:
     log = PlanLog()
     log.note(notice(1, 0), 0)
     log.note(notice(2, 20, 5), 40)
@@ -30,7 +30,7 @@ def test_plans_that_were_missed_count_from_the_first_frame_that_any_of_them_repl
     assert log.missed(2, 40) == (30, (6,))
 
 
-def test_a_plan_that_is_replaced_whole_leaves_its_events_to_the_next() -> None:
+def test_events_of_a_plan_that_is_wholly_replaced_pass_to_the_next() -> None:
     log = PlanLog()
     log.note(notice(1, 0), 0)
     log.note(notice(2, 30, 5), 40)
@@ -40,7 +40,7 @@ def test_a_plan_that_is_replaced_whole_leaves_its_events_to_the_next() -> None:
     assert log.missed(2, 30) == (20, (5, 6))
 
 
-def test_a_plan_leaves_once_a_frame_is_shown_that_only_who_heard_of_it_can_hold() -> None:
+def test_plan_is_dropped_once_a_frame_sent_after_it_is_shown() -> None:
     log = PlanLog()
     log.note(notice(1, 0), 0)
     log.note(notice(2, 20), 40)
@@ -56,7 +56,7 @@ def test_a_plan_leaves_once_a_frame_is_shown_that_only_who_heard_of_it_can_hold(
         st.tuples(st.integers(0, 30), st.integers(0, 40), st.integers(0, 40), st.booleans()), min_size=1, max_size=40
     )
 )
-def test_a_client_that_was_cut_off_at_any_plan_drops_just_what_is_void(moves: list[tuple[int, int, int, bool]]) -> None:
+def test_client_cut_off_at_any_plan_drops_exactly_the_replaced_frames(moves: list[tuple[int, int, int, bool]]) -> None:
     log = PlanLog()
     sent_to = playhead = 0
     heard, held_to, void_from = 0, 0, None

@@ -9,7 +9,7 @@ from motiongen_server.engine.session.playback import PlaybackClock, RoundTrip
 from motiongen_server.engine.types import PlayState
 
 
-def test_the_playhead_stands_at_0_until_its_first_report() -> None:
+def test_playhead_stays_at_0_until_its_first_report() -> None:
     clock = PlaybackClock(20)
     assert clock.estimate(1000.0, 40) == 0
     assert clock.reaches_at(10) == math.inf
@@ -18,7 +18,7 @@ def test_the_playhead_stands_at_0_until_its_first_report() -> None:
     assert clock.reaches_at(10) == 1000.5
 
 
-def test_the_playhead_runs_no_further_than_what_was_sent() -> None:
+def test_playhead_estimate_stops_at_the_end_of_what_was_sent() -> None:
     clock = PlaybackClock(20)
     clock.report(30, 0.0, 40)
     assert clock.estimate(0.25, 40) == 35
@@ -26,14 +26,14 @@ def test_the_playhead_runs_no_further_than_what_was_sent() -> None:
     assert clock.unheld(9.0) == 210
 
 
-def test_after_an_underrun_playback_goes_on_from_where_it_waited() -> None:
+def test_playback_after_an_underrun_continues_from_where_it_waited() -> None:
     clock = PlaybackClock(20)
     clock.report(30, 0.0, 40)
     clock.resume_from(40, 9.0)
     assert clock.estimate(9.5, 80) == 50
 
 
-def test_a_report_of_a_frame_never_sent_counts_as_what_was_sent_and_a_lower_one_not_at_all() -> None:
+def test_report_beyond_what_was_sent_is_capped_and_a_lower_one_ignored() -> None:
     clock = PlaybackClock(20)
     clock.report(2**63, 0.0, 40)
     assert clock.reported == 40
@@ -55,7 +55,7 @@ def test_pause_stops_the_playhead_where_it_is() -> None:
 # ---- the round trip --------------------------------------------------------------------------------------------------
 
 
-def test_the_round_trip_is_what_was_assumed_until_it_is_measured() -> None:
+def test_round_trip_is_the_assumed_one_until_it_is_measured() -> None:
     trip = RoundTrip(0.05)
     trip.report(None, 1.0)
     trip.report(math.nan, 1.0)
@@ -79,22 +79,22 @@ def test_a_long_round_trip_counts_at_once_and_is_slowly_forgotten() -> None:
 
 
 @given(st.lists(st.tuples(st.none() | st.floats(), st.floats(0, 1e6)), max_size=20))
-def test_no_measurement_makes_a_round_trip_absurd(measured: list[tuple[float | None, float]]) -> None:
+def test_round_trip_stays_between_0_and_1_s_whatever_is_reported(measured: list[tuple[float | None, float]]) -> None:
     trip = RoundTrip(0.05)
     for seconds, at in measured:
         trip.report(seconds, at)
         assert 0.0 <= trip.seconds <= 1.0
 
 
-# ---- playheads that are not true -------------------------------------------------------------------------------------
+# ---- false playheads -------------------------------------------------------------------------------------------------
 
 SLACK = 40
 
 
 def credit_of(seconds: int, frame_of: Callable[[int, int], int], rate: float = 1.05) -> PlaybackClock:
-    """A clock that is told of a frame four times a second by a client that is sent all it has credit for.
+    """A clock that gets a report four times a second from a client that is sent all that it has credit for.
 
-    frame_of: what it says, given the quarter of a second and the end of what it was sent.
+    frame_of: the frame reported, given the quarter of a second and the end of what was sent.
     """
     clock, sent_to = PlaybackClock(20, rate=rate, slack=SLACK), SLACK
     for quarter in range(4 * seconds):
@@ -112,40 +112,40 @@ def credit_of(seconds: int, frame_of: Callable[[int, int], int], rate: float = 1
         lambda quarter, sent_to: sent_to if quarter % 2 else 0,
         lambda quarter, sent_to: 20 * quarter,
     ],
-    ids=["the end", "the last frame", "no frame there is", "back and forth", "four times as fast"],
+    ids=["the end", "the last frame", "a frame that does not exist", "back and forth", "four times as fast"],
 )
-def test_credit_runs_at_real_time_and_one_lookahead(frame_of: Callable[[int, int], int]) -> None:
+def test_credit_for_false_playheads_is_real_time_and_one_look_ahead(frame_of: Callable[[int, int], int]) -> None:
     clock = credit_of(60, frame_of)
     assert 60 * 20 - 10 <= clock.credited <= 60 * 20 * 1.05 + SLACK
-    assert clock.paced(60.0, 10**6) <= 60 * 20 * 1.06 + 10, "deadlines are counted from where nobody has jumped"
+    assert clock.paced(60.0, 10**6) <= 60 * 20 * 1.06 + 10, "deadlines count from the position without jumps"
 
 
-def test_an_honest_client_has_all_its_credit_and_its_pace() -> None:
+def test_honest_client_gets_its_full_credit_and_pace() -> None:
     clock = credit_of(60, lambda quarter, sent_to: 5 * quarter)
     assert clock.credited == clock.reported == 5 * (4 * 60 - 1)
     assert clock.paced(59.75, 10**6) == pytest.approx(clock.estimate(59.75, 10**6))
 
 
-def test_a_client_that_may_play_faster_does() -> None:
+def test_client_allowed_to_play_faster_gets_credit_for_it() -> None:
     assert credit_of(10, lambda quarter, sent_to: 10 * quarter, rate=2.0).credited == 390
 
 
 @pytest.mark.parametrize("paused_s", [0.0, 2.0, 30.0])
-@pytest.mark.parametrize("jumps", ["while it stands", "once it goes on"])
-def test_a_pause_makes_no_jump_a_pace(paused_s: float, jumps: str) -> None:
+@pytest.mark.parametrize("jumps", ["during the pause", "after the pause"])
+def test_jump_during_or_after_a_pause_does_not_advance_the_pace(paused_s: float, jumps: str) -> None:
     clock = PlaybackClock(20, slack=SLACK)
     for quarter in range(5):
         clock.report(5 * quarter, quarter / 4, 60)
     clock.set_state(PlayState.PAUSED, 1.0, 60)
-    if jumps == "while it stands":
+    if jumps == "during the pause":
         clock.report(60, 1.0 + paused_s, 60)
     clock.set_state(PlayState.PLAYING, 1.0 + paused_s, 60)
     clock.report(60, 1.1 + paused_s, 60)
     assert clock.estimate(1.1 + paused_s, 60) == 60
-    assert clock.paced(1.1 + paused_s, 60) == pytest.approx(20 + 0.1 * 20 * 1.05), "where it is who has not jumped"
+    assert clock.paced(1.1 + paused_s, 60) == pytest.approx(20 + 0.1 * 20 * 1.05), "where it is without a jump"
 
 
-def test_a_client_that_pauses_has_all_its_credit_and_its_pace() -> None:
+def test_client_that_pauses_gets_its_full_credit_and_pace() -> None:
     clock, sent_to = PlaybackClock(20, slack=SLACK), SLACK
     clock.report(0, 0.0, sent_to)
     for quarter in range(1, 240):

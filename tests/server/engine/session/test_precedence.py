@@ -1,4 +1,4 @@
-"""Of constraints that contradict each other the heavier one holds, and of equal ones the later one."""
+"""Of constraints that contradict each other, the heavier one wins, and of equal ones the later one."""
 
 import time
 
@@ -16,28 +16,28 @@ def should(frame: int, x: float, weight: float = 0.5) -> Waypoint:
     return Waypoint(2, frame, x, 0.0, weight=weight)
 
 
-def test_equal_ones_keep_the_order_in_which_they_were_set() -> None:
+def test_constraints_of_equal_weight_keep_the_order_in_which_they_were_set() -> None:
     held = (should(60, 9.0, 1.0), MUST)
     assert in_force(held, WINDOW, 20) == held
 
 
-def test_the_heavier_is_laid_on_last() -> None:
+def test_heavier_constraints_are_applied_last() -> None:
     light, heavy = should(60, 0.0), Waypoint(3, 60, 1.0, 0.0, weight=2.0)
     assert in_force((heavy, MUST, light), WINDOW, 20) == (light, MUST, heavy)
 
 
 @pytest.mark.parametrize(("frame", "x", "is_kept"), [(80, 3.9, True), (80, 4.3, False), (40, -4.3, False)])
-def test_one_that_nobody_could_come_to_from_a_heavier_one_is_left_out(frame: int, x: float, is_kept: bool) -> None:
+def test_waypoint_out_of_reach_from_a_heavier_one_is_left_out(frame: int, x: float, is_kept: bool) -> None:
     light = should(frame, x)
     assert (light in in_force((MUST, light), WINDOW, 20)) is is_kept
 
 
-def test_a_heavier_one_is_never_left_out_for_a_lighter_one() -> None:
+def test_heavier_waypoint_is_never_left_out_for_a_lighter_one() -> None:
     heavy = should(80, 50.0, weight=5.0)
     assert in_force((MUST, heavy), WINDOW, 20) == (heavy,)
 
 
-def test_what_asks_for_no_place_contradicts_none() -> None:
+def test_constraints_without_a_root_position_contradict_none() -> None:
     others: tuple[Constraint, ...] = (
         HeadingTarget(2, 61, 1.0, weight=0.1),
         JointTargets(3, 61, (4,), np.full((1, 3), 99, np.float32), weight=0.1),
@@ -45,7 +45,7 @@ def test_what_asks_for_no_place_contradicts_none() -> None:
     assert set(in_force((MUST, *others), WINDOW, 20)) == {MUST, *others}
 
 
-def test_of_a_path_the_frames_of_the_window_count() -> None:
+def test_only_the_frames_of_a_path_in_the_window_count() -> None:
     path = RootTrajectory(2, 0, np.column_stack([np.arange(400) * 0.05, np.zeros(400)]).astype(np.float32), weight=0.5)
     there = Waypoint(1, 380, 40.0, 0.0)
     assert path in in_force((there, path), range(0, 200), 20)
@@ -53,7 +53,7 @@ def test_of_a_path_the_frames_of_the_window_count() -> None:
 
 
 @pytest.mark.parametrize("frames", [1, 93, 200])
-def test_as_many_as_a_session_may_hold_of_as_many_weights_take_no_more_than_a_moment(frames: int) -> None:
+def test_most_constraints_a_session_may_hold_take_less_than_300_ms(frames: int) -> None:
     places = np.zeros((frames, 2), np.float32)
     held = [
         Waypoint(number + 1, number % 200, 0.0, 0.0, weight=1.0 + number / 100)
@@ -63,11 +63,11 @@ def test_as_many_as_a_session_may_hold_of_as_many_weights_take_no_more_than_a_mo
     ]
     begun_s = time.process_time()
     assert in_force(held, WINDOW, 20) == tuple(held)
-    assert time.process_time() - begun_s < 0.3, "every window of theirs holds up all other characters for as long"
+    assert time.process_time() - begun_s < 0.3, "each of their windows delays all other sessions by this"
 
 
 @pytest.mark.parametrize("seed", range(40))
-def test_one_is_left_out_for_the_same_heavier_ones_as_when_each_pair_is_looked_at(seed: int) -> None:
+def test_in_force_agrees_with_a_comparison_of_every_pair(seed: int) -> None:
     numbers = np.random.default_rng(seed)
     held = [
         Waypoint(number, int(frame), float(x), float(z), weight=float(weight))
@@ -93,8 +93,8 @@ def _apart(one: Waypoint, other: Waypoint) -> float:
 
 
 @pytest.mark.parametrize("first", [-30, 0, 7, 150, 199])
-def test_a_path_is_where_it_is_at_its_own_frames_whenever_it_begins(first: int) -> None:
-    """It goes 5 cm a frame, from x = 1 at its first: each of its frames in the window is told by itself."""
+def test_place_of_a_path_is_that_of_its_own_frame_wherever_it_begins(first: int) -> None:
+    """It goes 5 cm a frame, from x = 1 at its first frame; each of its frames in the window has a place of its own."""
     xz = np.column_stack([1.0 + np.arange(60) * 0.05, np.zeros(60)]).astype(np.float32)
     path = RootTrajectory(2, first, xz, weight=0.5)
     inside = [frame for frame in (first, first + 30, first + 59) if frame in WINDOW]

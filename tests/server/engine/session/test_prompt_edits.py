@@ -15,7 +15,7 @@ def _prompts(*upsert: Prompt, remove: tuple[int, ...] = ()) -> SetPrompts:
     return SetPrompts(KEY, 1, 0.0, upsert, remove)
 
 
-def test_a_prompt_that_holds_goes_on_until_the_one_in_its_place_begins() -> None:
+def test_prompt_in_force_stays_until_its_replacement_begins() -> None:
     held = Conditions((prompt(1, 1, 0), prompt(9, 2, 90)))
     later, changed = edit_prompts(held, _prompts(prompt(2, 1, 50)), floor=30, limit=8)
     assert changed == 50
@@ -28,7 +28,7 @@ def test_a_prompt_that_holds_goes_on_until_the_one_in_its_place_begins() -> None
     assert [marker(gone.prompt_at(frame)) for frame in (45, 70, 90)] == [-1, -1, 9]
 
 
-def test_before_the_frame_that_an_edit_counts_from_all_holds_that_held() -> None:
+def test_prompts_before_the_frame_that_an_edit_counts_from_stay_in_force() -> None:
     held = Conditions((prompt(1, 1, 0),))
     for text, floor in ((2, 30), (3, 50), (4, 45)):
         held, changed = edit_prompts(held, _prompts(prompt(text)), floor, limit=8)
@@ -38,7 +38,7 @@ def test_before_the_frame_that_an_edit_counts_from_all_holds_that_held() -> None
     assert [marker(later.prompt_at(frame)) for frame in (29, 30, 44, 45, 59, 60)] == [1, 2, 2, 2, 2, 5]
 
 
-def test_a_prompt_that_does_not_hold_yet_or_ends_before_leaves_nothing() -> None:
+def test_replaced_prompt_leaves_nothing_if_it_has_not_begun_or_ends_before() -> None:
     waiting = Conditions((prompt(1, 1, 60),))
     moved, _ = edit_prompts(waiting, _prompts(prompt(1, 1, 80)), floor=30, limit=8)
     assert [marker(moved.prompt_at(frame)) for frame in (30, 60, 79, 80)] == [-1, -1, -1, 1]
@@ -47,7 +47,7 @@ def test_a_prompt_that_does_not_hold_yet_or_ends_before_leaves_nothing() -> None
     assert [marker(after.prompt_at(frame)) for frame in (30, 39, 40, 50)] == [1, 1, -1, 2]
 
 
-def test_of_equal_starts_the_one_set_last_holds_also_where_one_is_left_over() -> None:
+def test_of_prompts_with_equal_starts_the_one_set_last_is_in_force() -> None:
     held, _ = edit_prompts(Conditions((prompt(1, 1, 0), prompt(2, 2, 50))), _prompts(prompt(3, 1, 50)), 10, 8)
     assert [marker(held.prompt_at(frame)) for frame in (20, 50)] == [1, 3]
     held, _ = edit_prompts(held, _prompts(prompt(4, 3, 200)), 12, 8)
@@ -55,7 +55,7 @@ def test_of_equal_starts_the_one_set_last_holds_also_where_one_is_left_over() ->
 
 
 @given(st.lists(SPANS, max_size=4), st.lists(SPANS, max_size=3), st.integers(0, 50))
-def test_an_edit_names_the_first_frame_that_it_changes(before: list[Prompt], edit: list[Prompt], floor: int) -> None:
+def test_edit_returns_the_first_frame_that_it_changes(before: list[Prompt], edit: list[Prompt], floor: int) -> None:
     held = Conditions(tuple({span.prompt_id: span for span in before}.values()))
     allowed = [span for span in edit if span.end_frame is None or span.end_frame > floor]
     edited, dirty_from = edit_prompts(held, _prompts(*allowed), floor, limit=16)
@@ -63,7 +63,7 @@ def test_an_edit_names_the_first_frame_that_it_changes(before: list[Prompt], edi
     assert dirty_from == (changed[0] if changed else None)
 
 
-def test_what_is_left_of_a_prompt_wins_over_one_of_the_same_start_that_was_set_before_it() -> None:
+def test_rest_of_a_replaced_prompt_outranks_an_equal_start_set_earlier() -> None:
     held = Conditions((prompt(0, 1, 0), prompt(1, 2, 0)))
     edited, _ = edit_prompts(held, _prompts(prompt(3, 2, 0)), 10, 8)
     assert [marker(edited.prompt_at(frame)) for frame in (0, 9, 10)] == [1, 1, 3]
@@ -73,7 +73,7 @@ def test_what_is_left_of_a_prompt_wins_over_one_of_the_same_start_that_was_set_b
     st.lists(SPANS, max_size=4),
     st.lists(st.tuples(st.integers(0, 50), SPANS | st.integers(1, 4)), max_size=5),
 )
-def test_an_edit_leaves_what_holds_before_it(before: list[Prompt], edits: list[tuple[int, Prompt | int]]) -> None:
+def test_edit_changes_no_frame_before_its_floor(before: list[Prompt], edits: list[tuple[int, Prompt | int]]) -> None:
     held = Conditions(tuple({span.prompt_id: span for span in before}.values()))
     for floor, edit in edits:
         event = _prompts(remove=(edit,)) if isinstance(edit, int) else _prompts(edit)
@@ -87,7 +87,7 @@ def test_an_edit_leaves_what_holds_before_it(before: list[Prompt], edits: list[t
         held = edited
 
 
-def test_a_prompt_for_now_beats_one_that_was_to_start_before() -> None:
+def test_newly_set_prompt_outranks_one_that_has_already_started() -> None:
     held = Conditions((prompt(1, 1, 0), prompt(2, 2, 100)))
     edited, dirty_from = edit_prompts(held, _prompts(prompt(3, 3)), 150, limit=16)
     assert dirty_from == 150
@@ -101,7 +101,7 @@ def test_setting_the_same_prompt_again_changes_nothing() -> None:
     assert edit_prompts(held, _prompts(prompt(1)), 30, limit=16)[1] is None
 
 
-def test_the_end_that_a_refusal_names_is_taken() -> None:
+def test_end_frame_named_by_a_refusal_is_accepted() -> None:
     with pytest.raises(EventRefused) as refused:
         edit_prompts(Conditions(), _prompts(prompt(2, 2, 0, 20)), floor=20, limit=16)
     least = int(refused.value.allowed.split()[3])
@@ -135,7 +135,7 @@ def test_a_refused_edit_says_what_is_allowed(
 
 
 @given(st.lists(SPANS, max_size=5))
-def test_a_session_is_opened_with_prompts_as_if_one_edit_had_set_them(spans: list[Prompt]) -> None:
+def test_open_sets_prompts_as_one_edit_would(spans: list[Prompt]) -> None:
     stage = Stage()
     viewer = stage.open(prompts=tuple(spans))
     stage.step()
@@ -146,9 +146,9 @@ def test_a_session_is_opened_with_prompts_as_if_one_edit_had_set_them(spans: lis
     ]
 
 
-def test_a_prompt_that_was_removed_is_not_set_any_more() -> None:
+def test_removed_prompt_is_unknown_and_no_longer_counts() -> None:
     held, _ = edit_prompts(Conditions((prompt(1, 1, 0), prompt(2, 2, 0))), _prompts(remove=(1,)), 30, 2)
     with pytest.raises(EventRefused, match="prompt 1 is not set") as caught:
         edit_prompts(held, _prompts(remove=(1,)), 35, 2)
     assert caught.value.allowed == "the ids that are set: 2"
-    edit_prompts(held, _prompts(prompt(3, 3)), 30, limit=2)  # and takes no other's place
+    edit_prompts(held, _prompts(prompt(3, 3)), 30, limit=2)  # and it no longer counts towards the limit

@@ -1,4 +1,4 @@
-"""What became of constraints: told once each, when the last frame is committed, with how far the motion is off."""
+"""Reached constraints: each is reported once, when its last frame is committed, with how far the motion is off."""
 
 import math
 
@@ -28,7 +28,7 @@ from tests.server.engine.stage import Stage
 METRES_A_FRAME = SPEED / 20
 
 
-def test_a_constraint_is_met_or_missed_by_how_far_the_frame_is_off() -> None:
+def test_constraint_is_met_or_missed_by_how_far_its_frame_is_off() -> None:
     there = Waypoint(1, 60, 60 * METRES_A_FRAME, 0.05)
     elsewhere = Waypoint(2, 60, 60 * METRES_A_FRAME, 0.5, heading=1.0)
     stage = Stage()
@@ -47,7 +47,7 @@ def test_a_constraint_is_met_or_missed_by_how_far_the_frame_is_off() -> None:
 
 
 @pytest.mark.parametrize(("off_m", "within_m", "met"), [(0.3, 0.31, True), (0.3, 0.29, False), (0.09, None, True)])
-def test_it_is_the_tolerance_that_says_what_is_met(off_m: float, within_m: float | None, met: bool) -> None:
+def test_tolerance_decides_whether_a_constraint_is_met(off_m: float, within_m: float | None, met: bool) -> None:
     tolerance = Tolerance() if within_m is None else Tolerance(within_m, 0.1)
     stage = Stage()
     viewer = stage.open(constraints=(Waypoint(1, 50, 50 * METRES_A_FRAME, off_m, None, tolerance),))
@@ -55,7 +55,7 @@ def test_it_is_the_tolerance_that_says_what_is_met(off_m: float, within_m: float
     assert [reached.met for reached in viewer.reached] == [met]
 
 
-def test_nothing_is_told_before_the_frame_is_committed_and_nothing_twice() -> None:
+def test_constraint_is_reported_once_and_only_when_its_frame_is_committed() -> None:
     stage, viewer = playing()
     frame = viewer.committed_to + 20
     stage.set_constraints(viewer, Waypoint(7, frame, 0.0, 0.0))
@@ -67,7 +67,7 @@ def test_nothing_is_told_before_the_frame_is_committed_and_nothing_twice() -> No
     assert [reached.constraint_id for reached in viewer.reached] == [7]
 
 
-def test_a_path_longer_than_what_is_held_is_measured_as_a_whole() -> None:
+def test_path_longer_than_the_kept_frames_is_measured_as_a_whole() -> None:
     count = 400
     path = np.zeros((count, 2), np.float32)
     path[:, 0] = np.arange(30, 30 + count) * METRES_A_FRAME
@@ -82,7 +82,7 @@ def test_a_path_longer_than_what_is_held_is_measured_as_a_whole() -> None:
     assert reached.position_m.mean == pytest.approx(0.4 / count, abs=1e-4)
 
 
-def test_one_that_was_removed_is_not_told_of_and_one_that_was_replaced_once() -> None:
+def test_removed_constraint_is_not_reported_and_a_replaced_one_only_once() -> None:
     stage, viewer = playing()
     ahead = viewer.buffered_to + 40
     stage.set_constraints(viewer, Waypoint(1, ahead, 0.0, 0.0), Waypoint(2, ahead, 0.0, 0.0))
@@ -94,7 +94,7 @@ def test_one_that_was_removed_is_not_told_of_and_one_that_was_replaced_once() ->
     ]
 
 
-def test_it_is_the_frames_that_are_sent_which_are_measured() -> None:
+def test_residual_is_measured_on_the_frames_that_are_sent() -> None:
     stage = Stage()
     stage.runner.moves = walks_off
     viewer = stage.open(constraints=(Keyframe(4, 20, np.array([[0.0, 1.0, 0.0]], np.float32)),))
@@ -105,12 +105,12 @@ def test_it_is_the_frames_that_are_sent_which_are_measured() -> None:
 
 
 def walks_off(job: WindowJob, frames: np.ndarray) -> None:
-    """Two metres beside where it would be."""
+    """Move the frames two metres to the side."""
     del job
     frames[:, 2] += 2.0
 
 
-def test_a_clip_tells_of_every_constraint_before_it_ends() -> None:
+def test_clip_reports_every_constraint_before_it_closes() -> None:
     stage = Stage()
     constraints = tuple(Waypoint(number, 99 - number, 0.0, 0.0) for number in range(1, 5))
     viewer = stage.open_clip(1, 99, constraints=constraints)
@@ -119,7 +119,7 @@ def test_a_clip_tells_of_every_constraint_before_it_ends() -> None:
     assert [reached.constraint_id for reached in viewer.reached] == [4, 3, 2, 1]  # in the order of their frames
 
 
-def test_however_many_are_measured_where_the_joints_are_is_worked_out_once(monkeypatch: pytest.MonkeyPatch) -> None:
+def test_joint_positions_are_computed_once_for_any_number_of_constraints(monkeypatch: pytest.MonkeyPatch) -> None:
     stage, viewer = playing()
     timeline = stage.engine.sessions[viewer.key].timeline
     turned = np.diag([1.0, -1.0, -1.0]).astype(np.float32)[None]
@@ -133,14 +133,14 @@ def test_however_many_are_measured_where_the_joints_are_is_worked_out_once(monke
 
     monkeypatch.setattr(Posed, "_forward", noted)
     assert ReachWatch(SessionKey(1, 1)).reached(FACTS.rig, Conditions((), held), timeline, 20) == []
-    assert worked_out == [20], "every chunk of theirs holds up all other characters for as long"
+    assert worked_out == [20], "each of their chunks delays all other sessions by this"
     window = range(30, 100)
     aiming = Aiming(FACTS.rig, FACTS.fps, timeline, window, lambda frame: RootState(0.0, 0.0, 0.0, 0.0, 0.0))
     assert len(aiming.aimed(held)) == len(held)
     assert worked_out == [20, 30]
 
 
-def test_it_is_told_with_the_promise_of_its_last_frame_and_not_before() -> None:
+def test_constraint_is_due_when_its_last_frame_is_committed_and_not_before() -> None:
     watch, rows = ReachWatch(SessionKey(1, 1)), np.zeros((80, FACTS.row_width), np.float32)
     rows[:, 3] = 1.0  # a quaternion
     timeline = Timeline.empty(FACTS.row_width, 1).spliced(0, rows, rows[:, :1])

@@ -1,4 +1,4 @@
-"""How often a session may have its motion made anew, and what its round trip asks for."""
+"""How often a session may be replanned, and how its round trip moves its replans and windows."""
 
 import pytest
 
@@ -13,7 +13,7 @@ HOLD = Level(ServiceTier.HOLD, hold=True)
 
 
 @pytest.mark.parametrize(("priority", "replans_hz"), list(zip(Priority, EngineConfig().replans_hz, strict=True)))
-def test_a_storm_of_edits_makes_no_more_replans_than_the_class_may_have(priority: Priority, replans_hz: float) -> None:
+def test_many_edits_cause_no_more_replans_than_their_class_may_have(priority: Priority, replans_hz: float) -> None:
     stage, viewer, _ = playing_state(priority=priority)
     seqs = []
     for n in range(100):
@@ -39,16 +39,16 @@ def test_the_first_two_edits_after_a_quiet_time_do_not_wait() -> None:
     assert third in viewer.outcomes
 
 
-def test_a_turn_is_kept_once_however_long_it_was_quiet() -> None:
+def test_one_replan_is_saved_up_however_long_it_was_quiet() -> None:
     stage, viewer, _ = playing_state(priority=Priority.CROWD)
     stage.run(10.0)
     for n in range(20):
         stage.set_prompts(viewer, prompt(n))
         stage.run(0.05)
-    assert num_edit_plans(viewer) == 3, "two at once, one when a period has gone by"
+    assert num_edit_plans(viewer) == 3, "two at once, and one after a period"
 
 
-def test_a_lower_rung_lets_fewer_replans_through() -> None:
+def test_level_that_scales_the_replan_cap_allows_fewer_replans() -> None:
     stage, viewer, state = playing_state(priority=Priority.NEAR)
     state.set_tier(Level(ServiceTier.FULL, replan_cap_scale=0.2))
     for n in range(80):
@@ -57,7 +57,7 @@ def test_a_lower_rung_lets_fewer_replans_through() -> None:
     assert 3 <= num_edit_plans(viewer) <= 6
 
 
-def test_waiting_for_its_turn_is_no_missed_deadline() -> None:
+def test_waiting_for_the_next_replan_is_no_missed_deadline() -> None:
     stage, viewer, _ = playing_state(priority=Priority.CROWD)
     for n in range(60):
         stage.set_prompts(viewer, prompt(n))
@@ -65,7 +65,7 @@ def test_waiting_for_its_turn_is_no_missed_deadline() -> None:
     assert stage.total("deadline_misses") == 0
 
 
-def test_edits_that_wait_are_bounded_and_the_rest_refused() -> None:
+def test_edits_beyond_max_waiting_edits_are_refused() -> None:
     stage, viewer, state = playing_state(EngineConfig(max_waiting_edits=10, max_prompts=200))
     state.set_tier(HOLD)
     seqs = []
@@ -80,7 +80,7 @@ def test_edits_that_wait_are_bounded_and_the_rest_refused() -> None:
     assert len(state.edits.waiting) == 10
 
 
-def test_a_long_round_trip_moves_the_replan_away_from_the_playhead() -> None:
+def test_long_round_trip_makes_replans_start_further_ahead() -> None:
     effective = {}
     for rtt_s in (0.0, 0.5):
         stage, viewer, _ = playing_state()
@@ -93,7 +93,7 @@ def test_a_long_round_trip_moves_the_replan_away_from_the_playhead() -> None:
     assert effective[0.5] - effective[0.0] == pytest.approx(0.5 * 20, abs=2)
 
 
-def test_windows_for_a_client_far_away_are_made_earlier() -> None:
+def test_distant_client_that_reports_its_round_trip_has_no_underruns() -> None:
     underruns = {}
     for rtt_s in (None, 0.8):
         stage = Stage(delay_s=0.4)
@@ -110,13 +110,13 @@ def test_windows_for_a_client_far_away_are_made_earlier() -> None:
 
 @pytest.fixture
 def queue() -> EditQueue:
-    """With an edit that was asked for at 9.8 s."""
+    """A queue with an edit that was asked for at 9.8 s."""
     asked = EditQueue(10)
     asked.add(PendingEdit(1, "prompts", 9.8, 0))
     return asked
 
 
-def test_replans_rest_counted_from_when_the_edit_was_asked_for(queue: EditQueue) -> None:
+def test_rest_after_a_replan_counts_from_when_its_edit_was_asked_for(queue: EditQueue) -> None:
     queue.space_replans(10.0, 0.1, 0.5)
     assert queue.not_before == pytest.approx(10.3)
     queue.add(PendingEdit(2, "prompts", 3.0, 0))

@@ -1,4 +1,4 @@
-"""What the service measures is what the model library measures, on random motion of both skeletons."""
+"""The residuals of the server equal those of the model library, on random motion of both skeletons."""
 
 from __future__ import annotations
 
@@ -45,7 +45,7 @@ def layout_of(skeleton: Any) -> RigLayout:
 
 
 @pytest.mark.parametrize("name", ["core27", "g134"])
-def test_residuals_are_those_of_the_library(name: str) -> None:
+def test_residuals_equal_those_of_the_library(name: str) -> None:
     skeleton = load_skeleton(name)
     numbers = np.random.default_rng(7)
     joints = skeleton.num_joints
@@ -79,7 +79,7 @@ def test_residuals_are_those_of_the_library(name: str) -> None:
                 assert getattr(ours, kind).worst == pytest.approx(expected.worst, abs=1e-4)
 
 
-def test_waypoints_measured_together_are_as_near_as_each_alone() -> None:
+def test_waypoints_measured_together_have_the_residuals_of_each_alone() -> None:
     numbers = np.random.default_rng(8)
     posed = Posed(layout_of(load_skeleton("core27")), numbers.normal(size=(12, 115)).astype(np.float32))
     first, last = 100, 111
@@ -114,7 +114,7 @@ def targets_of(skeleton: Any, constraint: Any) -> Targets:
     return targets
 
 
-def test_what_is_as_far_off_as_it_may_be_is_within_and_what_is_lifted_never() -> None:
+def test_residual_equal_to_the_tolerance_is_within_unless_a_foot_is_lifted() -> None:
     off = Residual(1, [np.array([0.25])], [np.array([0.5])], [np.array([0.5])])
     assert off.is_within(Tolerance(0.25, 0.5))
     assert not off.is_within(Tolerance(0.24, 0.5))

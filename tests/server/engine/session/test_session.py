@@ -11,7 +11,7 @@ from tests.server.engine.stage import Stage, prompt
 # ---- opening, continuing, credit -------------------------------------------------------------------------------------
 
 
-def test_opening_gives_the_session_and_then_its_first_plan() -> None:
+def test_open_is_answered_with_the_session_and_then_its_first_plan() -> None:
     stage = Stage()
     viewer = stage.open(seed=77, prompts=(prompt(5),))
     stage.run(0.2)
@@ -26,7 +26,7 @@ def test_opening_gives_the_session_and_then_its_first_plan() -> None:
     assert job.deadline == pytest.approx(100.0 + EngineConfig().open_target_s)
 
 
-def test_motion_goes_on_without_a_gap() -> None:
+def test_motion_continues_without_a_gap() -> None:
     stage, viewer = playing()
     stage.run(30.0)
     assert viewer.underruns == 0
@@ -36,14 +36,14 @@ def test_motion_goes_on_without_a_gap() -> None:
     stage.check_finished()
 
 
-def test_steady_chunks_are_not_long() -> None:
+def test_chunks_have_at_most_20_frames() -> None:
     stage = Stage()
     viewer = stage.open(lookahead=80)
     stage.run(20.0)
     assert max(len(chunk.rows) for chunk in viewer.chunks) == 20
 
 
-def test_without_a_playhead_one_lookahead_is_sent_and_then_nothing_is_computed() -> None:
+def test_without_a_playhead_one_look_ahead_is_sent_and_no_more_computed() -> None:
     stage = Stage()
     viewer = stage.open(lookahead=30)
     stage.silent.add(viewer.key)
@@ -52,7 +52,7 @@ def test_without_a_playhead_one_lookahead_is_sent_and_then_nothing_is_computed()
     assert len(stage.runner.prepared) == 1
 
 
-def test_a_client_that_falls_silent_stops_the_generation() -> None:
+def test_silent_client_stops_the_generation_until_it_reports_again() -> None:
     stage, viewer = playing()
     stage.silent.add(viewer.key)
     stage.run(10.0)
@@ -73,7 +73,7 @@ def test_a_longer_lookahead_is_filled() -> None:
     assert viewer.buffered_to - viewer.shown > 35
 
 
-def test_old_frames_and_passed_conditions_are_let_go() -> None:
+def test_old_frames_and_past_conditions_are_dropped() -> None:
     stage, viewer = playing()
     state = stage.engine.sessions[viewer.key]
     for n in range(100):
@@ -90,7 +90,7 @@ def test_old_frames_and_passed_conditions_are_let_go() -> None:
 # ---- pause and odd playheads -----------------------------------------------------------------------------------------
 
 
-def test_a_paused_session_costs_nothing_and_can_be_edited() -> None:
+def test_paused_session_makes_no_windows_and_can_be_edited() -> None:
     stage, viewer = playing()
     seq = stage.pause(viewer, True)
     stage.run(5.0)
@@ -110,7 +110,7 @@ def test_a_paused_session_costs_nothing_and_can_be_edited() -> None:
 
 
 @pytest.mark.parametrize("frame", [0, 5, 10**6, 2**63])
-def test_a_wrong_playhead_breaks_no_rule(frame: int) -> None:
+def test_false_playhead_breaks_no_rule(frame: int) -> None:
     stage, viewer = playing()
     stage.engine.submit(viewer.lie(frame, stage.clock.now()))
     stage.run(3.0)
@@ -121,7 +121,7 @@ def test_a_wrong_playhead_breaks_no_rule(frame: int) -> None:
     stage.check_finished()
 
 
-def test_a_playhead_before_any_frame_is_harmless() -> None:
+def test_playhead_reported_before_any_frame_is_harmless() -> None:
     stage = Stage()
     viewer = stage.open()
     stage.engine.submit(viewer.lie(0, stage.clock.now()))
@@ -145,7 +145,7 @@ def test_latencies_are_measured_from_the_event_to_its_first_frame() -> None:
     assert all(latency.seconds == pytest.approx(0.08, abs=0.01) for latency in latencies)
 
 
-def test_what_was_sent_and_superseded_adds_up() -> None:
+def test_counts_of_frames_sent_and_superseded_add_up() -> None:
     stage, viewer = playing()
     stage.set_prompts(viewer, prompt(2))
     stage.run(1.0)

@@ -1,4 +1,4 @@
-"""Prompts that start and end in time, and constraints: which windows know them."""
+"""Prompts with start and end frames, and constraints: which windows get them."""
 
 import numpy as np
 import pytest
@@ -11,7 +11,7 @@ from tests.server.engine.stage import Stage, prompt
 # ---- prompts in time -------------------------------------------------------------------------------------------------
 
 
-def test_a_window_is_taken_up_to_the_next_prompt_and_the_next_one_starts_there() -> None:
+def test_window_is_cut_at_the_next_prompt_and_the_next_one_starts_there() -> None:
     stage = Stage()
     viewer = stage.open(prompts=(prompt(1, 1, 0), prompt(2, 2, 50)))
     stage.run(4.0)
@@ -33,7 +33,7 @@ def test_a_prompt_beyond_the_plan_needs_no_replan() -> None:
 
 
 @pytest.mark.parametrize("offset", [-3, -1, 0, 1])
-def test_a_prompt_near_the_end_of_the_plan_starts_where_it_says(offset: int) -> None:
+def test_prompt_near_the_end_of_the_plan_starts_at_its_frame(offset: int) -> None:
     stage, viewer = playing()
     start = stage.engine.sessions[viewer.key].planned_to + offset
     seq = stage.set_prompts(viewer, prompt(2, 2, start))
@@ -42,7 +42,7 @@ def test_a_prompt_near_the_end_of_the_plan_starts_where_it_says(offset: int) -> 
     assert (markers(viewer, 0, start), markers(viewer, start, viewer.buffered_to)) == ({1}, {2})
 
 
-def test_a_prompt_inside_the_plan_replaces_it_from_there() -> None:
+def test_prompt_inside_the_plan_replaces_it_from_its_start_frame() -> None:
     stage, viewer = playing()
     start = viewer.shown + 15
     seq = stage.set_prompts(viewer, prompt(2, 2, start))
@@ -64,7 +64,7 @@ def test_a_prompt_that_starts_inside_the_running_window_only_cuts_it() -> None:
     assert (markers(viewer, 0, start), markers(viewer, start, viewer.buffered_to)) == ({1}, {2})
 
 
-def test_a_prompt_that_ends_gives_way() -> None:
+def test_prompt_that_has_ended_is_neither_in_force_nor_known() -> None:
     stage = Stage()
     viewer = stage.open(prompts=(prompt(1, 1, 0, 30),))
     stage.run(3.0)
@@ -82,14 +82,14 @@ def test_a_prompt_change_within_the_first_patch_waits_for_a_history() -> None:
     stage.check_finished()
 
 
-def test_a_prompt_for_now_takes_nothing_from_a_client_that_is_not_as_far_as_was_thought() -> None:
+def test_earlier_prompt_stays_in_force_up_to_the_effective_frame_of_a_new_one() -> None:
     stage, viewer = playing()
     stage.silent.add(viewer.key)
-    viewer.set_paused(True, stage.clock.now())  # it stands, and nobody was told
+    viewer.set_paused(True, stage.clock.now())  # it stands still, and the engine was not told
     stage.run(0.5)
-    later = stage.set_prompts(viewer, prompt(2))  # counts from beyond where it was thought to be
+    later = stage.set_prompts(viewer, prompt(2))  # counts from beyond where the client was thought to be
     stage.report(viewer)
-    sooner = stage.set_constraints(viewer, waypoint(viewer.shown + 40))  # counts from beyond where it is
+    sooner = stage.set_constraints(viewer, waypoint(viewer.shown + 40))  # counts from beyond where the client is
     stage.run(0.3)
     begins_at, effective = viewer.notices[-2].valid_from, viewer.outcomes[later].effective_frame
     assert begins_at == viewer.outcomes[sooner].effective_frame

@@ -1,4 +1,4 @@
-"""Edits: what they replace, when they hold, and what they are answered."""
+"""Edits: what they replace, from when on they take effect, and how they are answered."""
 
 from motiongen_server.engine.config import EngineConfig
 from motiongen_server.engine.types import Code, PlanCause, Priority
@@ -7,7 +7,7 @@ from tests.server.engine.session.playing import markers, playing, start_job, way
 from tests.server.engine.stage import Stage, prompt
 
 
-def test_a_prompt_replaces_frames_soon_but_none_that_was_played() -> None:
+def test_prompt_replaces_frames_soon_after_the_playhead_and_none_before() -> None:
     stage, viewer = playing()
     shown = viewer.shown
     seq = stage.set_prompts(viewer, prompt(2))
@@ -24,7 +24,7 @@ def test_a_prompt_replaces_frames_soon_but_none_that_was_played() -> None:
     assert next(len(chunk.rows) for chunk in viewer.chunks if chunk.plan == notice.plan) == 8
 
 
-def test_the_notice_comes_before_the_outcome_and_both_before_the_frames() -> None:
+def test_plan_notice_precedes_the_outcome_and_both_precede_the_frames() -> None:
     stage, viewer = playing()
     before = len(stage.outputs)
     stage.set_prompts(viewer, prompt(2))
@@ -32,7 +32,7 @@ def test_the_notice_comes_before_the_outcome_and_both_before_the_frames() -> Non
     assert [type(output).__name__ for output in stage.outputs[before:]][:3] == ["PlanNotice", "Outcome", "Chunk"]
 
 
-def test_several_edits_make_one_replan_and_each_has_its_outcome() -> None:
+def test_several_edits_cause_one_replan_and_each_gets_its_outcome() -> None:
     stage, viewer = playing()
     plans = len(viewer.notices)
     seqs = [
@@ -48,7 +48,7 @@ def test_several_edits_make_one_replan_and_each_has_its_outcome() -> None:
     assert viewer.rows[-1][CONSTRAINTS] == 1
 
 
-def test_edits_before_the_first_frame_hold_from_frame_0() -> None:
+def test_edits_before_the_first_frame_take_effect_at_frame_0() -> None:
     stage = Stage()
     viewer = stage.open(prompts=(prompt(1),))
     seq = stage.set_prompts(viewer, prompt(2))
@@ -70,7 +70,7 @@ def test_an_edit_early_in_a_running_window_restarts_it() -> None:
     assert markers(viewer, viewer.notices[-1].valid_from, viewer.buffered_to) == {2}
 
 
-def test_an_edit_late_in_a_running_window_follows_it() -> None:
+def test_edit_late_in_a_running_window_is_answered_by_the_next_one() -> None:
     stage, viewer = playing()
     start_job(stage, steps=2)
     (running,) = stage.runner.jobs
@@ -81,14 +81,14 @@ def test_an_edit_late_in_a_running_window_follows_it() -> None:
     assert [notice.event_seqs for notice in viewer.notices[-2:]] == [(), (seq,)]
 
 
-def test_edits_without_end_throw_nothing_away_that_was_begun_for_one() -> None:
+def test_continuous_edits_discard_hardly_any_begun_windows() -> None:
     stage, viewer = playing(num_steps=10)
     seqs = []
     for n in range(40):
         seqs.append(stage.set_prompts(viewer, prompt(n)))
         stage.run(0.01)
     plans = [notice for notice in viewer.notices if notice.cause is PlanCause.EDIT]
-    assert len(plans) == 3  # of five a second that the class may have, and one that a quiet time has left
+    assert len(plans) == 3  # at five a second, as the class may have, and with one saved up in a quiet time
     assert stage.total("windows_restarted") <= EngineConfig().max_restarts
     assert stage.total("steps_discarded") <= 5
     stage.run(1.0)
@@ -136,7 +136,7 @@ def test_a_refused_edit_changes_nothing_and_says_why() -> None:
     assert viewer.outcomes[unknown].reason == "UNKNOWN_CONSTRAINT"
 
 
-def test_limits_of_a_session_are_enforced() -> None:
+def test_limits_on_prompts_and_constraints_are_enforced() -> None:
     stage, viewer = playing(EngineConfig(max_prompts=2, max_constraints=2))
     prompts = [stage.set_prompts(viewer, prompt(n, prompt_id=n)) for n in (2, 3)]
     constraints = [stage.set_constraints(viewer, waypoint(100, n)) for n in (1, 2, 3)]
@@ -145,7 +145,7 @@ def test_limits_of_a_session_are_enforced() -> None:
     assert [viewer.outcomes[seq].reason for seq in constraints] == ["", "", "TOO_MANY_CONSTRAINTS"]
 
 
-def test_an_edit_of_the_first_frame_of_a_window_that_is_nearly_done_waits_for_one_that_knows_it() -> None:
+def test_edit_at_the_start_of_a_nearly_finished_window_waits_for_a_later_plan() -> None:
     stage, viewer = playing()
     start_job(stage, steps=3)
     ((first, job),) = [(job.first_frame, job) for job in stage.runner.jobs.values()]

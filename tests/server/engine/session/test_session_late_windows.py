@@ -1,4 +1,4 @@
-"""Windows that land late, or whose frames were played or promised meanwhile."""
+"""Windows that land late, or whose frames were played or committed meanwhile."""
 
 import itertools
 
@@ -9,7 +9,7 @@ from tests.server.engine.session.playing import PLAYS_FROM, markers, playing, st
 from tests.server.engine.stage import Stage, crowd, prompt
 
 
-def test_a_window_that_lands_too_late_is_discarded_and_tried_with_a_longer_lead() -> None:
+def test_window_that_lands_too_late_is_retried_with_a_longer_lead() -> None:
     stage, viewer = playing(EngineConfig(continue_threshold=10))
     stage.run_until(lambda: viewer.buffered_to - viewer.shown > 30)
     seq = stage.set_prompts(viewer, prompt(2))
@@ -28,7 +28,7 @@ def test_a_window_that_lands_too_late_is_discarded_and_tried_with_a_longer_lead(
     stage.check_finished()
 
 
-def test_a_promise_made_while_a_window_runs_does_not_void_it() -> None:
+def test_frames_committed_while_a_window_runs_do_not_void_it() -> None:
     stage = Stage(report_every_s=0.02)
     viewer = stage.open(prompts=(prompt(1),))
     stage.run_until(lambda: len(viewer.notices) == 2)
@@ -40,7 +40,7 @@ def test_a_promise_made_while_a_window_runs_does_not_void_it() -> None:
     assert stage.total("windows_discarded") == 0
 
 
-def test_an_edit_of_the_first_patch_holds_after_it() -> None:
+def test_edit_within_the_first_patch_takes_effect_after_it() -> None:
     stage = Stage()
     viewer = stage.open(prompts=(prompt(1, 1, 0),))
     seq = stage.set_prompts(viewer, prompt(2, 2, 2))
@@ -49,7 +49,7 @@ def test_an_edit_of_the_first_patch_holds_after_it() -> None:
     assert (markers(viewer, 0, 4), markers(viewer, 4, 30)) == ({1}, {2})
 
 
-def test_the_lead_follows_what_windows_take() -> None:
+def test_lead_of_a_replan_follows_the_time_that_windows_take() -> None:
     stage = Stage()
     viewer = stage.open(prompts=(prompt(1),))
     stage.runner.step_s = lambda rows: 0.1
@@ -62,7 +62,7 @@ def test_the_lead_follows_what_windows_take() -> None:
     assert shown + 0.4 * 20 <= (viewer.outcomes[seq].effective_frame or 0) <= shown + 0.7 * 20
 
 
-def test_an_edit_beyond_a_cut_window_holds_where_its_outcome_says_even_if_the_window_is_discarded() -> None:
+def test_edit_beyond_a_cut_window_keeps_its_frame_if_the_window_is_discarded() -> None:
     stage, viewer = playing()
     stage.run_until(lambda: viewer.buffered_to - viewer.shown > 35)
     shown = viewer.shown
@@ -78,7 +78,7 @@ def test_an_edit_beyond_a_cut_window_holds_where_its_outcome_says_even_if_the_wi
     assert markers(viewer, effective, viewer.buffered_to) == {4}
 
 
-def test_a_client_that_starts_to_play_during_the_last_step_is_not_overrun() -> None:
+def test_window_is_discarded_if_its_client_plays_past_it_in_the_last_step() -> None:
     stage, viewer = playing()
     stage.pause(viewer, True)
     stage.run(2.0)
@@ -97,7 +97,7 @@ def test_a_client_that_starts_to_play_during_the_last_step_is_not_overrun() -> N
     assert viewer.rows[-1][PROMPT] == 2
 
 
-def test_a_plan_number_is_used_again_when_its_window_was_withdrawn() -> None:
+def test_plan_number_of_a_withdrawn_window_is_reused() -> None:
     stage, viewer = playing()
     start_job(stage, steps=1)
     stage.set_prompts(viewer, prompt(2))
@@ -125,7 +125,7 @@ def test_a_server_too_slow_for_real_time_still_makes_motion_and_counts_the_misse
     stage.check_finished()
 
 
-def test_windows_that_all_ask_for_at_once_begin_where_they_can_be_in_time() -> None:
+def test_windows_of_simultaneous_edits_start_where_they_can_be_in_time() -> None:
     stage, viewers = crowd(24, prompts=(prompt(1),))
     stage.runner.step_s = lambda rows: 0.005 + 0.005 * rows
     stage.run(6.0)  # what steps cost is known by now
@@ -139,7 +139,7 @@ def test_windows_that_all_ask_for_at_once_begin_where_they_can_be_in_time() -> N
     stage.check_finished()
 
 
-def test_a_window_that_need_not_wait_for_others_after_all_begins_sooner() -> None:
+def test_window_starts_sooner_if_it_need_not_wait_for_others_after_all() -> None:
     stage, heroes = crowd(24, prompts=(prompt(1),), priority=Priority.HERO)
     last = stage.open(25, prompts=(prompt(1),), priority=Priority.CROWD)
     stage.runner.step_s = lambda rows: 0.005 + 0.005 * rows

@@ -1,4 +1,4 @@
-"""A session that lives for an hour, with everything a client does all day, is no larger at its end than early on."""
+"""A session that is open for an hour, with all that a client can do, is hardly larger at its end than early on."""
 
 import pickle
 import random
@@ -32,7 +32,7 @@ WINDOW_S = 0.2
 
 
 class Day:
-    """One session and a client that never rests, without the engine."""
+    """One session and a client that sends events all the time, without the engine."""
 
     def __init__(self, seed: int) -> None:
         self.random = random.Random(seed)
@@ -91,7 +91,7 @@ class Day:
         return len(pickle.dumps(self.state, protocol=pickle.HIGHEST_PROTOCOL))
 
 
-def test_an_hour_leaves_a_session_no_larger_than_its_first_minutes() -> None:
+def test_session_is_hardly_larger_after_an_hour_than_in_its_first_minutes() -> None:
     day = Day(seed=1)
     sizes: list[int] = []
     while day.now < HOUR_S:

@@ -1,4 +1,4 @@
-"""An edit that lands at any moment of a window's life is in effect where its answer says, and nowhere before."""
+"""An edit at any moment of a window takes effect at the frame that its outcome names, and not before."""
 
 import pytest
 
@@ -9,7 +9,7 @@ from tests.server.engine.viewer import Viewer
 
 
 def _window_begun(num_steps: int = 4) -> tuple[Stage, Viewer]:
-    """A stage at the moment when a continuation has been put to the runner and has done no step."""
+    """A stage at the moment when a continuing window has been scheduled and has done no step."""
     stage = Stage()
     viewer = stage.open(prompts=(prompt(1),), num_steps=num_steps)
     stage.run(0.5)
@@ -34,7 +34,7 @@ def _check(stage: Stage, viewer: Viewer, seqs: list[int], column: int, value: in
 
 
 @pytest.mark.parametrize("steps", range(9))
-def test_an_edit_between_any_two_steps(steps: int) -> None:
+def test_edit_between_any_two_steps_takes_effect_at_its_outcomes_frame(steps: int) -> None:
     stage, viewer = _window_begun()
     for _ in range(steps):
         stage.step()
@@ -45,7 +45,7 @@ def test_an_edit_between_any_two_steps(steps: int) -> None:
 
 
 @pytest.mark.parametrize("during", range(1, 9))
-def test_an_edit_while_a_step_runs(during: int) -> None:
+def test_edit_during_a_step_takes_effect_at_its_outcomes_frame(during: int) -> None:
     stage, viewer = _window_begun()
     seqs: list[int] = []
     steps = iter(range(1, 1000))
@@ -60,7 +60,7 @@ def test_an_edit_while_a_step_runs(during: int) -> None:
     _check(stage, viewer, seqs, PROMPT, 2)
 
 
-def test_two_edits_of_one_step_are_one_plan() -> None:
+def test_two_edits_before_one_step_get_one_plan() -> None:
     stage, viewer = _window_begun()
     for _ in range(6):
         stage.step()
@@ -72,7 +72,7 @@ def test_two_edits_of_one_step_are_one_plan() -> None:
     _check(stage, viewer, seqs, CONSTRAINTS, 1)
 
 
-def test_closing_while_a_window_runs_answers_what_it_was_for() -> None:
+def test_closing_during_a_window_answers_its_edit_as_cancelled() -> None:
     stage, viewer = _window_begun()
     seq = stage.set_prompts(viewer, prompt(2))
     stage.step()
@@ -84,7 +84,7 @@ def test_closing_while_a_window_runs_answers_what_it_was_for() -> None:
 
 
 @pytest.mark.parametrize("frame", [0, 5, 2**63 - 1, 2**63, 2**64 - 1])
-def test_a_playhead_back_or_out_of_this_world_harms_nothing(frame: int) -> None:
+def test_playhead_that_goes_back_or_is_absurd_harms_nothing(frame: int) -> None:
     stage, viewer = _window_begun()
     reported = stage.engine.sessions[viewer.key].clock.reported
     stage.engine.submit(viewer.lie(frame, stage.clock.now()))

@@ -1,4 +1,4 @@
-"""Options that change while a session is open: from the next window on, where there is room for what they ask."""
+"""Options that change while a session is open: they apply from the next window on, if there is capacity for them."""
 
 import pytest
 
@@ -8,7 +8,7 @@ from tests.server.engine.session.playing import playing, playing_state
 from tests.server.engine.stage import Stage, prompt
 
 
-def test_steps_guidance_and_history_hold_from_the_next_window_on() -> None:
+def test_steps_guidance_and_history_apply_from_the_next_window_on() -> None:
     stage, viewer = playing()
     before = len(stage.runner.prepared)
     seq = stage.set_options(viewer, denoise_steps=7, guidance=Guidance(1.0, 3.0), history_frames=8)
@@ -22,7 +22,7 @@ def test_steps_guidance_and_history_hold_from_the_next_window_on() -> None:
 
 
 @pytest.mark.parametrize("lookahead", [70, 40])
-def test_a_look_ahead_that_changes_is_kept_to(lookahead: int) -> None:
+def test_changed_look_ahead_is_respected(lookahead: int) -> None:
     stage = Stage()
     viewer = stage.open(lookahead=60)
     stage.run(2.0)
@@ -33,7 +33,7 @@ def test_a_look_ahead_that_changes_is_kept_to(lookahead: int) -> None:
     stage.check_finished()
 
 
-def test_a_session_counts_in_its_new_class() -> None:
+def test_session_counts_in_its_new_class_after_a_change() -> None:
     stage = Stage()
     viewer = stage.open(priority=Priority.CROWD)
     other = stage.open(2)
@@ -51,7 +51,7 @@ def test_a_session_counts_in_its_new_class() -> None:
     assert stage.engine.admission.asked == 0.0
 
 
-def test_more_than_there_is_room_for_is_refused_and_changes_nothing() -> None:
+def test_options_beyond_the_capacity_are_refused_and_change_nothing() -> None:
     stage = Stage(EngineConfig(admit_load=(0.3, 0.3, 0.3, 0.3)))
     viewers = [stage.open(handle, num_steps=2) for handle in range(1, 3)]
     stage.run(2.0)
@@ -67,7 +67,7 @@ def test_more_than_there_is_room_for_is_refused_and_changes_nothing() -> None:
 
 
 @pytest.mark.parametrize("rewind_s", [0.0, 2.0])
-def test_a_longer_history_is_what_is_held_of_it_and_grows(rewind_s: float) -> None:
+def test_longer_history_starts_with_the_frames_kept_and_grows(rewind_s: float) -> None:
     stage, viewer = playing(EngineConfig(rewind_s=rewind_s), history_frames=4)
     stage.run(15.0)
     stage.set_options(viewer, history_frames=160)
@@ -83,15 +83,15 @@ def test_a_longer_history_is_what_is_held_of_it_and_grows(rewind_s: float) -> No
     assert stage.runner.breaches == []
 
 
-def test_a_class_may_change_while_a_window_waits_to_begin() -> None:
-    """The window that waits goes to the new class with its session, and neither leaves anything in the old one."""
+def test_class_can_change_while_a_window_waits_to_begin() -> None:
+    """The waiting window goes to the new class with its session, and neither leaves anything in the old one."""
     stage = Stage()
     stage.runner.step_s = lambda rows: 0.03
     viewer, other, third = (stage.open(number, priority=Priority.CROWD, prompts=(prompt(1),)) for number in (1, 2, 3))
     stage.run(3.0)
     stage.set_prompts(other, prompt(5))
     stage.run_until(lambda: bool(stage.runner.jobs))
-    seq = stage.set_prompts(viewer, prompt(2))  # it waits for the other's window to be done
+    seq = stage.set_prompts(viewer, prompt(2))  # it waits for the other session's window to be done
     stage.step()
     assert stage.engine.sessions[viewer.key].running is not None
     stage.set_options(viewer, priority=Priority.HERO)
@@ -101,7 +101,7 @@ def test_a_class_may_change_while_a_window_waits_to_begin() -> None:
     stage.check_finished()
 
 
-def test_a_look_ahead_that_changes_back_has_windows_made_when_they_were_before() -> None:
+def test_continue_threshold_follows_the_look_ahead_and_returns_with_it() -> None:
     stage, viewer, state = playing_state()
     viewer.lookahead = 120
     before, found = state.continue_threshold, []

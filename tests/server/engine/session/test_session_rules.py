@@ -26,11 +26,11 @@ from tests.server.engine.stage import Stage, prompt
 from tests.server.engine.viewer import Viewer
 
 HANDLES = st.integers(1, 4)
-# the markers of prompts that may start later than one for now, and then hold instead of it
+# the markers of prompts that may start later than one for now, and are then in force instead of it
 SCHEDULED = {2, *range(12, 17)}
 
 
-RUNGS = (
+LEVELS = (
     FULL,
     Level(ServiceTier.FEWER_STEPS, steps=2, full_stride=True, replan_cap_scale=0.5),
     Level(ServiceTier.NO_GUIDANCE, steps=2, drop_guidance=True),
@@ -39,7 +39,7 @@ RUNGS = (
 
 
 class SessionRules(RuleBasedStateMachine):
-    """The viewers check every output as it comes; what is left to check here is that nothing is left unanswered."""
+    """The viewers check every output as it comes; here it remains to check that nothing is left unanswered."""
 
     @initialize(
         max_rows=st.integers(1, 4),
@@ -68,7 +68,7 @@ class SessionRules(RuleBasedStateMachine):
         random = np.random.default_rng(seed)
         self.stage.runner.step_s = lambda rows: float(base_s * random.uniform(1.0, spread))
         self.now_prompts: dict[int, list[tuple[int, int]]] = {}
-        self.last_cuts: dict[SessionKey, tuple[int, int]] = {}  # the event, and of how many plans was told before it
+        self.last_cuts: dict[SessionKey, tuple[int, int]] = {}  # the event, and how many plans were announced before it
         self.gone: list[Viewer] = []
 
     def _move(self, job: WindowJob, frames: np.ndarray) -> None:
@@ -165,12 +165,12 @@ class SessionRules(RuleBasedStateMachine):
             viewer.lookahead = max(viewer.lookahead, lookahead or 0)
             self.stage.set_options(viewer, priority=priority, lookahead=lookahead, denoise_steps=num_steps)
 
-    @rule(handle=HANDLES, level=st.sampled_from(RUNGS))
-    def change_rung(self, handle: int, level: Level) -> None:
+    @rule(handle=HANDLES, level=st.sampled_from(LEVELS))
+    def change_service_level(self, handle: int, level: Level) -> None:
         if viewer := self._viewer(handle):
-            self._set_rung(viewer, level)
+            self._set_level(viewer, level)
 
-    def _set_rung(self, viewer: Viewer, level: Level) -> None:
+    def _set_level(self, viewer: Viewer, level: Level) -> None:
         engine = self.stage.engine
         state = engine.sessions[viewer.key]
         self.stage.deliver(state.set_tier(level))
@@ -240,7 +240,7 @@ class SessionRules(RuleBasedStateMachine):
                 assert state.running.first_frame < state.running.accept_to
                 assert state.running.first_frame <= state.planned_to
             due = planning.window_due(state, self.stage.clock.now())
-            assert due or planning.wake_at(state) > -math.inf, "nothing is due, yet it is looked at over and over"
+            assert due or planning.wake_at(state) > -math.inf, "nothing is due, yet the session wakes at once"
 
     def teardown(self) -> None:
         if not hasattr(self, "stage"):
@@ -250,7 +250,7 @@ class SessionRules(RuleBasedStateMachine):
         for viewer in stage.viewers.values():
             if viewer.closed is None and viewer.opened is not None:
                 stage.pause(viewer, False)
-                self._set_rung(viewer, FULL)
+                self._set_level(viewer, FULL)
         stage.runner.step_s = lambda rows: 0.005
         stage.run(8.0)
         stage.check_finished()
@@ -261,7 +261,7 @@ class SessionRules(RuleBasedStateMachine):
             self._check_last_cut(viewer)
 
     def _check_last_cut(self, viewer: Viewer) -> None:
-        """Who is told that it will be elsewhere is put there."""
+        """A session whose last cut was accepted gets a plan for it."""
         seq, told = self.last_cuts.get(viewer.key, (0, 0))
         if seq and viewer.closed is None and viewer.outcomes[seq].code is Code.OK:
             assert any(notice.cause is PlanCause.CUT for notice in viewer.notices[told:])

@@ -1,4 +1,4 @@
-"""Windows of which a runner gives fewer frames than it could, and jobs that say whose prompt they carry."""
+"""Windows of which a runner gives fewer frames than it could, and jobs whose prompt must be kept."""
 
 from __future__ import annotations
 
@@ -10,7 +10,7 @@ from tests.server.engine.stage import Stage, prompt
 
 
 def _short_at(first_frame: int, count: int) -> Stage:
-    """A stage whose runner gives so many frames of the window that holds a frame."""
+    """A stage whose runner gives only count frames of the window that starts at first_frame."""
     stage = Stage()
 
     def counts(job: WindowJob) -> int | None:
@@ -41,7 +41,7 @@ def test_a_session_may_begin_with_a_short_window() -> None:
     stage.check_finished()
 
 
-def test_a_prompt_that_was_to_end_a_short_window_comes_at_its_frame() -> None:
+def test_prompt_after_a_short_window_starts_at_its_frame() -> None:
     stage = _short_at(40, 12)
     viewer = stage.open(prompts=(prompt(1), prompt(2, prompt_id=2, start=70)))
     stage.run(8.0)
@@ -51,7 +51,7 @@ def test_a_prompt_that_was_to_end_a_short_window_comes_at_its_frame() -> None:
     assert all(outcome.code is Code.OK for outcome in viewer.outcomes.values())
 
 
-def test_a_clip_of_short_windows_is_whole() -> None:
+def test_clip_of_short_windows_has_all_its_frames() -> None:
     stage = Stage()
     stage.runner.counts = lambda job: 12
     viewer = stage.open(clip_frames=50)
@@ -59,7 +59,7 @@ def test_a_clip_of_short_windows_is_whole() -> None:
     assert [int(row[FRAME]) for row in viewer.rows] == list(range(50))
 
 
-def test_jobs_keep_their_prompt_where_the_session_says_so_or_a_velocity_leads() -> None:
+def test_jobs_keep_their_prompt_with_keep_prompts_or_while_a_velocity_steers() -> None:
     stage = Stage()
     kept, steered = stage.open(1, keep_prompts=True), stage.open(2)
     stage.run(2.0)

@@ -1,4 +1,4 @@
-"""Snapshots: taken when a client was told something new, and gone on from in another engine."""
+"""Snapshots: taken when a client was told something new, and used to continue a session in another engine."""
 
 from __future__ import annotations
 
@@ -52,12 +52,12 @@ def through_a_store(snapshot: SessionSnapshot) -> SessionSnapshot:
 
 
 def go_on(snapshot: SessionSnapshot, viewer: Viewer, **where: int) -> tuple[Stage, list[Output]]:
-    """Another engine, and what it says first to a client that is where the viewer is."""
+    """Another engine that continues from a snapshot, and its first outputs for a client at the viewer's position."""
     asked = GoingOn(snapshot, 1, len(viewer.rows), viewer.notices[-1].plan, int(viewer.position), viewer.committed_to)
     stage = Stage(SAVING)
     other = Viewer(ELSEWHERE, viewer.lookahead, viewer.fps)
     stage.viewers[ELSEWHERE] = other
-    other.take = lambda output, now: None  # type: ignore[method-assign]  # what it checks holds from a beginning on
+    other.take = lambda output, now: None  # type: ignore[method-assign]  # its checks apply to sessions from frame 0 on
     stage.silent.add(ELSEWHERE)
     stage.next_report_at[ELSEWHERE] = 0.0
     spec = replace(snapshot.spec, session=ELSEWHERE)
@@ -66,7 +66,7 @@ def go_on(snapshot: SessionSnapshot, viewer: Viewer, **where: int) -> tuple[Stag
     return stage, stage.outputs
 
 
-def test_none_is_taken_unless_asked_for_nor_of_a_clip() -> None:
+def test_no_snapshot_is_taken_unless_configured_nor_of_a_clip() -> None:
     stage = Stage()
     stage.open()
     stage.run(3.0)
@@ -77,7 +77,7 @@ def test_none_is_taken_unless_asked_for_nor_of_a_clip() -> None:
     assert not snapshots(saving)
 
 
-def test_one_follows_each_plan_and_each_answer_and_nothing_else() -> None:
+def test_snapshot_follows_each_plan_and_each_outcome_and_nothing_else() -> None:
     stage = Stage(SAVING)
     viewer = stage.open(prompts=(prompt(1),))
     stage.run(3.0)
@@ -95,7 +95,7 @@ def test_one_follows_each_plan_and_each_answer_and_nothing_else() -> None:
     assert len(snapshots(stage)) == last, "nothing happens to a session that is paused and full"
 
 
-def test_a_session_that_stands_is_saved_again_where_that_is_asked_for_and_others_are_not() -> None:
+def test_save_again_takes_a_snapshot_of_a_paused_session_but_not_of_a_clip() -> None:
     stage = Stage(SAVING)
     viewer, clip = stage.open(prompts=(prompt(1),)), stage.open_clip(2, 80)
     stage.run(3.0)
@@ -111,7 +111,7 @@ def test_a_session_that_stands_is_saved_again_where_that_is_asked_for_and_others
     assert not any(isinstance(output, Outcome) for output in stage.outputs)
 
 
-def test_another_engine_goes_on_with_the_frames_and_conditions_of_the_first() -> None:
+def test_another_engine_continues_the_frames_of_the_first_without_a_gap() -> None:
     stage = Stage(SAVING)
     viewer = stage.open(prompts=(prompt(1),))
     stage.run(2.0)
@@ -134,7 +134,7 @@ def test_another_engine_goes_on_with_the_frames_and_conditions_of_the_first() ->
     assert other.runner.breaches == []
 
 
-def test_one_that_is_gone_on_with_does_not_count_as_one_that_has_just_begun() -> None:
+def test_continued_session_does_not_count_as_one_that_is_beginning() -> None:
     stage = Stage(SAVING)
     viewer = stage.open(prompts=(prompt(1),))
     stage.run(2.0)
@@ -144,13 +144,13 @@ def test_one_that_is_gone_on_with_does_not_count_as_one_that_has_just_begun() ->
     assert other.engine.admission.num_beginning == 0
 
 
-def test_an_edit_without_an_answer_is_answered_by_the_other_engine() -> None:
+def test_unanswered_edit_is_answered_by_the_other_engine() -> None:
     stage = Stage(SAVING)
     viewer = stage.open(prompts=(prompt(1),))
     stage.run(2.0)
     stage.pause(viewer, True)
     seq = stage.set_prompts(viewer, prompt(5))
-    stage.pause(viewer, False)  # which is answered at once, so the session is saved with an edit that is not
+    stage.pause(viewer, False)  # which is answered at once, so that the session is saved with an unanswered edit
     stage.step()
     snapshot = through_a_store(snapshots(stage)[-1])
     assert [edit.event_seq for edit in snapshot.unanswered] == [seq]
@@ -164,7 +164,7 @@ def test_an_edit_without_an_answer_is_answered_by_the_other_engine() -> None:
     assert chunk.rows[0][PROMPT] == 5
 
 
-def test_a_client_that_missed_a_plan_is_told_of_it_as_after_any_loss() -> None:
+def test_client_that_missed_a_plan_is_told_of_it_when_resuming_elsewhere() -> None:
     stage = Stage(SAVING)
     viewer = stage.open(prompts=(prompt(1),))
     stage.run(2.0)
@@ -181,7 +181,7 @@ def test_a_client_that_missed_a_plan_is_told_of_it_as_after_any_loss() -> None:
     assert resumed.notice.valid_from >= 0
 
 
-def test_what_the_client_was_promised_or_shows_is_never_replaced() -> None:
+def test_committed_frames_and_playhead_are_taken_over_by_the_other_engine() -> None:
     stage = Stage(SAVING)
     viewer = stage.open(prompts=(prompt(1),))
     stage.run(2.0)
@@ -193,7 +193,7 @@ def test_what_the_client_was_promised_or_shows_is_never_replaced() -> None:
 
 
 @pytest.mark.parametrize("where", [{"plan": 99}, {"next_frame": 100_000}])
-def test_a_client_that_knows_more_than_the_snapshot_is_refused(where: dict[str, int]) -> None:
+def test_client_that_is_ahead_of_the_snapshot_is_refused(where: dict[str, int]) -> None:
     stage = Stage(SAVING)
     viewer = stage.open(prompts=(prompt(1),))
     stage.run(2.0)
@@ -208,8 +208,8 @@ SPOILT = ["model", "width", "nan", "short", "prompt", "gait", "steps", "look-ahe
 
 
 @pytest.mark.parametrize("spoilt", SPOILT)
-def test_a_snapshot_that_the_model_cannot_go_on_with_is_refused(spoilt: str) -> None:
-    """What the model itself finds not to fit ends its engine, and all other sessions with it."""
+def test_snapshot_that_does_not_fit_the_model_is_refused(spoilt: str) -> None:
+    """If only the model found out that it does not fit, the engine would end, and all other sessions with it."""
     stage = Stage(SAVING)
     viewer = stage.open(prompts=(prompt(1),))
     stage.run(2.0)
@@ -235,7 +235,7 @@ def test_a_snapshot_that_the_model_cannot_go_on_with_is_refused(spoilt: str) -> 
     assert other.engine.num_sessions == 0
 
 
-def test_who_was_lost_is_put_right_by_the_other_engine() -> None:
+def test_lost_character_is_corrected_by_the_other_engine() -> None:
     stage = Stage(SAVING)
     stage.runner.rights = True
 
@@ -252,7 +252,7 @@ def test_who_was_lost_is_put_right_by_the_other_engine() -> None:
     assert other.runner.prepared[0].cause is PlanCause.FALLBACK
 
 
-def test_a_snapshot_with_what_this_engine_does_not_know_is_refused() -> None:
+def test_snapshot_with_an_unknown_correction_is_refused() -> None:
     stage = Stage(SAVING)
     viewer = stage.open(prompts=(prompt(1),))
     stage.run(3.0)
@@ -261,7 +261,7 @@ def test_a_snapshot_with_what_this_engine_does_not_know_is_refused() -> None:
     assert refused.reason == "SNAPSHOT_UNUSABLE"
 
 
-def test_who_is_steered_is_steered_on_by_the_other_engine_with_the_same_prompt_and_no_longer() -> None:
+def test_velocity_continues_in_the_other_engine_with_its_gait_and_end() -> None:
     stage = Stage(SAVING)
     viewer = stage.open(prompts=(prompt(1),), gaits=(WALK,))
     stage.run(2.0)

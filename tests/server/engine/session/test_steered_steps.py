@@ -1,4 +1,4 @@
-"""Denoising steps under a stick: windows that follow one another closely may do with a share of them."""
+"""Denoising steps while a stick steers: windows in quick succession may take only a share of them."""
 
 from dataclasses import replace
 
@@ -28,27 +28,27 @@ def steered(share: float = 0.5, every_s: float = 0.1, keep_prompt: bool = False,
 
 
 @pytest.mark.parametrize(("share", "num_steps"), [(1.0, 6), (0.5, 3), (0.4, 3), (0.05, 2)])
-def test_windows_that_follow_closely_take_the_models_share_of_the_steps_asked_for(share: float, num_steps: int) -> None:
+def test_windows_in_quick_succession_take_the_models_share_of_the_steps(share: float, num_steps: int) -> None:
     first, *later = steered(share)
-    assert first.num_steps == ASKED, "the first is shown for as long as nothing else is said"
+    assert first.num_steps == ASKED, "the first is shown until another event comes"
     assert len(later) > 10
     assert {job.num_steps for job in later} == {num_steps}
 
 
-def test_windows_that_are_shown_for_longer_take_all_of_them() -> None:
+def test_windows_that_are_shown_for_longer_take_all_steps() -> None:
     jobs = steered(every_s=1.0)
     assert len(jobs) >= 30
     assert {job.num_steps for job in jobs} == {ASKED}
 
 
-def test_a_sessions_own_prompt_gets_all_of_them() -> None:
+def test_windows_with_the_sessions_own_prompt_take_all_steps() -> None:
     assert {job.num_steps for job in steered(keep_prompt=True)} == {ASKED}
 
 
-def test_so_do_its_targets() -> None:
+def test_windows_of_a_session_with_constraints_take_all_steps() -> None:
     assert {job.num_steps for job in steered(constraints=(waypoint(10_000),))} == {ASKED}
 
 
-def test_a_model_that_says_nothing_takes_all_of_them() -> None:
+def test_model_without_a_steered_share_takes_all_steps() -> None:
     assert FACTS.steered_share == 1.0
     assert {job.num_steps for job in steered(FACTS.steered_share)} == {ASKED}

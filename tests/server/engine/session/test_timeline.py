@@ -13,7 +13,7 @@ def _frames(begin: int, end: int) -> np.ndarray:
 
 
 @given(st.lists(st.tuples(st.integers(0, 50), st.integers(1, 40), st.integers(0, 60)), max_size=8))
-def test_a_timeline_is_the_list_of_frames_it_stands_for(edits: list[tuple[int, int, int]]) -> None:
+def test_timeline_equals_a_plain_list_of_its_frames(edits: list[tuple[int, int, int]]) -> None:
     timeline = Timeline.empty(3, 3)
     whole: list[float] = []
     for marker, (back, count, trim) in enumerate(edits):
@@ -27,21 +27,21 @@ def test_a_timeline_is_the_list_of_frames_it_stands_for(edits: list[tuple[int, i
         assert timeline.features[:, 0].tolist() == whole[timeline.first :]
 
 
-def test_history_is_what_comes_just_before() -> None:
+def test_history_is_the_frames_just_before_a_frame() -> None:
     timeline = Timeline.empty(3, 3).spliced(0, _frames(0, 40), _frames(0, 40)).trimmed(10)
     assert timeline.features_before(20, 8)[:, 0].tolist() == list(range(12, 20))
     assert timeline.features_before(20, 0).shape == (0, 3)
     assert timeline.rows_between(12, 14)[:, 0].tolist() == [12, 13]
 
 
-def test_a_view_stays_true_when_the_timeline_goes_on() -> None:
+def test_view_of_rows_is_not_changed_by_later_splices() -> None:
     timeline = Timeline.empty(3, 3).spliced(0, _frames(0, 40), _frames(0, 40))
     view = timeline.rows_between(10, 20)
     timeline.spliced(12, _frames(100, 140), _frames(100, 140)).trimmed(30)
     assert view[:, 0].tolist() == list(range(10, 20))
 
 
-def test_what_was_trimmed_is_let_go_at_the_next_splice() -> None:
+def test_trimmed_frames_are_released_at_the_next_splice() -> None:
     timeline = Timeline.empty(3, 3).spliced(0, _frames(0, 1000), _frames(0, 1000)).trimmed(990)
     assert len(timeline.rows) == 10
     timeline = timeline.spliced(1000, _frames(1000, 1040), _frames(1000, 1040))
@@ -56,7 +56,7 @@ def test_what_was_trimmed_is_let_go_at_the_next_splice() -> None:
     st.integers(0, 300),
     st.integers(0, 8),
 )
-def test_tokens_stand_for_just_the_frames_before_or_are_not_given(
+def test_tokens_stand_for_exactly_the_frames_before_or_are_not_given(
     edits: list[tuple[int, int, bool, int]], frame: int, count: int
 ) -> None:
     """A window's token carries its window and its first frame; the frames carry the same."""
@@ -74,7 +74,7 @@ def test_tokens_stand_for_just_the_frames_before_or_are_not_given(
         assert [tuple(token) for token in given_tokens for _ in range(4)] == frames
 
 
-def test_tokens_of_windows_on_one_grid_join_and_others_begin_anew() -> None:
+def test_tokens_of_windows_on_one_grid_join_and_others_start_a_new_run() -> None:
     tokens = np.arange(20, dtype=np.float32).reshape(10, 2)
     run = TokenRun(0, tokens[:0], 4).spliced(0, tokens, 40).spliced(40, tokens, 40)
     assert (run.first, run.end) == (0, 80)
@@ -87,7 +87,7 @@ def test_tokens_of_windows_on_one_grid_join_and_others_begin_anew() -> None:
     assert anew.before(77, 16) is not None
 
 
-def test_a_held_pose_repeats_the_last_row_and_histories_do_not_see_it() -> None:
+def test_held_pose_repeats_the_last_row_and_is_not_in_histories() -> None:
     frames = _frames(0, 40)
     timeline = Timeline.empty(3, 3, 1, 4).spliced(0, frames, frames, frames[::4, :1])
     held = timeline.held(6)
@@ -100,13 +100,13 @@ def test_a_held_pose_repeats_the_last_row_and_histories_do_not_see_it() -> None:
     assert timeline.end == 40
 
 
-def test_frames_made_anew_bound_the_history() -> None:
+def test_frames_made_anew_set_where_the_motion_begins() -> None:
     timeline = Timeline.empty(3, 3).spliced(0, _frames(0, 40), _frames(0, 40))
     assert timeline.spliced(30, _frames(30, 70), _frames(30, 70)).motion_from == 0
     assert timeline.spliced(30, _frames(30, 70), _frames(30, 70), anew=True).motion_from == 30
 
 
-def test_rows_of_the_same_motion_are_none_from_before_a_cut_a_held_pose_or_the_session() -> None:
+def test_rows_made_before_exclude_those_before_a_cut_a_hold_or_the_session() -> None:
     timeline = Timeline.empty(3, 3, 1, 4).spliced(0, _frames(0, 40), _frames(0, 40))
     assert timeline.made_before(20, 8)[:, 0].tolist() == list(range(12, 20))
     assert timeline.made_before(5, 8)[:, 0].tolist() == list(range(5))
@@ -120,7 +120,7 @@ def test_rows_of_the_same_motion_are_none_from_before_a_cut_a_held_pose_or_the_s
     assert len(begun.made_before(0, 8)) == 0
 
 
-def test_quaternions_of_neighbouring_frames_have_one_sign_from_window_to_window() -> None:
+def test_quaternions_keep_their_sign_from_window_to_window() -> None:
     stage = Stage()
 
     def flips(job: WindowJob, frames: np.ndarray) -> None:

@@ -29,7 +29,7 @@ def _event(x: float, z: float, heading: float | None = None, hold_frames: int = 
     begin=st.integers(0, 10_000),
     hold_frames=st.integers(1, 400),
 )
-def test_a_path_sets_out_from_the_root_and_comes_to_the_speed(
+def test_path_starts_at_the_root_and_reaches_the_velocity(
     velocity: tuple[float, float], before: tuple[float, float], begin: int, hold_frames: int
 ) -> None:
     root = RootState(5.0, -7.0, *before, 0.0)
@@ -47,7 +47,7 @@ def test_a_path_sets_out_from_the_root_and_comes_to_the_speed(
 
 
 @pytest.mark.parametrize(("speed", "within_s"), [(0.5, 1.0), (1.5, 1.0), (3.0, 2.0)])
-def test_a_speed_is_reached_in_the_time_that_people_take(speed: float, within_s: float) -> None:
+def test_speed_is_reached_in_the_time_that_people_take(speed: float, within_s: float) -> None:
     path = Velocity(0.0, speed, None, 100).path(0, 60, RootState(0.0, 0.0, 0.0, 0.0, 0.0), FPS)
     assert path is not None
     reached = np.diff(path.xz[:, 1]) * FPS
@@ -55,7 +55,7 @@ def test_a_speed_is_reached_in_the_time_that_people_take(speed: float, within_s:
     assert np.abs(np.diff(reached)).max() * FPS < 3.0
 
 
-def test_who_goes_the_other_way_turns_round_and_does_not_walk_backwards() -> None:
+def test_reversed_velocity_turns_the_root_instead_of_walking_backwards() -> None:
     for root in (RootState(0.0, 0.0, 0.0, 1.5, 0.0), RootState(0.0, 0.0, 0.0, 0.0, 0.0)):
         path = Velocity(0.0, -1.5, None, 200).path(0, 80, root, FPS)
         assert path is not None
@@ -66,14 +66,14 @@ def test_who_goes_the_other_way_turns_round_and_does_not_walk_backwards() -> Non
         assert speed[50] == pytest.approx(-1.5, abs=0.01)
 
 
-def test_a_heading_that_is_asked_for_is_kept_whatever_the_way() -> None:
+def test_requested_heading_is_kept_whatever_the_direction() -> None:
     path = Velocity(0.0, -1.0, 0.0, 40).path(0, 40, RootState(0.0, 0.0, 0.0, 0.0, 0.0), FPS)
     assert path is not None
     assert path.heading is not None
     assert np.abs(path.heading).max() == 0.0
 
 
-def test_a_velocity_that_ends_slows_to_a_stand() -> None:
+def test_velocity_that_ends_slows_to_a_stop() -> None:
     velocity = Velocity(1.5, 0.0, None, 20, steers_from=100)
     path = velocity.path(100, 140, RootState(0.0, 0.0, 1.5, 0.0, math.pi / 2), FPS)
     assert path is not None
@@ -87,7 +87,7 @@ def test_a_velocity_that_ends_slows_to_a_stand() -> None:
     assert velocity.path(136, 176, AT_REST, FPS) is None
 
 
-def test_standing_is_a_path_that_comes_to_rest() -> None:
+def test_zero_velocity_is_a_path_that_comes_to_rest() -> None:
     path = Velocity(0.0, 0.0, None, 40).path(100, 140, RootState(0.0, 0.0, 1.0, 0.0, 0.0), FPS)
     assert path is not None
     assert len(path.xz) == 40
@@ -104,7 +104,7 @@ def test_headings_turn_the_short_way(before: float, asked: float) -> None:
     assert math.remainder(float(path.heading[-1]) - asked, math.tau) == pytest.approx(0.0, abs=1e-5)
 
 
-def test_a_velocity_ends_after_the_frames_that_it_holds() -> None:
+def test_velocity_ends_after_its_hold_frames_and_the_slowing_down() -> None:
     velocity = Velocity(1.0, 0.0, None, 50, steers_from=100)
     path = velocity.path(140, 180, AT_REST, FPS)
     assert path is not None
@@ -112,7 +112,7 @@ def test_a_velocity_ends_after_the_frames_that_it_holds() -> None:
     assert velocity.path(150 + SLOWING_FRAMES, 230, AT_REST, FPS) is None
 
 
-def test_saying_the_same_again_changes_only_where_it_ends() -> None:
+def test_repeated_velocity_changes_only_where_it_ends() -> None:
     held = Velocity(1.0, 0.0, 0.5, 40, steers_from=100)
     again, dirty_from, prolongs = changed_velocity(held, _event(1.0, 0.0, 0.5), floor=120)
     assert (again.end_if_from(0), dirty_from, prolongs) == (160, 140, True)
@@ -187,7 +187,7 @@ def test_each_velocity_replaces_the_last_and_each_is_answered() -> None:
     assert path.xz[39, 0] - path.xz[38, 0] == pytest.approx(4.0 / FPS, abs=1e-4)
 
 
-def test_a_velocity_said_again_while_it_holds_makes_no_plan() -> None:
+def test_velocity_repeated_while_it_holds_causes_no_replan() -> None:
     stage, viewer = _playing()
     stage.set_velocity(viewer, 1.0, 0.0, hold_frames=200)
     stage.run(2.0)
@@ -199,18 +199,18 @@ def test_a_velocity_said_again_while_it_holds_makes_no_plan() -> None:
     assert shown + 200 < max(path.last_frame for _, path in _paths(stage)) <= shown + 210 + SLOWING_FRAMES
 
 
-def test_root_targets_of_the_client_hold_where_there_are_any() -> None:
+def test_waypoint_of_the_client_follows_and_so_overrides_the_velocity_path() -> None:
     stage, viewer = _playing()
     stage.set_constraints(viewer, Waypoint(1, 60, 9.0, 9.0))
     stage.set_velocity(viewer, 1.0, 0.0)
     stage.run(0.1)
-    path, target = stage.runner.prepared[-1].constraints  # of two that disagree the later one holds
+    path, target = stage.runner.prepared[-1].constraints  # of two that disagree the later one wins
     assert isinstance(path, RootTrajectory)
     assert target == Waypoint(1, 60, 9.0, 9.0)
     assert path.constraint_id != target.constraint_id
 
 
-def test_a_velocity_before_the_first_frame_sets_out_from_the_start_pose() -> None:
+def test_velocity_before_the_first_frame_starts_from_the_start_pose() -> None:
     stage = Stage()
     viewer = stage.open()
     seq = stage.set_velocity(viewer, 0.0, 2.0, heading=0.0)
@@ -221,7 +221,7 @@ def test_a_velocity_before_the_first_frame_sets_out_from_the_start_pose() -> Non
     assert path.heading is not None
 
 
-def test_the_time_a_velocity_holds_starts_with_the_window_that_obeys_it_not_with_one_discarded() -> None:
+def test_hold_time_of_a_velocity_does_not_start_with_a_discarded_window() -> None:
     stage, viewer = _playing(EngineConfig(continue_threshold=10))
     stage.run_until(lambda: viewer.buffered_to - viewer.shown > 30)
     slow = iter([0.2] * 4)

@@ -24,7 +24,7 @@ def sends_of(stage: Stage, seconds: float) -> tuple[int, int]:
 
 
 @pytest.mark.parametrize("report_every_s", [0.05, 0.1, 0.2, 0.25])
-def test_frames_are_sent_as_seldom_however_often_a_playhead_is_reported(report_every_s: float) -> None:
+def test_frames_are_sent_in_large_parts_however_often_a_playhead_is_reported(report_every_s: float) -> None:
     stage = Stage(report_every_s=report_every_s)
     viewer = stage.open()
     stage.run(5.0)
@@ -36,7 +36,7 @@ def test_frames_are_sent_as_seldom_however_often_a_playhead_is_reported(report_e
 
 
 @pytest.mark.parametrize("report_every_s", [0.1, 0.25, 0.4, 1.0])
-def test_a_client_has_enough_to_play_meanwhile(report_every_s: float) -> None:
+def test_client_has_enough_to_play_while_frames_wait(report_every_s: float) -> None:
     stage = Stage(report_every_s=report_every_s)
     viewer = stage.open()
     stage.run(5.0)
@@ -44,13 +44,13 @@ def test_a_client_has_enough_to_play_meanwhile(report_every_s: float) -> None:
     for _ in range(600):
         stage.run(0.1)
         left.append(viewer.buffered_to - viewer.position)
-    # What a report has not earned nobody may be sent; of what it has, frames wait until so few are left.
+    # Frames beyond the credit may not be sent; those within it wait until so few are left.
     assert min(left) >= min(LOW, LOOKAHEAD - 20 * report_every_s) - 2
     assert viewer.underruns == 0
 
 
 @pytest.mark.parametrize("silent_after_s", [0.1 * n for n in range(22)])
-def test_who_says_no_more_gets_what_waits_by_time_alone(silent_after_s: float) -> None:
+def test_silent_client_gets_the_waiting_frames_after_some_time(silent_after_s: float) -> None:
     stage = Stage(report_every_s=0.25)
     viewer = stage.open()
     stage.run(5.0 + silent_after_s)
@@ -60,7 +60,7 @@ def test_who_says_no_more_gets_what_waits_by_time_alone(silent_after_s: float) -
 
 
 @pytest.mark.parametrize("paused_after_s", [0.1 * n for n in range(22)])
-def test_nothing_waits_for_a_playhead_that_stands(paused_after_s: float) -> None:
+def test_no_frames_wait_while_playback_is_paused(paused_after_s: float) -> None:
     stage = Stage(report_every_s=0.25)
     viewer = stage.open()
     stage.run(5.0 + paused_after_s)
@@ -70,7 +70,7 @@ def test_nothing_waits_for_a_playhead_that_stands(paused_after_s: float) -> None
 
 
 @pytest.mark.parametrize("frame", range(100, 140, 3))
-def test_a_constraint_is_told_of_as_soon_as_where_nothing_waits(frame: int) -> None:
+def test_waiting_frames_do_not_delay_reports_of_constraints(frame: int) -> None:
     told = []
     for config in (EngineConfig(), EngineConfig(steady_chunk=1)):
         stage = Stage(config, report_every_s=0.25)
@@ -81,9 +81,9 @@ def test_a_constraint_is_told_of_as_soon_as_where_nothing_waits(frame: int) -> N
 
 
 @pytest.mark.parametrize("rtt_s", [0.05, 0.4, 0.9])
-def test_what_an_edit_changes_is_sent_at_once_also_to_a_client_far_away(rtt_s: float) -> None:
+def test_frames_of_an_edit_are_sent_at_once_even_to_a_distant_client(rtt_s: float) -> None:
     stage, viewer = playing()
-    viewer.rtt_s = rtt_s  # the further away, the later what changes begins, and the less of it has been earned
+    viewer.rtt_s = rtt_s  # the further away, the later the change begins, and the less of it the credit covers
     stage.run(2.0)
     sent_before = len(viewer.chunks)
     seq = stage.set_prompts(viewer, prompt(2))

@@ -1,4 +1,4 @@
-"""Who sends too much is read more slowly, and owes it together with all that comes from the same address."""
+"""Budgets of streams and peers: a stream that sends too much is read more slowly, and its address pays as well."""
 
 from __future__ import annotations
 
@@ -17,7 +17,7 @@ def peer_of(**limits: float) -> Peer:
     return Peer(PeerLimits(**limits), 0.0)  # type: ignore[arg-type]
 
 
-def test_a_burst_is_free_and_what_is_beyond_it_is_owed() -> None:
+def test_burst_is_free_and_anything_beyond_it_is_owed() -> None:
     budget = StreamBudget(100.0, peer_of(), 0.0)
     budget.charge(100.0, 0.0)
     assert budget.owed_s(0.0) == 0
@@ -27,13 +27,13 @@ def test_a_burst_is_free_and_what_is_beyond_it_is_owed() -> None:
     assert budget.owed_s(0.5) == 0
 
 
-def test_bytes_are_charged_too() -> None:
+def test_bytes_of_a_message_are_charged() -> None:
     budget = StreamBudget(MESSAGE_COST + 10, peer_of(), 0.0)
     budget.charge_message(int(20 * BYTES_A_TOKEN), 0.0)
     assert budget.owed_s(0.0) * (MESSAGE_COST + 10) == pytest.approx(10)
 
 
-def test_bytes_of_all_streams_of_a_peer_are_counted_for_themselves() -> None:
+def test_bytes_are_charged_to_a_budget_of_the_peer_too() -> None:
     peer = peer_of(bytes_per_second=1000.0)
     peer.num_streams = 1
     budget = StreamBudget(1e9, peer, 0.0)
@@ -42,7 +42,7 @@ def test_bytes_of_all_streams_of_a_peer_are_counted_for_themselves() -> None:
     assert peer.bytes.owed_s(0.0) == pytest.approx(0.5)
 
 
-def test_streams_of_one_peer_pay_together_and_others_do_not() -> None:
+def test_streams_of_a_peer_share_its_budget_and_other_peers_do_not() -> None:
     peer = peer_of(events_per_second=100.0)
     peer.num_streams = 2
     first, second = StreamBudget(1000.0, peer, 0.0), StreamBudget(1000.0, peer, 0.0)
@@ -50,11 +50,11 @@ def test_streams_of_one_peer_pay_together_and_others_do_not() -> None:
     first.charge(200.0, 0.0)
     assert first.owed_s(0.0) == pytest.approx(1.0)
     second.charge(60.0, 0.0)
-    assert second.owed_s(0.0) == pytest.approx(0.2), "more than half of what both may have"
+    assert second.owed_s(0.0) == pytest.approx(0.2), "it is in debt for more than half of what both may have"
     assert elsewhere.owed_s(0.0) == 0
 
 
-def test_who_keeps_to_an_equal_part_never_waits_for_another_stream_of_its_peer() -> None:
+def test_stream_within_its_equal_part_never_waits_for_others_of_its_peer() -> None:
     peer = peer_of(events_per_second=100.0)
     peer.num_streams = 2
     greedy, modest = StreamBudget(1e6, peer, 0.0), StreamBudget(1e6, peer, 0.0)
@@ -65,7 +65,7 @@ def test_who_keeps_to_an_equal_part_never_waits_for_another_stream_of_its_peer()
     assert greedy.owed_s(10.0) > 10
 
 
-def test_heroes_of_one_peer_are_few_and_a_place_can_be_taken_again() -> None:
+def test_heroes_of_a_peer_are_limited_and_released_places_are_free() -> None:
     peer = peer_of(heroes=2)
     places = [peer.place(Priority.HERO, 0.0) for _ in range(2)]
     with pytest.raises(EventRefused) as refused:
@@ -79,7 +79,7 @@ def test_heroes_of_one_peer_are_few_and_a_place_can_be_taken_again() -> None:
         peer.place(Priority.HERO, 0.0)
 
 
-def test_sessions_count_by_their_class() -> None:
+def test_sessions_are_weighted_by_their_class() -> None:
     peer = peer_of(session_weight=7)
     held = [peer.place(priority, 0.0) for priority in (Priority.HERO, Priority.NEAR, Priority.CROWD)]
     with pytest.raises(EventRefused, match="as many sessions"):
@@ -90,7 +90,7 @@ def test_sessions_count_by_their_class() -> None:
     assert peer.session_weight == 7
 
 
-def test_what_sessions_take_to_play_on_stays_within_the_quota() -> None:
+def test_steps_of_a_peer_s_sessions_stay_within_its_quota() -> None:
     peer = peer_of(steps_per_second=10.0)
     places = [peer.place(Priority.CROWD, 0.0) for _ in range(3)]
     for place in places[:2]:
@@ -105,14 +105,14 @@ def test_what_sessions_take_to_play_on_stays_within_the_quota() -> None:
         peer.place(Priority.CROWD, 0.0).begin_steps(4.0)
 
 
-def test_engines_know_a_peer_by_its_name_its_share_and_its_quota() -> None:
+def test_owner_of_a_peer_has_its_name_share_and_quota() -> None:
     peers = Peers(PeerLimits(share=2.5, steps_per_second=40.0))
     one, other = peers.find("ipv4:10.0.0.7:5", 0.0), peers.find("ipv4:10.0.0.8:5", 0.0)
     assert one.owner == Owner("ipv4:10.0.0.7", 2.5, 40.0)
     assert other.owner.name != one.owner.name
 
 
-def test_engines_are_told_of_a_tenant_when_it_comes_and_when_its_share_or_quota_changes() -> None:
+def test_engines_are_told_of_new_tenants_and_of_changed_shares_or_quotas() -> None:
     told: list[Owner] = []
     peers = Peers(PeerLimits(), note_owner=told.append)
     address = peers.find("ipv4:10.0.0.7:5", 0.0)
@@ -129,10 +129,10 @@ def test_engines_are_told_of_a_tenant_when_it_comes_and_when_its_share_or_quota_
         peers.find(f"ipv4:9.{number >> 8}.{number & 255}.1:1", 1.0)
     again = peers.of(Caller("studio", quota=quota), address, 2.0)
     assert again is not tenant
-    assert told[2:] == [Owner("tenant:studio", 2.0)], "they may remember what it had before it was forgotten"
+    assert told[2:] == [Owner("tenant:studio", 2.0)], "engines may remember what it had before it was forgotten"
 
 
-def test_samples_of_clips_are_counted_while_they_are_made() -> None:
+def test_samples_of_clips_count_while_they_are_made() -> None:
     peer = peer_of(clip_samples=4)
     peer.begin_clip(3)
     with pytest.raises(EventRefused) as refused:
@@ -142,12 +142,12 @@ def test_samples_of_clips_are_counted_while_they_are_made() -> None:
     peer.begin_clip(4)
 
 
-def test_a_peer_is_its_address_and_not_its_port() -> None:
+def test_name_of_a_peer_is_its_address_without_the_port() -> None:
     assert address_of("ipv4:10.0.0.7:1234") == address_of("ipv4:10.0.0.7:4321") == "ipv4:10.0.0.7"
     assert address_of("unix:") == address_of("unix:/run/x") == "unix"
 
 
-def test_whoever_has_a_network_of_ipv6_addresses_has_one_budget() -> None:
+def test_ipv6_addresses_of_a_network_share_one_budget() -> None:
     peers = Peers(PeerLimits(heroes=1))
     one, other = (peers.find(f"ipv6:%5B2001:db8::{host}%5D:55000", 0.0) for host in (7, 8))
     assert one is other
@@ -161,7 +161,7 @@ def test_an_ipv4_address_has_the_same_budget_however_it_is_written() -> None:
     assert address_of("ipv6:%5B::ffff:10.0.0.7%5D:55000") == address_of("ipv4:10.0.0.7:1") == "ipv4:10.0.0.7"
 
 
-def test_peers_that_owe_nothing_are_forgotten_and_others_are_not() -> None:
+def test_only_peers_without_debt_or_sessions_are_forgotten() -> None:
     peers = Peers(PeerLimits(events_per_second=10.0))
     debtor = peers.find("ipv4:1.1.1.1:1", 0.0)
     debtor.events.charge(1000.0, 0.0)
@@ -175,7 +175,7 @@ def test_peers_that_owe_nothing_are_forgotten_and_others_are_not() -> None:
     assert peers.find("ipv4:3.3.3.3:2", 1.0) is not quiet
 
 
-def test_clients_of_many_addresses_that_come_at_once_are_not_all_visited_for_each_of_them(
+def test_many_new_addresses_are_not_all_visited_for_each_of_them(
     monkeypatch: pytest.MonkeyPatch,
 ) -> None:
     visits, is_idle = 0, Peer.is_idle
@@ -192,12 +192,12 @@ def test_clients_of_many_addresses_that_come_at_once_are_not_all_visited_for_eac
     assert visits <= num_addresses
     quiet = peers.find("ipv4:1.1.1.1:1", 0.0)
     peers.find("ipv4:2.2.2.2:1", 1.0)
-    assert peers.find("ipv4:1.1.1.1:1", 1.0) is not quiet, "who has nothing open is forgotten all the same"
+    assert peers.find("ipv4:1.1.1.1:1", 1.0) is not quiet, "a peer with nothing open is forgotten nevertheless"
 
 
 @pytest.mark.parametrize(("priority", "quota"), [(Priority.NEAR, "nears"), (Priority.CROWD, "crowds"),
                                                  (Priority.BATCH, "batches")])  # fmt: skip
-def test_each_class_has_a_quota_that_a_refusal_names(priority: Priority, quota: str) -> None:
+def test_refusal_names_the_quota_of_the_class(priority: Priority, quota: str) -> None:
     peer = peer_of(**{quota: 1})
     peer.place(priority, 0.0)
     with pytest.raises(EventRefused, match=rf"1 sessions of the class {priority.name}, its quota \({quota}\)"):
@@ -205,7 +205,7 @@ def test_each_class_has_a_quota_that_a_refusal_names(priority: Priority, quota: 
     peer.place(Priority.HERO, 0.0)
 
 
-def test_who_begins_streams_again_and_again_gets_no_more_by_that() -> None:
+def test_opening_streams_again_and_again_does_not_increase_the_budget() -> None:
     peer = peer_of(events_per_second=100.0, bytes_per_second=1e9)
     peer.num_streams, sent = 1, 0.0
     for tenth in range(100):
@@ -213,10 +213,10 @@ def test_who_begins_streams_again_and_again_gets_no_more_by_that() -> None:
         while stream.owed_s(tenth / 10) == 0:
             stream.charge(10.0, tenth / 10)
             sent += 10.0
-    assert sent <= 100 * (10 + 1) + 100 * 10, "what ten seconds bring, and of each stream what tells that it owes"
+    assert sent <= 100 * (10 + 1) + 100 * 10, "what ten seconds bring, and the charge that puts each stream in debt"
 
 
-def test_a_session_that_comes_again_brings_no_new_prompts_with_it() -> None:
+def test_reopened_session_gets_no_new_budget_of_prompts() -> None:
     peer = peer_of(prompts_per_second=20.0)
     first = peer.place(Priority.NEAR, 0.0)
     first.prompts.charge(60.0, 0.0)
@@ -226,7 +226,7 @@ def test_a_session_that_comes_again_brings_no_new_prompts_with_it() -> None:
     assert second.prompts.owed_s(0.0) > 0
 
 
-def test_a_session_takes_another_class_where_there_is_room_for_one_and_keeps_its_own_else() -> None:
+def test_session_changes_its_class_only_if_there_is_room() -> None:
     peer = peer_of(heroes=1, session_weight=6)
     crowd, hero = peer.place(Priority.CROWD, 0.0), peer.place(Priority.HERO, 0.0)
     for wanted, field in ((Priority.HERO, "set_options.priority"), (Priority.CROWD, ""), (Priority.NEAR, "")):
@@ -243,13 +243,13 @@ def test_a_session_takes_another_class_where_there_is_room_for_one_and_keeps_its
     with pytest.raises(EventRefused, match="as many sessions") as refused:
         places[1].change(Priority.NEAR, None)
     assert refused.value.field == "set_options.priority"
-    hero.change(Priority.HERO, None)(True)  # what it is already is never refused
+    hero.change(Priority.HERO, None)(True)  # the class that it has already is never refused
     for place in (crowd, hero, *places):
         place.release()
     assert (peer.num_sessions, other.num_sessions) == (0, 0)
 
 
-def test_what_the_engine_refuses_counts_as_before_and_what_it_has_not_answered_as_asked() -> None:
+def test_pending_changes_count_as_requested_and_refused_ones_as_before() -> None:
     peer = peer_of(steps_per_second=10.0, heroes=1)
     place, other = peer.place(Priority.CROWD, 0.0), peer.place(Priority.CROWD, 0.0)
     place.begin_steps(2.0)
@@ -269,7 +269,7 @@ def test_what_the_engine_refuses_counts_as_before_and_what_it_has_not_answered_a
     assert [peer.session_weight, peer.num_sessions] == [5, 2]
 
 
-def test_what_rounding_leaves_of_sessions_goes_with_the_last() -> None:
+def test_rounding_errors_of_steps_vanish_with_the_last_session() -> None:
     peer = peer_of(steps_per_second=0.7)
     places = [peer.place(Priority.NEAR, 0.0) for _ in range(3)]
     for place, steps_hz in zip(places, (0.1, 0.2, 0.3), strict=True):
@@ -279,7 +279,7 @@ def test_what_rounding_leaves_of_sessions_goes_with_the_last() -> None:
     peer.place(Priority.NEAR, 0.0).begin_steps(0.7)
 
 
-def test_streams_that_are_there_have_equal_parts_and_those_that_have_ended_none() -> None:
+def test_open_streams_share_equally_and_the_peer_is_idle_once_all_is_paid() -> None:
     peer = peer_of(events_per_second=100.0)
     for _ in range(3):
         peer.begin_stream()

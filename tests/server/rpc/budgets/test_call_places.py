@@ -1,4 +1,4 @@
-"""How many calls one caller may have open, and what that leaves to others."""
+"""How many calls a caller may have open, and what that leaves for others."""
 
 from __future__ import annotations
 
@@ -8,7 +8,7 @@ from motiongen_server.errors import StreamRefused
 from motiongen_server.rpc.budgets.call_places import CallPlaces
 
 
-def test_a_caller_has_so_many_and_a_place_can_be_taken_again() -> None:
+def test_open_calls_of_an_address_are_limited_and_ended_ones_free_a_place() -> None:
     places = CallPlaces(100)
     given_back = [places.take("one", "one:1", 3) for _ in range(3)]
     with pytest.raises(StreamRefused, match="your address has as many calls open as it may, 3") as refused:
@@ -19,7 +19,7 @@ def test_a_caller_has_so_many_and_a_place_can_be_taken_again() -> None:
     places.take("one", "one:1", 3)
 
 
-def test_a_connection_that_has_none_gets_one_though_others_of_its_address_have_all() -> None:
+def test_first_call_of_a_connection_has_twice_the_limit_of_its_address() -> None:
     places = CallPlaces(100)
     for _ in range(3):
         places.take("one", "one:1", 3)
@@ -32,7 +32,7 @@ def test_a_connection_that_has_none_gets_one_though_others_of_its_address_have_a
     places.take("two", "two:1", 3)
 
 
-def test_a_tenant_has_no_more_than_its_quota_over_however_many_connections() -> None:
+def test_open_calls_of_a_tenant_are_limited_across_its_connections() -> None:
     places = CallPlaces(100)
     for number in range(4):
         places.take("tenant:a", f"ipv4:10.0.0.1:{number}", 4, "tenant")
@@ -42,7 +42,7 @@ def test_a_tenant_has_no_more_than_its_quota_over_however_many_connections() -> 
     places.take("ipv4:10.0.0.1", "ipv4:10.0.0.1:1", 4)
 
 
-def test_there_are_so_many_for_all_and_nothing_is_kept_of_those_that_are_over() -> None:
+def test_open_calls_of_all_are_limited_and_ended_ones_are_forgotten() -> None:
     places = CallPlaces(2)
     first, second = places.take("one", "one:1", 9), places.take("two", "two:1", 9)
     with pytest.raises(StreamRefused, match="there are as many calls open as there may be, 2"):

@@ -1,4 +1,4 @@
-"""Checks of signed tokens: who shows many that do not hold is refused, and nobody else, not even of its address."""
+"""Checks of signed tokens: a flood of invalid ones is refused, and no other caller, not even of the same address."""
 
 from __future__ import annotations
 
@@ -14,14 +14,14 @@ SHORT, LONG = 512, 7 * 1024
 
 
 class Checks:
-    """A budget, and the time that a test moves."""
+    """A budget, with a clock that tests move."""
 
     def __init__(self) -> None:
         self.now = 1000.0
         self.budget = CheckBudget(lambda: self.now)
 
     def failing(self, peer: str, times: int, num_characters: int = SHORT) -> int:
-        """Show so many tokens that do not hold; returns how many were looked at."""
+        """Shows that many invalid tokens; returns how many were checked."""
         looked_at = 0
         for _ in range(times):
             with contextlib.suppress(StreamRefused):
@@ -30,11 +30,11 @@ class Checks:
         return looked_at
 
     def holding(self, peer: str) -> None:
-        """Show one that holds. Raises StreamRefused."""
+        """Shows a valid token. Raises StreamRefused."""
         self.budget.charge(peer, SHORT)()
 
 
-def test_only_so_many_that_fail_are_looked_at_and_fewer_of_long_ones() -> None:
+def test_checks_of_invalid_tokens_are_limited_more_so_for_long_ones() -> None:
     checks = Checks()
     assert checks.failing(FLOOD, 5_000) <= CHECKS_PER_SECOND
     checks = Checks()
@@ -44,7 +44,7 @@ def test_only_so_many_that_fail_are_looked_at_and_fewer_of_long_ones() -> None:
         assert checks.failing(FLOOD, 500, LONG) <= CHECKS_PER_SECOND / 80 + 1
 
 
-def test_who_owes_is_told_when_to_show_it_again() -> None:
+def test_caller_in_debt_is_told_when_to_show_its_token_again() -> None:
     checks = Checks()
     checks.failing(FLOOD, 5_000)
     with pytest.raises(StreamRefused, match="send yours again in") as refused:
@@ -54,14 +54,14 @@ def test_who_owes_is_told_when_to_show_it_again() -> None:
     checks.holding(FLOOD)
 
 
-def test_tokens_that_hold_are_charged_to_nobody() -> None:
+def test_valid_tokens_are_free() -> None:
     checks = Checks()
     for _ in range(20_000):
         checks.holding(FLOOD)
 
 
 @pytest.mark.parametrize("other", [OTHER, "ipv4:10.0.0.8:1001"], ids=["same address", "another"])
-def test_beside_a_flood_those_of_others_are_looked_at(other: str) -> None:
+def test_tokens_of_others_are_checked_during_a_flood(other: str) -> None:
     checks = Checks()
     for _ in range(100):
         checks.failing(FLOOD, 1_000)
@@ -69,7 +69,7 @@ def test_beside_a_flood_those_of_others_are_looked_at(other: str) -> None:
         checks.now += 0.05
 
 
-def test_a_flood_from_many_addresses_leaves_an_address_its_part() -> None:
+def test_flood_from_many_addresses_leaves_another_address_its_part() -> None:
     checks = Checks()
     for _ in range(20):
         for number in range(50):
@@ -78,7 +78,7 @@ def test_a_flood_from_many_addresses_leaves_an_address_its_part() -> None:
         checks.now += 0.05
 
 
-def test_the_checks_of_all_together_are_bounded() -> None:
+def test_checks_of_all_addresses_together_are_bounded() -> None:
     checks, peers = Checks(), [f"ipv4:10.1.{number}.1:1" for number in range(50)]
     looked_at = 0
     for _ in range(100):  # ten seconds
@@ -87,7 +87,7 @@ def test_the_checks_of_all_together_are_bounded() -> None:
     assert looked_at <= (10 + 1) * CHECKS_PER_SECOND + len(peers)
 
 
-def test_connections_that_show_nothing_new_are_forgotten() -> None:
+def test_connections_that_show_no_more_tokens_are_forgotten() -> None:
     checks = Checks()
     for number in range(10_000):
         checks.now += 0.02
@@ -96,7 +96,7 @@ def test_connections_that_show_nothing_new_are_forgotten() -> None:
     assert len(checks.budget._addresses) < 250
 
 
-def test_connections_of_one_address_have_equal_parts_of_it_and_no_more_together() -> None:
+def test_connections_of_an_address_have_equal_parts_of_its_checks() -> None:
     checks, looked_at = Checks(), [0, 0]
     for _ in range(100):  # ten seconds
         for index, peer in enumerate((FLOOD, OTHER)):

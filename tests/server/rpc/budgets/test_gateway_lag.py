@@ -1,4 +1,4 @@
-"""A gateway that has no time: what is seen of it, and who is let in then."""
+"""The lag of the gateway's event loop: how it is measured, and that no session is admitted while it is too long."""
 
 from __future__ import annotations
 
@@ -20,7 +20,7 @@ from tests.waiting import until_true
 
 
 class Loop:
-    """An event loop whose time passes as the test says."""
+    """An event loop whose time the test moves."""
 
     def __init__(self) -> None:
         self.now = 100.0
@@ -33,7 +33,7 @@ class Loop:
         self.timers.append((when, callback, argument))
 
     def run(self, seconds: float, late_s: float) -> None:
-        """What is due in these seconds happens so much later."""
+        """Lets time pass; each timer that is due is called that much too late."""
         end = self.now + seconds
         while self.timers and self.timers[0][0] + late_s <= end:
             when, callback, argument = self.timers.pop(0)
@@ -53,7 +53,7 @@ def looking(loop: Loop, is_needed: Callable[[], bool] = lambda: True) -> Gateway
     return lag
 
 
-def test_a_loop_that_has_time_is_not_late(loop: Loop) -> None:
+def test_loop_that_keeps_up_has_no_lag_to_speak_of(loop: Loop) -> None:
     lag = looking(loop)
     assert lag.lag_s == 0.0
     loop.run(5.0, 0.004)
@@ -62,7 +62,7 @@ def test_a_loop_that_has_time_is_not_late(loop: Loop) -> None:
 
 
 def run_busily(loop: Loop, lag: GatewayLag, seconds: float, writes_hz: float, write_s: float, late_s: float) -> None:
-    """Write so many messages a second, each of which takes so long, while timers are so late."""
+    """Notes that many writes a second, each of which takes `write_s`, while timers are late by `late_s`."""
     for _ in range(round(seconds / LOOK_EVERY_S)):
         for _ in range(round(writes_hz * LOOK_EVERY_S)):
             lag.note_write(write_s)
@@ -72,7 +72,7 @@ def run_busily(loop: Loop, lag: GatewayLag, seconds: float, writes_hz: float, wr
 BUSY_HZ = 1.5 * LEAST_WRITES_HZ
 
 
-def test_one_pause_is_not_taken_for_a_loop_without_time(loop: Loop) -> None:
+def test_single_pause_does_not_count_as_lag(loop: Loop) -> None:
     lag = looking(loop)
     run_busily(loop, lag, 5.0, BUSY_HZ, 0.001, 0.0)
     loop.run(0.5, 0.4)
@@ -80,7 +80,7 @@ def test_one_pause_is_not_taken_for_a_loop_without_time(loop: Loop) -> None:
 
 
 @pytest.mark.parametrize("late_s", [0.15, 0.6])
-def test_a_loop_that_stays_late_is_late_until_it_has_caught_up(loop: Loop, late_s: float) -> None:
+def test_lasting_lag_is_too_long_until_the_loop_has_caught_up(loop: Loop, late_s: float) -> None:
     lag = looking(loop)
     run_busily(loop, lag, 5.0, BUSY_HZ, 0.001, 0.0)
     run_busily(loop, lag, 5.0, BUSY_HZ, 0.001, late_s)
@@ -90,8 +90,8 @@ def test_a_loop_that_stays_late_is_late_until_it_has_caught_up(loop: Loop, late_
     assert not lag.is_too_long
 
 
-def test_a_loop_that_others_keep_from_its_processor_lets_newcomers_in(loop: Loop) -> None:
-    """A few messages more make nobody later there, and a server on a busy machine would be closed for no use."""
+def test_lag_of_a_loop_with_few_writes_is_not_too_long(loop: Loop) -> None:
+    """A few more messages delay nobody then, and a server on a busy machine would be closed for nothing."""
     lag = looking(loop)
     run_busily(loop, lag, 5.0, 0.5 * LEAST_WRITES_HZ, 0.2, 0.3)
     assert lag.lag_s == pytest.approx(0.3)
@@ -99,8 +99,8 @@ def test_a_loop_that_others_keep_from_its_processor_lets_newcomers_in(loop: Loop
 
 
 @pytest.mark.parametrize("others_s", [0.2, 30.0])
-def test_the_shortest_write_tells_what_waits_in_grpc(loop: Loop, others_s: float) -> None:
-    """Timers are on time: the loop takes one event of gRPC in each round, and thousands may wait."""
+def test_shortest_write_shows_what_waits_inside_grpc(loop: Loop, others_s: float) -> None:
+    """Timers are on time even so: the loop takes one event of gRPC per iteration, and thousands may wait."""
     lag = looking(loop)
     for _ in range(20):
         lag.note_write(others_s)
@@ -109,12 +109,12 @@ def test_the_shortest_write_tells_what_waits_in_grpc(loop: Loop, others_s: float
     for _ in range(20):
         lag.note_write(0.001)
         run_busily(loop, lag, LOOK_EVERY_S, BUSY_HZ, others_s, 0.0)
-    assert not lag.is_too_long, "others read slowly, whom nobody has to wait for"
+    assert not lag.is_too_long, "long writes beside a short one are those of slow readers, which delay nobody"
     loop.run(2.5, 0.0)
-    assert lag.lag_s == 0.0, "what was written then says nothing of now"
+    assert lag.lag_s == 0.0, "earlier writes say nothing about the present"
 
 
-async def test_each_message_that_is_written_is_noted() -> None:
+async def test_every_written_message_is_noted() -> None:
     line = Line(make_catalog())
     noted: list[float] = []
     lag = Late(0.0)
@@ -132,7 +132,7 @@ async def test_each_message_that_is_written_is_noted() -> None:
     assert min(noted) >= 0.0
 
 
-def test_nothing_is_looked_at_while_there_is_nothing_to_be_late_for(loop: Loop) -> None:
+def test_no_timer_runs_while_no_measurement_is_needed(loop: Loop) -> None:
     needed = [True]
     lag = looking(loop, lambda: needed[0])
     loop.run(1.0, 0.0)
@@ -148,7 +148,7 @@ def test_nothing_is_looked_at_while_there_is_nothing_to_be_late_for(loop: Loop) 
 
 
 class Late(GatewayLag):
-    """As late as the test says."""
+    """A lag of as many seconds as the test says."""
 
     def __init__(self, seconds: float) -> None:
         self._seconds = seconds
@@ -162,7 +162,7 @@ class Late(GatewayLag):
         return self._seconds > MOST_LAG_S
 
 
-async def test_no_session_is_opened_where_those_that_are_open_wait_already() -> None:
+async def test_no_session_is_admitted_while_the_lag_is_too_long() -> None:
     line = Line(make_catalog())
     line.open()
     line.stream.gateway_lag = Late(2 * MOST_LAG_S)
@@ -178,7 +178,7 @@ async def test_no_session_is_opened_where_those_that_are_open_wait_already() -> 
     assert line.prompts.asked == []
     assert (line.stream.num_sessions, line.stream.peer.num_sessions) == (1, 1)
     line.send(2, set_play_state=session_pb2.SetPlayState(state=session_pb2.PLAY_STATE_PAUSED))
-    assert len(line.engine.events) == 2, "who is let in is served"
+    assert len(line.engine.events) == 2, "a session that was admitted is served"
     line.stream.gateway_lag = Late(0.5 * MOST_LAG_S)
     line.stream.receive(session_pb2.SessionEvent(session=9, event_seq=1, open=session_pb2.OpenSession()), 0.0)
     assert line.stream.num_sessions == 2
@@ -188,7 +188,7 @@ class Roomy(Engine):
     free_share = 0.75
 
 
-async def test_a_server_whose_loop_is_late_tells_of_no_room(monkeypatch: pytest.MonkeyPatch) -> None:
+async def test_server_reports_no_free_capacity_while_the_lag_is_too_long(monkeypatch: pytest.MonkeyPatch) -> None:
     models = ModelRegistry(LoadedModel("fake", Roomy(), Prompts(), make_catalog()))  # type: ignore[arg-type]
     MotionService(models)
     assert models.free_share == 0.75

@@ -1,4 +1,4 @@
-"""Messages that were read and are not paid for: counted while they are held, bounded for a peer, then let go."""
+"""Messages that were read and are not yet paid for: they are counted while held, bounded per peer, and then freed."""
 
 from __future__ import annotations
 
@@ -30,7 +30,7 @@ HELLO = service_pb2.StreamMotionRequest(hello=service_pb2.ClientHello()).Seriali
 
 @dataclass(eq=False)
 class Holder:
-    """A stream that owes so many seconds."""
+    """A stream that is in debt for that many seconds."""
 
     owes_s: float
     refusal: StreamRefused | None = None
@@ -42,7 +42,7 @@ class Holder:
         self.refusal = refusal
 
 
-def test_what_is_held_is_counted_for_as_long() -> None:
+def test_held_bytes_are_counted_while_they_are_held() -> None:
     held, stream = HeldRequests(), Holder(1.0)
     with held.holding(stream, MOST, MOST, "address"):
         assert (held.num_bytes, held.of(stream)) == (MOST, MOST)
@@ -50,7 +50,7 @@ def test_what_is_held_is_counted_for_as_long() -> None:
     assert stream.refusal is None
 
 
-def test_beyond_what_a_peer_may_have_held_those_that_owe_most_are_ended() -> None:
+def test_streams_most_in_debt_are_ended_when_a_peer_holds_too_much() -> None:
     held, streams = HeldRequests(), [Holder(each) for each in (0.0, 7.0, 3.0, 0.0)]
     with ExitStack() as blocks:
         for stream in streams:
@@ -60,18 +60,18 @@ def test_beyond_what_a_peer_may_have_held_those_that_owe_most_are_ended() -> Non
     assert held.num_bytes == 0
 
 
-def test_a_stream_that_owes_most_itself_is_ended_and_its_message_is_let_go() -> None:
+def test_new_holder_most_in_debt_is_ended_and_its_message_is_freed() -> None:
     held, other, stream = HeldRequests(), Holder(1.0), Holder(2.0)
     with held.holding(other, MOST, MOST, "address"):
         with pytest.raises(Ended), held.holding(stream, MOST, MOST, "address"):
-            raise AssertionError("nothing of it is taken")
+            raise AssertionError("nothing of the message may be processed")
         assert stream.refusal is not None
         assert stream.refusal.reason == "TOO_MUCH_UNPAID"
         assert (other.refusal, held.num_bytes) == (None, MOST)
 
 
 @pytest.mark.parametrize("owe_s", [[9.0], [0.0, 0.0, 0.0]], ids=["one alone", "nobody owes"])
-def test_who_has_paid_or_is_alone_is_never_ended(owe_s: list[float]) -> None:
+def test_streams_without_debt_or_alone_are_never_ended(owe_s: list[float]) -> None:
     held, streams = HeldRequests(), [Holder(each) for each in owe_s]
     with ExitStack() as blocks:
         for stream in streams:
@@ -80,7 +80,7 @@ def test_who_has_paid_or_is_alone_is_never_ended(owe_s: list[float]) -> None:
     assert held.num_bytes == 0
 
 
-def test_those_that_came_at_one_moment_are_ended_once_they_owe() -> None:
+def test_bound_ends_streams_that_fell_into_debt_since_they_came() -> None:
     held, streams = HeldRequests(), [Holder(0.0) for _ in range(4)]
     with ExitStack() as blocks:
         for stream in streams:
@@ -93,7 +93,7 @@ def test_those_that_came_at_one_moment_are_ended_once_they_owe() -> None:
         assert held.num_bytes == MOST
 
 
-async def test_a_message_that_waits_to_be_paid_for_counts_among_what_waits_and_no_longer() -> None:
+async def test_message_counts_as_waiting_until_it_is_paid_or_its_call_ends() -> None:
     limits = ServiceLimits(peer=PeerLimits(events_per_second=1.0))
     async with (
         asyncio.timeout(LIMIT_S),
@@ -108,7 +108,7 @@ async def test_a_message_that_waits_to_be_paid_for_counts_among_what_waits_and_n
         await until_true(lambda: not server.service.num_waiting_bytes)
 
 
-async def test_streams_of_a_peer_that_have_too_much_held_are_ended_and_others_play_on() -> None:
+async def test_streams_are_ended_for_too_much_held_and_others_play_on() -> None:
     most = 3 * TAKEN_APART * LONG.ByteSize()
     limits = ServiceLimits(peer=PeerLimits(held_bytes=most))
     async with (
@@ -133,7 +133,7 @@ async def test_streams_of_a_peer_that_have_too_much_held_are_ended_and_others_pl
 
 
 class Message(bytes):
-    """Tells when it is gone."""
+    """A message; counts how many exist."""
 
     num_alive = 0
 
@@ -146,7 +146,7 @@ class Message(bytes):
 
 
 class Context:
-    """A client that says hello, then a long message, then nothing more for ever."""
+    """The context of a client that sends hello, then a long message, then nothing more for ever."""
 
     def __init__(self) -> None:
         self.is_waited_for = asyncio.Event()
@@ -160,11 +160,11 @@ class Context:
         raise AssertionError("nothing more comes")
 
 
-async def test_a_message_is_let_go_once_it_is_taken_and_not_when_the_next_one_comes() -> None:
+async def test_message_is_freed_once_processed_and_not_when_the_next_comes() -> None:
     line, context = Line(), Context()
     line.stream.peer.num_streams = 1
     reader = StreamReader(line.models, "replica")
-    # It has no budget to wait for: every event of it is refused, and what that costs is never paid.
+    # Without a debt to wait for: every event of the message is refused, and that cost would never be paid.
     line.stream.owed_s = lambda now: 0.0  # type: ignore[method-assign]
     reading = asyncio.create_task(reader.read(line.stream, cast(StreamContext, context)))
     async with asyncio.timeout(LIMIT_S):
@@ -175,7 +175,7 @@ async def test_a_message_is_let_go_once_it_is_taken_and_not_when_the_next_one_co
     reading.cancel()
 
 
-async def test_nothing_more_of_a_message_is_taken_once_its_stream_is_ended() -> None:
+async def test_message_is_freed_once_its_stream_is_ended() -> None:
     line, context = Line(), Context()
     reading = asyncio.create_task(StreamReader(line.models, "replica").read(line.stream, cast(StreamContext, context)))
     await until_true(lambda: line.stream.peer.held.num_bytes)

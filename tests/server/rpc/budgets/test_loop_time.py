@@ -1,4 +1,4 @@
-"""What messages take of the event loop is charged to who sent them, by a clock that the tests turn."""
+"""Event loop time is charged to the senders of the messages that took it, by a clock that the tests move."""
 
 from __future__ import annotations
 
@@ -26,12 +26,12 @@ from tests.server.rpc.streams.test_event_order import HANDLE, Line
 
 HELLO = service_pb2.StreamMotionRequest(hello=service_pb2.ClientHello()).SerializeToString()
 LONG_S = 0.2
-"""That a message takes here: half of what all may take in a second."""
+"""The loop time of a message here: half of what all may take in a second."""
 
 
 @dataclass
 class Clock:
-    """Stands still but for what work takes."""
+    """A clock that stands still except when work takes time."""
 
     now_s: float = 0.0
 
@@ -41,7 +41,7 @@ class Clock:
 
 @dataclass
 class Ticks:
-    """Goes on by a millisecond whenever it is read: so much each piece of work takes."""
+    """A clock that advances by a millisecond whenever it is read, which is what each piece of work takes."""
 
     num_read: int = 0
 
@@ -57,7 +57,7 @@ def peer_of(loop: LoopTime, num_streams: int = 1) -> Peer:
     return peer
 
 
-def test_work_within_work_counts_once_and_waits_do_not_count() -> None:
+def test_nested_work_counts_once_and_waits_do_not_count() -> None:
     clock, charged = Clock(), list[float]()
     loop = LoopTime(0.4, 0.0, Clocks(clock, clock))
     work = Work(loop, charged.append)
@@ -66,14 +66,14 @@ def test_work_within_work_counts_once_and_waits_do_not_count() -> None:
         with work:
             clock.now_s += 0.01
         work.end()
-        clock.now_s += 100.0  # others have a turn
+        clock.now_s += 100.0  # other tasks have their turn
         work.begin()
         clock.now_s += 0.02
     assert charged == [pytest.approx(0.06), pytest.approx(0.02)]
     assert loop.taken_s == pytest.approx(0.08)
 
 
-def test_work_that_fails_is_charged_and_a_machine_that_stands_still_is_not() -> None:
+def test_failed_work_is_charged_and_a_suspended_machine_is_not() -> None:
     clock, charged = Clock(), list[float]()
     computing = Clock()
     work = Work(LoopTime(0.4, 0.0, Clocks(clock, computing)), charged.append)
@@ -87,12 +87,12 @@ def test_work_that_fails_is_charged_and_a_machine_that_stands_still_is_not() -> 
     with pytest.raises(ValueError, match="wrong"):
         fail()
     with work:
-        clock.now_s += 60.0  # the machine stands still
+        clock.now_s += 60.0  # the machine was suspended
         computing.now_s += 0.01
     assert charged == [pytest.approx(0.05), pytest.approx(MOST_TIMES * 0.01)]
 
 
-def test_what_is_done_for_events_that_are_refused_counts_more_often() -> None:
+def test_work_for_refused_events_is_charged_several_times() -> None:
     clock, charged = Clock(), list[float]()
     loop = LoopTime(0.4, 0.0, Clocks(clock, clock))
     work = Work(loop, charged.append)
@@ -103,23 +103,23 @@ def test_what_is_done_for_events_that_are_refused_counts_more_often() -> None:
             work.num_refused += num_refused
     each = [0.01, 0.01 * (3 + REFUSED_TIMES) / 4, 0.01 * REFUSED_TIMES, 0.01]
     assert charged == pytest.approx(each)
-    assert loop.taken_s == pytest.approx(0.04), "which is what it was"
+    assert loop.taken_s == pytest.approx(0.04), "the time itself is counted once"
 
 
-def test_streams_that_take_more_than_their_part_wait_for_it_and_others_do_not() -> None:
+def test_only_streams_beyond_their_part_wait() -> None:
     peer = peer_of(LoopTime(0.4, 0.0), num_streams=4)
     greedy, modest = StreamBudget(1e9, peer, 0.0), StreamBudget(1e9, peer, 0.0)
     greedy.charge_loop(0.4, 0.0)
     assert greedy.owed_s(0.0) == 0, "a second's worth is free"
     greedy.charge_loop(0.1, 0.0)
-    # A quarter of it was its own, and a tenth of a second of it comes back each second.
+    # A quarter of the loop time is its part: a tenth of a second comes back each second.
     assert greedy.loop_owed_s(0.0) == pytest.approx(1.0)
     assert greedy.owed_s(0.0) == greedy.loop_owed_s(0.0)
     modest.charge_loop(0.09, 0.0)
     assert modest.owed_s(0.0) == 0
 
 
-def test_who_had_much_while_nobody_lacked_it_owes_nothing_for_that_later() -> None:
+def test_time_taken_while_there_was_plenty_is_not_owed_later() -> None:
     peer = peer_of(LoopTime(0.4, 0.0), num_streams=4)
     large, hostile = StreamBudget(1e9, peer, 0.0), StreamBudget(1e9, peer, 0.0)
     for second in range(1000):
@@ -132,7 +132,7 @@ def test_who_had_much_while_nobody_lacked_it_owes_nothing_for_that_later() -> No
     assert large.loop_owed_s(1000.0) <= 0.5
 
 
-def test_peers_have_equal_parts_however_many_streams_they_have() -> None:
+def test_peers_have_equal_parts_however_many_their_streams() -> None:
     peers = Peers(PeerLimits(), LoopTime(0.4, 0.0))
     many, one = peers.find("ipv4:10.0.0.1:5", 0.0), peers.find("ipv4:10.0.0.2:5", 0.0)
     hostile = []
@@ -153,7 +153,7 @@ def test_peers_have_equal_parts_however_many_streams_they_have() -> None:
     assert many.loop.num_peers == 0
 
 
-def test_without_a_limit_nobody_waits() -> None:
+def test_streams_never_wait_without_a_limit() -> None:
     budget = StreamBudget(1e9, Peer(PeerLimits(), 0.0), 0.0)
     for _ in range(1000):
         budget.charge_loop(1.0, 0.0)
@@ -165,7 +165,7 @@ def test_without_a_limit_nobody_waits() -> None:
 
 @dataclass
 class Context:
-    """A client that says hello, then messages of some events each, as often as it is listened to."""
+    """The context of a client that sends hello, then messages of some events each, as often as it is read."""
 
     num_events: int = 1
     num_read: int = 0
@@ -182,7 +182,7 @@ class Context:
 
 @dataclass
 class Slow:
-    """A stream that is read, on each of whose events the loop is at work for so long; and the time, which stands."""
+    """A stream each of whose events takes the loop `event_s`, its reader, and a clock that stands still."""
 
     monkeypatch: pytest.MonkeyPatch
     event_s: float
@@ -190,7 +190,7 @@ class Slow:
 
     def __post_init__(self) -> None:
         self.now_s, clock = [time.monotonic()], Clock()
-        self.monkeypatch.setattr(time, "monotonic", lambda: self.now_s[0])  # the event loop's time too
+        self.monkeypatch.setattr(time, "monotonic", lambda: self.now_s[0])  # the event loop's clock too
         self.line = Line()
         self.loop = LoopTime(0.4, self.now_s[0], Clocks(clock, clock))
         self.peer = Peer(PeerLimits(), self.now_s[0], loop=self.loop)
@@ -206,13 +206,13 @@ class Slow:
         self.reading = asyncio.create_task(reader.read(self.stream, cast(StreamContext, self.context)))
 
     async def go_on(self, rounds: int = 2 * EVENTS_A_TURN) -> int:
-        """How many messages have been read once the event loop has gone round."""
+        """How many messages have been read after that many iterations of the event loop."""
         for _ in range(rounds):
             await asyncio.sleep(0)
         return self.context.num_read
 
 
-async def test_events_that_are_refused_are_counted_among_those_that_the_loop_works_for() -> None:
+async def test_work_counts_its_events_and_those_refused() -> None:
     line = Line()
     line.open()
     work = line.stream.work
@@ -226,9 +226,9 @@ async def test_events_that_are_refused_are_counted_among_those_that_the_loop_wor
     assert [reason for _, reason in line.refusals()] == ["TOO_MANY_PROMPTS", "SESSION_NOT_OPEN"]
 
 
-async def test_a_stream_is_not_read_on_before_what_its_messages_took_is_paid(monkeypatch: pytest.MonkeyPatch) -> None:
+async def test_stream_is_not_read_further_until_it_has_paid_for_its_messages(monkeypatch: pytest.MonkeyPatch) -> None:
     slow = Slow(monkeypatch, LONG_S)
-    assert await slow.go_on() == 3, "two are a second's worth; what the third takes is known once it is done"
+    assert await slow.go_on() == 3, "two are a second's worth; the cost of the third is known only afterwards"
     assert (slow.loop.num_held, slow.loop.taken_s) == (1, pytest.approx(3 * LONG_S))
     slow.now_s[0] += 0.4
     assert await slow.go_on() == 3
@@ -238,10 +238,10 @@ async def test_a_stream_is_not_read_on_before_what_its_messages_took_is_paid(mon
     slow.reading.cancel()
 
 
-async def test_within_a_message_too_what_was_taken_is_paid_first(monkeypatch: pytest.MonkeyPatch) -> None:
+async def test_rest_of_a_message_waits_until_its_first_part_is_paid(monkeypatch: pytest.MonkeyPatch) -> None:
     slow = Slow(monkeypatch, LONG_S / EVENTS_A_TURN, num_events=10 * EVENTS_A_TURN)
     await slow.go_on()
-    assert slow.loop.taken_s == pytest.approx(3 * LONG_S), "of the first message's ten turns"
+    assert slow.loop.taken_s == pytest.approx(3 * LONG_S), "three of the first message's ten turns"
     slow.now_s[0] += 10.0
     await slow.go_on()
     assert slow.context.num_read == 1
@@ -249,7 +249,7 @@ async def test_within_a_message_too_what_was_taken_is_paid_first(monkeypatch: py
     slow.reading.cancel()
 
 
-async def test_who_owes_looks_again_since_those_who_used_it_up_may_have_gone(monkeypatch: pytest.MonkeyPatch) -> None:
+async def test_stream_in_debt_looks_again_before_its_debt_is_paid(monkeypatch: pytest.MonkeyPatch) -> None:
     slow = Slow(monkeypatch, LONG_S)
     for _ in range(99):
         slow.peer.begin_stream()
@@ -260,7 +260,7 @@ async def test_who_owes_looks_again_since_those_who_used_it_up_may_have_gone(mon
     slow.reading.cancel()
 
 
-async def test_answers_are_charged_and_frames_are_not() -> None:
+async def test_loop_time_is_charged_for_answers_and_not_for_frames() -> None:
     line = Line()
     loop = LoopTime(0.4, time.monotonic(), Clocks(Ticks(), Ticks()))
     stream = Stream(1, line.models, peer=peer_of(loop))
@@ -278,4 +278,4 @@ async def test_answers_are_charged_and_frames_are_not() -> None:
     response_of(frames, stream.work)
     assert loop.taken_s == pytest.approx(opened_s + 0.002)
     response_of(waiting, stream.work)
-    assert loop.taken_s == pytest.approx(opened_s + 0.005), "those of the open and of both events"
+    assert loop.taken_s == pytest.approx(opened_s + 0.005), "responses for the open and for both events"

@@ -9,12 +9,12 @@ from hypothesis import strategies as st
 from motiongen_server.rpc.budgets.token_bucket import Share, TokenBucket
 
 
-def test_a_second_s_worth_may_come_at_once() -> None:
+def test_one_second_of_tokens_may_be_taken_at_once() -> None:
     bucket = TokenBucket(5.0, 100.0)
     assert [bucket.take(100.0) for _ in range(6)] == [True] * 5 + [False]
 
 
-def test_tokens_come_back_at_the_rate() -> None:
+def test_tokens_are_replenished_at_the_rate() -> None:
     bucket = TokenBucket(4.0, 0.0)
     while bucket.take(0.0):
         pass
@@ -23,13 +23,13 @@ def test_tokens_come_back_at_the_rate() -> None:
     assert not bucket.take(0.25)
 
 
-def test_rest_saves_up_one_second_and_no_more() -> None:
+def test_idle_bucket_saves_up_one_second_and_no_more() -> None:
     bucket = TokenBucket(3.0, 0.0)
     assert sum(bucket.take(1e6) for _ in range(10)) == 3
 
 
 @given(st.floats(1.0, 100.0), st.lists(st.floats(0.0, 0.5), max_size=200))
-def test_never_more_than_the_rate_over_time_and_one_burst(rate: float, pauses: list[float]) -> None:
+def test_no_more_than_the_rate_and_one_burst_is_ever_taken(rate: float, pauses: list[float]) -> None:
     now, taken = 0.0, 0
     bucket = TokenBucket(rate, now)
     for pause in pauses:
@@ -39,21 +39,21 @@ def test_never_more_than_the_rate_over_time_and_one_burst(rate: float, pauses: l
 
 
 @pytest.mark.parametrize("rate", [1.0, 50.0])
-def test_who_keeps_to_the_rate_is_never_refused(rate: float) -> None:
+def test_user_that_keeps_to_the_rate_is_never_refused(rate: float) -> None:
     bucket = TokenBucket(rate, 0.0)
     assert all(bucket.take(number / rate) for number in range(500))
 
 
-def test_what_was_saved_up_at_a_higher_rate_is_no_more_than_a_second_of_the_new_one() -> None:
+def test_lower_rate_cuts_what_was_saved_to_one_second_of_it() -> None:
     bucket = TokenBucket(100.0, 0.0)
     bucket.set_rate(10.0, 0.0)
     assert bucket.left(0.0) == 10.0
     bucket.charge(15.0, 0.0)
     bucket.set_rate(100.0, 0.25)
-    assert bucket.owed_s(0.25) == pytest.approx(0.025), "2.5 came back at the rate of before"
+    assert bucket.owed_s(0.25) == pytest.approx(0.025), "2.5 came back at the earlier rate"
 
 
-def test_what_is_given_back_is_what_was_charged_and_no_more_than_a_second_is_saved_up_by_it() -> None:
+def test_refund_saves_up_no_more_than_one_second() -> None:
     for bucket in (TokenBucket(10.0, 0.0), Share(TokenBucket(20.0, 0.0), lambda: 2, 0.0)):
         bucket.charge(8.0, 0.0)
         bucket.give_back(3.0, 0.0)
@@ -62,16 +62,16 @@ def test_what_is_given_back_is_what_was_charged_and_no_more_than_a_second_is_sav
         assert bucket.left(0.0) == 10.0
 
 
-# Amounts and pauses of which all sums are exact: else who keeps to a part is beyond it by what rounding makes of it.
+# Amounts and pauses of which all sums are exact: otherwise rounding puts a user that keeps to its part beyond it.
 AMOUNTS = st.integers(0, 40 * 64).map(lambda parts: parts / 64)
 PAUSES_S = st.integers(0, 64).map(lambda parts: parts / 64)
 
 
 @given(st.integers(1, 6), st.lists(st.tuples(st.integers(0, 5), AMOUNTS, PAUSES_S), max_size=60))
-def test_users_of_a_bucket_have_no_more_than_it_and_who_keeps_to_a_part_never_waits(
+def test_shares_together_stay_within_the_bucket_and_a_fair_user_never_waits(
     num_users: int, charges: list[tuple[int, float, float]]
 ) -> None:
-    """Each but the first charges whenever it may; the first no more than its part."""
+    """All but the first charge whenever they may; the first charges no more than its part."""
     bucket, now = TokenBucket(60.0, 0.0), 0.0
     shares = [Share(bucket, lambda: num_users, now) for _ in range(num_users)]
     part, taken, over = 60.0 / num_users, 0.0, 0.0
@@ -94,7 +94,7 @@ def test_users_of_a_bucket_have_no_more_than_it_and_who_keeps_to_a_part_never_wa
 
 
 @pytest.mark.parametrize("rest_s", [0.0, 0.5, 1.0, 3600.0])
-def test_who_has_rested_owes_what_it_takes_beyond_a_second_s_worth_all_the_same(rest_s: float) -> None:
+def test_charge_beyond_one_second_is_owed_however_long_the_rest_before(rest_s: float) -> None:
     bucket, now = TokenBucket(10.0, 5.0), 5.0 + rest_s
     bucket.charge(25.0, now)
     assert bucket.owed_s(now) == 1.5
@@ -102,4 +102,6 @@ def test_who_has_rested_owes_what_it_takes_beyond_a_second_s_worth_all_the_same(
     mine, others = (Share(shared, lambda: 2, 5.0) for _ in range(2))
     others.charge(10.0, now)
     mine.charge(25.0, now)
-    assert (mine.owed_s(now), others.owed_s(now)) == (0.75, 0.0), "all together owe fifteen of twenty a second"
+    assert (mine.owed_s(now), others.owed_s(now)) == (0.75, 0.0), (
+        "together they owe fifteen, and twenty a second come back"
+    )

@@ -1,4 +1,4 @@
-"""One account of what waits: streams, calls for clips, parked sessions; who gives memory up first, and who is ended."""
+"""Waiting memory of streams, clips and parked sessions together: which give memory up first, and which are ended."""
 
 from __future__ import annotations
 
@@ -37,13 +37,13 @@ def chunk(num_frames: int) -> Chunk:
 
 
 def call_with(num_frames: int) -> Holding:
-    """A call for a clip whose client has not read so many frames."""
+    """A call for a clip with that many frames which its client has not read."""
     call = Holding(0)
     call.put([chunk(num_frames)])
     return call
 
 
-async def test_streams_and_clips_are_one_account_and_whoever_holds_most_is_ended() -> None:
+async def test_streams_and_clips_count_together_and_the_largest_is_ended() -> None:
     stream, calls = holding(300), {7: call_with(100), 8: call_with(500)}
     memory = WaitingMemory(0, {1: stream})
     for number, call in calls.items():
@@ -61,14 +61,14 @@ async def test_streams_and_clips_are_one_account_and_whoever_holds_most_is_ended
     assert memory.num_bytes == stream.num_waiting_bytes + calls[7].num_waiting_bytes
 
 
-async def test_what_a_clip_was_told_is_counted_until_it_is_written_and_nothing_once_it_is_ended() -> None:
+async def test_outputs_of_a_clip_count_until_written_and_not_after_its_end() -> None:
     noted: list[int] = []
     call = Holding(1000, noted.append)
     call.put([chunk(10), chunk(20)])
     one, two = (OBJECT_BYTES + frames * ROW_WIDTH * 4 for frames in (10, 20))
     assert call.num_waiting_bytes == 1000 + one + two
     output = await call.next()
-    assert call.num_waiting_bytes == 1000 + one + two, "it is being written"
+    assert call.num_waiting_bytes == 1000 + one + two, "the first is being written"
     call.done(output)
     assert call.num_waiting_bytes == 1000 + two
     ended: list[bool] = []
@@ -80,7 +80,7 @@ async def test_what_a_clip_was_told_is_counted_until_it_is_written_and_nothing_o
     assert (call.num_waiting_bytes, ended, noted) == (1000, [True], [one + two, -one])
 
 
-async def test_what_comes_between_two_looks_is_bounded_at_once() -> None:
+async def test_account_is_bounded_at_once_between_two_looks_of_the_watch() -> None:
     memory = WaitingMemory(10_000, {})
     calls = [Holding(0, memory.note) for _ in range(4)]
     for number, call in enumerate(calls):
@@ -92,7 +92,7 @@ async def test_what_comes_between_two_looks_is_bounded_at_once() -> None:
 
 
 class Faulty:
-    """Cannot be ended."""
+    """A holder of memory that fails when it is to be ended."""
 
     refusal: StreamRefused | None = None
     num_waiting_bytes = 10_000
@@ -107,7 +107,7 @@ class Faulty:
         self.failures.append(error)
 
 
-async def test_a_fault_in_one_is_its_own() -> None:
+async def test_fault_in_ending_one_holder_does_not_save_the_others() -> None:
     faulty, call = Faulty(), call_with(10)
     memory = WaitingMemory(0, {1: faulty})
     memory.begin(2, call)
@@ -117,7 +117,7 @@ async def test_a_fault_in_one_is_its_own() -> None:
 
 
 class Resumes(NoStreamMetrics):
-    """Counts what became of sessions whose transport was lost."""
+    """Counts what became of sessions whose stream was lost."""
 
     def __init__(self) -> None:
         self.counted: list[str] = []
@@ -137,7 +137,7 @@ async def kept(resumes: Resumes) -> KeptSessions:
 
 
 def parked(kept: KeptSessions) -> tuple[Engine, str]:
-    """A session whose client is gone and has not heard where its constraints are; its engine, and its token."""
+    """The engine and the token of a parked session whose client has not confirmed an answer with placements."""
     line = Line(kept=kept)
     line.open()
     line.send(2, set_play_state=PAUSE)
@@ -146,7 +146,7 @@ def parked(kept: KeptSessions) -> tuple[Engine, str]:
     return line.engine, token_of(line)
 
 
-async def test_what_is_kept_for_those_who_are_away_counts_too(kept: KeptSessions) -> None:
+async def test_answers_kept_for_absent_clients_count_too(kept: KeptSessions) -> None:
     memory = WaitingMemory(1 << 20, {}, kept)
     assert memory.is_idle
     parked(kept)
@@ -154,7 +154,7 @@ async def test_what_is_kept_for_those_who_are_away_counts_too(kept: KeptSessions
     assert not memory.is_idle
 
 
-async def test_who_is_away_gives_up_placements_before_a_stream_is_ended_and_can_resume(kept: KeptSessions) -> None:
+async def test_parked_sessions_give_up_placements_before_a_stream_is_ended(kept: KeptSessions) -> None:
     stream = holding(300)
     memory = WaitingMemory(stream.num_waiting_bytes + 1000, {stream.number: stream}, kept)
     engine, token = parked(kept)
@@ -163,13 +163,11 @@ async def test_who_is_away_gives_up_placements_before_a_stream_is_ended_and_can_
     assert memory.num_bytes <= stream.num_waiting_bytes + 1000
     entry = kept.find(token)
     assert entry is not None
-    assert [(answer.event_seq, answer.placements) for answer in entry.answers] == [(2, ())], "it hears what came of it"
+    assert [(answer.event_seq, answer.placements) for answer in entry.answers] == [(2, ())], "the answer itself is kept"
     assert resume(kept, engine, token).refusals() == []
 
 
-async def test_then_who_is_away_is_waited_for_no_more_and_still_no_stream_is_ended(
-    kept: KeptSessions, resumes: Resumes
-) -> None:
+async def test_parked_sessions_are_closed_before_a_stream_is_ended(kept: KeptSessions, resumes: Resumes) -> None:
     stream = holding(300)
     memory = WaitingMemory(stream.num_waiting_bytes, {stream.number: stream}, kept)
     engine, token = parked(kept)
@@ -181,7 +179,7 @@ async def test_then_who_is_away_is_waited_for_no_more_and_still_no_stream_is_end
     assert resume(kept, engine, token).refusals() == [(1, "SESSION_NOT_KEPT")]
 
 
-async def test_only_as_much_is_given_up_as_is_needed_and_of_who_holds_most(kept: KeptSessions) -> None:
+async def test_let_go_takes_from_the_session_that_holds_most(kept: KeptSessions) -> None:
     small, large = Line(kept=kept), Line(kept=kept, number=2)
     for line, num_answers in ((small, 1), (large, 2)):
         line.open()
@@ -197,7 +195,7 @@ async def test_only_as_much_is_given_up_as_is_needed_and_of_who_holds_most(kept:
     assert after[1] < before[1]
 
 
-async def test_a_message_that_is_being_written_counts(kept: KeptSessions) -> None:
+async def test_message_being_written_counts_until_it_is_written(kept: KeptSessions) -> None:
     stream = holding(300)
     waiting = stream.num_waiting_bytes
     assert stream.next_response() is not None
@@ -208,8 +206,8 @@ async def test_a_message_that_is_being_written_counts(kept: KeptSessions) -> Non
     assert stream.num_waiting_bytes > 0
 
 
-async def test_clips_that_nobody_reads_are_ended_where_all_hold_too_much_and_a_stream_plays_on() -> None:
-    """Its chunks fit into what gRPC takes in without being read, so the account is looked at while they are made."""
+async def test_unread_clip_is_ended_where_too_much_waits_and_a_stream_plays_on() -> None:
+    """The chunks fit into gRPC's own buffers, so the account is checked while they are made."""
     limits = ServiceLimits(max_waiting_bytes=4_000)
     async with (
         asyncio.timeout(LIMIT_S),
@@ -225,8 +223,8 @@ async def test_clips_that_nobody_reads_are_ended_where_all_hold_too_much_and_a_s
         assert len((await generate(server, clip(8)))[0].rows) == 8
 
 
-async def test_calls_are_looked_at_without_any_stream() -> None:
-    """What a call asks for counts as long as it waits for its prompts."""
+async def test_watch_looks_at_calls_while_there_is_no_stream() -> None:
+    """The request of a call counts as long as its prompts are not encoded."""
     text = "a prompt"
     asked = service_pb2.GenerateClipRequest(frame_count=8, open=session_pb2.OpenSession(request_id="r" * 60))
     asked.open.prompts.add(prompt_id=1, text=text)
@@ -246,7 +244,7 @@ async def test_calls_are_looked_at_without_any_stream() -> None:
             await until_true(lambda: server.service.watch._timer is None)
 
 
-async def test_a_watch_without_an_account_counts_its_streams() -> None:
+async def test_watch_without_an_account_of_its_own_counts_its_streams() -> None:
     stream = holding(300)
     StreamWatch(ServiceLimits(max_waiting_bytes=10), {stream.number: stream}).look(time.monotonic())
     assert stream.refusal is not None

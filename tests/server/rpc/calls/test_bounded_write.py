@@ -1,4 +1,4 @@
-"""Writes that are waited for no longer than so long."""
+"""Writes that are awaited for a limited time."""
 
 from __future__ import annotations
 
@@ -11,7 +11,7 @@ from motiongen_server.rpc.calls.bounded_write import write_within
 ENDLESS_S = 1e6
 
 
-async def test_a_write_that_fails_as_its_call_is_cancelled_is_not_logged() -> None:
+async def test_write_that_fails_as_its_call_is_cancelled_is_not_logged() -> None:
     logged: list[dict[str, Any]] = []
     loop = asyncio.get_running_loop()
     loop.set_exception_handler(lambda _, context: logged.append(context))
@@ -25,10 +25,10 @@ async def test_a_write_that_fails_as_its_call_is_cancelled_is_not_logged() -> No
     await asyncio.sleep(0)
     await asyncio.sleep(0)
     gone.set()
-    await asyncio.sleep(0)  # the write has failed, and who waits for it has not been told yet
+    await asyncio.sleep(0)  # the write has failed, and `write_within` does not know it yet
     writing.cancel()
     await asyncio.wait({writing})
     assert writing.cancelled()
     del writing
-    gc.collect()  # tasks say at their end that nobody has looked at them
+    gc.collect()  # a task whose exception was never retrieved logs it when it is collected
     assert logged == []

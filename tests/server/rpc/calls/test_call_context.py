@@ -1,4 +1,4 @@
-"""A call that is refused: nothing of what was asked is kept while its client does not take the status."""
+"""Calls that end early: refused ones whose client does not take the status, and those whose client leaves."""
 
 from __future__ import annotations
 
@@ -15,7 +15,7 @@ from tests.waiting import LIMIT_S
 
 
 class Asked(bytes):
-    """Tells when nobody has it any more."""
+    """A request that notes when it is freed."""
 
     let_go: list[int]
 
@@ -24,7 +24,7 @@ class Asked(bytes):
 
 
 class Stuck:
-    """The context of a call whose client sends this, and takes no status for a while."""
+    """The context of a call whose client sends this, and does not take the status for a while."""
 
     def __init__(self, *sends: Any) -> None:
         self._sends = list(sends)
@@ -44,18 +44,18 @@ class Stuck:
         await self.takes.wait()
 
 
-async def garbage_asked(call: CallContext) -> service_pb2.GetCatalogResponse:
+async def parse_garbage(call: CallContext) -> service_pb2.GetCatalogResponse:
     parsed_as(service_pb2.GetCatalogRequest, await call.request())
-    raise AssertionError("garbage was taken")
+    raise AssertionError("garbage was accepted")
 
 
-async def test_a_request_that_is_refused_is_let_go_before_the_status_is_taken() -> None:
+async def test_refused_request_is_freed_before_the_client_takes_the_status() -> None:
     for data in (b"\xff", b"a" * 5000):
         asked = Asked(data)
         let_go = asked.let_go = []
         stuck = Stuck(asked, grpc.aio.EOF)
         del asked
-        handler = unary_method(garbage_asked, Requests()).stream_stream
+        handler = unary_method(parse_garbage, Requests()).stream_stream
         serving = asyncio.create_task(handler(None, stuck))
         async with asyncio.timeout(LIMIT_S):
             await stuck.is_ending.wait()
@@ -65,10 +65,10 @@ async def test_a_request_that_is_refused_is_let_go_before_the_status_is_taken() 
         assert stuck.code is grpc.StatusCode.INVALID_ARGUMENT
 
 
-async def test_a_client_that_goes_while_it_is_written_to_is_no_fault() -> None:
+async def test_client_that_leaves_during_a_write_is_not_logged_as_a_fault() -> None:
     class Gone(Stuck):
         async def write(self, _: object) -> None:
-            raise grpc.aio.InternalError("nobody is there")
+            raise grpc.aio.InternalError("the client has gone")
 
     async def told(call: CallContext) -> None:
         await call.write(service_pb2.GetCatalogResponse())

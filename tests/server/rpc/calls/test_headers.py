@@ -1,4 +1,4 @@
-"""Calls with more headers than any client may send that heeds the server's settings: refused, and paid for."""
+"""Calls with more headers than the server's settings allow: they are refused, and their address pays for them."""
 
 from __future__ import annotations
 
@@ -26,7 +26,7 @@ AS_MANY_AS_MAY_BE = TOO_MANY[1:]
 
 
 class Called:
-    """A context of gRPC, whose headers take `READING_S` to read where there are many."""
+    """The context of a call whose headers take `READING_S` to read if there are too many."""
 
     def __init__(
         self, clock: list[float], address: str, headers: tuple[tuple[str, str], ...], port: int = 55000
@@ -60,13 +60,13 @@ def reason(header_time: HeaderTime, call: Called) -> str:
     return refused.value.reason
 
 
-def test_as_many_headers_as_a_client_may_send_cost_nothing(header_time: HeaderTime, clock: list[float]) -> None:
+def test_headers_up_to_the_limit_cost_nothing(header_time: HeaderTime, clock: list[float]) -> None:
     for _ in range(1000):
         header_time.check(Called(clock, HERE, AS_MANY_AS_MAY_BE))
     assert header_time.num_addresses == 0
 
 
-def test_what_too_many_took_is_paid_by_their_address_before_any_are_read_again(
+def test_address_pays_for_too_many_headers_before_any_are_read_again(
     header_time: HeaderTime, clock: list[float]
 ) -> None:
     assert reason(header_time, Called(clock, HERE, TOO_MANY)) == "HEADERS_TOO_LONG"
@@ -138,7 +138,7 @@ def test_reading_headers_collects_no_garbage_and_collection_goes_on_afterwards(
     assert (collecting, gc.isenabled()) == ([False, False], True)
 
 
-def test_those_that_owe_no_longer_are_forgotten(header_time: HeaderTime, clock: list[float]) -> None:
+def test_addresses_that_owe_nothing_any_more_are_forgotten(header_time: HeaderTime, clock: list[float]) -> None:
     for number in range(100):
         assert reason(header_time, Called(clock, f"ipv4:10.0.1.{number}", TOO_MANY)) == "HEADERS_TOO_LONG"
         clock[0] += READING_S / LOOP_SHARE
@@ -147,7 +147,7 @@ def test_those_that_owe_no_longer_are_forgotten(header_time: HeaderTime, clock: 
 
 @asynccontextmanager
 async def served(reached: list[str]) -> AsyncIterator[int]:
-    """The port of a server, whose method notes that it was reached."""
+    """Yields the port of a server whose method notes each call that reaches it."""
 
     async def say(_messages: object, context: Any) -> None:
         reached.append(context.peer())
@@ -156,7 +156,7 @@ async def served(reached: list[str]) -> AsyncIterator[int]:
         yield port
 
 
-async def test_a_client_that_does_not_heed_the_settings_reaches_no_method(caplog: pytest.LogCaptureFixture) -> None:
+async def test_call_with_headers_beyond_the_limit_reaches_no_method(caplog: pytest.LogCaptureFixture) -> None:
     reached: list[str] = []
     header = (b"k", b"v" * 100)
     async with served(reached) as port:

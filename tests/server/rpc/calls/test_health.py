@@ -1,4 +1,4 @@
-"""Health checks: everybody is told of each change, and who watches without reading keeps nothing from others."""
+"""Health checks: watchers are told of every change, and one that does not read holds up no others."""
 
 from __future__ import annotations
 
@@ -47,7 +47,7 @@ async def test_watchers_are_told_of_changes_and_checks_are_answered() -> None:
         assert missing.value.code() is grpc.StatusCode.NOT_FOUND
 
 
-async def test_of_one_address_only_so_many_watch_and_a_place_can_be_taken_again(
+async def test_watches_of_an_address_are_limited_and_ended_ones_free_their_place(
     monkeypatch: pytest.MonkeyPatch,
 ) -> None:
     monkeypatch.setattr(health, "MOST_OF_AN_ADDRESS", 2)
@@ -69,17 +69,17 @@ async def test_of_one_address_only_so_many_watch_and_a_place_can_be_taken_again(
                 await again.read()
                 break
             except grpc.aio.AioRpcError:
-                await try_again()  # the server has not heard of the end yet
+                await try_again()  # the server does not know yet that the first has ended
 
 
 class Stuck:
-    """The context of a watcher to whom nothing can be written for a while."""
+    """The context of a watcher that takes nothing for a while."""
 
     def __init__(self) -> None:
         self.is_writing = asyncio.Event()
         self.takes = asyncio.Event()
         self.has_taken = False
-        self.had_taken = False  # when it was told its status
+        self.had_taken = False  # when its call was ended
         self.code: grpc.StatusCode | None = None
         self._sends = iter((WHOLE.SerializeToString(), grpc.aio.EOF))
 
@@ -100,7 +100,7 @@ class Stuck:
 
 
 class Late(Stuck):
-    """One that takes what is written to it some time after that was begun."""
+    """A watcher that takes what is written to it some time after the write has begun."""
 
     async def write(self, message: object) -> None:
         # Begins after the wait that it outlasts, however late that begins.
@@ -109,11 +109,11 @@ class Late(Stuck):
 
 
 async def watched(checks: Health, watcher: Stuck) -> None:
-    """As gRPC has a watch answered, from its beginning to its end."""
+    """Serves a watch as gRPC does, from its beginning to its end."""
     await streaming_method(checks.Watch, Requests()).stream_stream(None, watcher)
 
 
-async def test_a_watcher_that_takes_nothing_keeps_no_change_from_being_told(monkeypatch: pytest.MonkeyPatch) -> None:
+async def test_watcher_that_takes_nothing_holds_up_no_check_and_is_ended(monkeypatch: pytest.MonkeyPatch) -> None:
     given_up = asyncio.Event()
 
     async def within(limit_s: float, write: Coroutine[None, None, None]) -> None:
@@ -131,16 +131,16 @@ async def test_a_watcher_that_takes_nothing_keeps_no_change_from_being_told(monk
     async with served(checks) as stub:
         assert (await stub.Check(WHOLE)).status == SERVING
     await given_up.wait()
-    assert not watching.done(), "gRPC holds its call, so that it has to be counted"
+    assert not watching.done(), "gRPC still holds the call, so it has to be counted"
     stuck.takes.set()
     await watching
     assert stuck.code is grpc.StatusCode.RESOURCE_EXHAUSTED
 
 
-async def test_a_watcher_that_takes_its_first_status_late_is_told_why_it_is_ended_after_it(
+async def test_watcher_that_takes_its_first_status_late_gets_the_reason_after_it(
     monkeypatch: pytest.MonkeyPatch,
 ) -> None:
-    """gRPC tells no status of a call whose first response is still being written."""
+    """gRPC sends no status for a call whose first response is still being written."""
     monkeypatch.setattr(health, "STUCK_S", 0.05)
     late = Late()
     await watched(Health(), late)

@@ -1,4 +1,4 @@
-"""The pace of health checks: who floods waits, and keeps nobody else waiting, not even of the same address."""
+"""The pace of health checks: a flood waits, and makes nobody else wait, not even clients of the same address."""
 
 from __future__ import annotations
 
@@ -21,7 +21,7 @@ FLOOD, OTHER = "ipv4:10.0.0.7:1001", "ipv4:10.0.0.7:1002"
 
 
 class Time:
-    """Monotonic seconds, and who sleeps how long."""
+    """Monotonic seconds, and how long each sleep was to last."""
 
     def __init__(self, monkeypatch: pytest.MonkeyPatch) -> None:
         self.now = 1000.0
@@ -34,7 +34,7 @@ class Time:
 
 
 async def _settle(tasks: list[asyncio.Task[None]]) -> int:
-    """Let all begin; returns how many of them are answered."""
+    """Lets all tasks begin; returns how many of them were answered."""
     for _ in range(3):
         waited = asyncio.get_running_loop().create_future()
         asyncio.get_running_loop().call_soon(waited.set_result, None)
@@ -48,7 +48,7 @@ async def _end(tasks: list[asyncio.Task[None]]) -> None:
     await asyncio.gather(*tasks, return_exceptions=True)
 
 
-async def test_a_flood_is_answered_once_a_second_s_worth_then_waits_and_then_is_refused(
+async def test_flood_gets_one_second_of_answers_then_waits_then_is_refused(
     monkeypatch: pytest.MonkeyPatch,
 ) -> None:
     time = Time(monkeypatch)
@@ -62,7 +62,7 @@ async def test_a_flood_is_answered_once_a_second_s_worth_then_waits_and_then_is_
     await _end(tasks)
 
 
-async def test_where_those_that_waited_are_gone_as_many_may_wait_again(monkeypatch: pytest.MonkeyPatch) -> None:
+async def test_places_to_wait_are_free_again_once_the_waiting_have_left(monkeypatch: pytest.MonkeyPatch) -> None:
     time = Time(monkeypatch)
     pace = HealthPace(lambda: time.now)
     for rounds in (1, 2, 3):
@@ -70,36 +70,36 @@ async def test_where_those_that_waited_are_gone_as_many_may_wait_again(monkeypat
         await _settle(tasks)
         assert len(time.slept) == rounds * MOST_WAITING_OF_A_CONNECTION
         await _end(tasks)
-        time.now += 1.5  # it is not forgotten
+        time.now += 1.5  # too short for the address to be forgotten
     for _ in range(2):
         peers = [f"ipv4:10.0.0.{host}:{port}" for host in range(10) for port in range(100)]
         tasks = [asyncio.create_task(pace.wait(peer)) for peer in peers for _ in range(4)]
         before = len(time.slept)
         await _settle(tasks)
-        assert len(time.slept) - before == MOST_WAITING, "of all addresses together"
+        assert len(time.slept) - before == MOST_WAITING, "the limit of all addresses together"
         await _end(tasks)
         time.now += 1.5
 
 
-async def test_who_shares_the_address_of_a_flood_is_answered_as_it_asks(monkeypatch: pytest.MonkeyPatch) -> None:
+async def test_other_client_of_a_flooding_address_is_answered_at_once(monkeypatch: pytest.MonkeyPatch) -> None:
     time = Time(monkeypatch)
     pace = HealthPace(lambda: time.now)
     await pace.wait(OTHER)
-    await _is_answered_beside_a_flood(pace, time)
+    await _assert_answered_during_a_flood(pace, time)
 
 
-async def _is_answered_beside_a_flood(pace: HealthPace, time: Time) -> None:
+async def _assert_answered_during_a_flood(pace: HealthPace, time: Time) -> None:
     tasks = [asyncio.create_task(pace.wait(FLOOD)) for _ in range(500)]
     await _settle(tasks)
     for _ in range(20):
-        time.now += 0.1  # ten checks a second, of fifty that are its part
+        time.now += 0.1  # ten checks a second; its part is fifty
         tasks += [asyncio.create_task(pace.wait(FLOOD)) for _ in range(50)]
         asked = asyncio.create_task(pace.wait(OTHER))
         assert await _settle([asked]) == 1
     await _end(tasks)
 
 
-async def test_a_first_check_of_a_connection_is_never_refused(monkeypatch: pytest.MonkeyPatch) -> None:
+async def test_first_check_of_a_connection_is_never_refused(monkeypatch: pytest.MonkeyPatch) -> None:
     time = Time(monkeypatch)
     pace = HealthPace(lambda: time.now)
     peers = [f"ipv4:10.0.0.7:{port}" for port in range(400)]
@@ -112,7 +112,7 @@ async def test_a_first_check_of_a_connection_is_never_refused(monkeypatch: pytes
     await _end([*tasks, first])
 
 
-async def test_those_of_one_address_that_wait_keep_no_other_address_waiting(monkeypatch: pytest.MonkeyPatch) -> None:
+async def test_waiting_checks_of_one_address_delay_no_other_address(monkeypatch: pytest.MonkeyPatch) -> None:
     time = Time(monkeypatch)
     pace = HealthPace(lambda: time.now)
     tasks = [asyncio.create_task(pace.wait(f"ipv4:10.0.0.7:{port}")) for port in range(400) for _ in range(4)]
@@ -122,7 +122,7 @@ async def test_those_of_one_address_that_wait_keep_no_other_address_waiting(monk
     await _end([*tasks, *elsewhere])
 
 
-async def test_connections_that_ask_no_more_are_forgotten(monkeypatch: pytest.MonkeyPatch) -> None:
+async def test_connections_that_stop_asking_are_forgotten(monkeypatch: pytest.MonkeyPatch) -> None:
     time = Time(monkeypatch)
     pace = HealthPace(lambda: time.now)
     for number in range(10_000):
@@ -132,8 +132,8 @@ async def test_connections_that_ask_no_more_are_forgotten(monkeypatch: pytest.Mo
     assert len(pace._addresses) < 250
 
 
-async def test_a_connection_has_no_smaller_part_for_those_that_are_forgotten(monkeypatch: pytest.MonkeyPatch) -> None:
-    """A proxy may check by a new connection each time."""
+async def test_forgotten_connections_do_not_reduce_the_part_of_others(monkeypatch: pytest.MonkeyPatch) -> None:
+    """A proxy may open a new connection for each check."""
     time = Time(monkeypatch)
     pace = HealthPace(lambda: time.now)
     for number in range(500):
@@ -142,10 +142,10 @@ async def test_a_connection_has_no_smaller_part_for_those_that_are_forgotten(mon
     for _ in range(50):
         time.now += 0.1
         await pace.wait(OTHER)
-    await _is_answered_beside_a_flood(pace, time)
+    await _assert_answered_during_a_flood(pace, time)
 
 
-async def test_an_address_that_owes_is_not_forgotten_with_its_connections(monkeypatch: pytest.MonkeyPatch) -> None:
+async def test_address_in_debt_is_not_forgotten_with_its_connections(monkeypatch: pytest.MonkeyPatch) -> None:
     time = Time(monkeypatch)
     pace = HealthPace(lambda: time.now)
     tasks = [asyncio.create_task(pace.wait(f"ipv4:10.0.0.7:{port}")) for port in range(400)]
@@ -157,8 +157,9 @@ async def test_an_address_that_owes_is_not_forgotten_with_its_connections(monkey
     await _end(again)
 
 
-async def test_many_connections_are_not_answered_at_once_again_and_again(monkeypatch: pytest.MonkeyPatch) -> None:
-    """Each asks one check after another. Those beyond what may wait would else be answered as fast as they ask."""
+async def test_many_connections_are_not_all_answered_as_fast_as_they_ask(monkeypatch: pytest.MonkeyPatch) -> None:
+    """Each asks for one check after another. Those for which no place to wait is left must not be answered as fast as
+    they ask."""
     time = Time(monkeypatch)
     pace = HealthPace(lambda: time.now)
     peers = [f"ipv4:10.0.0.7:{port}" for port in range(300)]

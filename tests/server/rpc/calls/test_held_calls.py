@@ -1,4 +1,4 @@
-"""Requests for clips that have come, and whose clients keep their side open: charged, and counted until their end."""
+"""Requests for clips whose clients do not half-close: they are charged, and their memory is counted to the end."""
 
 from __future__ import annotations
 
@@ -22,11 +22,11 @@ from tests.waiting import LIMIT_S, until_true
 
 PATH = "/motiongen.v1.MotionService/GenerateClip"
 LONG = b"\x7a\x80\x80\x20" + b"a" * (1 << 19)
-"""A field that nobody knows, of half a mebibyte."""
+"""An unknown field of half a mebibyte."""
 
 
 @pytest.fixture(autouse=True)
-def waited_for_without_end(monkeypatch: pytest.MonkeyPatch) -> None:
+def endless_wait_for_requests(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(handlers, "Requests", partial(Requests, 1e6))
 
 
@@ -35,21 +35,21 @@ def peer_of(server: LocalServer) -> Peer:
 
 
 async def begun(channel: grpc.aio.Channel, data: bytes) -> grpc.aio.StreamStreamCall:
-    """A call that has sent this, and whose side is open."""
+    """A call that has sent this and has not half-closed."""
     call = channel.stream_stream(PATH)()
     await call.write(data)
     return call
 
 
 async def ends(calls: Iterable[grpc.aio.StreamStreamCall]) -> list[tuple[grpc.StatusCode, str]]:
-    """Code, and the reason among what is told."""
+    """The code of each call, and the reason from its metadata."""
     told = [(await call.code(), str(await call.trailing_metadata())) for call in calls]
     reasons = ("SLOW_READER", "TOO_MUCH_UNPAID", "REQUEST_LATE")
     return [(code, next(reason for reason in reasons if reason in text)) for code, text in told]
 
 
-async def test_a_request_is_charged_and_counted_before_its_client_has_ended_its_side() -> None:
-    # Nothing comes back while the test is looked at.
+async def test_request_is_charged_and_counted_before_its_client_half_closes() -> None:
+    # The budgets are not replenished while the test lasts.
     peer_limits = PeerLimits(calls_per_second=1e-3, bytes_per_second=1e-3)
     limits = ServiceLimits(loop_share=UNLIMITED, peer=peer_limits)
     async with (
@@ -77,15 +77,13 @@ async def test_a_request_is_charged_and_counted_before_its_client_has_ended_its_
     ],
     ids=["of all", "of an address"],
 )
-async def test_where_more_is_held_than_may_be_requests_that_are_not_ended_go(
-    limits: ServiceLimits, reason: str
-) -> None:
+async def test_unfinished_requests_are_ended_where_too_much_memory_is_held(limits: ServiceLimits, reason: str) -> None:
     async with (
         asyncio.timeout(LIMIT_S),
         LocalServer(service_limits=limits) as server,
         grpc.aio.insecure_channel(server.address) as channel,
     ):
-        # They owe for calls once the fourth has come, and begin before the first has.
+        # All begin before the first request has come, because the fourth puts the address in debt for calls.
         calls = [channel.stream_stream(PATH)() for _ in range(8)]
         await until_true(lambda: server.service._admission._places._taken.total() == 8)
         for call in calls:
@@ -98,7 +96,7 @@ async def test_where_more_is_held_than_may_be_requests_that_are_not_ended_go(
         await until_true(lambda: server.service.num_waiting_bytes == 0)
 
 
-async def test_a_clip_is_made_as_soon_as_its_request_is_whole() -> None:
+async def test_clip_is_made_once_its_client_half_closes() -> None:
     async with (
         asyncio.timeout(LIMIT_S),
         LocalServer() as server,

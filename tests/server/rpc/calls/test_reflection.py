@@ -1,4 +1,4 @@
-"""Reflection as tools use it: v1 before v1alpha, methods by their names, and every file that those found need."""
+"""Reflection as tools use it: v1 and v1alpha, methods by their names, and files with all their dependencies."""
 
 from __future__ import annotations
 
@@ -23,7 +23,7 @@ NOT_FOUND = grpc.StatusCode.NOT_FOUND.value[0]
 
 
 class Asker:
-    """Asks one question a call, of one version."""
+    """Asks questions of one version of reflection, by default one in each call."""
 
     def __init__(self, channel: grpc.aio.Channel, version: str) -> None:
         self._call = channel.stream_stream(
@@ -37,7 +37,7 @@ class Asker:
         return response
 
     async def ask_all(self, requests: Iterable[ServerReflectionRequest]) -> list[ServerReflectionResponse]:
-        """On one call."""
+        """Asks all of them in one call."""
         return [response async for response in self._call(iter(requests), timeout=LIMIT_S)]
 
     async def files(self, symbol: str) -> dict[str, FileDescriptorProto]:
@@ -63,7 +63,7 @@ async def asker(request: pytest.FixtureRequest) -> AsyncIterator[Asker]:
         yield asker
 
 
-async def test_the_services_are_listed_with_both_versions(asker: Asker) -> None:
+async def test_services_are_listed_with_both_versions_of_reflection(asker: Asker) -> None:
     listed = (await asker.ask(ServerReflectionRequest(list_services=""))).list_services_response.service
     assert [service.name for service in listed] == sorted([SERVICE_NAME, V1, V1ALPHA])
 
@@ -78,7 +78,7 @@ async def test_the_services_are_listed_with_both_versions(asker: Asker) -> None:
         "motiongen.v1.Limits.max_prompts",
     ],
 )
-async def test_a_symbol_is_found_with_all_that_it_needs(asker: Asker, symbol: str) -> None:
+async def test_symbol_is_found_with_the_files_that_its_own_depends_on(asker: Asker, symbol: str) -> None:
     files = await asker.files(symbol)
     assert "motiongen/v1/service.proto" in files
     assert {needed for file in files.values() for needed in file.dependency} <= set(files)
@@ -108,11 +108,11 @@ async def test_reflection_finds_itself(asker: Asker, version: str) -> None:
     ],
     ids=str,
 )
-async def test_what_there_is_not_is_not_found(asker: Asker, request_: ServerReflectionRequest) -> None:
+async def test_unknown_names_are_not_found(asker: Asker, request_: ServerReflectionRequest) -> None:
     assert (await asker.ask(request_)).error_response.error_code == NOT_FOUND
 
 
-async def test_no_message_of_ours_has_extensions(asker: Asker) -> None:
+async def test_messages_have_no_extensions(asker: Asker) -> None:
     asked = ServerReflectionRequest(all_extension_numbers_of_type="motiongen.v1.Rig")
     told = (await asker.ask(asked)).all_extension_numbers_response
     assert (told.base_type_name, list(told.extension_number)) == ("motiongen.v1.Rig", [])
@@ -125,13 +125,13 @@ ENDLESS_HZ = 1e9
 
 
 async def refusal(asker: Asker, request: ServerReflectionRequest) -> tuple[grpc.StatusCode, str]:
-    """Code and details with which a call ends."""
+    """The code and details with which a call ends."""
     with pytest.raises(grpc.aio.AioRpcError) as refused:
         await asker.ask(request)
     return refused.value.code(), refused.value.details() or ""
 
 
-async def test_a_question_that_is_too_long_is_refused(asker: Asker) -> None:
+async def test_question_that_is_too_long_is_refused(asker: Asker) -> None:
     allowed = ServerReflectionRequest(file_containing_symbol="a" * (MOST_QUESTION_BYTES - 3))
     assert allowed.ByteSize() == MOST_QUESTION_BYTES
     assert (await asker.ask(allowed)).error_response.error_code == NOT_FOUND
@@ -142,7 +142,7 @@ async def test_a_question_that_is_too_long_is_refused(asker: Asker) -> None:
 
 
 @pytest.mark.parametrize("of", ["calls_per_second", "bytes_per_second"])
-async def test_what_is_asked_and_answered_is_paid_before_more_is_read(of: str, monkeypatch: pytest.MonkeyPatch) -> None:
+async def test_questions_and_answers_are_paid_for_before_more_is_read(of: str, monkeypatch: pytest.MonkeyPatch) -> None:
     rested: list[float] = []
 
     async def rest(seconds: float) -> None:
@@ -150,7 +150,7 @@ async def test_what_is_asked_and_answered_is_paid_before_more_is_read(of: str, m
         await asyncio.sleep(0)
 
     monkeypatch.setattr(reflection, "_sleep", rest)
-    # Nothing comes back while the test lasts.
+    # The budget is not replenished while the test lasts.
     limits = {"calls_per_second": ENDLESS_HZ, "bytes_per_second": ENDLESS_HZ, of: 1e-6}
     async with asyncio.timeout(LIMIT_S), served(V1, PeerLimits(**limits)) as asker:  # type: ignore[arg-type]
         first, second = await asker.ask_all([LISTED] * 2)
@@ -165,7 +165,7 @@ async def test_what_is_asked_and_answered_is_paid_before_more_is_read(of: str, m
         assert "asks for more reflection than it may" in details
 
 
-async def test_who_owes_nothing_is_answered_at_the_usual_pace(monkeypatch: pytest.MonkeyPatch) -> None:
+async def test_client_without_debt_is_answered_at_the_usual_pace(monkeypatch: pytest.MonkeyPatch) -> None:
     rested: list[float] = []
 
     async def rest(seconds: float) -> None:

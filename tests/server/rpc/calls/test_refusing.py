@@ -1,4 +1,4 @@
-"""Calls that are refused when their client has just gone."""
+"""Refusals of calls whose client has just gone."""
 
 from __future__ import annotations
 
@@ -16,7 +16,7 @@ REFUSAL = StreamRefused(grpc.StatusCode.RESOURCE_EXHAUSTED, "SLOW_READER", "read
 
 
 class Context:
-    """Of a call that ends as it is told to."""
+    """The context of a call whose abort raises the given error."""
 
     def __init__(self, error: Exception) -> None:
         self.told: list[grpc.StatusCode] = []
@@ -27,23 +27,23 @@ class Context:
         raise self._error
 
 
-async def test_a_call_whose_client_has_gone_is_cancelled_and_no_fault_of_the_server() -> None:
+async def test_refusal_to_a_client_that_has_gone_ends_as_a_cancelled_call() -> None:
     context = Context(grpc.aio.InternalError("a write of the call has not ended"))
     with pytest.raises(asyncio.CancelledError):
         await refuse(context, REFUSAL)  # type: ignore[arg-type]
     assert context.told == [grpc.StatusCode.RESOURCE_EXHAUSTED]
 
 
-async def test_what_grpc_ends_a_call_by_is_left_to_it() -> None:
+async def test_abort_error_of_grpc_is_passed_on() -> None:
     with pytest.raises(grpc.aio.AbortError):
         await refuse(Context(grpc.aio.AbortError()), REFUSAL)  # type: ignore[arg-type]
 
 
-async def test_nobody_is_told_where_the_client_is_seen_to_have_gone() -> None:
+async def test_no_status_is_sent_if_the_call_is_cancelled_first() -> None:
     context = Context(grpc.aio.AbortError())
     refusing = asyncio.ensure_future(refuse(context, REFUSAL))  # type: ignore[arg-type]
-    await asyncio.sleep(0)  # it has begun
-    refusing.cancel()  # as gRPC does some rounds of the event loop later
+    await asyncio.sleep(0)  # the refusal has begun
+    refusing.cancel()  # as gRPC does some iterations of the event loop later
     with pytest.raises(asyncio.CancelledError):
         await refusing
     assert context.told == []

@@ -1,4 +1,4 @@
-"""Waiting for the one request of a call: for how long, for how many at once, and what is none."""
+"""Waiting for the one request of a call: for how long, for how many calls at once, and what is no valid request."""
 
 from __future__ import annotations
 
@@ -42,33 +42,33 @@ async def reason_of(requests: Requests, client: Client) -> str:
     return refused.value.reason
 
 
-async def test_one_request_and_the_end_is_what_is_taken() -> None:
+async def test_one_request_and_a_half_close_are_accepted() -> None:
     requests = Requests(ENDLESS_S)
     assert await requests.only(Client(b"asked", END)) == b"asked"  # type: ignore[arg-type]
     assert await requests.only(Client(b"", END)) == b""  # type: ignore[arg-type]
 
 
 @pytest.mark.parametrize("sends", [(), (b"asked",)], ids=["nothing", "no end"])
-async def test_what_does_not_come_is_waited_for_no_longer_than_that(sends: tuple[bytes, ...]) -> None:
+async def test_call_without_a_complete_request_is_ended_after_the_limit(sends: tuple[bytes, ...]) -> None:
     async with asyncio.timeout(LIMIT_S):
         assert await reason_of(Requests(0.01), Client(*sends)) == "REQUEST_LATE"
 
 
 @pytest.mark.parametrize("sends", [(END,), (b"", b""), (b"a", b"b", END)], ids=["none", "two", "two and the end"])
-async def test_one_request_is_one(sends: tuple[Any, ...]) -> None:
+async def test_none_or_more_than_one_request_is_refused(sends: tuple[Any, ...]) -> None:
     assert await reason_of(Requests(ENDLESS_S), Client(*sends)) == "ONE_REQUEST_EXPECTED"
 
 
-async def test_a_request_that_is_too_long_is_refused_at_once() -> None:
+async def test_request_that_is_too_long_is_refused_at_once() -> None:
     requests, most = Requests(ENDLESS_S), SMALL_REQUEST_BYTES
     async with asyncio.timeout(LIMIT_S):
-        assert await reason_of(requests, Client(b"a" * (most + 1))) == "REQUEST_TOO_LONG", "its end is not waited for"
+        assert await reason_of(requests, Client(b"a" * (most + 1))) == "REQUEST_TOO_LONG", "no half-close is needed"
     longest = b"a" * most
     assert await requests.only(Client(longest, END)) == longest  # type: ignore[arg-type]
     assert await requests.only(Client(longest + b"a", END), None) == longest + b"a"  # type: ignore[arg-type]
 
 
-async def test_what_has_come_counts_from_its_first_message_to_its_end() -> None:
+async def test_bytes_of_a_request_are_counted_from_its_message_to_its_end() -> None:
     counted: list[AwaitedRequest] = []
 
     @contextmanager
@@ -99,7 +99,7 @@ async def test_what_has_come_counts_from_its_first_message_to_its_end() -> None:
     [(100, 2, "second"), (3, 100, "first")],
     ids=["of the address", "of all"],
 )
-async def test_where_too_many_wait_the_one_that_has_waited_longest_goes(
+async def test_longest_waiting_call_is_ended_where_too_many_wait(
     most: int, most_of_an_address: int, goes: str, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     monkeypatch.setattr(requests_module, "MOST_WAITING", most)
@@ -121,7 +121,7 @@ async def test_where_too_many_wait_the_one_that_has_waited_longest_goes(
     assert not requests._all
 
 
-def test_what_is_no_message_is_refused() -> None:
+def test_bytes_that_are_no_message_are_refused() -> None:
     with pytest.raises(StreamRefused, match="could not be read") as refused:
         parsed_as(service_pb2.GetCatalogRequest, b"\xff")
     assert refused.value.reason == "MALFORMED_REQUEST"

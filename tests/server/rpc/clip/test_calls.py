@@ -1,4 +1,4 @@
-"""GenerateClip over gRPC: what a client asks for and gets, what is refused, and what stops when."""
+"""GenerateClip over gRPC: what a client asks for and gets, what is refused, and what stops the work."""
 
 from __future__ import annotations
 
@@ -26,7 +26,7 @@ from tests.waiting import LIMIT_S, until_true
 
 @dataclass
 class Sample:
-    """What came of one sample."""
+    """What was received of one sample."""
 
     opened: session_pb2.SessionOpened | None = None
     rows: list[np.ndarray] = field(default_factory=list)
@@ -87,13 +87,13 @@ async def server() -> AsyncIterator[LocalServer]:
         yield local
 
 
-async def test_samples_come_whole_each_with_its_seed(server: LocalServer) -> None:
+async def test_every_sample_is_complete_and_has_its_own_seed(server: LocalServer) -> None:
     samples = await generate(server, clip(90, 3, seed=2**64 - 1, denoise_steps=5))
     assert sorted(samples) == [0, 1, 2]
     for number, sample in samples.items():
         assert sample.opened is not None
         assert sample.summary is not None
-        assert sample.opened.seed == (2**64 - 1 + number) % 2**64, "seeds go round"
+        assert sample.opened.seed == (2**64 - 1 + number) % 2**64, "seeds wrap around"
         assert (sample.opened.denoise_steps, sample.opened.rig_id, sample.opened.lookahead_frames) == (5, "fake", 0)
         assert [int(row[FRAME]) for row in sample.rows] == list(range(90))
     assert {int(row[SEED]) for row in samples[1].rows} == {0}
@@ -101,7 +101,9 @@ async def test_samples_come_whole_each_with_its_seed(server: LocalServer) -> Non
     assert {job.background for job in server.runner.prepared} == {True}
 
 
-async def test_each_call_asks_the_encoder_for_its_caller(server: LocalServer, monkeypatch: pytest.MonkeyPatch) -> None:
+async def test_each_call_asks_the_encoder_in_the_name_of_its_caller(
+    server: LocalServer, monkeypatch: pytest.MonkeyPatch
+) -> None:
     askers, encode = [], server.prompts.encode_all
     monkeypatch.setattr(server.prompts, "encode_all", lambda texts, asker: askers.append(asker) or encode(texts, asker))
     for text in ("walk", "run"):
@@ -110,7 +112,7 @@ async def test_each_call_asks_the_encoder_for_its_caller(server: LocalServer, mo
     assert len({asker.number for asker in askers}) == 2
 
 
-async def test_a_timeline_of_prompts(server: LocalServer) -> None:
+async def test_prompts_of_a_clip_are_in_force_for_their_frames(server: LocalServer) -> None:
     spans = [
         motion_pb2.PromptSpan(prompt_id=1, text="walk", end_frame=50),
         motion_pb2.PromptSpan(prompt_id=2, text="runs", start_frame=50),
@@ -120,7 +122,7 @@ async def test_a_timeline_of_prompts(server: LocalServer) -> None:
     assert [int(row[PROMPT]) for row in samples[0].rows] == [len("walk")] * 50 + [len("run faster")] * 30
 
 
-async def test_a_clip_goes_on_from_prior_frames_with_the_history_it_asks_for(server: LocalServer) -> None:
+async def test_clip_continues_prior_frames_with_the_requested_history(server: LocalServer) -> None:
     rows = np.zeros((24, ROW_WIDTH), "<f4")
     rows[:, FRAME] = np.arange(-24, 0)
     rows[:, 3] = 1.005  # a quaternion that is almost one
@@ -167,17 +169,17 @@ def spoiled(column: int, value: float) -> dict[str, object]:
     ],
     ids=lambda value: value if isinstance(value, str) else "",
 )
-async def test_a_mistake_names_its_field_and_what_is_allowed(
+async def test_invalid_request_is_refused_with_its_field_and_what_is_allowed(
     server: LocalServer, request_: service_pb2.GenerateClipRequest, reason: str, field_: str
 ) -> None:
     code, info, fault = await refusal(server, request_)
     assert code is grpc.StatusCode.INVALID_ARGUMENT
     assert (info.reason, fault) == (reason, field_)
     assert info.metadata["allowed"]
-    assert server.runner.prepared == [], "nothing was begun"
+    assert server.runner.prepared == [], "no sample was begun"
 
 
-async def test_a_full_server_refuses_and_begins_no_sample() -> None:
+async def test_full_server_refuses_a_clip_and_begins_no_sample() -> None:
     async with asyncio.timeout(LIMIT_S), LocalServer(engine_config=EngineConfig(max_clips=2)) as server:
         code, info, _ = await refusal(server, clip(samples=3))
         assert (code, info.reason) == (grpc.StatusCode.RESOURCE_EXHAUSTED, "CLIP_LIMIT")
@@ -204,7 +206,7 @@ async def no_job_is_left(server: LocalServer) -> None:
     await until_true(lambda: not server.runner.jobs and not server.engine.num_sessions)
 
 
-async def test_a_deadline_ends_the_call_and_the_work(server: LocalServer) -> None:
+async def test_deadline_ends_the_call_and_its_work(server: LocalServer) -> None:
     release = hold_up(server)
     code, _, _ = await refusal(server, clip(400, 4), timeout_s=0.3)
     assert code is grpc.StatusCode.DEADLINE_EXCEEDED
@@ -213,7 +215,7 @@ async def test_a_deadline_ends_the_call_and_the_work(server: LocalServer) -> Non
     assert len((await generate(server, clip(40)))[0].rows) == 40
 
 
-async def test_without_a_deadline_the_servers_own_ends_the_call() -> None:
+async def test_call_without_a_deadline_ends_after_the_server_s_limit() -> None:
     async with asyncio.timeout(LIMIT_S), LocalServer(Limits(max_clip_s=0.2)) as server:
         release = hold_up(server)
         code, info, _ = await refusal(server, clip(40), timeout_s=None)
@@ -222,7 +224,7 @@ async def test_without_a_deadline_the_servers_own_ends_the_call() -> None:
         release()
 
 
-async def test_a_client_that_cancels_stops_the_work(server: LocalServer) -> None:
+async def test_cancelled_call_stops_its_work(server: LocalServer) -> None:
     release = hold_up(server)
     asking = asyncio.create_task(generate(server, clip(400)))
     await until_true(lambda: server.runner.prepared)
@@ -231,7 +233,7 @@ async def test_a_client_that_cancels_stops_the_work(server: LocalServer) -> None
     release()
 
 
-async def test_a_sample_that_fails_ends_its_call_with_a_reason(server: LocalServer) -> None:
+async def test_failed_sample_ends_its_call_with_a_reason(server: LocalServer) -> None:
     def poisoned(job: WindowJob) -> bool:
         return job.seed == 6
 
@@ -241,7 +243,7 @@ async def test_a_sample_that_fails_ends_its_call_with_a_reason(server: LocalServ
     await no_job_is_left(server)
 
 
-async def test_a_server_that_ends_ends_its_clips(server: LocalServer) -> None:
+async def test_server_that_shuts_down_ends_its_clips_and_refuses_more(server: LocalServer) -> None:
     release = hold_up(server)
     asking = asyncio.create_task(refusal(server, clip(400)))
     await until_true(lambda: server.runner.prepared)
@@ -264,7 +266,7 @@ class Gone:
         raise grpc.aio.InternalError("Failed execute_batch")
 
 
-async def test_a_client_that_goes_while_it_is_written_to_is_no_fault_of_the_server(
+async def test_client_that_leaves_during_a_write_is_not_logged_as_an_error(
     caplog: pytest.LogCaptureFixture,
 ) -> None:
     async with asyncio.timeout(LIMIT_S), LocalServer() as server:

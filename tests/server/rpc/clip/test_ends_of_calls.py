@@ -1,4 +1,4 @@
-"""Calls for clips that end: what ends none, and what is counted of one that is refused."""
+"""Ends of calls for clips: what does not end one, and what the metrics count of a refused one."""
 
 from __future__ import annotations
 
@@ -17,7 +17,7 @@ from tests.server.rpc.clip.test_calls import clip, refusal
 from tests.waiting import LIMIT_S
 
 
-def test_the_answer_to_a_close_that_came_after_a_sample_was_complete_ends_no_call() -> None:
+def test_late_answer_to_a_close_does_not_end_the_call() -> None:
     call = Call([], None, PLAIN)  # type: ignore[arg-type]
     late = Outcome(SessionKey(1, 0), 2, Code.NOT_FOUND, reason="SESSION_NOT_OPEN")
     assert call.responses(late) == []
@@ -25,7 +25,7 @@ def test_the_answer_to_a_close_that_came_after_a_sample_was_complete_ends_no_cal
         call.responses(replace(late, event_seq=1))
 
 
-async def test_a_number_of_samples_that_is_refused_outweighs_no_others_in_the_metrics() -> None:
+async def test_metrics_count_a_refused_number_of_samples_as_the_most_allowed() -> None:
     metrics = Metrics()
     async with asyncio.timeout(LIMIT_S), LocalServer() as server:
         server.service.clips._stream_metrics = metrics

@@ -1,4 +1,4 @@
-"""A call for clips whose time is over while a response is being written."""
+"""A call for clips whose time ends while a response is being written."""
 
 from __future__ import annotations
 
@@ -18,8 +18,8 @@ ASKED = service_pb2.GenerateClipRequest(open=session_pb2.OpenSession(), frame_co
 MOST_S = 0.2
 
 
-class SlowLine:
-    """A call's context whose first response is on its way until the call's time is over."""
+class SlowConnection:
+    """The context of a call whose first response is being written until after the call's time has ended."""
 
     def __init__(self) -> None:
         self.sent = asyncio.Event()
@@ -31,7 +31,7 @@ class SlowLine:
 
     async def write(self, response: service_pb2.GenerateClipResponse) -> None:
         self.is_writing = True
-        # Begins after the call's time has begun, however late that is.
+        # Counted from after the call's time has begun, however late that is.
         asyncio.get_running_loop().call_later(2 * MOST_S, self.sent.set)
         await self.sent.wait()
         self.is_writing = False
@@ -40,8 +40,8 @@ class SlowLine:
         self.told.append((status.code, self.is_writing))
 
 
-async def test_a_call_whose_time_ends_while_a_response_is_written_has_its_status_after_it() -> None:
+async def test_status_of_a_call_that_ran_out_of_time_follows_the_pending_response() -> None:
     async with asyncio.timeout(LIMIT_S), LocalServer(Limits(max_clip_s=MOST_S)) as server:
-        line = SlowLine()
-        await server.service.clips.generate(ASKED, line, Peer(PeerLimits(), 0.0))  # type: ignore[arg-type]
-        assert line.told == [(grpc.StatusCode.DEADLINE_EXCEEDED, False)]
+        connection = SlowConnection()
+        await server.service.clips.generate(ASKED, connection, Peer(PeerLimits(), 0.0))  # type: ignore[arg-type]
+        assert connection.told == [(grpc.StatusCode.DEADLINE_EXCEEDED, False)]

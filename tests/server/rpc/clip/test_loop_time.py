@@ -1,4 +1,4 @@
-"""What calls for clips take of the event loop is charged to who asks, and paid before another is looked at."""
+"""The event loop time of calls for clips is charged to their peer, and paid before its next call is read."""
 
 from __future__ import annotations
 
@@ -29,17 +29,17 @@ from tests.waiting import LIMIT_S, until_true
 
 WORDS = [motion_pb2.PromptSpan(prompt_id=1, text="walk")]
 LITTLE = ServiceLimits(loop_share=1e-6)
-"""What is taken beyond a microsecond is owed for longer than the test lasts."""
+"""A debt of more than a microsecond lasts longer than the test."""
 
 
 @pytest.fixture
 def standing() -> Clock:
-    """The clock that work is measured by."""
+    """The clock by which work is measured; it stands still unless a test moves it."""
     return Clock()
 
 
 def metered(server: LocalServer, clock: Clock) -> LoopTime:
-    """What the event loop's time is of a server, measured by that clock."""
+    """A server's account of event loop time, measured by that clock."""
     loop = server.service._loop_time
     loop.clocks = Clocks(clock, clock)
     return loop
@@ -53,7 +53,7 @@ def taking(clock: Clock, seconds: float, work: Callable[..., Any]) -> Callable[.
     return slowly
 
 
-async def test_all_that_a_clip_takes_until_it_is_with_the_engine_is_measured(
+async def test_all_work_on_a_clip_until_the_engine_has_it_is_measured(
     standing: Clock, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     async with asyncio.timeout(LIMIT_S), LocalServer() as server:
@@ -76,7 +76,7 @@ async def test_all_that_a_clip_takes_until_it_is_with_the_engine_is_measured(
         release()
 
 
-async def test_who_owes_for_what_his_clips_took_is_refused_the_next_before_it_is_looked_at(
+async def test_peer_in_debt_for_a_clip_is_refused_the_next_before_it_is_read(
     standing: Clock, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     async with asyncio.timeout(LIMIT_S), LocalServer(service_limits=LITTLE) as server:
@@ -93,7 +93,7 @@ async def test_who_owes_for_what_his_clips_took_is_refused_the_next_before_it_is
         await until_true(lambda: not loop.num_peers)
 
 
-async def test_what_clips_ask_for_is_made_out_once_also_with_prompts(monkeypatch: pytest.MonkeyPatch) -> None:
+async def test_clip_request_with_prompts_is_converted_only_once(monkeypatch: pytest.MonkeyPatch) -> None:
     made: list[object] = []
     once = taking(Clock(), 0.0, lambda *given: made.append(given) or clip_specs(*given))
     monkeypatch.setattr(clip_service, "clip_specs", once)
@@ -103,7 +103,7 @@ async def test_what_clips_ask_for_is_made_out_once_also_with_prompts(monkeypatch
     assert len(made) == 1
 
 
-async def test_an_address_uses_the_loop_while_its_clip_is_made() -> None:
+async def test_address_has_a_part_of_the_loop_while_its_clip_is_made() -> None:
     async with asyncio.timeout(LIMIT_S), LocalServer() as server:
         loop, release = server.service._loop_time, hold_up(server)
         asking = asyncio.create_task(generate(server, clip(400)))
@@ -115,7 +115,7 @@ async def test_an_address_uses_the_loop_while_its_clip_is_made() -> None:
         release()
 
 
-async def test_a_clip_counts_in_memory_as_soon_as_it_is_taken_apart(monkeypatch: pytest.MonkeyPatch) -> None:
+async def test_memory_of_a_clip_request_is_counted_before_the_watch_next_looks(monkeypatch: pytest.MonkeyPatch) -> None:
     unknown = b"\x7a\x80\x80\x08" + b"a" * (1 << 17)
     request = service_pb2.GenerateClipRequest.FromString(clip(400).SerializeToString() + unknown)
     limits = ServiceLimits(max_waiting_bytes=3 << 16, loop_share=UNLIMITED)
@@ -128,7 +128,7 @@ async def test_a_clip_counts_in_memory_as_soon_as_it_is_taken_apart(monkeypatch:
         release()
 
 
-def test_work_that_ends_with_a_refusal_counts_more_often(standing: Clock) -> None:
+def test_work_that_ends_in_a_refusal_is_charged_several_times(standing: Clock) -> None:
     peer = Peer(PeerLimits(), time.monotonic(), loop=LoopTime(1e-6, time.monotonic(), Clocks(standing, standing)))
 
     def work(error: Exception | None) -> float:
@@ -150,7 +150,7 @@ def test_work_that_ends_with_a_refusal_counts_more_often(standing: Clock) -> Non
     assert peer.loop.taken_s == pytest.approx(4.0)
 
 
-def test_clips_of_some_and_streams_of_others_have_equal_parts(standing: Clock) -> None:
+def test_clips_and_streams_of_different_peers_have_equal_parts(standing: Clock) -> None:
     now = time.monotonic()
     peers = Peers(PeerLimits(), LoopTime(1e-6, now, Clocks(standing, standing)))
     streams, clips = (peers.find(f"ipv4:10.0.0.{host}:1", now) for host in (1, 2))

@@ -1,4 +1,4 @@
-"""What the summary of a clip says of its constraints."""
+"""The residuals in the summary of a clip."""
 
 from __future__ import annotations
 
@@ -21,7 +21,7 @@ async def server() -> AsyncIterator[LocalServer]:
         yield local
 
 
-async def test_the_summary_says_how_near_each_constraint_was_met(server: LocalServer) -> None:
+async def test_summary_has_the_residual_of_each_constraint(server: LocalServer) -> None:
     """The fake character walks along x."""
     path = motion_pb2.RootTrajectory(positions=[0.0, 0.0, 0.0, 0.5])
     constraints = [
@@ -40,8 +40,8 @@ async def test_the_summary_says_how_near_each_constraint_was_met(server: LocalSe
     assert followed.position_m.mean == pytest.approx(followed.position_m.worst / 2, abs=1e-5)
 
 
-async def test_constraints_of_one_id_have_each_a_residual_of_its_own(server: LocalServer) -> None:
-    """The first may be met up to the end, but is told of long before the second, which is missed."""
+async def test_constraints_with_the_same_id_have_separate_residuals(server: LocalServer) -> None:
+    """The first may be met until frame 100, and is reported long before the last, which is missed."""
     within = waypoint(10, x=20 * SPEED / 20, z=0.0, constraint_id=7)
     within.last_frame = 100
     soon = motion_pb2.Constraint(constraint_id=7, at_any_frame=True, waypoint=motion_pb2.Waypoint(x=5.0, z=5.0))

@@ -1,4 +1,4 @@
-"""When a constraint is to be met, from where it is seen, how much it counts, and paths: as they come over the wire."""
+"""Constraints from the wire: when each is to be met, what it is relative to, its weight, and paths."""
 
 from __future__ import annotations
 
@@ -52,12 +52,12 @@ def asked(**fields: Any) -> Asked:
     return found
 
 
-def test_what_says_nothing_of_it_is_as_it_was() -> None:
+def test_constraint_without_further_terms_arrives_as_a_plain_target() -> None:
     found = asked(frame=40, waypoint=THERE)
     assert found == Waypoint(1, 40, 1.0, 2.0)
 
 
-def test_every_word_arrives() -> None:
+def test_every_term_of_a_constraint_arrives() -> None:
     found = asked(frame=40, last_frame=80, frames_from_effect=True, relative_to_character=True, waypoint=THERE)
     assert isinstance(found, Unplaced)
     assert isinstance(found.target, Waypoint)
@@ -68,7 +68,7 @@ def test_every_word_arrives() -> None:
     assert (soon.at_any_frame, soon.target.weight) == (True, 0.5)
 
 
-def test_a_path_has_a_speed_and_a_smoothing_of_its_own_or_the_usual_ones() -> None:
+def test_root_path_has_its_own_speed_and_smoothing_or_the_defaults() -> None:
     usual, own = (
         asked(root_path=WAY),
         asked(root_path=motion_pb2.RootPath(positions=[1, 2], speed_mps=2, smoothing_m=0)),
@@ -82,7 +82,7 @@ def test_a_path_has_a_speed_and_a_smoothing_of_its_own_or_the_usual_ones() -> No
     assert (own.target.speed_mps, own.target.smoothing_m) == (2.0, 0.0)
 
 
-def test_joints_need_no_root() -> None:
+def test_joint_targets_need_no_waypoint() -> None:
     rig = CATALOG.facts.rig
     assert len(rig.joint_names) == 1
     found = asked(frame=9, joint_targets=motion_pb2.JointTargets(joints=[0], positions=[0, 1, 0]))
@@ -131,14 +131,14 @@ def test_joints_need_no_root() -> None:
         ({"frame": 4, "joint_targets": motion_pb2.JointTargets()}, "INVALID_JOINTS", "joint_targets.joints"),
     ],
 )
-def test_what_cannot_be_is_refused_by_name(fields: dict[str, Any], reason: str, field: str) -> None:
+def test_invalid_constraint_is_refused_with_reason_and_field(fields: dict[str, Any], reason: str, field: str) -> None:
     with pytest.raises(EventRefused) as refused:
         asked(**fields)
     assert (refused.value.reason, refused.value.field) == (reason, f"edit_constraints.upsert[0].{field}")
     assert refused.value.allowed
 
 
-def test_placements_are_told_with_the_outcome_and_with_the_opening() -> None:
+def test_placements_are_reported_in_outcome_and_opened() -> None:
     placement = Placement(5, 100, 170, 130, 100, 1.0, 2.0, 0.5)
     update = session_pb2.SessionUpdate()
     write_update(update, Outcome(KEY, 4, Code.OK, 100, placements=(placement,)))
@@ -154,7 +154,7 @@ def clip(**fields: Any) -> list[Any]:
     return list(clip_specs(service_pb2.GenerateClipRequest(open=opening, frame_count=60), 1, {}, 1.0, CATALOG))
 
 
-def test_a_clip_takes_what_names_no_frame_beyond_its_end() -> None:
+def test_clip_accepts_only_constraints_up_to_its_last_frame() -> None:
     for fields in (
         {"at_any_frame": True, "waypoint": THERE},
         {"root_path": WAY},
@@ -166,7 +166,7 @@ def test_a_clip_takes_what_names_no_frame_beyond_its_end() -> None:
     assert refused.value.reason == "CONSTRAINT_OUTSIDE_CLIP"
 
 
-def test_an_open_takes_them_too() -> None:
+def test_open_accepts_a_constraint_at_any_frame() -> None:
     opening = session_pb2.OpenSession(
         constraints=[motion_pb2.Constraint(constraint_id=1, at_any_frame=True, waypoint=THERE)]
     )

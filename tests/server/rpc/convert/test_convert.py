@@ -1,4 +1,4 @@
-"""Valid events arrive whole, and outputs as they are."""
+"""Conversion of valid events to the engine's, and of outputs to messages."""
 
 from __future__ import annotations
 
@@ -43,7 +43,7 @@ from tests.server.rpc.convert.conversion import KEY, attempt, convert, updated
 # ---- valid events ---------------------------------------------------------------------------------------------------
 
 
-def test_an_open_arrives_whole() -> None:
+def test_every_field_of_an_open_arrives() -> None:
     message = session_pb2.OpenSession(
         request_id="mine",
         seed=5,
@@ -79,7 +79,7 @@ def test_an_empty_open_gets_the_defaults_and_a_seed_of_its_own() -> None:
     assert not specs[0].keep_prompts
 
 
-def test_prompts_arrive_with_open_ends_as_none() -> None:
+def test_absent_frames_of_a_prompt_arrive_as_none() -> None:
     edit = session_pb2.EditPrompts(upsert=[motion_pb2.PromptSpan(prompt_id=1, text="sit")], remove=[7])
     event = convert(session_pb2.SessionEvent(event_seq=2, edit_prompts=edit))
     assert isinstance(event, SetPrompts)
@@ -87,7 +87,7 @@ def test_prompts_arrive_with_open_ends_as_none() -> None:
     assert (event.upsert[0].start_frame, event.upsert[0].end_frame) == (None, None)
 
 
-def test_each_kind_of_constraint_arrives() -> None:
+def test_waypoint_trajectory_joint_targets_and_keyframe_arrive() -> None:
     turn = [math.cos(math.pi / 4), 0.0, math.sin(math.pi / 4), 0.0]  # a quarter turn about +Y
     upsert = [
         motion_pb2.Constraint(constraint_id=1, frame=8, waypoint=motion_pb2.Waypoint(x=1, z=2, heading=0.5)),
@@ -138,7 +138,7 @@ def test_a_heading_of_many_turns_arrives_as_the_same_direction(heading: float) -
     assert (place.heading, way.heading[0], way.heading[1]) == pytest.approx((wanted, 0.5, wanted))
 
 
-def test_the_small_events_arrive() -> None:
+def test_playhead_play_state_and_close_arrive() -> None:
     report = session_pb2.Playhead(frame=5, buffered_to=40, underruns=2)
     assert convert(session_pb2.SessionEvent(playhead=report)) == Playhead(KEY, 0, 12.5, 5, 40, 2)
     paused = session_pb2.SetPlayState(state=session_pb2.PLAY_STATE_PAUSED)
@@ -148,9 +148,7 @@ def test_the_small_events_arrive() -> None:
 
 
 @pytest.mark.parametrize(("heading", "expected"), [(None, None), (0.0, 0.0), (1.5, 1.5)])
-def test_a_velocity_arrives_and_a_heading_of_0_is_not_an_absent_one(
-    heading: float | None, expected: float | None
-) -> None:
+def test_velocity_arrives_and_heading_0_differs_from_no_heading(heading: float | None, expected: float | None) -> None:
     velocity = session_pb2.SetVelocity(x=1.5, z=-2, heading=heading, hold_frames=20)
     event = convert(session_pb2.SessionEvent(event_seq=5, set_velocity=velocity))
     assert event == SetVelocity(KEY, 5, 12.5, 1.5, -2.0, expected, 20)
@@ -167,7 +165,7 @@ def test_a_velocity_arrives_and_a_heading_of_0_is_not_an_absent_one(
         (session_pb2.SetVelocity(x=1, hold_frames=401), "HOLD_OUT_OF_RANGE", "set_velocity.hold_frames"),
     ],
 )
-def test_a_wrong_velocity_is_refused(velocity: session_pb2.SetVelocity, reason: str, field: str) -> None:
+def test_invalid_velocity_is_refused(velocity: session_pb2.SetVelocity, reason: str, field: str) -> None:
     refusal = attempt(session_pb2.SessionEvent(event_seq=5, set_velocity=velocity))
     assert isinstance(refusal, EventRefused)
     assert (refusal.code, refusal.reason, refusal.field) == (Code.INVALID_ARGUMENT, reason, field)
@@ -196,21 +194,21 @@ def test_a_round_trip_is_bounded_whatever_the_client_says(told: Duration | None,
 
 
 @pytest.mark.parametrize("effective", [None, 0, 44])
-def test_an_effective_frame_of_0_is_not_an_absent_one(effective: int | None) -> None:
+def test_effective_frame_0_differs_from_no_effective_frame(effective: int | None) -> None:
     outcome = updated(Outcome(KEY, 3, Code.OK, effective)).outcome
     assert outcome.HasField("effective_frame") == (effective is not None)
     assert outcome.effective_frame == (effective or 0)
 
 
 @pytest.mark.parametrize(("retry_after_s", "nanos"), [(None, None), (0.25, 250_000_000), (0.0, 1_000_000)])
-def test_a_refusal_says_when_to_ask_again_where_that_helps(retry_after_s: float | None, nanos: int | None) -> None:
+def test_refusal_carries_retry_after_if_the_engine_gave_one(retry_after_s: float | None, nanos: int | None) -> None:
     refusal = Outcome(KEY, 1, Code.RESOURCE_EXHAUSTED, reason="FULL", retry_after_s=retry_after_s)
     outcome = updated(refusal).outcome
     assert outcome.HasField("retry_after") == (nanos is not None)
     assert (outcome.retry_after.seconds, outcome.retry_after.nanos) == (0, nanos or 0)
 
 
-def test_the_other_outputs() -> None:
+def test_opened_service_level_and_closed_are_converted() -> None:
     opened = updated(Opened(KEY, 2**64 - 1, 0, 40, 4, 5, "tiny", "stick", 25))
     assert (opened.opened.seed, opened.opened.lookahead_frames) == (2**64 - 1, 40)
     assert (opened.opened.rig_id, opened.opened.model_id, opened.opened.frame_rate) == ("stick", "tiny", 25)
@@ -231,7 +229,7 @@ def test_the_other_outputs() -> None:
         (ServiceTier, "SERVICE_TIER_", session_pb2.ServiceTier),
     ],
 )
-def test_the_engine_s_numbers_are_the_protocol_s(ours: type, prefix: str, theirs: object) -> None:
+def test_engine_enums_equal_those_of_the_protocol(ours: type, prefix: str, theirs: object) -> None:
     told = {f"{prefix}{each.name}": each.value for each in ours}  # type: ignore[attr-defined]
     offered = dict(theirs.items())  # type: ignore[attr-defined]
     offered.pop(f"{prefix}UNSPECIFIED")

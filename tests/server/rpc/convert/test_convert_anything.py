@@ -1,4 +1,4 @@
-"""Any message at all is taken with finite numbers, or refused."""
+"""Any message at all is either accepted with finite numbers or refused."""
 
 from __future__ import annotations
 
@@ -156,7 +156,7 @@ def numbers_of(event: Event) -> list[float]:
 
 @settings(deadline=None)
 @given(members)
-def test_any_message_is_taken_with_finite_numbers_or_refused_with_field_and_allowed(members: dict[str, object]) -> None:
+def test_any_event_is_accepted_with_finite_numbers_or_refused_with_details(members: dict[str, object]) -> None:
     message = session_pb2.SessionEvent(session=KEY.handle, event_seq=4, **members)  # type: ignore[arg-type]
     answer = attempt(message)
     if isinstance(answer, EventRefused):
@@ -172,8 +172,8 @@ def test_any_message_is_taken_with_finite_numbers_or_refused_with_field_and_allo
 
 @settings(deadline=None)
 @given(st.binary(max_size=200))
-def test_bytes_that_parse_at_all_are_taken_or_refused(data: bytes) -> None:
+def test_random_bytes_are_accepted_or_refused(data: bytes) -> None:
     message = session_pb2.SessionEvent()
-    with contextlib.suppress(DecodeError):  # what was read up to the mistake is a message too
+    with contextlib.suppress(DecodeError):  # what was parsed before the error is a message too
         message.ParseFromString(data)
     attempt(message)

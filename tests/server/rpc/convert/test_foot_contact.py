@@ -1,4 +1,4 @@
-"""A foot that stands: which joints are asked to be where, and when it counts as met."""
+"""Foot contacts: the joint targets made of them, and when they count as met."""
 
 from __future__ import annotations
 
@@ -41,27 +41,27 @@ def test_with_a_heading_the_toes_are_ahead_of_the_ankle(rig: RigLayout) -> None:
     np.testing.assert_allclose(toes[[0, 2]], [1.0 + 0.1606, 2.0], atol=1e-3)
 
 
-def test_without_a_heading_the_ankle_alone_has_a_place(rig: RigLayout) -> None:
+def test_without_a_heading_only_the_ankle_is_targeted(rig: RigLayout) -> None:
     target = asked(rig, "RightFoot", x=-1.0)
     assert [rig.joint_names[joint] for joint in target.joints] == ["RightFoot"]
     assert (target.frame, target.constraint_id, target.contacts) == (30, 7, (2, 3))
 
 
 @pytest.mark.parametrize(("limb", "allowed"), [("LeftHand", "LeftFoot or RightFoot"), ("", "LeftFoot or RightFoot")])
-def test_another_limb_is_refused(rig: RigLayout, limb: str, allowed: str) -> None:
+def test_limb_that_is_not_a_foot_is_refused(rig: RigLayout, limb: str, allowed: str) -> None:
     with pytest.raises(EventRefused) as refused:
         asked(rig, limb)
     assert (refused.value.reason, refused.value.field) == ("UNKNOWN_LIMB", "upsert[0].foot_contact.limb")
     assert refused.value.allowed == allowed
 
 
-def test_a_rig_without_contacts_has_no_feet_to_stand_on(rig: RigLayout) -> None:
+def test_foot_contact_is_refused_for_a_rig_without_contacts(rig: RigLayout) -> None:
     with pytest.raises(EventRefused, match="no foot") as refused:
         asked(replace(rig, blocks=rig.blocks[:2]))
     assert "no feet" in refused.value.allowed
 
 
-def test_it_is_met_where_the_foot_is_there_and_on_the_ground(rig: RigLayout) -> None:
+def test_contact_is_met_while_that_foot_is_in_place_and_on_the_ground(rig: RigLayout) -> None:
     rows = np.zeros((3, rig.row_width), np.float32)
     rows[:, 3:-4:4] = 1.0
     rows[:, 1] = 0.97  # neutral: the feet are below the hips
@@ -76,7 +76,7 @@ def test_it_is_met_where_the_foot_is_there_and_on_the_ground(rig: RigLayout) -> 
     assert nearest_frame(target, 30, Posed(rig, rows)).frame == 32
     found = nearest_frame(target, 30, Posed(rig, rows))
     assert found.residual.is_within(target.tolerance)
-    rows[2, -4], rows[2, -2] = 0.0, 1.0  # the right one is
+    rows[2, -4], rows[2, -2] = 0.0, 1.0  # the right one is instead
     assert not nearest_frame(target, 30, Posed(rig, rows)).residual.is_within(target.tolerance)
 
 

@@ -49,20 +49,20 @@ def converted(event: session_pb2.SessionEvent) -> SetPrompts:
     return edited
 
 
-def test_a_preset_needs_no_encoder_and_brings_its_text() -> None:
+def test_preset_needs_no_encoder_and_provides_its_text() -> None:
     (prompt,) = converted(edit(preset_id="wave", end_frame=80)).upsert
     assert (prompt.text, prompt.end_frame) == ("a person waves", 80)
     np.testing.assert_array_equal(prompt.embedding, [3, 4])
 
 
-def test_the_catalogue_tells_presets_encoder_and_width() -> None:
+def test_catalogue_lists_presets_text_encoder_and_width() -> None:
     (model,) = CATALOG.response("").models
     assert (model.text_encoder, model.text_width) == ("hashed-2", FACTS.embedding_dim)
     assert [(preset.preset_id, preset.text) for preset in model.presets] == [("wave", "a person waves")]
 
 
 @pytest.mark.parametrize("label", ["", "a person limps"])
-def test_an_embedding_is_taken_as_it_is_and_its_text_is_a_label(label: str) -> None:
+def test_embedding_arrives_unchanged_and_its_text_is_a_label(label: str) -> None:
     (prompt,) = converted(edit(embedding=embedding([-0.5, 2.25]), text=label)).upsert
     assert prompt.text == label
     assert prompt.embedding.dtype == np.float32
@@ -98,7 +98,7 @@ def test_a_session_opens_with_an_embedding() -> None:
         ({}, None, "EMPTY_PROMPT", "text", "1 to 1000"),
     ],
 )
-def test_what_does_not_fit_is_refused_with_what_would(
+def test_invalid_prompt_is_refused_with_what_is_allowed(
     span: dict[str, object], code: Code | None, reason: str, field: str, allowed: str
 ) -> None:
     event = edit(**span)
@@ -118,7 +118,7 @@ def test_what_does_not_fit_is_refused_with_what_would(
         (18, "an id of Model.presets: " + ", ".join(f"p{number}" for number in range(16)) + ", and 2 more"),
     ],
 )
-def test_a_refusal_names_the_presets_and_how_many_it_leaves_out(count: int, allowed: str) -> None:
+def test_refusal_of_an_unknown_preset_lists_presets_and_counts_omitted_ones(count: int, allowed: str) -> None:
     catalog = catalog_of(*(replace(WAVE, preset_id=f"p{number}") for number in range(count)))
     with pytest.raises(EventRefused) as caught:
         engine_event(edit(preset_id="jump"), KEY, 1.0, {}, catalog)

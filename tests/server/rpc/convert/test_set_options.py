@@ -1,4 +1,4 @@
-"""SetOptions and Seek: as they come over the wire, and the place that a session has for it."""
+"""SetOptions and Seek from the wire, and what changed options cost of a peer's limits."""
 
 from __future__ import annotations
 
@@ -32,11 +32,11 @@ def asked(options: session_pb2.SetOptions) -> SetOptions:
     return event
 
 
-def test_what_is_absent_stays() -> None:
+def test_absent_options_stay_unset() -> None:
     assert asked(session_pb2.SetOptions()) == SetOptions(KEY, 2, 1.0)
 
 
-def test_every_option_arrives_and_guidance_is_set_anew() -> None:
+def test_every_option_arrives_and_an_absent_weight_gets_its_default() -> None:
     message = session_pb2.SetOptions(priority=1, lookahead_frames=60, denoise_steps=5, history_frames=8)
     message.guidance.text = 3.0
     assert asked(message) == SetOptions(KEY, 2, 1.0, Priority.HERO, 60, 5, Guidance(3.0, 2.5), 8)
@@ -52,7 +52,9 @@ def test_every_option_arrives_and_guidance_is_set_anew() -> None:
         (session_pb2.SetOptions(history_frames=3), "HISTORY_OUT_OF_RANGE", "history_frames"),
     ],
 )
-def test_what_cannot_be_is_refused_by_name(options: session_pb2.SetOptions, reason: str, field: str) -> None:
+def test_invalid_options_are_refused_with_reason_and_field(
+    options: session_pb2.SetOptions, reason: str, field: str
+) -> None:
     with pytest.raises(EventRefused) as refused:
         asked(options)
     assert (refused.value.reason, refused.value.field) == (reason, f"set_options.{field}")
@@ -64,7 +66,7 @@ def sought(message: session_pb2.Seek) -> Seek:
     return event
 
 
-def test_a_cut_says_where_the_character_stands_or_what_it_goes_on_from() -> None:
+def test_seek_carries_a_start_pose_or_prior_frames_or_a_frame() -> None:
     pose = session_pb2.StartPose(x=1, z=2, heading=0.5)
     assert sought(session_pb2.Seek(start_pose=pose)).start_pose == StartPose(1.0, 2.0, 0.5)
     row = np.zeros((4, 12), "<f4")
@@ -96,13 +98,13 @@ def test_a_cut_says_where_the_character_stands_or_what_it_goes_on_from() -> None
         ),
     ],
 )
-def test_a_cut_that_cannot_be_is_refused_by_name(message: session_pb2.Seek, reason: str, field: str) -> None:
+def test_invalid_seek_is_refused_with_reason_and_field(message: session_pb2.Seek, reason: str, field: str) -> None:
     with pytest.raises(EventRefused) as refused:
         sought(message)
     assert (refused.value.reason, refused.value.field) == (reason, field)
 
 
-def test_a_place_of_another_class_is_counted_there_and_given_back_where_the_engine_refuses() -> None:
+def test_change_of_class_is_counted_and_undone_if_the_engine_refuses_it() -> None:
     peer = Peers(PeerLimits(heroes=1)).find("ipv4:10.0.0.1:5", 0.0)
     first, second = peer.place(Priority.NEAR, 0.0), peer.place(Priority.NEAR, 0.0)
     weight = peer.session_weight
@@ -119,7 +121,7 @@ def test_a_place_of_another_class_is_counted_there_and_given_back_where_the_engi
     assert peer.is_idle(1e6)
 
 
-def test_options_that_are_refused_give_back_their_place_whatever_was_asked_for_since() -> None:
+def test_refused_options_are_uncounted_despite_later_changes() -> None:
     peer = Peers(PeerLimits(heroes=1)).find("ipv4:10.0.0.1:5", 0.0)
     place = peer.place(Priority.NEAR, 0.0)
     weight = peer.session_weight
@@ -134,7 +136,7 @@ def test_options_that_are_refused_give_back_their_place_whatever_was_asked_for_s
     assert peer.session_weight == 0
 
 
-def test_who_asks_for_no_more_is_refused_nothing_where_the_quota_was_made_smaller_than_what_is_open() -> None:
+def test_reduced_quota_refuses_only_changes_that_ask_for_more() -> None:
     peer = Peers(PeerLimits()).find("ipv4:10.0.0.1:5", 0.0)
     places = [peer.place(Priority.NEAR, 0.0) for _ in range(3)]
     peer.adopt(PeerLimits(session_weight=4), 0.0)
@@ -145,7 +147,7 @@ def test_who_asks_for_no_more_is_refused_nothing_where_the_quota_was_made_smalle
     assert (refused.value.reason, refused.value.field) == ("PEER_SESSION_LIMIT", "set_options.priority")
 
 
-def test_steps_that_a_tenant_may_not_have_are_refused_by_the_field_that_asks_for_them() -> None:
+def test_steps_beyond_the_quota_are_refused_naming_denoise_steps() -> None:
     peer = Peers(PeerLimits(steps_per_second=10.0)).find("ipv4:10.0.0.1:5", 0.0)
     with pytest.raises(EventRefused) as refused:
         peer.place(Priority.NEAR, 0.0).change(None, 20.0)

@@ -1,4 +1,4 @@
-"""What the contract has words for but the server does not serve is refused, field by field."""
+"""Fields of the contract that the server does not serve are refused by name."""
 
 from __future__ import annotations
 
@@ -24,7 +24,7 @@ EXAMPLES = [
 
 
 @pytest.mark.parametrize(("message", "path", "field"), EXAMPLES, ids=[field for _, _, field in EXAMPLES])
-def test_it_is_refused_by_name(message: motion_pb2.Constraint, path: str, field: str) -> None:
+def test_unserved_field_is_refused_by_name(message: motion_pb2.Constraint, path: str, field: str) -> None:
     with pytest.raises(EventRefused, match="does not serve it yet") as caught:
         check_served(message, path)
     assert (caught.value.code, caught.value.reason, caught.value.field) == (Code.UNIMPLEMENTED, "NOT_SERVED", field)
@@ -36,12 +36,12 @@ def test_every_refused_field_has_an_example() -> None:
     }
 
 
-def test_what_is_served_passes() -> None:
+def test_served_fields_pass() -> None:
     check_served(motion_pb2.Constraint(constraint_id=1, frame=4, waypoint=motion_pb2.Waypoint(x=1)), "upsert[0]")
     check_served(session_pb2.OpenSession(seed=1), "open")
 
 
-def test_the_table_is_what_the_comments_of_the_protos_say() -> None:
+def test_unserved_fields_are_those_marked_so_in_the_protos() -> None:
     told, message = set(), ""
     for path in PROTOS.glob("*.proto"):
         comment = ""

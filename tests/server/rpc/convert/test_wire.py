@@ -1,4 +1,4 @@
-"""Bytes of updates: what protobuf itself reads of them."""
+"""The bytes written for updates: protobuf parses them as the messages they stand for."""
 
 from __future__ import annotations
 
@@ -23,7 +23,7 @@ def read(parts: Parts) -> service_pb2.StreamMotionResponse:
 
 
 @given(uint32, uint64, uint32, uint64, uint64, st.lists(st.integers(1, 50), min_size=1, max_size=4))
-def test_frames_are_read_as_the_message_that_was_meant(
+def test_bytes_of_frames_parse_as_the_intended_message(
     session: int, applied_seq: int, plan: int, first_frame: int, committed_to: int, counts: list[int]
 ) -> None:
     rows = np.arange(sum(counts) * 115, dtype=np.float32).reshape(-1, 115)
@@ -45,7 +45,7 @@ def test_frames_are_read_as_the_message_that_was_meant(
 
 
 @given(uint32, uint64, uint32, uint64, st.sampled_from(PlanCause), st.lists(uint64, max_size=4))
-def test_plans_are_read_as_the_message_that_was_meant(
+def test_bytes_of_plans_parse_as_the_intended_message(
     session: int, applied_seq: int, plan: int, valid_from: int, cause: PlanCause, event_seqs: list[int]
 ) -> None:
     response: Parts = []
@@ -56,7 +56,7 @@ def test_plans_are_read_as_the_message_that_was_meant(
     assert read(response) == service_pb2.StreamMotionResponse(updates=[update])
 
 
-def test_updates_of_both_kinds_follow_each_other() -> None:
+def test_updates_written_by_hand_and_by_protobuf_can_follow_each_other() -> None:
     notice = session_pb2.SessionUpdate(session=1, plan=session_pb2.PlanNotice(plan=3, valid_from=8, event_seqs=[2]))
     response: Parts = []
     append_update(response, notice)
@@ -67,7 +67,7 @@ def test_updates_of_both_kinds_follow_each_other() -> None:
     assert told[0] == notice
 
 
-def test_rows_that_do_not_lie_together_are_sent_in_their_order() -> None:
+def test_non_contiguous_rows_are_sent_in_their_order() -> None:
     rows = np.arange(12, dtype=np.float32).reshape(2, 6)[:, ::-1]
     response: Parts = []
     append_frames(response, Run(Chunk(SessionKey(1, 1), 1, 0, rows, 0), 0, None), PLAIN)
@@ -92,5 +92,5 @@ def test_rows_that_do_not_lie_together_are_sent_in_their_order() -> None:
         (2**64 - 1, "ffffffffffffffffff01"),
     ],
 )
-def test_numbers_take_seven_bits_a_byte(number: int, encoded: str) -> None:
+def test_varints_hold_seven_bits_a_byte(number: int, encoded: str) -> None:
     assert VARINT[number].hex() == encoded

@@ -1,4 +1,4 @@
-"""Sessions that were taken over from another server, once this one serves them: theirs is what any session has."""
+"""Sessions taken over from another server, once this one serves them: they have what every session has."""
 
 from __future__ import annotations
 
@@ -32,7 +32,7 @@ KEEP_S = 60.0
 
 @dataclass
 class Adopting:
-    """A client's line to a server, and the store with a session that another had. now_s: by the store's clock."""
+    """A client's stream to a server, and the store with another server's session. now_s: by the store's clock."""
 
     line: Line
     store: SqliteStore
@@ -40,7 +40,7 @@ class Adopting:
     now_s: list[float]
 
     async def adopt(self) -> None:
-        """Resume the session, until its engine is given it."""
+        """Resumes the session, and returns once the engine has been given it."""
         self.line.send(1, open=resuming(9))
         await until_true(lambda: bool(self.line.engine.events))
         assert self.line.engine.kinds() == [Open]
@@ -59,8 +59,8 @@ async def adopting(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> AsyncIter
     await asyncio.to_thread(durability.close)
 
 
-async def test_one_that_stands_still_keeps_its_record(adopting: Adopting) -> None:
-    """Nothing is saved of it then, and what nobody renews expires."""
+async def test_record_of_an_idle_adopted_session_is_renewed(adopting: Adopting) -> None:
+    """An idle session is not saved again, and a record that nobody renews expires."""
     await adopting.adopt()
     store = adopting.store
     for _ in range(3):
@@ -73,7 +73,7 @@ def expires_at(store: SqliteStore) -> float:
     return float(when)
 
 
-async def test_one_that_stands_still_ends_once_another_server_has_taken_it(adopting: Adopting) -> None:
+async def test_idle_adopted_session_is_closed_once_another_server_has_taken_it(adopting: Adopting) -> None:
     await adopting.adopt()
     assert adopting.store.take(Lease(NAME, 2), "a third server") is not None
     await until_true(lambda: len(adopting.line.engine.events) == 2)
@@ -82,8 +82,8 @@ async def test_one_that_stands_still_ends_once_another_server_has_taken_it(adopt
     assert end.reason is CloseReason.TAKEN_OVER
 
 
-async def test_nothing_is_left_of_one_that_its_engine_refuses_after_its_line_was_lost(adopting: Adopting) -> None:
-    """Its engine knows no session to close, so its place and its record would be held for good."""
+async def test_adoption_refused_by_the_engine_after_the_stream_was_lost_is_undone(adopting: Adopting) -> None:
+    """The engine knows no such session to close, so its place and its record would be held for good."""
     line, durability = adopting.line, adopting.durability
     kept, peer = line.stream._kept, line.stream.peer
     await adopting.adopt()
@@ -94,12 +94,12 @@ async def test_nothing_is_left_of_one_that_its_engine_refuses_after_its_line_was
     assert carrier is not None
     carrier.take(Outcome(key, 1, Code.RESOURCE_EXHAUSTED, reason="OVERLOADED"))
     assert (kept.num_parked, kept.has_away, peer.num_sessions) == (0, False, 0)
-    assert line.engine.kinds() == [Open], "there is nothing to be closed"
-    assert not durability.writer._leases, "else its record would never expire"
-    assert adopting.store.renew([Lease(NAME, 2)]) == [Renewal.KEPT], "its client may come again"
+    assert line.engine.kinds() == [Open], "the engine has nothing to close"
+    assert not durability.writer._leases, "otherwise its record would never expire"
+    assert adopting.store.renew([Lease(NAME, 2)]) == [Renewal.KEPT], "its client may resume it again"
 
 
-async def test_what_waits_for_one_that_its_engine_refuses_is_answered_and_is_nothing_to_the_next_on_its_handle(
+async def test_events_waiting_for_a_refused_adoption_are_answered_and_not_reused(
     adopting: Adopting,
 ) -> None:
     line = adopting.line
@@ -117,7 +117,7 @@ async def test_what_waits_for_one_that_its_engine_refuses_is_answered_and_is_not
     assert [(event.session, event.event_seq) for event in line.engine.events[1:]] == [(key, 1), (key, 2)]
 
 
-async def test_what_waits_for_one_that_its_engine_refuses_after_its_line_was_lost_is_let_go(adopting: Adopting) -> None:
+async def test_events_waiting_for_a_refused_adoption_are_freed_without_a_stream(adopting: Adopting) -> None:
     line = adopting.line
     await adopting.adopt()
     key = line.engine.events[0].session
@@ -129,8 +129,8 @@ async def test_what_waits_for_one_that_its_engine_refuses_after_its_line_was_los
     assert line.stream.peer.waiting_bytes == 0
 
 
-async def test_one_is_saved_from_the_beginning_and_its_client_knows(adopting: Adopting) -> None:
-    """Nothing may be saved of it before it goes on elsewhere: what it was told here is then said again there."""
+async def test_adopted_session_is_reported_as_durable_from_the_start(adopting: Adopting) -> None:
+    """It may move on before anything is saved here: its client then sends again what this server had answered."""
     line = adopting.line
     await adopting.adopt()
     key = line.engine.events[0].session
@@ -145,7 +145,7 @@ async def test_one_is_saved_from_the_beginning_and_its_client_knows(adopting: Ad
 
 
 def adopt(opening: session_pb2.OpenSession) -> tuple[SessionEntry, Open]:
-    """The session of the record, for a client that says where it is."""
+    """The session of the record, for a client that resumes it with this opening."""
     return adopted(
         RECORD,
         TOKEN,
@@ -159,8 +159,8 @@ def adopt(opening: session_pb2.OpenSession) -> tuple[SessionEntry, Open]:
     )
 
 
-def test_what_has_no_answer_is_not_taken_for_answered_and_what_has_is() -> None:
-    """Of five events the fourth waits for its plan."""
+def test_adopted_session_knows_which_events_were_answered() -> None:
+    """Of the record's five events, the fourth still waits for its plan."""
     entry, _ = adopt(resuming(9))
     assert (entry.last_seq, entry.applied_seq) == (5, 3)
     assert [entry.is_answered(seq) for seq in range(1, 7)] == [True, True, True, False, True, False]
@@ -177,7 +177,7 @@ def test_what_has_no_answer_is_not_taken_for_answered_and_what_has_is() -> None:
         ({"committed_to": 0}, 88, 0),
     ],
 )
-def test_who_does_not_say_what_it_shows_or_was_promised_may_show_all_that_it_holds(
+def test_resume_without_playhead_or_committed_to_uses_next_frame(
     said: dict[str, int], playhead: int, committed_to: int
 ) -> None:
     point = session_pb2.ResumePoint(attempt=9, next_frame=88, plan=8, answered_seq=3, **said)  # type: ignore[arg-type]
@@ -186,13 +186,13 @@ def test_who_does_not_say_what_it_shows_or_was_promised_may_show_all_that_it_hol
     assert asked is not None
     assert (asked.playhead, asked.committed_to) == (playhead, committed_to)
     assert (asked.attempt, asked.next_frame, asked.plan) == (9, 88, 8) == (entry.attempt, 88, 8)
-    assert [answer.event_seq for answer in entry.answers] == [5], "it has heard the others"
+    assert [answer.event_seq for answer in entry.answers] == [5], "the client has confirmed the others"
 
 
-def test_it_is_told_of_and_its_frames_are_coded_as_where_it_was_opened() -> None:
+def test_adopted_session_keeps_its_warnings_level_news_and_coding() -> None:
     entry, event = adopt(resuming(9))
     assert (event.event_seq, event.spec.session, entry.key) == (1, KEY, KEY)
-    assert entry.is_resuming, "nothing is told before the engine goes on with it"
+    assert entry.is_resuming, "nothing is sent before the engine continues it"
     assert entry.known_to_engine
     assert entry.warnings == RECORD.warnings
     assert entry.level == RECORD.level

@@ -1,4 +1,4 @@
-"""Prompts are paid for before they are encoded: those that are not known, once each, and no others."""
+"""Prompts are paid for before they are encoded: those that are not in the cache, once each, and no others."""
 
 from __future__ import annotations
 
@@ -18,7 +18,7 @@ ASKER = Asker("studio", 3)
 
 
 class Encoder:
-    """Knows some texts. heard: what it was asked to encode, and after how long a wait."""
+    """Has some texts in its cache. heard: the texts that it was asked to encode, and for whom."""
 
     def __init__(self, *known: str) -> None:
         self._known = known
@@ -36,7 +36,7 @@ class Encoder:
     ("texts", "charged"),
     [((), 0), (("walk", "walk"), 0), (("run",), 1), (("walk", "run", "run", "hop"), 2), (("a", "b", "c"), 3)],
 )
-async def test_those_that_are_not_known_are_charged_once_each(
+async def test_texts_that_are_not_cached_are_charged_once_each(
     texts: tuple[str, ...], charged: int, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     waited: list[float] = []
@@ -51,4 +51,4 @@ async def test_those_that_are_not_known_are_charged_once_each(
     assert set(found) == set(texts)
     assert encoder.heard == [(texts, ASKER)]
     assert budget.left(5.0) == max(0, 2 - charged)
-    assert waited == ([max(0.0, (charged - 2) / 2.0)] if charged else []), "two may come at once"
+    assert waited == ([max(0.0, (charged - 2) / 2.0)] if charged else []), "the budget allows two at once"

@@ -1,4 +1,4 @@
-"""Answers that are kept for a client that resumes: how much of them, and what is let go first."""
+"""Answers that are kept for a client that resumes: how many, and which parts are dropped first."""
 
 from __future__ import annotations
 
@@ -36,20 +36,20 @@ FULL = tuple(Placement(number, 2**40, 2**40, 2**40, 2**40, 1.5, 2.5, 0.5) for nu
 
 
 def placed(event_seq: int) -> Outcome:
-    """The answer to an edit of as many constraints as there may be, all of which the engine has put somewhere."""
+    """The answer to an edit of the most constraints allowed, all of which the engine has placed."""
     return Outcome(KEY, event_seq, Code.OK, 80, placements=FULL)
 
 
 @pytest.fixture
 def kept() -> KeptAnswers:
-    """Of a client that never says what it has heard."""
+    """The answers kept for a client that never confirms any."""
     kept = KeptAnswers()
     for event_seq in range(2, 502):
         kept.keep(placed(event_seq))
     return kept
 
 
-def test_the_newest_are_kept_whole_and_of_older_ones_what_became_of_the_events(kept: KeptAnswers) -> None:
+def test_newest_answers_are_kept_whole_and_older_ones_without_placements(kept: KeptAnswers) -> None:
     answers = list(kept)
     assert [answer.event_seq for answer in answers] == list(range(502 - MAX_KEPT_ANSWERS, 502))
     assert {(answer.code, answer.effective_frame) for answer in answers} == {(Code.OK, 80)}
@@ -58,7 +58,7 @@ def test_the_newest_are_kept_whole_and_of_older_ones_what_became_of_the_events(k
     assert all(answer.placements == FULL for answer in answers[-num_whole:])
 
 
-def test_they_take_no_more_than_they_may_in_memory_and_in_a_record(kept: KeptAnswers) -> None:
+def test_kept_answers_are_bounded_in_memory_and_in_a_record(kept: KeptAnswers) -> None:
     assert kept.num_bytes <= MAX_KEPT_BYTES
     without = replace(a_record(), answers=())
     with_them = replace(without, answers=kept.up_to(501))
@@ -66,7 +66,7 @@ def test_they_take_no_more_than_they_may_in_memory_and_in_a_record(kept: KeptAns
     assert MAX_KEPT_BYTES < MAX_BYTES / 2
 
 
-def test_texts_are_bounded_too() -> None:
+def test_answers_with_long_texts_are_bounded_too() -> None:
     kept = KeptAnswers()
     for event_seq in range(2, 102):
         kept.keep(Outcome(KEY, event_seq, Code.NOT_FOUND, None, "R", allowed="a" * 10_000))
@@ -74,7 +74,7 @@ def test_texts_are_bounded_too() -> None:
     assert [answer.event_seq for answer in kept] == list(range(102 - len(kept), 102))
 
 
-def test_warnings_go_with_the_placements() -> None:
+def test_warnings_are_dropped_together_with_placements() -> None:
     kept = KeptAnswers()
     kept.keep(replace(placed(2), warnings=(Warned("R", "m", "f"),)))
     for event_seq in range(3, 8):
@@ -82,14 +82,14 @@ def test_warnings_go_with_the_placements() -> None:
     assert next(iter(kept)) == Outcome(KEY, 2, Code.OK, 80)
 
 
-def test_what_is_confirmed_takes_nothing(kept: KeptAnswers) -> None:
+def test_confirmed_answers_are_dropped(kept: KeptAnswers) -> None:
     kept.confirm(500)
     assert list(kept) == [placed(501)]
     kept.confirm(501)
     assert (len(kept), kept.num_bytes) == (0, 0)
 
 
-def test_placements_and_warnings_can_be_let_go_of_and_what_became_of_the_events_stays() -> None:
+def test_let_go_of_places_drops_placements_and_warnings_but_no_answers() -> None:
     kept, warned = KeptAnswers(), (Warned("R", "m", "f"),)
     plain = [Outcome(KEY, event_seq, Code.OK, 80) for event_seq in range(2, 6)]
     for answer, more in zip(plain, ({}, {"placements": FULL}, {"warnings": warned}), strict=False):
@@ -102,7 +102,7 @@ def test_placements_and_warnings_can_be_let_go_of_and_what_became_of_the_events_
     assert kept.num_bytes == least.num_bytes
 
 
-async def test_they_count_among_what_is_held_for_a_stream_until_its_client_has_heard_them() -> None:
+async def test_kept_answers_count_as_waiting_bytes_until_they_are_confirmed() -> None:
     line = Line(kept=KeptSessions(30.0))
     line.open()
     line.send(2, set_play_state=PAUSE)
@@ -114,21 +114,21 @@ async def test_they_count_among_what_is_held_for_a_stream_until_its_client_has_h
 
 
 @pytest.mark.parametrize("grace_s", [30.0, 0.0])
-async def test_placements_of_an_opening_are_let_go_once_heard_though_nothing_else_was_answered(grace_s: float) -> None:
-    """Who walks a path that the session was opened with says nothing more than what it shows."""
+async def test_placements_of_an_opening_are_dropped_once_it_is_confirmed(grace_s: float) -> None:
+    """The client of a character that walks a path given at the opening may send nothing but playheads."""
     line = Line(kept=KeptSessions(grace_s))
     line.send(1, open=session_pb2.OpenSession())
     line.stream.take(Opened(line.engine.events[0].session, 1, 0, 40, 4, 4, "tiny", "stick", 20, placements=FULL))
     assert len(line.updates()[0].opened.placements) == len(FULL)
     assert line.stream.num_waiting_bytes == 256 * PLACEMENT_OBJECT_BYTES
     line.send(0, playhead=session_pb2.Playhead(frame=0))
-    assert line.stream.num_waiting_bytes == 256 * PLACEMENT_OBJECT_BYTES, "it has not said that it heard"
+    assert line.stream.num_waiting_bytes == 256 * PLACEMENT_OBJECT_BYTES, "the client has not confirmed the opening"
     line.send(0, playhead=session_pb2.Playhead(frame=0, answered_seq=1))
     assert line.stream.num_waiting_bytes == 0
 
 
-async def test_news_of_a_constraint_is_kept_until_a_frame_is_shown_that_was_sent_after_it() -> None:
-    """However long ago the frame was that came nearest: of a range of frames the news comes with the last."""
+async def test_reached_constraint_is_kept_until_a_frame_sent_after_it_is_shown() -> None:
+    """However long ago the nearest frame was: for a range of frames, the news comes with the last of them."""
     line = Line(kept=(kept := KeptSessions(30.0)))
     line.open()
     key, rows = line.engine.events[0].session, np.zeros((60, 3), np.float32)

@@ -1,4 +1,4 @@
-"""Sessions that outlive their streams: which are resumed, and which are only seen to their ends."""
+"""Sessions that outlive their streams: which can be resumed, and which are only kept until the engine ends them."""
 
 from __future__ import annotations
 
@@ -44,23 +44,23 @@ def token_of(line: Line) -> str:
 
 
 def resume(kept: KeptSessions, engine: Engine, token: str, attempt: int = 1) -> Line:
-    """Another stream that asks for the session."""
+    """Another stream, which resumes the session."""
     line = Line(engine=engine, kept=kept, number=1 + attempt)
     point = session_pb2.ResumePoint(attempt=attempt, answered_seq=1)
     line.send(1, open=session_pb2.OpenSession(resume_token=token, resume_point=point))
     return line
 
 
-async def test_a_session_whose_transport_is_lost_is_resumed(line: Line, kept: KeptSessions) -> None:
+async def test_session_whose_stream_is_lost_can_be_resumed(line: Line, kept: KeptSessions) -> None:
     line.open()
     line.stream.lose()
     assert kept.num_parked == 1
     assert resume(kept, line.engine, token_of(line)).refusals() == []
-    assert kept.num_parked == 0, "nobody is waited for any more"
+    assert kept.num_parked == 0, "no session waits for its client any more"
     assert line.engine.kinds() == [Open, Resume]
 
 
-async def test_one_that_was_resumed_is_not_closed_when_the_grace_is_over(
+async def test_resume_cancels_the_timer_of_the_grace_period(
     line: Line, kept: KeptSessions, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     loop, timers = asyncio.get_running_loop(), list[asyncio.TimerHandle]()
@@ -80,9 +80,7 @@ async def test_one_that_was_resumed_is_not_closed_when_the_grace_is_over(
     assert timer.cancelled()
 
 
-async def test_one_that_its_client_has_finished_is_not_though_its_end_is_still_to_come(
-    line: Line, kept: KeptSessions
-) -> None:
+async def test_session_that_its_client_has_closed_cannot_be_resumed(line: Line, kept: KeptSessions) -> None:
     line.open()
     token = token_of(line)
     line.stream.close_all(CloseReason.CLIENT)
@@ -92,7 +90,7 @@ async def test_one_that_its_client_has_finished_is_not_though_its_end_is_still_t
     assert line.engine.kinds() == [Open, Close]
 
 
-async def test_nothing_is_left_of_it_after_its_end(line: Line, kept: KeptSessions) -> None:
+async def test_session_without_a_stream_is_forgotten_after_its_end(line: Line, kept: KeptSessions) -> None:
     line.open()
     line.stream.end()
     line.stream.lose()
@@ -103,7 +101,7 @@ async def test_nothing_is_left_of_it_after_its_end(line: Line, kept: KeptSession
     assert kept.num_parked == 0
 
 
-async def test_one_that_is_seen_out_is_counted_once(line: Line, kept: KeptSessions) -> None:
+async def test_bytes_of_a_closing_session_move_from_its_stream_and_count_once(line: Line, kept: KeptSessions) -> None:
     line.open()
     line.send(2, set_play_state=PAUSE)
     line.stream.take(placed(2))
@@ -114,23 +112,21 @@ async def test_one_that_is_seen_out_is_counted_once(line: Line, kept: KeptSessio
     assert (line.stream.num_waiting_bytes, kept.num_waiting_bytes) == (0, held)
 
 
-async def test_one_that_has_ended_while_its_client_was_away_has_no_place_any_more(
-    line: Line, kept: KeptSessions
-) -> None:
-    """As when another server has taken it over: it counts there."""
+async def test_session_that_ends_while_its_client_is_away_frees_its_place(line: Line, kept: KeptSessions) -> None:
+    """For example when another server has taken it over, and counts it there."""
     line.open()
     line.stream.lose()
     assert line.stream.peer.num_sessions == 1
     carrier = kept.carrier_of(KEY)
     assert carrier is not None
     carrier.take(Closed(KEY, CloseReason.TAKEN_OVER, Code.OK, "", 0, 0))
-    assert (kept.num_parked, line.stream.peer.num_sessions) == (1, 0), "its client may come to hear of its end"
+    assert (kept.num_parked, line.stream.peer.num_sessions) == (1, 0), "its client may still come and learn of its end"
     again = resume(kept, line.engine, token_of(line))
     assert again.updates()[-1].HasField("closed")
     assert (kept.num_parked, line.stream.peer.num_sessions) == (0, 0)
 
 
-async def test_one_that_is_closed_keeps_its_books_until_the_engine_has_ended_it(line: Line, kept: KeptSessions) -> None:
+async def test_closing_session_is_kept_until_the_engine_has_ended_it(line: Line, kept: KeptSessions) -> None:
     line.open()
     line.send(2, set_play_state=session_pb2.SetPlayState())
     line.stream.close_all(CloseReason.CLIENT)
@@ -145,29 +141,29 @@ async def test_one_that_is_closed_keeps_its_books_until_the_engine_has_ended_it(
     assert not kept.has_away
 
 
-async def test_nothing_is_left_of_one_that_is_refused_after_its_stream_has_gone(line: Line, kept: KeptSessions) -> None:
+async def test_session_refused_after_its_stream_was_lost_is_forgotten(line: Line, kept: KeptSessions) -> None:
     line.send(1, open=session_pb2.OpenSession())
     line.stream.lose()
     carrier = kept.carrier_of(KEY)
     assert carrier is not None
     carrier.take(Outcome(KEY, 1, Code.RESOURCE_EXHAUSTED))
     assert not kept.has_away
-    line.stream.lose()  # as the call ends, for which what is being written may have taken long
-    assert not kept.has_away, "nobody would tell of its end a second time"
+    line.stream.lose()  # once more, as the call ends, which pending writes may have delayed
+    assert not kept.has_away, "its end is reported only once"
 
 
-async def test_one_that_no_lost_transport_is_waited_for_can_still_be_saved() -> None:
-    """Its server may be lost, too; and without a token nothing of a session is saved."""
+async def test_session_without_resume_grace_has_a_token_if_there_is_a_store() -> None:
+    """Its server may be lost as well, and a session without a token is not saved."""
     durability = Durability(Store(), asyncio.get_running_loop(), lambda _: None)
     line = Line(kept=KeptSessions(0.0, durability=durability))
     line.open()
     assert token_of(line)
     line.stream.lose()
-    assert line.engine.kinds() == [Open, Close], "it is closed at once all the same"
+    assert line.engine.kinds() == [Open, Close], "it is closed at once nevertheless"
     await asyncio.to_thread(durability.close)
 
 
-async def test_the_handle_of_one_that_another_stream_goes_on_with_is_refused_with_what_is_so(
+async def test_handle_of_a_session_resumed_by_another_stream_is_in_use_until_it_ends(
     line: Line, kept: KeptSessions
 ) -> None:
     line.open()
@@ -180,7 +176,7 @@ async def test_the_handle_of_one_that_another_stream_goes_on_with_is_refused_wit
     assert len(line.refusals()) == 1, "the session has ended"
 
 
-async def test_one_that_cannot_be_kept_is_closed_when_a_resume_is_refused_and_leaves_nothing() -> None:
+async def test_refused_resume_closes_a_session_that_has_no_resume_grace() -> None:
     durability = Durability(Store(), asyncio.get_running_loop(), lambda _: None)
     kept = KeptSessions(0.0, durability=durability)
     line = Line(kept=kept)
@@ -200,12 +196,12 @@ async def test_one_that_cannot_be_kept_is_closed_when_a_resume_is_refused_and_le
     assert carrier is not None
     num_told = len(other.updates())
     carrier.take(Closed(KEY, CloseReason.CLIENT, Code.OK, "", 0, 0))
-    assert len(other.updates()) == num_told, "its end is nothing to the stream that could not go on with it"
+    assert len(other.updates()) == num_told, "the stream that could not resume it does not hear of its end"
     assert not kept.has_away
     await asyncio.to_thread(durability.close)
 
 
-async def test_one_that_waits_for_its_client_is_closed_where_the_server_fails_to_keep_its_books(
+async def test_parked_session_is_closed_after_a_fault_in_its_bookkeeping(
     line: Line, kept: KeptSessions, caplog: pytest.LogCaptureFixture
 ) -> None:
     line.open()
@@ -234,7 +230,7 @@ BOTH = {"lookahead_frames": 60, "denoise_steps": 8}
         (BOTH, False, (40, 4)),
     ],
 )
-async def test_who_resumes_is_told_the_options_that_hold_by_then(
+async def test_resuming_client_is_told_the_options_now_in_force(
     line: Line, kept: KeptSessions, asked: dict[str, int], is_taken: bool, told: tuple[int, int]
 ) -> None:
     line.open()
@@ -248,7 +244,7 @@ async def test_who_resumes_is_told_the_options_that_hold_by_then(
     assert (opened.lookahead_frames, opened.denoise_steps) == told
 
 
-async def test_those_that_are_parked_are_closed_once(line: Line, kept: KeptSessions) -> None:
+async def test_close_parked_closes_each_parked_session_once(line: Line, kept: KeptSessions) -> None:
     line.open()
     assert kept.close_parked(CloseReason.DRAINED) == 0, "a stream carries it"
     line.stream.lose()
@@ -256,9 +252,7 @@ async def test_those_that_are_parked_are_closed_once(line: Line, kept: KeptSessi
     assert line.engine.kinds() == [Open, Close]
 
 
-async def test_news_of_a_constraint_is_kept_until_its_client_shows_what_came_after_it(
-    line: Line, kept: KeptSessions
-) -> None:
+async def test_reached_constraint_is_kept_until_frames_sent_after_it_are_shown(line: Line, kept: KeptSessions) -> None:
     line.open()
     entry = kept.find(token_of(line))
     assert entry is not None

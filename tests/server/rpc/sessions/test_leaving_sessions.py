@@ -1,4 +1,4 @@
-"""Sessions that end here and go on elsewhere: what has not been answered is left so, for their clients to say again."""
+"""Sessions that end here and continue elsewhere: unanswered events stay unanswered, so that clients send them again."""
 
 from __future__ import annotations
 
@@ -21,7 +21,7 @@ LOST = Closed(KEY, CloseReason.ENGINE_FAULT, Code.UNAVAILABLE, "the engine was l
 
 @pytest.fixture
 async def line() -> Line:
-    """Of a session that is open, with one event that waits for the encoder and one behind it."""
+    """A stream with an open session, one event of which waits for the encoder, and one behind that."""
     line = Line(kept=KeptSessions(30.0))
     line.open()
     line.send(2, edit_prompts=WALK)
@@ -37,7 +37,7 @@ def entry_of(line: Line) -> SessionEntry:
 
 
 def save(line: Line) -> None:
-    """The store has it, and its client knows."""
+    """The session is in the store, and its client knows."""
     entry_of(line).durable = Durable(KEY, 1, is_kept=True)
 
 
@@ -45,7 +45,7 @@ def answered(line: Line) -> list[int]:
     return [update.outcome.event_seq for update in line.updates() if update.HasField("outcome")]
 
 
-async def test_a_lost_engine_answers_nothing_of_a_session_that_is_saved(line: Line) -> None:
+async def test_lost_engine_leaves_events_of_a_saved_session_unanswered(line: Line) -> None:
     save(line)
     line.stream.take(session_closed().outcome(KEY, 4), LOST)
     assert answered(line) == []
@@ -53,13 +53,13 @@ async def test_a_lost_engine_answers_nothing_of_a_session_that_is_saved(line: Li
     assert line.updates()[-1].applied_seq == 1
 
 
-async def test_of_one_that_is_not_saved_everything_is_answered(line: Line) -> None:
+async def test_lost_engine_answers_every_event_of_a_session_that_is_not_saved(line: Line) -> None:
     line.stream.take(session_closed().outcome(KEY, 4), LOST)
     assert sorted(answered(line)) == [2, 3, 4]
     assert line.updates()[-1].applied_seq == 3
 
 
-async def test_one_that_drains_takes_nothing_more_and_answers_nothing_more(line: Line) -> None:
+async def test_draining_saved_session_accepts_and_answers_nothing_more(line: Line) -> None:
     save(line)
     line.stream.close_all(CloseReason.DRAINED)
     line.send(4, set_play_state=PAUSE)
@@ -70,14 +70,14 @@ async def test_one_that_drains_takes_nothing_more_and_answers_nothing_more(line:
     assert len(line.engine.events) == 2, "its Open and its Close"
 
 
-async def test_what_a_client_closes_itself_is_answered_though_it_is_saved(line: Line) -> None:
+async def test_saved_session_closed_by_its_client_gets_all_answers(line: Line) -> None:
     save(line)
     line.stream.close_all(CloseReason.CLIENT)
     line.stream.take(Closed(KEY, CloseReason.CLIENT, Code.OK, "", 0, 0))
     assert answered(line) == [2, 3]
 
 
-async def test_a_session_without_its_stream_is_left_the_same_way(line: Line) -> None:
+async def test_lost_engine_leaves_events_unanswered_without_a_stream_too(line: Line) -> None:
     save(line)
     line.stream.lose()
     kept = line.kept
@@ -89,8 +89,8 @@ async def test_a_session_without_its_stream_is_left_the_same_way(line: Line) -> 
     assert entry_of(line).applied_seq == 1
 
 
-async def test_nor_is_anything_of_one_answered_that_drains_while_its_client_is_away(line: Line) -> None:
-    """Who comes back for it here before the server is gone would take the event for done, which no record has."""
+async def test_session_drained_while_its_client_is_away_answers_nothing_more(line: Line) -> None:
+    """A client that returns before the server is gone would think the event done, although no record has it."""
     save(line)
     entry, kept = entry_of(line), line.kept
     assert kept is not None
@@ -106,8 +106,8 @@ async def test_nor_is_anything_of_one_answered_that_drains_while_its_client_is_a
     assert (again.updates()[-1].closed.reason, again.updates()[-1].applied_seq) == (CloseReason.DRAINED, 1)
 
 
-async def test_nor_of_one_that_another_server_has_taken(line: Line) -> None:
-    """Its client may come back here, where the answer of the other server was lost."""
+async def test_session_taken_by_another_server_answers_nothing_more(line: Line) -> None:
+    """Its client may come back here if the other server's answer was lost."""
     durability = Durability(Store(), asyncio.get_running_loop(), lambda _: None)
     entry = entry_of(line)
     durability.adopt(entry)
@@ -127,9 +127,7 @@ async def test_nor_of_one_that_another_server_has_taken(line: Line) -> None:
 
 @pytest.mark.parametrize("is_away", [False, True])
 @pytest.mark.parametrize("reason", ["ENGINE_RESTARTING", "SESSION_NOT_OPEN"])
-async def test_nor_is_what_came_when_its_engine_was_lost_already_and_nobody_had_heard(
-    line: Line, reason: str, is_away: bool
-) -> None:
+async def test_events_sent_to_an_engine_lost_unnoticed_stay_unanswered(line: Line, reason: str, is_away: bool) -> None:
     save(line)
     entry, kept = entry_of(line), line.kept
     assert kept is not None

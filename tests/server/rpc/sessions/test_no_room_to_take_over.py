@@ -1,4 +1,4 @@
-"""Sessions that other servers have, asked for where there is no room for them: they stay where they are."""
+"""Sessions of other servers that are requested where there is no room for them: they stay where they are."""
 
 from __future__ import annotations
 
@@ -24,7 +24,7 @@ from tests.waiting import until_true
         ({}, 0, "OVERLOADED"),
     ],
 )
-async def test_where_there_is_no_room_for_it_it_stays_with_who_has_it(
+async def test_session_is_not_taken_over_by_a_server_without_room(
     store: SqliteStore, durability: Durability, limits: dict[str, float], most_steps: int, reason: str
 ) -> None:
     line = Line(catalog=of_model("fake").default.catalog, kept=KeptSessions(30.0, durability=durability))
@@ -35,12 +35,12 @@ async def test_where_there_is_no_room_for_it_it_stays_with_who_has_it(
     await until_true(lambda: bool(line.refusals()))
     assert line.refusals() == [(1, reason)]
     named = [each.address for each in line.updates()[0].outcome.other_servers]
-    assert named == (["fake.example"] if reason == "OVERLOADED" else []), "no other server is a way around a quota"
+    assert named == (["fake.example"] if reason == "OVERLOADED" else []), "another server is no way around a quota"
     assert store.renew([lease_of(TOKEN)]) == [Renewal.KEPT]
     assert (line.engine.events, stream.peer.num_sessions) == ([], 0)
 
 
-async def test_where_its_model_has_failed_it_stays_with_who_has_it_and_others_are_named(
+async def test_session_of_a_failed_model_is_not_taken_over_and_others_are_named(
     store: SqliteStore, durability: Durability
 ) -> None:
     line = Line(catalog=of_model("fake").default.catalog, kept=KeptSessions(30.0, durability=durability))

@@ -1,4 +1,4 @@
-"""Sessions of other servers that are asked for and not gone on with after all: who is told, and what is left."""
+"""Sessions of other servers that are requested and then not continued here: who is told, and what is left."""
 
 from __future__ import annotations
 
@@ -16,7 +16,7 @@ from tests.waiting import until_true
 
 
 def asking(tmp_path: Path) -> tuple[Line, SlowStore, Durability]:
-    """A line, and a store with a session of another server that answers once its gate is open."""
+    """A stream, and a store with another server's session that answers once its gate is open."""
     store = SlowStore(tmp_path / "store.sqlite")
     store.save([(lease_of(TOKEN), write_record(RECORD))])
     durability = Durability(store, asyncio.get_running_loop(), lambda _: None)
@@ -25,18 +25,18 @@ def asking(tmp_path: Path) -> tuple[Line, SlowStore, Durability]:
     return line, store, durability
 
 
-async def test_one_whose_client_has_gone_meanwhile_is_nobodys(tmp_path: Path) -> None:
+async def test_session_whose_client_left_during_the_take_over_is_not_adopted(tmp_path: Path) -> None:
     line, store, durability = asking(tmp_path)
     line.send(1, open=resuming(9))
     line.stream.lose()
     store.gate.set()
     await until_true(lambda: not line.stream.peer.waiting_bytes)
     assert (line.engine.events, line.stream.num_sessions, line.stream.peer.num_sessions) == ([], 0, 0)
-    assert not durability.writer._leases, "its client asks for it again"
+    assert not durability.writer._leases, "the lease is not held: its client will resume the session again"
     await asyncio.to_thread(durability.close)
 
 
-async def test_who_asks_is_told_where_no_engine_takes_it_and_may_use_the_handle(tmp_path: Path) -> None:
+async def test_resume_that_no_engine_accepts_is_refused_and_frees_the_handle(tmp_path: Path) -> None:
     line, store, durability = asking(tmp_path)
     store.gate.set()
     asked: list[Event] = []
@@ -54,7 +54,7 @@ async def test_who_asks_is_told_where_no_engine_takes_it_and_may_use_the_handle(
     await asyncio.to_thread(durability.close)
 
 
-async def test_what_its_client_shows_meanwhile_is_not_kept_and_what_it_says_is(tmp_path: Path) -> None:
+async def test_events_wait_for_the_take_over_but_playheads_are_dropped(tmp_path: Path) -> None:
     line, store, durability = asking(tmp_path)
     line.send(1, open=resuming(9))
     waiting = line.stream.peer.waiting_bytes

@@ -1,4 +1,4 @@
-"""What a session's record says was taken: no event that the engine may still lose, and all that were answered."""
+"""What a session's record counts as taken: every answered event, and none that the engine may still lose."""
 
 from __future__ import annotations
 
@@ -36,7 +36,7 @@ KEY = SessionKey(1, HANDLE)
 
 @dataclass
 class Saving:
-    """A client's line to a server that saves its session."""
+    """A client's stream to a server that saves its session."""
 
     line: Line
     token: str
@@ -52,7 +52,7 @@ class Saving:
         return entry
 
     async def record(self, last_seq: int) -> SessionRecord:
-        """What is in the store once the engine has taken a snapshot: it has taken the events up to that number."""
+        """The record in the store after a snapshot of the engine, which has taken the events up to that number."""
         snapshot = replace(a_record().snapshot, last_seq=last_seq, unanswered=())
         self.line.stream.take(SnapshotTaken(KEY, snapshot))
         name = lease_of(self.token).name
@@ -73,13 +73,13 @@ async def saving(tmp_path: Path) -> AsyncIterator[Saving]:
     await asyncio.to_thread(durability.close)
 
 
-async def test_what_waits_for_the_encoder_has_not_been_taken(saving: Saving) -> None:
+async def test_events_waiting_for_the_encoder_do_not_count_as_taken(saving: Saving) -> None:
     saving.line.send(2, edit_prompts=WALK)
     saving.line.send(3, set_play_state=PAUSE)
     assert (await saving.record(1)).taken_seq == 1
 
 
-async def test_what_the_edge_has_refused_has_and_what_the_engine_has_not_answered_after_it_has_not(
+async def test_event_refused_by_the_edge_counts_as_taken_but_a_later_pending_not(
     saving: Saving,
 ) -> None:
     saving.line.send(2, set_velocity=session_pb2.SetVelocity(x=float("nan")))
@@ -90,7 +90,7 @@ async def test_what_the_edge_has_refused_has_and_what_the_engine_has_not_answere
     assert [answer.event_seq for answer in record.answers] == [2]
 
 
-async def test_answers_to_later_events_than_were_taken_are_not_in_it(saving: Saving) -> None:
+async def test_record_has_no_answers_to_events_after_the_last_taken(saving: Saving) -> None:
     saving.line.send(2, edit_prompts=WALK)
     saving.line.send(3, set_play_state=PAUSE)
     saving.line.stream.take(Outcome(KEY, 3, Code.OK))
@@ -98,7 +98,7 @@ async def test_answers_to_later_events_than_were_taken_are_not_in_it(saving: Sav
     assert (record.taken_seq, record.answers) == (1, ())
 
 
-async def test_a_client_is_told_once_of_what_is_kept_and_of_what_is_not(saving: Saving) -> None:
+async def test_client_is_told_of_each_change_of_durability_once(saving: Saving) -> None:
     await saving.record(1)
     entry = saving.entry
     assert entry.lease is not None
@@ -115,16 +115,16 @@ async def test_a_client_is_told_once_of_what_is_kept_and_of_what_is_not(saving: 
     await until_true(lambda: entry.durable is not None)
     assert new_of(lambda: None) == [(1, True)]
     assert new_of(lambda: durability.written([(lease, 3)])) == [(3, True)]
-    assert new_of(lambda: durability.written([(lease, 2)])) == [], "what is kept never falls"
+    assert new_of(lambda: durability.written([(lease, 2)])) == [], "the number never decreases"
     assert new_of(lambda: durability.lost([lease])) == [(3, False)]
     assert new_of(lambda: durability.lost([lease])) == []
     assert new_of(lambda: durability.renewed([lease])) == [(3, True)]
     assert new_of(durability.failed) == [(3, False)]
     assert new_of(lambda: durability.written([(lease, 4)])) == [(4, True)]
-    assert saving.counted.count("lost") == 1, "the second time it was known"
+    assert saving.counted.count("lost") == 1, "the second time, the loss was known already"
 
 
-async def test_sessions_that_the_store_has_lost_are_asked_for_and_those_that_end_are_not(
+async def test_sessions_lost_by_the_store_are_saved_again_unless_they_are_closing(
     saving: Saving, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     await saving.record(1)
@@ -157,7 +157,7 @@ async def test_sessions_that_the_store_has_lost_are_asked_for_and_those_that_end
     ],
     ids=lambda value: value.reason.name if isinstance(value, Closed) else "",
 )
-async def test_a_record_outlives_its_session_where_that_may_go_on_elsewhere_only(
+async def test_record_outlives_its_session_only_if_that_may_continue_elsewhere(
     saving: Saving, closed: Closed, stays: bool
 ) -> None:
     await saving.record(1)
@@ -171,7 +171,7 @@ async def test_a_record_outlives_its_session_where_that_may_go_on_elsewhere_only
     again.close()
 
 
-async def test_warnings_are_told_with_what_is_taken_and_not_with_a_refusal(saving: Saving) -> None:
+async def test_warnings_are_sent_with_an_accepted_event_and_not_with_a_refusal(saving: Saving) -> None:
     warned = (Warned("FAST", "faster than it was trained for", "velocity"),)
     entry = saving.entry
     entry.warnings.update({2: warned, 3: warned})

@@ -1,4 +1,4 @@
-"""Sessions that another server has, and that cannot be gone on with here: they stay where they are."""
+"""Sessions of another server that cannot be continued here: they stay where they are."""
 
 from __future__ import annotations
 
@@ -28,7 +28,7 @@ from tests.server.rpc.sessions.test_taking_over import RECORD, TOKEN, of_model, 
         ({"next_frame": RECORD.snapshot.end_frame + 1}, "SNAPSHOT_UNUSABLE"),
     ],
 )
-async def test_a_client_that_knows_more_than_the_record_takes_nothing_from_who_has_the_session(
+async def test_session_is_not_taken_over_if_its_record_does_not_fit_the_client(
     durability: Durability, store: SqliteStore, point: dict[str, int], reason: str
 ) -> None:
     peer = Peer(PeerLimits(), 0.0, "studio")
@@ -50,7 +50,7 @@ async def test_a_client_that_knows_more_than_the_record_takes_nothing_from_who_h
     ],
     ids=lambda others: "".join(others),
 )
-async def test_another_model_of_the_same_name_goes_on_with_nothing_and_takes_nothing(
+async def test_session_is_not_taken_over_for_another_model_of_the_same_name(
     durability: Durability, store: SqliteStore, others: dict[str, Any]
 ) -> None:
     """Servers are upgraded one by one, and a folder keeps its name when its model is replaced."""

@@ -1,4 +1,4 @@
-"""Resumes that an engine cannot go on with: the session lives on without its client, and keeps its books."""
+"""Resumes that an engine cannot continue: the session lives on without its client, and its outputs are kept."""
 
 from __future__ import annotations
 
@@ -16,7 +16,7 @@ ENDED = Closed(KEY, CloseReason.IDLE, Code.OK, "", 0, 0)
 
 
 @pytest.mark.parametrize("at_once", [True, False])
-async def test_what_the_engine_says_in_the_same_step_is_of_the_session_that_waits_for_its_client(at_once: bool) -> None:
+async def test_outputs_after_a_refused_resume_are_kept_for_the_parked_session(at_once: bool) -> None:
     kept = KeptSessions(30.0)
     line = Line(kept=kept)
     line.open()
@@ -32,8 +32,10 @@ async def test_what_the_engine_says_in_the_same_step_is_of_the_session_that_wait
         assert carrier is not None
         carrier.take(*said[1:])
     assert other.refusals() == [(1, "RESUME_OUT_OF_RANGE")]
-    assert len(other.updates()) == 1, "it has no session on that handle, nor on that of another stream"
-    assert (kept.num_parked, peer.num_sessions) == (1, 0), "it has ended, and its client may come to hear of that"
+    assert len(other.updates()) == 1, "the refused stream gets no outputs of the session"
+    assert (kept.num_parked, peer.num_sessions) == (1, 0), (
+        "it has ended, and its client may still come and learn of that"
+    )
     again = resume(kept, line.engine, token, attempt=2)
     assert [update.WhichOneof("update") for update in again.updates()] == ["opened", "outcome", "closed"]
     assert (kept.num_parked, kept.has_away) == (0, False)

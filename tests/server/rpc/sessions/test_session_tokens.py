@@ -1,4 +1,4 @@
-"""Which tokens a session is gone on with by: the newest, and those before it while its client may not have that."""
+"""Which tokens resume a session: the newest, and earlier ones while its client may not have the newest."""
 
 from __future__ import annotations
 
@@ -31,7 +31,7 @@ KEY = SessionKey(1, HANDLE)
 
 
 class Servers:
-    """One that adopts a session, as it lies in the store, and another, which may be asked for it at any moment."""
+    """A server that adopts a session from the store, and another that may be asked for it at any moment."""
 
     def __init__(self, path: Path) -> None:
         loop = asyncio.get_running_loop()
@@ -42,20 +42,20 @@ class Servers:
         self._attempt = RECORD.attempt
 
     def line(self, number: int = 1) -> Line:
-        """Of a client, to the first."""
+        """A client's stream to the first server."""
         line = Line(of_model("fake").default.catalog, kept=self.kept, number=number)
         line.stream.peer.tenant = RECORD.tenant
         return line
 
     def resuming(self, token: str) -> session_pb2.OpenSession:
-        """The next attempt."""
+        """The opening of the client's next attempt to resume."""
         self._attempt += 1
         opening = resuming(self._attempt)
         opening.resume_token = token
         return opening
 
     async def ask_other(self, token: str) -> str:
-        """What the other says to whoever comes with that token: a new one, or why there is none."""
+        """What the other server answers to a client with that token: a new token, or the reason of its refusal."""
         peer = Peer(PeerLimits(), 0.0, RECORD.tenant)
         try:
             told, _ = await claimed(self.other, self.resuming(token), peer, of_model("fake"), Asker())
@@ -64,7 +64,7 @@ class Servers:
         return told
 
     async def adopted(self) -> Line:
-        """Of a client that was told the second token, and may not have heard of that."""
+        """The stream of a client that was sent the second token, and may not have received it."""
         line = self.line()
         line.send(1, open=self.resuming(FIRST))
         await until_true(lambda: bool(line.engine.events))
@@ -74,7 +74,7 @@ class Servers:
         return line
 
     async def saved(self, line: Line) -> None:
-        """The engine has taken a snapshot, and it is in the store."""
+        """Has the engine take a snapshot, and waits until it is in the store."""
         before = self.store.read(NAME)
         line.stream.take(SnapshotTaken(KEY, RECORD.snapshot))
         await until_true(lambda: self.one.writer.lag_s == 0.0 and self.store.read(NAME) != before)
@@ -92,26 +92,26 @@ async def servers(tmp_path: Path) -> AsyncIterator[Servers]:
 
 
 @pytest.mark.parametrize("token", ["secret.0", SECOND, "secret.77", "secret.999999999999"])
-async def test_a_token_that_nobody_was_told_takes_nothing(servers: Servers, token: str) -> None:
+async def test_token_that_was_never_issued_takes_nothing_over(servers: Servers, token: str) -> None:
     assert await servers.ask_other(token) == "SESSION_NOT_KEPT"
     assert servers.store.renew([lease_of(FIRST)]) == [Renewal.KEPT]
 
 
-async def test_answers_that_are_lost_cost_a_client_nothing_however_many(servers: Servers) -> None:
-    """It has the token that it came with, and comes again."""
+async def test_client_can_resume_however_many_answers_were_lost(servers: Servers) -> None:
+    """The client still has the token that it came with, and comes with it again."""
     for epoch in range(2, 7):
         assert await servers.ask_other(FIRST) == f"secret.{epoch}"
-    assert await servers.ask_other("secret.6") == "secret.7", "that one was heard"
+    assert await servers.ask_other("secret.6") == "secret.7", "the client received that one"
 
 
-async def test_the_token_before_is_good_until_the_client_was_heard_with_the_newest(servers: Servers) -> None:
+async def test_previous_token_is_valid_until_the_client_uses_the_newest(servers: Servers) -> None:
     line = await servers.adopted()
     await servers.saved(line)
-    assert await servers.ask_other(FIRST) == THIRD, "it may not have heard"
+    assert await servers.ask_other(FIRST) == THIRD, "the client may not have received the second"
 
 
 @pytest.mark.parametrize("says", ["an event", "its playhead"])
-async def test_the_token_before_is_no_good_once_it_was(servers: Servers, says: str) -> None:
+async def test_previous_token_is_invalid_once_the_client_was_heard_with_the_newest(servers: Servers, says: str) -> None:
     line = await servers.adopted()
     if says == "an event":
         line.send(RECORD.taken_seq + 1, set_play_state=PAUSE)
@@ -119,11 +119,11 @@ async def test_the_token_before_is_no_good_once_it_was(servers: Servers, says: s
         line.send(0, playhead=session_pb2.Playhead(frame=50))
     await servers.saved(line)
     assert await servers.ask_other(FIRST) == "SESSION_NOT_KEPT"
-    assert servers.store.renew([lease_of(SECOND)]) == [Renewal.KEPT], "who has the session is left alone"
+    assert servers.store.renew([lease_of(SECOND)]) == [Renewal.KEPT], "the server that has the session keeps it"
     assert await servers.ask_other(SECOND) == THIRD
 
 
-async def test_the_token_before_is_no_good_once_the_newest_was_come_with(servers: Servers) -> None:
+async def test_previous_token_is_invalid_once_the_newest_was_used_to_resume(servers: Servers) -> None:
     line = await servers.adopted()
     assert await servers.ask_other(SECOND) == THIRD
     line = servers.line(2)
@@ -143,7 +143,7 @@ async def test_the_token_before_is_no_good_once_the_newest_was_come_with(servers
 
 
 @pytest.mark.parametrize("token", [FIRST, "secret.77"])
-async def test_the_same_holds_where_the_session_is_parked_by_the_server_that_is_asked(
+async def test_invalid_tokens_are_refused_by_the_server_that_parks_the_session_too(
     servers: Servers, token: str
 ) -> None:
     line = await servers.adopted()
@@ -157,14 +157,14 @@ async def test_the_same_holds_where_the_session_is_parked_by_the_server_that_is_
     assert again.refusals() == [(1, "SESSION_NOT_KEPT")]
     assert servers.store.renew([lease_of(SECOND)]) == [Renewal.KEPT]
     again.send(1, open=servers.resuming(SECOND))
-    assert again.stream.num_sessions == 1, "the server has it still"
+    assert again.stream.num_sessions == 1, "the server still has the session"
     assert Resume in line.engine.kinds()
 
 
-async def test_a_client_that_did_not_hear_of_it_is_given_the_session_that_the_server_has_already(
+async def test_previous_token_resumes_an_adopted_session_without_the_store(
     servers: Servers,
 ) -> None:
-    """Taken over once more, from itself, it would be there twice, and count twice, until the store had told."""
+    """If the server took it over from itself, the session would exist and count twice until the store had answered."""
     line = await servers.adopted()
     line.stream.lose()
     for number in (2, 3):
@@ -174,16 +174,16 @@ async def test_a_client_that_did_not_hear_of_it_is_given_the_session_that_the_se
         again.stream.take(Resumed(KEY, servers._attempt, 0))
         (told,) = (update.opened.session_token for update in again.updates() if update.HasField("opened"))
         assert told == SECOND
-        assert again.stream.peer.num_sessions == 0, "it has its place already"
+        assert again.stream.peer.num_sessions == 0, "the session has its place already"
         again.stream.lose()
     assert line.engine.kinds() == [Open, Resume, Resume]
     assert servers.store.renew([lease_of(SECOND)]) == [Renewal.KEPT]
 
 
-async def test_who_takes_a_session_that_another_took_in_between_looks_again(
+async def test_take_over_reads_again_if_another_took_the_session_in_between(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    """An earlier attempt of the same client, which had given it up, may be worked off then."""
+    """An earlier attempt of the same client, which it has given up, may be processed meanwhile."""
     servers, num_taken = Servers(tmp_path / "store.sqlite"), 0
     take = SqliteStore.take
 

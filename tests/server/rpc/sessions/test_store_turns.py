@@ -1,4 +1,4 @@
-"""Who resumes sessions that the store has to be asked for: in turns, paid beforehand, and told to come again."""
+"""Resumes for which the store must be asked: they take turns, are paid for beforehand, and may be told to retry."""
 
 from __future__ import annotations
 
@@ -33,8 +33,8 @@ from tests.waiting import LIMIT_S, until_true
 
 
 class Store(SqliteStore):
-    """Notes which names it is asked for. gate: it answers once that is open; is_broken: it does not; is_full: it can
-    only be read.
+    """Notes which names it is asked for. gate: it answers once that is open; is_broken: it fails; is_full: it can only
+    be read.
     """
 
     def __init__(self, path: Path) -> None:
@@ -66,7 +66,7 @@ class Server:
         self._num_lines = 0
 
     def line(self, peer: str) -> Line:
-        """To a client of that peer, whose tenant has the session of the store once it was saved."""
+        """The stream of a client of that peer, with the tenant of the session that tests save in the store."""
         self._num_lines += 1
         line = Line(of_model("fake").default.catalog, kept=self._kept, number=self._num_lines)
         line.stream.peer.name, line.stream.peer.tenant = peer, RECORD.tenant
@@ -87,8 +87,8 @@ def resume(line: Line, handle: int, token: str) -> None:
     line.stream.receive(session_pb2.SessionEvent(session=handle, event_seq=1, open=opening), time.monotonic())
 
 
-async def test_who_makes_up_tokens_is_asked_for_in_turn_with_others(server: Server) -> None:
-    """All that was asked for first came first: hundreds of tokens of nobody's kept all others waiting."""
+async def test_resumes_with_invented_tokens_take_turns_with_other_peers(server: Server) -> None:
+    """If the first asked came first, hundreds of invented tokens would keep all others waiting."""
     flood, other = server.line("flood"), server.line("other")
     for handle in range(1, 101):
         resume(flood, handle, f"made-up-{handle}.1")
@@ -98,7 +98,7 @@ async def test_who_makes_up_tokens_is_asked_for_in_turn_with_others(server: Serv
     assert server.store.asked.index(lease_of("of-a-client.1").name) < 2 * TAKERS
 
 
-async def test_where_more_wait_than_may_who_has_most_comes_again(
+async def test_peer_with_most_waiting_resumes_retries_when_too_many_wait(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     monkeypatch.setattr(store_turns, "MOST_ASKING", TAKERS + 3)
@@ -120,10 +120,10 @@ async def test_where_more_wait_than_may_who_has_most_comes_again(
 
 
 @pytest.mark.parametrize("how", ["it fails", "it does not answer"])
-async def test_a_store_that_does_not_answer_has_clients_come_again(
+async def test_clients_are_told_to_retry_while_the_store_does_not_answer(
     server: Server, how: str, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    """They let go of a session that is not kept, for good."""
+    """If told that the session is not kept, they would give it up for good."""
     server.store.save([(lease_of(TOKEN), write_record(RECORD))])
     line = server.line("studio")
     if how == "it fails":
@@ -144,7 +144,7 @@ async def test_a_store_that_does_not_answer_has_clients_come_again(
     assert len(line.refusals()) == 1
 
 
-async def test_a_store_that_stays_away_is_not_waited_for_for_ever() -> None:
+async def test_store_that_keeps_failing_counts_as_away_after_a_while() -> None:
     now = [0.0]
     turns = StoreTurns(lambda: now[0])
 
@@ -170,13 +170,13 @@ async def test_a_store_that_stays_away_is_not_waited_for_for_ever() -> None:
     assert await asked_until(AWAY_S) == {"SESSION_STORE_UNAVAILABLE"}
     assert await asked() == "away"
     turns.note_answer()
-    assert await asked() == "SESSION_STORE_UNAVAILABLE", "it had answered somebody"
+    assert await asked() == "SESSION_STORE_UNAVAILABLE", "it has answered another client since"
     now[0] += AWAY_S + ASKED_AGAIN_S
-    assert await asked() == "SESSION_STORE_UNAVAILABLE", "nobody had asked in between"
+    assert await asked() == "SESSION_STORE_UNAVAILABLE", "nobody has asked in between"
 
 
-async def test_a_store_that_can_only_be_read_is_not_waited_for_for_ever_either(server: Server) -> None:
-    """As a full one: nobody can take a session there, so who waits for its own stands still."""
+async def test_resumes_are_refused_for_good_if_the_store_stays_read_only(server: Server) -> None:
+    """For example a full one: no session can be taken from it, so a client would wait for its own for ever."""
     server.store.save([(lease_of(TOKEN), write_record(RECORD))])
     server.store.gate.set()
     server.store.is_full = True
@@ -192,14 +192,16 @@ async def test_a_store_that_can_only_be_read_is_not_waited_for_for_ever_either(s
     assert reasons[-1] == "SESSION_NOT_KEPT"
 
 
-async def test_a_resume_is_paid_for_before_the_store_has_answered_and_given_back_where_it_is_none_that_is_refused(
+async def test_resume_is_charged_in_advance_and_refunded_if_it_succeeds(
     server: Server,
 ) -> None:
-    """Else a slow store let a client ask for thousands before it paid for the first."""
+    """Otherwise, with a slow store, a client could ask for thousands before it paid for the first."""
     server.store.save([(lease_of(TOKEN), write_record(RECORD))])
     line = server.line("studio")
     now = time.monotonic()
-    line.stream.budget = StreamBudget(1e-3, Peer(PeerLimits(), now), now)  # nothing comes back within the test
+    line.stream.budget = StreamBudget(
+        1e-3, Peer(PeerLimits(), now), now
+    )  # the budget is not replenished during the test
     owed_s = line.stream.owed_s
     resume(line, 7, TOKEN)
     assert owed_s(time.monotonic()) > 0.9 * REFUSAL_COST * 1e3
@@ -208,24 +210,24 @@ async def test_a_resume_is_paid_for_before_the_store_has_answered_and_given_back
     assert owed_s(time.monotonic()) == 0.0
     resume(line, 8, "made-up.1")
     await until_true(line.refusals)
-    assert 0.9 * REFUSAL_COST * 1e3 < owed_s(time.monotonic()) < 1.1 * REFUSAL_COST * 1e3, "once"
+    assert 0.9 * REFUSAL_COST * 1e3 < owed_s(time.monotonic()) < 1.1 * REFUSAL_COST * 1e3, "it is charged once"
 
 
-async def test_what_the_loop_does_for_a_resume_is_charged_more_where_it_is_refused(server: Server) -> None:
+async def test_loop_time_of_a_refused_resume_is_charged_several_times(server: Server) -> None:
     line, ticks = server.line("studio"), Ticks()
     loop, charged = LoopTime(clocks=Clocks(ticks, ticks)), list[float]()
     line.stream.work = Work(loop, charged.append)
     resume(line, 7, "made-up.1")
-    assert loop.taken_s == 0.0, "the message is the reader's to measure"
+    assert loop.taken_s == 0.0, "the time for the message is measured by its reader"
     server.store.gate.set()
     await until_true(lambda: not line.stream.peer.waiting_bytes)
     asked_s, answered_s = charged
-    assert asked_s > 0, "until the store is asked"
-    assert answered_s == pytest.approx(REFUSED_TIMES * (loop.taken_s - asked_s)), "from its answer on"
+    assert asked_s > 0, "the time until the store is asked"
+    assert answered_s == pytest.approx(REFUSED_TIMES * (loop.taken_s - asked_s)), "the time from its answer on"
     assert line.refusals() == [(1, "SESSION_NOT_KEPT")]
 
 
-async def test_who_has_had_no_turn_in_time_says_nothing_of_the_store(monkeypatch: pytest.MonkeyPatch) -> None:
+async def test_resume_without_a_turn_in_time_does_not_count_as_a_store_failure(monkeypatch: pytest.MonkeyPatch) -> None:
     now, gate = [0.0], asyncio.Event()
     turns = StoreTurns(lambda: now[0])
     asking = [asyncio.create_task(turns.take(Asker("others"), gate.wait)) for _ in range(TAKERS)]
@@ -246,4 +248,4 @@ async def test_who_has_had_no_turn_in_time_says_nothing_of_the_store(monkeypatch
 
     with pytest.raises(EventRefused) as refused:
         await turns.take(Asker("client"), fail)
-    assert refused.value.reason == "SESSION_STORE_UNAVAILABLE", "the first failure"
+    assert refused.value.reason == "SESSION_STORE_UNAVAILABLE", "this is the first failure"

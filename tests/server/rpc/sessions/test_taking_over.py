@@ -1,4 +1,4 @@
-"""Sessions that other servers have: who may take them over, what it costs, and what a refusal leaves as it was."""
+"""Sessions of other servers: who may take them over, what that costs, and what a refusal leaves unchanged."""
 
 from __future__ import annotations
 
@@ -38,19 +38,19 @@ from tests.server.snapshots.records import KEY, a_record
 from tests.waiting import LIMIT_S, until_true
 
 TOKEN = "secret.1"
-NOBODY = cast(Carrier, None)  # tells of it
+NOBODY = cast(Carrier, None)  # for sessions whose outputs no test looks at
 RECORD = a_record()
 
 
 def of_model(model_id: str, **others: Any) -> ModelRegistry:
-    """others: of its facts, where they are other ones than those that the record is of."""
+    """A registry with one model. others: facts of it that differ from those of the record's model."""
     facts = replace(FACTS, model_id=model_id, **others)
     catalog = Catalog(facts, Limits(), Guidance(2.0, 2.0), "CC0-1.0", text_encoder="counted", history_frames=16)
     return ModelRegistry(LoadedModel("fake", Engine(), Prompts(), catalog))  # type: ignore[arg-type]
 
 
 def resuming(attempt: int, **point: int) -> session_pb2.OpenSession:
-    """From the middle of the frames that the record holds, unless the point says another place."""
+    """A resume from the middle of the record's frames, unless `point` says otherwise."""
     where = session_pb2.ResumePoint(**{"next_frame": 60, "attempt": attempt, **point})
     return session_pb2.OpenSession(resume_token=TOKEN, resume_point=where)
 
@@ -63,7 +63,7 @@ def resuming(attempt: int, **point: int) -> session_pb2.OpenSession:
         ("studio", 9, "another", "UNKNOWN_MODEL"),
     ],
 )
-async def test_who_may_not_take_a_session_over_takes_nothing_from_who_has_it(
+async def test_refused_take_over_leaves_the_session_with_its_server(
     durability: Durability, store: SqliteStore, tenant: str, attempt: int, model_id: str, reason: str
 ) -> None:
     peer = Peer(PeerLimits(), 0.0, tenant)
@@ -73,14 +73,16 @@ async def test_who_may_not_take_a_session_over_takes_nothing_from_who_has_it(
     assert store.renew([lease_of(TOKEN)]) == [Renewal.KEPT]
 
 
-async def test_who_may_does(durability: Durability, store: SqliteStore) -> None:
+async def test_owner_takes_its_session_over_and_fences_the_other_server(
+    durability: Durability, store: SqliteStore
+) -> None:
     peer = Peer(PeerLimits(), 0.0, "studio")
     token, record = await claimed(durability, resuming(9), peer, of_model("fake"), Asker())
     assert (token, record.taken_seq) == ("secret.2", RECORD.taken_seq)
     assert store.renew([lease_of(TOKEN)]) == [Renewal.FENCED]
 
 
-async def test_who_makes_up_tokens_fills_no_log(
+async def test_resumes_with_invented_tokens_do_not_fill_the_log(
     durability: Durability, caplog: pytest.LogCaptureFixture, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     now = [0.0]
@@ -95,11 +97,11 @@ async def test_who_makes_up_tokens_fills_no_log(
         with pytest.raises(EventRefused):
             await claimed(durability, opening, peer, models, Asker())
     lines = [record.message for record in caplog.records]
-    assert 2 <= len(lines) <= 3, "one in ten seconds, and twenty have passed"
+    assert 2 <= len(lines) <= 3, "one line in ten seconds, and twenty seconds have passed"
     assert ["like it since the last one" in line for line in lines] == [False] + [True] * (len(lines) - 1)
 
 
-def test_its_steps_count_for_its_tenant_as_those_of_any_session() -> None:
+def test_steps_of_an_adopted_session_count_against_its_tenant_s_quota() -> None:
     models = of_model("fake")
     needed_hz = models.default.steps_hz(RECORD.snapshot.spec.denoise_steps)
     peer = Peer(PeerLimits(steps_per_second=1.5 * needed_hz, share=3.0), 0.0, "studio", "tenant:studio")
@@ -119,14 +121,14 @@ def test_its_steps_count_for_its_tenant_as_those_of_any_session() -> None:
         assert entry.place.peer is peer
         return event.spec.owner.weight
 
-    assert take_over() == 3.0, "the share that its tenant has now"
+    assert take_over() == 3.0, "its tenant's present share"
     with pytest.raises(EventRefused) as refused:
         take_over()
     assert refused.value.reason == "STEPS_QUOTA"
     assert peer.num_sessions == 1
 
 
-async def test_of_what_another_server_has_kept_for_its_client_no_more_is_kept_than_may() -> None:
+async def test_answers_kept_by_another_server_are_cut_to_the_limit() -> None:
     answers = tuple(replace(placed(number), session=KEY) for number in range(1, 6))
     entry, _ = adopted(
         replace(RECORD, answers=answers),
@@ -144,7 +146,7 @@ async def test_of_what_another_server_has_kept_for_its_client_no_more_is_kept_th
 
 
 class SlowStore(SqliteStore):
-    """Says what it has once its gate is open."""
+    """A store that answers once its gate is open."""
 
     def __init__(self, path: Path) -> None:
         super().__init__(path, 60.0)
@@ -159,7 +161,7 @@ class SlowStore(SqliteStore):
         return super().take(lease, holder)
 
 
-async def test_a_client_that_finishes_while_the_store_is_asked_has_its_answer(tmp_path: Path) -> None:
+async def test_client_that_half_closes_while_the_store_is_asked_is_answered(tmp_path: Path) -> None:
     store = SlowStore(tmp_path / "store.sqlite")
     opening = session_pb2.SessionEvent(session=1, event_seq=1, open=resuming(1))
     request = service_pb2.StreamMotionRequest(hello=service_pb2.ClientHello(), events=[opening])
@@ -172,7 +174,7 @@ async def test_a_client_that_finishes_while_the_store_is_asked_has_its_answer(tm
         call = service_pb2_grpc.MotionServiceStub(channel).StreamMotion(iter([request]))
         async for response in call:
             heard += response.updates
-            if not response.ByteSize():  # the server has seen that its client has finished
+            if not response.ByteSize():  # the server has seen the client's half-close
                 store.gate.set()
         assert await call.code() is grpc.StatusCode.OK
     assert [update.outcome.reason for update in heard] == ["SESSION_NOT_KEPT"]
@@ -188,11 +190,11 @@ def path(event_seq: int) -> session_pb2.EditConstraints:
     )
 
 
-async def test_what_comes_behind_a_session_on_its_way_is_bounded_counted_and_taken_as_it_is_paid_for(
+async def test_events_behind_a_take_over_are_bounded_and_processed_as_they_are_paid(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     monotonic, leapt_s = time.monotonic, [0.0]
-    monkeypatch.setattr(time, "monotonic", lambda: monotonic() + leapt_s[0])  # the event loop's time too
+    monkeypatch.setattr(time, "monotonic", lambda: monotonic() + leapt_s[0])  # the event loop's clock too
     store = SlowStore(tmp_path / "store.sqlite")
     durability = Durability(store, asyncio.get_running_loop(), lambda _: None)
     line = Line(kept=KeptSessions(30.0, durability=durability))
@@ -201,7 +203,7 @@ async def test_what_comes_behind_a_session_on_its_way_is_bounded_counted_and_tak
     line.send(1, open=resuming(1))
     for event_seq in range(2, 12):
         line.send(event_seq, edit_constraints=path(event_seq))
-    assert [seq for seq, _ in line.refusals()] == [8, 9, 10, 11], "there was no place for these"
+    assert [seq for seq, _ in line.refusals()] == [8, 9, 10, 11], "there was no room for these"
     assert {reason for _, reason in line.refusals()} == {"TOO_MANY_PENDING_EVENTS"}
     assert 16_000 < peer.waiting_bytes == stream.num_waiting_bytes <= 20_000
 
@@ -211,7 +213,9 @@ async def test_what_comes_behind_a_session_on_its_way_is_bounded_counted_and_tak
     for _ in range(50):
         await asyncio.sleep(0)
     line.send(12, edit_constraints=path(12))
-    assert len(line.refusals()) == 6, "nothing behind it is taken while the stream owes; the last had no place"
+    assert len(line.refusals()) == 6, (
+        "nothing behind it is processed while the stream is in debt; for the last there was no room"
+    )
     leapt_s[0] = 1e4
     await until_true(lambda: not peer.waiting_bytes)
     assert line.refusals()[6:] == [(event_seq, "SESSION_NOT_OPEN") for event_seq in range(2, 8)]
@@ -219,7 +223,7 @@ async def test_what_comes_behind_a_session_on_its_way_is_bounded_counted_and_tak
     await asyncio.to_thread(durability.close)
 
 
-async def test_no_opening_of_a_session_on_its_way_is_greater_than_may_wait(tmp_path: Path) -> None:
+async def test_resume_longer_than_a_peer_s_waiting_bytes_is_refused(tmp_path: Path) -> None:
     durability = Durability(SlowStore(tmp_path / "store.sqlite"), asyncio.get_running_loop(), lambda _: None)
     line = Line(kept=KeptSessions(30.0, durability=durability))
     line.stream.peer.limits = PeerLimits(waiting_bytes=20_000)
@@ -237,7 +241,7 @@ def _waiting_line(tmp_path: Path) -> tuple[Line, SlowStore, Durability]:
     return Line(kept=KeptSessions(30.0, durability=durability)), store, durability
 
 
-async def test_one_that_is_asked_for_behind_another_on_its_handle_is_taken_over_in_its_turn(tmp_path: Path) -> None:
+async def test_second_resume_on_a_handle_waits_for_the_first(tmp_path: Path) -> None:
     line, store, durability = _waiting_line(tmp_path)
     line.send(1, open=resuming(1))
     line.send(1, open=resuming(2))
@@ -251,8 +255,8 @@ async def test_one_that_is_asked_for_behind_another_on_its_handle_is_taken_over_
     await asyncio.to_thread(durability.close)
 
 
-async def test_nothing_behind_one_on_its_way_is_taken_once_its_client_has_gone(tmp_path: Path) -> None:
-    """A session that was opened then would be carried by nobody."""
+async def test_events_behind_a_take_over_are_dropped_once_the_client_has_gone(tmp_path: Path) -> None:
+    """A session opened then would belong to no stream."""
     line, store, durability = _waiting_line(tmp_path)
     line.send(1, open=resuming(1))
     line.send(1, open=session_pb2.OpenSession())
@@ -266,8 +270,8 @@ async def test_nothing_behind_one_on_its_way_is_taken_once_its_client_has_gone(t
     await asyncio.to_thread(durability.close)
 
 
-async def test_a_fault_in_taking_one_over_ends_its_stream(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    """Else its client would wait for an answer for ever."""
+async def test_fault_during_a_take_over_ends_its_stream(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    """Otherwise its client would wait for an answer for ever."""
 
     async def broken(*_: object) -> None:
         raise RuntimeError("a bug")

@@ -1,4 +1,4 @@
-"""The log of streams that begin, which clients can do a hundred times a second and under any name."""
+"""The log lines of new streams, which clients can open a hundred times a second and under any name."""
 
 from __future__ import annotations
 
@@ -22,7 +22,7 @@ NAME = stream_reader.__name__
 
 @dataclass
 class Context:
-    """A client that says hello and no more."""
+    """The context of a client that sends hello and nothing more."""
 
     agent: str
     said: list[object] = field(default_factory=list)
@@ -35,7 +35,7 @@ class Context:
         return self.said.pop()
 
 
-async def test_streams_that_begin_are_a_line_in_a_while_and_it_is_short(caplog: pytest.LogCaptureFixture) -> None:
+async def test_new_streams_are_logged_sparingly_and_with_short_names(caplog: pytest.LogCaptureFixture) -> None:
     caplog.set_level("INFO")
     line, now = Line(), [0.0]
     reader = StreamReader(line.models, "replica")

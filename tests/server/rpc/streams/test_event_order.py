@@ -1,4 +1,4 @@
-"""What a stream does with the order, the pace and the end of a session's events, before the engine sees them."""
+"""The order, the rate and the end of a session's events, which its stream checks before the engine sees them."""
 
 from __future__ import annotations
 
@@ -66,7 +66,7 @@ def make_catalog(**limits: float) -> Catalog:
 
 @dataclass
 class Prompts:
-    """An encoder that knows no text until the test lets it go on."""
+    """An encoder that encodes no text until the test sets `go`."""
 
     go: asyncio.Event = field(default_factory=asyncio.Event)
     asked: list[str] = field(default_factory=list)
@@ -84,7 +84,7 @@ class Prompts:
 
 @dataclass
 class Engine:
-    """Notes what it is given."""
+    """Notes the events that it is given."""
 
     events: list[Event] = field(default_factory=list)
     most_steps: int = 1000
@@ -117,29 +117,29 @@ class Line:
         self.heard: list[session_pb2.SessionUpdate] = []
 
     def send(self, event_seq: int, at: float | None = None, **event: object) -> None:
-        """at: when it comes, in monotonic seconds; None: now."""
+        """at: when the event arrives, in monotonic seconds; None: now."""
         message = session_pb2.SessionEvent(session=HANDLE, event_seq=event_seq, **event)  # type: ignore[arg-type]
         self.stream.receive(message, time.monotonic() if at is None else at)
 
     def open(self) -> None:
-        """Open a session, and let the engine say so."""
+        """Opens a session, and has the engine confirm it."""
         self.send(1, open=session_pb2.OpenSession(request_id="first"))
         self.stream.take(Opened(self.engine.events[-1].session, 1, 0, 40, 4, 4, "tiny", "stick", 20))
 
     async def encoded(self) -> None:
-        """Let the encoder go on until nothing waits for it."""
+        """Lets the encoder run until nothing waits for it."""
         self.stream.ready.clear()
         self.prompts.go.set()
         await self.stream.ready.wait()
 
     def updates(self) -> list[session_pb2.SessionUpdate]:
-        """All that was said so far."""
+        """All updates that the client was sent so far."""
         while (response := self.stream.next_response()) is not None:
             self.heard.extend(service_pb2.StreamMotionResponse.FromString(response).updates)
         return self.heard
 
     def refusals(self) -> list[tuple[int, str]]:
-        """Number and reason of each refused event."""
+        """The number and the reason of each refused event."""
         outcomes = [update.outcome for update in self.updates() if update.HasField("outcome")]
         return [(outcome.event_seq, outcome.reason) for outcome in outcomes if outcome.code != Code.OK]
 
@@ -153,7 +153,7 @@ async def line() -> Line:
     return Line()
 
 
-async def test_a_repetition_is_dropped_and_a_gap_refused(line: Line) -> None:
+async def test_repeated_event_is_dropped_and_a_gap_is_refused(line: Line) -> None:
     line.open()
     line.send(2, set_play_state=PAUSE)
     line.send(2, set_play_state=PAUSE)
@@ -163,17 +163,17 @@ async def test_a_repetition_is_dropped_and_a_gap_refused(line: Line) -> None:
     assert [event.event_seq for event in line.engine.events] == [1, 2, 3]
 
 
-async def test_the_same_open_again_is_dropped_and_another_refused(line: Line) -> None:
+async def test_repeated_open_is_dropped_and_a_different_one_is_refused(line: Line) -> None:
     line.open()
     line.send(1, open=session_pb2.OpenSession(request_id="first"))
     assert line.refusals() == []
     line.send(1, open=session_pb2.OpenSession(request_id="second"))
     assert line.refusals() == [(1, "HANDLE_IN_USE")]
     line.send(2, set_play_state=PAUSE)
-    assert line.refusals() == [(1, "HANDLE_IN_USE")], "the open session is not touched"
+    assert line.refusals() == [(1, "HANDLE_IN_USE")], "the open session is not affected"
 
 
-async def test_a_playhead_with_a_number_is_refused_and_the_session_lives(line: Line) -> None:
+async def test_playhead_with_a_number_is_refused_and_the_session_continues(line: Line) -> None:
     line.open()
     line.send(1, playhead=session_pb2.Playhead(frame=3))
     line.send(0, playhead=session_pb2.Playhead(frame=3))
@@ -182,17 +182,17 @@ async def test_a_playhead_with_a_number_is_refused_and_the_session_lives(line: L
     assert [event.event_seq for event in line.engine.events] == [1, 0, 2]
 
 
-async def test_an_event_that_comes_too_fast_uses_up_its_number() -> None:
+async def test_event_beyond_the_rate_limit_uses_up_its_number() -> None:
     line = Line(make_catalog(events_per_second=3.0))
     line.open()
-    now = time.monotonic()  # all of them come at this moment, so that none is allowed again between two
+    now = time.monotonic()  # all of them arrive at this moment, so that the budget is not replenished between two
     for event_seq in range(2, 6):
         line.send(event_seq, at=now, set_play_state=PAUSE)
     assert {reason for _, reason in line.refusals()} == {"TOO_MANY_EVENTS"}
     assert [event.event_seq for event in line.engine.events] + [seq for seq, _ in line.refusals()] == [1, 2, 3, 4, 5]
 
 
-async def test_events_after_the_close_are_refused_before_the_end_is_told(line: Line) -> None:
+async def test_events_after_a_close_are_refused_before_closed_is_sent(line: Line) -> None:
     line.open()
     line.send(2, close=session_pb2.CloseSession())
     line.send(3, set_play_state=PAUSE)
@@ -205,7 +205,7 @@ async def test_events_after_the_close_are_refused_before_the_end_is_told(line: L
     assert last.applied_seq == 3
 
 
-async def test_a_report_does_not_overtake_the_open(line: Line) -> None:
+async def test_playhead_does_not_overtake_the_open(line: Line) -> None:
     line.send(1, open=session_pb2.OpenSession(prompts=WALK.upsert))
     line.send(0, playhead=session_pb2.Playhead(frame=0))
     assert line.engine.events == []
@@ -225,7 +225,7 @@ async def test_events_wait_behind_a_prompt_that_is_being_encoded(line: Line) -> 
     assert line.refusals() == [(4, "SESSION_CLOSED")]
 
 
-async def test_a_prompt_is_checked_once_and_a_wrong_one_does_not_wait_for_the_encoder(
+async def test_prompts_are_checked_once_and_invalid_ones_refused_without_waiting(
     line: Line, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     checked: list[int] = []
@@ -245,7 +245,7 @@ async def test_a_prompt_is_checked_once_and_a_wrong_one_does_not_wait_for_the_en
     assert checked == [1, 2, 3, 4]
 
 
-async def test_what_waits_when_the_stream_ends_is_answered(line: Line) -> None:
+async def test_waiting_events_are_answered_when_their_stream_ends(line: Line) -> None:
     line.send(1, open=session_pb2.OpenSession(prompts=WALK.upsert))
     line.send(2, set_play_state=PAUSE)
     line.stream.close_all(CloseReason.DRAINED)
@@ -254,7 +254,7 @@ async def test_what_waits_when_the_stream_ends_is_answered(line: Line) -> None:
     assert line.engine.events == []
 
 
-async def test_an_event_whose_content_was_not_read_is_answered_by_its_number(line: Line) -> None:
+async def test_event_with_too_many_fields_is_refused_and_uses_up_its_number(line: Line) -> None:
     unread = too_many_fields(4416)
     shell = session_pb2.SessionEvent(session=HANDLE, event_seq=2, edit_constraints=session_pb2.EditConstraints())
     opening = session_pb2.SessionEvent(session=HANDLE, event_seq=1, open=session_pb2.OpenSession())
@@ -267,13 +267,13 @@ async def test_an_event_whose_content_was_not_read_is_answered_by_its_number(lin
     assert line.engine.kinds() == [Open, SetPlayState]
 
 
-async def test_it_is_no_event_of_a_session_that_is_not_there(line: Line) -> None:
+async def test_event_with_too_many_fields_is_refused_without_a_session_too(line: Line) -> None:
     shell = session_pb2.SessionEvent(session=HANDLE, event_seq=2, edit_constraints=session_pb2.EditConstraints())
     line.stream.receive(shell, time.monotonic(), too_many_fields(4416))
     assert line.refusals() == [(2, "TOO_MANY_FIELDS")]
 
 
-async def test_what_comes_after_a_prompt_was_encoded_has_its_own_encoded_or_waits_for_nothing(line: Line) -> None:
+async def test_events_after_an_encoded_prompt_wait_only_for_later_prompts(line: Line) -> None:
     line.open()
     line.send(2, edit_prompts=WALK)
     await line.encoded()

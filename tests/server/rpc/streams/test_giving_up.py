@@ -1,4 +1,4 @@
-"""Streams that are ended while much of theirs waits, or by a fault of the server: they alone, once, and to the end."""
+"""Streams that are ended for a backlog or by a server fault: only these, once, and completely."""
 
 from __future__ import annotations
 
@@ -32,7 +32,7 @@ STRAY = SessionKey(1, NUM_SESSIONS + 1)
 
 
 class Metrics(NoStreamMetrics):
-    """Counts how often a reader was given up."""
+    """Counts how often a slow reader was given up."""
 
     num_given_up = 0
 
@@ -42,7 +42,7 @@ class Metrics(NoStreamMetrics):
 
 @pytest.fixture
 async def line() -> Line:
-    """Of as many sessions as a stream may have, each of whose opens waits for the encoder."""
+    """A stream with the most sessions allowed, each of whose opens waits for the encoder."""
     line = Line(make_catalog(hard_backlog_bytes=HARD_BYTES, soft_backlog_bytes=HARD_BYTES), metrics=Metrics())
     for handle in range(NUM_SESSIONS):
         opening = session_pb2.OpenSession(prompts=WALK.upsert)
@@ -53,11 +53,11 @@ async def line() -> Line:
 
 
 def tell(line: Line, num_bytes: int) -> None:
-    """Something that its client does not read."""
+    """Sends something that the client does not read."""
     line.stream.take(Outcome(STRAY, 2, Code.NOT_FOUND, reason="R", message="m" * num_bytes))
 
 
-async def test_a_reader_is_given_up_once_and_every_session_of_its_is_answered(line: Line) -> None:
+async def test_slow_reader_is_given_up_once_and_its_sessions_are_answered(line: Line) -> None:
     tell(line, HARD_BYTES)
     assert line.stream.num_sessions == 0
     assert sorted(line.refusals())[:NUM_SESSIONS] == [(1, "SESSION_CLOSED")] * NUM_SESSIONS
@@ -65,7 +65,7 @@ async def test_a_reader_is_given_up_once_and_every_session_of_its_is_answered(li
     assert line.metrics.num_given_up == 1
 
 
-async def test_a_stream_that_is_ended_does_not_give_up_its_reader_besides(line: Line) -> None:
+async def test_refused_stream_does_not_count_as_a_slow_reader_too(line: Line) -> None:
     tell(line, HARD_BYTES - 1000)
     line.stream.refuse(no_memory_left(1))
     assert (line.stream.num_sessions, line.stream.num_waiting_bytes) == (0, 0)
@@ -83,7 +83,7 @@ def failing(*_: object) -> NoReturn:
     raise RuntimeError("a fault")
 
 
-async def test_a_fault_in_one_stream_s_outputs_ends_that_stream_and_others_have_theirs(
+async def test_fault_in_a_stream_s_outputs_ends_only_that_stream(
     monkeypatch: pytest.MonkeyPatch, caplog: pytest.LogCaptureFixture
 ) -> None:
     take_all, faulty = Stream.take_all, set[int]()
@@ -109,7 +109,7 @@ async def test_a_fault_in_one_stream_s_outputs_ends_that_stream_and_others_have_
     assert "error id" in errors(caplog)[0]
 
 
-async def test_a_fault_in_one_stream_that_is_looked_at_ends_that_stream_and_others_are_looked_at(
+async def test_fault_in_watching_a_stream_ends_only_that_stream(
     caplog: pytest.LogCaptureFixture, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     lines = [Line(number=number) for number in range(1, 4)]
@@ -123,7 +123,7 @@ async def test_a_fault_in_one_stream_that_is_looked_at_ends_that_stream_and_othe
     assert len(errors(caplog)) == 1
 
 
-async def test_streams_are_looked_at_again_after_a_fault(monkeypatch: pytest.MonkeyPatch) -> None:
+async def test_watch_continues_after_a_fault(monkeypatch: pytest.MonkeyPatch) -> None:
     looks, again = [0], asyncio.Event()
 
     class Failing(Callers):

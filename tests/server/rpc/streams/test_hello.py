@@ -1,4 +1,4 @@
-"""What a client says of the stream itself: its hello, how often it is to hear, and how long its messages take."""
+"""What a client says about the stream itself: its hello, its flush interval, and its measured round trip."""
 
 from __future__ import annotations
 
@@ -15,7 +15,7 @@ from tests.server.rpc.streams.test_event_order import Line
 
 
 class Talk:
-    """A line, and who reads what its client says."""
+    """A stream and its reader."""
 
     def __init__(self, **reader: float) -> None:
         self.line = Line()
@@ -42,7 +42,7 @@ HELLO = service_pb2.ClientHello(client_agent="a" * MAX_AGENT_CHARACTERS)
         (Duration(seconds=-(2**62)), FLUSH_RANGE_S[0]),
     ],
 )
-async def test_a_client_hears_as_often_as_it_asks_within_bounds(asked: Duration | None, given_s: float) -> None:
+async def test_flush_interval_is_what_the_client_asks_for_within_bounds(asked: Duration | None, given_s: float) -> None:
     talk = Talk()
     talk.stream.flush_s = 0.02
     talk.say(hello=service_pb2.ClientHello(flush_interval=asked))
@@ -52,7 +52,7 @@ async def test_a_client_hears_as_often_as_it_asks_within_bounds(asked: Duration 
     assert talk.stream.greeted
 
 
-async def test_hello_comes_first_and_once_and_says_no_more_than_may() -> None:
+async def test_hello_must_come_first_and_once_and_not_be_too_long() -> None:
     talk = Talk()
     with pytest.raises(StreamRefused, match=str(MAX_AGENT_CHARACTERS)):
         talk.say(hello=service_pb2.ClientHello(client_agent="a" * (MAX_AGENT_CHARACTERS + 1)))
@@ -65,7 +65,7 @@ async def test_hello_comes_first_and_once_and_says_no_more_than_may() -> None:
     assert len(talk.told()) == 1
 
 
-async def test_an_engine_knows_the_round_trip_that_a_client_has_measured() -> None:
+async def test_playheads_carry_the_round_trip_that_the_client_measured() -> None:
     talk = Talk()
     talk.say(hello=HELLO)
     talk.line.open()
@@ -78,7 +78,7 @@ async def test_an_engine_knows_the_round_trip_that_a_client_has_measured() -> No
     assert [each.pong.client_time_ns for each in talk.told()[1:]] == [7, 7, 7]
 
 
-async def test_who_comes_while_the_server_goes_away_is_told_so_after_the_hello() -> None:
+async def test_client_of_a_draining_server_gets_goodbye_after_the_hello() -> None:
     talk = Talk(reconnect_after_s=2.0)
     talk.reader.ends_at = time.monotonic() + 10.0
     talk.say(hello=HELLO)

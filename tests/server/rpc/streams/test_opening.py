@@ -1,4 +1,4 @@
-"""Which sessions a stream takes, and that one can always be closed."""
+"""Which sessions a stream admits, and that one can always be closed."""
 
 from __future__ import annotations
 
@@ -27,12 +27,12 @@ def ask(line: Line, handle: int, opening: session_pb2.OpenSession | None = None)
 
 
 def refused(line: Line) -> list[tuple[int, str]]:
-    """Handle and reason of each refusal."""
+    """The handle and the reason of each refusal."""
     told = [update for update in line.updates() if update.HasField("outcome")]
     return [(update.session, update.outcome.reason) for update in told]
 
 
-async def test_a_stream_takes_so_many_sessions_and_another_once_one_has_ended() -> None:
+async def test_sessions_of_a_stream_are_limited_and_an_ended_one_frees_its_place() -> None:
     line = Line(make_catalog(max_sessions_per_stream=MOST))
     for handle in range(1, MOST + 2):
         ask(line, handle)
@@ -43,7 +43,7 @@ async def test_a_stream_takes_so_many_sessions_and_another_once_one_has_ended() 
     assert refused(line) == [(MOST + 1, "TOO_MANY_SESSIONS"), (MOST + 2, "TOO_MANY_SESSIONS")]
 
 
-async def test_sessions_that_are_on_their_way_from_another_server_are_among_them(tmp_path: Path) -> None:
+async def test_sessions_being_taken_over_count_against_the_stream_s_limit(tmp_path: Path) -> None:
     store = SlowStore(tmp_path / "store.sqlite")
     durability = Durability(store, asyncio.get_running_loop(), lambda _: None)
     line = Line(make_catalog(max_sessions_per_stream=MOST), kept=KeptSessions(30.0, durability=durability))
@@ -56,23 +56,23 @@ async def test_sessions_that_are_on_their_way_from_another_server_are_among_them
     await until_true(lambda: len(refused(line)) == 4)
     await until_true(lambda: not line.stream.peer.waiting_bytes)
     ask(line, 5)
-    assert line.stream.num_sessions == 2, "those that were not kept hold no place"
+    assert line.stream.num_sessions == 2, "sessions that were not kept have no place"
     await asyncio.to_thread(durability.close)
 
 
 @pytest.mark.parametrize("is_going_away", [False, True])
-async def test_where_a_stream_ends_or_its_server_goes_away_nothing_more_is_opened(is_going_away: bool) -> None:
+async def test_ending_stream_and_draining_server_refuse_opens(is_going_away: bool) -> None:
     line = Line()
     if is_going_away:
         line.stream.accepts_opens = False
-    else:  # as where no engine is left: there may be one again before its client has read that
+    else:  # as if no engine were left: there may be one again before the client has read that
         line.stream.end()
     ask(line, 1)
     assert refused(line) == [(1, "DRAINING")]
     assert line.engine.events == []
 
 
-async def test_who_has_sent_too_much_can_close_its_session() -> None:
+async def test_close_is_accepted_beyond_the_rate_limit() -> None:
     line, now = Line(make_catalog(events_per_second=3.0)), time.monotonic()
     line.open()
     for event_seq in range(2, 8):
@@ -82,8 +82,8 @@ async def test_who_has_sent_too_much_can_close_its_session() -> None:
     assert (line.engine.kinds()[0], line.engine.kinds()[-1]) == (Open, Close)
 
 
-async def test_an_answer_that_comes_after_the_end_of_its_session_is_not_of_the_next_on_its_handle() -> None:
-    """Of an event that was on its way to the engine as that ended the session."""
+async def test_late_answer_to_an_ended_session_is_not_taken_for_the_next_one_s() -> None:
+    """The answer to an event that was on its way to the engine when the engine ended the session."""
     line = Line()
     line.open()
     key = line.engine.events[0].session
@@ -100,7 +100,7 @@ async def test_an_answer_that_comes_after_the_end_of_its_session_is_not_of_the_n
     assert line.updates()[-1].applied_seq == 2
 
 
-async def test_what_came_behind_an_open_that_an_engine_refuses_as_it_is_lost_is_answered() -> None:
+async def test_events_behind_an_open_refused_by_a_lost_engine_are_answered() -> None:
     line = Line()
     line.send(1, open=session_pb2.OpenSession())
     key = line.engine.events[0].session
@@ -111,7 +111,7 @@ async def test_what_came_behind_an_open_that_an_engine_refuses_as_it_is_lost_is_
 
 
 @pytest.mark.parametrize("model_id", ["", "fake"])
-async def test_where_a_model_has_failed_servers_that_have_it_are_named(model_id: str) -> None:
+async def test_refusal_for_a_failed_model_names_other_servers(model_id: str) -> None:
     line = Line()
     served = line.models.default
     served.refusal = model_failed(served.model_id, "its weights have changed")

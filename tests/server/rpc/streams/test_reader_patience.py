@@ -1,4 +1,4 @@
-"""How much waits for a reader before it is given up, for how long, and how often."""
+"""When a slow reader is given up: after how much backlog, after how long, and how often."""
 
 from __future__ import annotations
 
@@ -15,7 +15,7 @@ LIMITS = Limits(soft_backlog_bytes=SOFT, hard_backlog_bytes=HARD, backlog_s=5.0)
 
 
 class Patience:
-    """With timers that the test lets run out. given_up: how often."""
+    """A `ReaderPatience` with timers that the test lets expire. given_up: how often the reader was given up."""
 
     def __init__(self, monkeypatch: pytest.MonkeyPatch) -> None:
         self.given_up = 0
@@ -51,12 +51,12 @@ async def patience(monkeypatch: pytest.MonkeyPatch) -> Patience:
     return Patience(monkeypatch)
 
 
-async def test_what_may_wait_for_ever_does(patience: Patience) -> None:
+async def test_backlog_up_to_the_soft_limit_starts_no_timer(patience: Patience) -> None:
     patience.check(SOFT)
     assert (patience.timers, patience.given_up) == ([], 0)
 
 
-async def test_what_may_wait_for_a_while_is_waited_for_once(patience: Patience) -> None:
+async def test_backlog_above_the_soft_limit_starts_one_timer(patience: Patience) -> None:
     for waiting in (SOFT + 1, HARD, SOFT + 1):
         patience.check(waiting)
     assert (len(patience.timers), patience.given_up) == (1, 0)
@@ -64,7 +64,7 @@ async def test_what_may_wait_for_a_while_is_waited_for_once(patience: Patience) 
     assert patience.given_up == 1
 
 
-async def test_who_reads_in_time_is_not_given_up_and_has_as_long_again(patience: Patience) -> None:
+async def test_reader_that_catches_up_in_time_gets_the_full_time_again(patience: Patience) -> None:
     patience.check(HARD)
     patience.check(SOFT)
     assert (len(patience.timers), patience.running) == (1, [])
@@ -73,13 +73,13 @@ async def test_who_reads_in_time_is_not_given_up_and_has_as_long_again(patience:
     assert patience.given_up == 0
 
 
-async def test_too_much_at_once_is_not_waited_for(patience: Patience) -> None:
+async def test_backlog_above_the_hard_limit_is_given_up_at_once(patience: Patience) -> None:
     patience.check(HARD)
     patience.check(HARD + 1)
     assert (patience.given_up, patience.running) == (1, [])
 
 
-async def test_what_is_told_of_the_end_gives_nobody_up_a_second_time_and_new_sessions_do(patience: Patience) -> None:
+async def test_reader_is_given_up_again_only_for_backlog_that_comes_later(patience: Patience) -> None:
     patience.while_giving_up = lambda: patience.check(HARD + 1)
     patience.check(HARD + 1)
     assert patience.given_up == 1
@@ -87,7 +87,7 @@ async def test_what_is_told_of_the_end_gives_nobody_up_a_second_time_and_new_ses
     assert patience.given_up == 2
 
 
-async def test_after_the_end_nothing_is_waited_for(patience: Patience) -> None:
+async def test_end_cancels_the_timer(patience: Patience) -> None:
     patience.check(HARD)
     patience.of_reader.end()
     patience.of_reader.end()

@@ -1,4 +1,4 @@
-"""When a stream reads on: not while more answers wait than its client reads, but always once it has ended."""
+"""When a stream is read further: not while too many answers wait for its client, but always once it has ended."""
 
 from __future__ import annotations
 
@@ -18,7 +18,7 @@ ROUNDS = 10
 
 async def is_waiting(task: asyncio.Task[None]) -> bool:
     for _ in range(ROUNDS):
-        await asyncio.sleep(0)  # the event loop goes round; nothing here depends on time
+        await asyncio.sleep(0)  # one iteration of the event loop; nothing here depends on time
     return not task.done()
 
 
@@ -27,11 +27,11 @@ async def line() -> Line:
     return Line(make_catalog(hard_backlog_bytes=1_000))
 
 
-async def test_there_is_room_while_the_client_reads(line: Line) -> None:
+async def test_stream_is_read_while_its_client_reads(line: Line) -> None:
     assert not await is_waiting(asyncio.create_task(line.stream.room()))
 
 
-async def test_answers_that_are_not_read_stop_the_reading_until_they_are(line: Line) -> None:
+async def test_unread_answers_stop_reading_until_they_are_read(line: Line) -> None:
     for number in range(4):
         line.stream.take(Outcome(SessionKey(1, 5), number, Code.NOT_FOUND, reason="R", message="m" * 300))
     reading = asyncio.create_task(line.stream.room())
@@ -40,7 +40,7 @@ async def test_answers_that_are_not_read_stop_the_reading_until_they_are(line: L
     assert not await is_waiting(reading)
 
 
-async def test_pongs_that_are_not_read_stop_the_reading_too(line: Line) -> None:
+async def test_unread_pongs_stop_reading_until_they_are_read(line: Line) -> None:
     for _ in range(MAX_WAITING_REPLIES + 1):
         line.stream.reply(PONG)
     reading = asyncio.create_task(line.stream.room())
@@ -49,7 +49,7 @@ async def test_pongs_that_are_not_read_stop_the_reading_too(line: Line) -> None:
     assert not await is_waiting(reading)
 
 
-async def test_the_end_of_the_stream_ends_the_wait(line: Line) -> None:
+async def test_end_of_the_stream_ends_the_wait(line: Line) -> None:
     for _ in range(MAX_WAITING_REPLIES + 1):
         line.stream.reply(PONG)
     reading = asyncio.create_task(line.stream.room())
@@ -58,9 +58,9 @@ async def test_the_end_of_the_stream_ends_the_wait(line: Line) -> None:
     assert not await is_waiting(reading)
 
 
-async def test_a_stream_that_owes_is_not_read_until_it_has_paid(monkeypatch: pytest.MonkeyPatch) -> None:
+async def test_stream_in_debt_is_not_read_until_it_has_paid(monkeypatch: pytest.MonkeyPatch) -> None:
     monotonic, leapt_s = time.monotonic, [0.0]
-    monkeypatch.setattr(time, "monotonic", lambda: monotonic() + leapt_s[0])  # the event loop's time too
+    monkeypatch.setattr(time, "monotonic", lambda: monotonic() + leapt_s[0])  # the event loop's clock too
     line = Line(make_catalog(stream_events_per_second=1.0))
     line.stream.budget.charge(3601.0, time.monotonic())  # an hour, and the second that it may use at once
     reading = asyncio.create_task(line.stream.room())
@@ -71,7 +71,7 @@ async def test_a_stream_that_owes_is_not_read_until_it_has_paid(monkeypatch: pyt
     assert not await is_waiting(reading)
 
 
-async def test_a_refusal_costs_more_than_what_is_taken() -> None:
+async def test_two_refusals_put_a_stream_of_ten_events_a_second_in_debt() -> None:
     line = Line(make_catalog(stream_events_per_second=10.0))
     line.send(5, set_play_state=session_pb2.SetPlayState())
     now = time.monotonic()

@@ -1,4 +1,4 @@
-"""Clients that do not read, or say nothing, over gRPC: what becomes of their sessions, and that others play on."""
+"""Clients that do not read, or send nothing, over gRPC: what becomes of their sessions, and that others play on."""
 
 from __future__ import annotations
 
@@ -23,7 +23,7 @@ NOTHING = service_pb2.StreamMotionRequest(events=[session_pb2.SessionEvent(sessi
 
 @asynccontextmanager
 async def talking(server: LocalServer) -> AsyncIterator[Talk]:
-    """A stream that has said hello."""
+    """A stream whose client has sent hello."""
     async with grpc.aio.insecure_channel(server.address) as channel:
         stub = service_pb2_grpc.MotionServiceStub(channel)
         catalog = await stub.GetCatalog(service_pb2.GetCatalogRequest())
@@ -34,7 +34,7 @@ async def talking(server: LocalServer) -> AsyncIterator[Talk]:
 
 @asynccontextmanager
 async def flooded(talk: Talk, server: LocalServer, waiting_bytes: int) -> AsyncIterator[None]:
-    """Send without reading until so much waits for this client. What is being sent is broken off at the end."""
+    """Sends without reading until that much waits for this client; a pending write is cancelled at the end."""
     enough = False
     talk.note(NOTHING)
 
@@ -51,7 +51,7 @@ async def flooded(talk: Talk, server: LocalServer, waiting_bytes: int) -> AsyncI
 
 
 async def closing(talk: Talk, handle: int) -> session_pb2.SessionClosed:
-    """Read, whatever comes, up to the end of a session."""
+    """Reads everything up to the end of a session."""
     while isinstance(response := await talk.call.read(), service_pb2.StreamMotionResponse):
         for update in response.updates:
             if update.session == handle and update.HasField("closed"):
@@ -71,7 +71,7 @@ async def closing(talk: Talk, handle: int) -> session_pb2.SessionClosed:
     ],
     ids=["too much at once", "a lot for too long"],
 )
-async def test_a_client_that_does_not_read_loses_its_sessions_and_is_told_once_it_reads(limits: Limits) -> None:
+async def test_slow_reader_loses_its_sessions_and_is_told_once_it_reads(limits: Limits) -> None:
     least = min(limits.soft_backlog_bytes, limits.hard_backlog_bytes)
     async with (
         asyncio.timeout(LIMIT_S),
@@ -88,7 +88,7 @@ async def test_a_client_that_does_not_read_loses_its_sessions_and_is_told_once_i
             assert (await closing(slow, 1)).reason == session_pb2.CLOSE_REASON_SLOW_READER
 
 
-async def test_a_client_that_reads_again_in_time_keeps_its_sessions() -> None:
+async def test_client_that_reads_again_in_time_keeps_its_sessions() -> None:
     limits = Limits(
         stream_events_per_second=UNMETERED, soft_backlog_bytes=64 * KIB, hard_backlog_bytes=1 << 30, backlog_s=3600
     )
@@ -105,7 +105,7 @@ async def test_a_client_that_reads_again_in_time_keeps_its_sessions() -> None:
             assert server.engine.num_sessions == 1
 
 
-async def test_a_session_whose_client_says_nothing_is_closed_as_idle() -> None:
+async def test_session_whose_client_sends_nothing_is_closed_as_idle() -> None:
     async with (
         asyncio.timeout(LIMIT_S),
         LocalServer(engine_config=EngineConfig(idle_timeout_s=0.2)) as server,
@@ -117,7 +117,7 @@ async def test_a_session_whose_client_says_nothing_is_closed_as_idle() -> None:
         assert heard.closed.reason == session_pb2.CLOSE_REASON_IDLE
 
 
-async def test_a_call_that_is_cancelled_ends_its_sessions_and_their_windows() -> None:
+async def test_cancelled_call_ends_its_sessions() -> None:
     limits = Limits(resume_grace_s=0)
     async with asyncio.timeout(LIMIT_S), LocalServer(limits) as server, talking(server) as other:
         await other.open(1)

@@ -1,4 +1,4 @@
-"""A stream's books when sessions end while their events wait for the encoder, and when nobody reads."""
+"""A stream's bookkeeping: events that wait for the encoder, refusals, unread output, and what each costs."""
 
 from __future__ import annotations
 
@@ -35,7 +35,7 @@ def fault(line: Line) -> Closed:
     return Closed(line.engine.events[0].session, CloseReason.ENGINE_FAULT, Code.INTERNAL, "it failed", 0, 0)
 
 
-async def test_what_waits_when_the_session_ends_is_answered_before_the_end_is_told(line: Line) -> None:
+async def test_waiting_events_are_answered_before_their_session_s_end_is_sent(line: Line) -> None:
     line.open()
     line.send(2, edit_prompts=WALK)
     line.send(3, set_play_state=PAUSE)
@@ -45,7 +45,7 @@ async def test_what_waits_when_the_session_ends_is_answered_before_the_end_is_to
     assert line.updates()[-1].applied_seq == 3
 
 
-async def test_nothing_of_an_old_session_reaches_a_new_one_on_its_handle(line: Line) -> None:
+async def test_events_of_an_ended_session_do_not_reach_the_next_on_its_handle(line: Line) -> None:
     line.open()
     line.send(2, edit_prompts=WALK)
     line.stream.take(fault(line))
@@ -54,7 +54,7 @@ async def test_nothing_of_an_old_session_reaches_a_new_one_on_its_handle(line: L
     assert line.engine.kinds() == [Open, Open]
 
 
-async def test_what_must_fail_is_refused_before_anything_is_encoded_for_it(line: Line) -> None:
+async def test_invalid_open_is_refused_before_its_prompts_are_encoded(line: Line) -> None:
     line.send(1, open=session_pb2.OpenSession(rig_id="none", prompts=WALK.upsert))
     line.send(2, edit_prompts=WALK)
     assert line.refusals() == [(1, "UNKNOWN_RIG"), (2, "SESSION_NOT_OPEN")]
@@ -62,14 +62,14 @@ async def test_what_must_fail_is_refused_before_anything_is_encoded_for_it(line:
     assert line.stream.num_sessions == 0
 
 
-async def test_the_engine_is_told_whose_a_session_is(line: Line) -> None:
+async def test_open_names_the_session_s_owner_to_the_engine(line: Line) -> None:
     line.open()
     opened = line.engine.events[0]
     assert isinstance(opened, Open)
     assert opened.spec.owner == line.stream.peer.owner
 
 
-async def test_the_encoder_is_told_who_asks_and_of_which_peer(line: Line) -> None:
+async def test_encoder_is_told_which_peer_and_stream_asks(line: Line) -> None:
     peer = Peer(PeerLimits(), time.monotonic(), name="ipv4:10.0.0.7")
     line.stream = Stream(23, line.models, peer=peer)
     line.open()
@@ -79,7 +79,7 @@ async def test_the_encoder_is_told_who_asks_and_of_which_peer(line: Line) -> Non
     assert line.prompts.askers == [Asker("ipv4:10.0.0.7", 23)]
 
 
-async def test_who_is_not_let_in_has_nothing_encoded(line: Line) -> None:
+async def test_open_refused_as_overloaded_has_no_prompts_encoded(line: Line) -> None:
     line.engine.most_steps = 0
     line.send(1, open=session_pb2.OpenSession(prompts=WALK.upsert))
     assert line.refusals() == [(1, "OVERLOADED")]
@@ -87,7 +87,7 @@ async def test_who_is_not_let_in_has_nothing_encoded(line: Line) -> None:
     assert line.stream.num_sessions == 0
 
 
-async def test_where_there_is_no_room_an_open_is_refused_before_it_is_read(line: Line) -> None:
+async def test_overloaded_engine_refuses_an_open_before_the_rest_is_checked(line: Line) -> None:
     line.engine.most_steps = 3
     line.stream.other_servers = lambda _: (OtherServer("b:50051", ""),)
     unreadable = session_pb2.OpenSession(prompts=WALK.upsert, denoise_steps=4, lookahead_frames=7)
@@ -104,31 +104,31 @@ async def test_where_there_is_no_room_an_open_is_refused_before_it_is_read(line:
     assert line.engine.kinds() == [Open], "its handle is free"
 
 
-async def test_who_asks_for_steps_that_there_are_not_is_told_so_where_there_is_no_room_too(line: Line) -> None:
+async def test_invalid_denoise_steps_are_refused_even_if_there_is_no_room(line: Line) -> None:
     line.engine.most_steps = 0
     line.send(1, open=session_pb2.OpenSession(denoise_steps=11))
     assert line.refusals() == [(1, "DENOISE_STEPS_OUT_OF_RANGE")]
 
 
-async def test_no_more_waits_for_the_encoder_than_may(line: Line) -> None:
+async def test_events_waiting_for_the_encoder_are_limited(line: Line) -> None:
     line.open()
     for event_seq in range(2, 2 + MAX_WAITING_EVENTS + 2):
         line.stream.receive(
             session_pb2.SessionEvent(session=HANDLE, event_seq=event_seq, edit_prompts=WALK), time.monotonic()
         )
     too_many = session_pb2.EditPrompts(upsert=[motion_pb2.PromptSpan()] * 17)
-    line.send(MAX_WAITING_EVENTS + 4, edit_prompts=too_many)  # which is not looked at any more
+    line.send(MAX_WAITING_EVENTS + 4, edit_prompts=too_many)  # its content is not checked any more
     line.send(MAX_WAITING_EVENTS + 5, close=session_pb2.CloseSession())
     assert [reason for _, reason in line.refusals()] == ["TOO_MANY_PENDING_EVENTS"] * 3
     await line.encoded()
     assert line.engine.kinds()[-1] is Close
 
 
-async def test_no_more_bytes_of_a_peer_wait_for_the_encoder_than_may() -> None:
+async def test_waiting_bytes_of_a_peer_are_limited() -> None:
     line = Line()
     line.stream.peer.limits = PeerLimits(waiting_bytes=20_000)
     line.open()
-    line.send(2, edit_prompts=WALK)  # is being encoded
+    line.send(2, edit_prompts=WALK)  # this one is being encoded
     far = motion_pb2.RootTrajectory(positions=[1.0] * 800)
     for event_seq in range(3, 13):
         path = motion_pb2.Constraint(constraint_id=event_seq, frame=40, root_trajectory=far)  # 3.2 kB
@@ -154,9 +154,7 @@ async def test_an_open_refused_by_the_engine_frees_its_handle(line: Line) -> Non
 @pytest.mark.parametrize(
     ("reason", "is_named"), [("OVERLOADED", True), ("SESSION_LIMIT", True), ("STEPS_QUOTA", False)]
 )
-async def test_an_open_refused_for_want_of_room_names_servers_that_have_some(
-    line: Line, reason: str, is_named: bool
-) -> None:
+async def test_open_refused_for_lack_of_room_names_other_servers(line: Line, reason: str, is_named: bool) -> None:
     asked: list[str] = []
 
     def named(model_id: str) -> tuple[OtherServer, ...]:
@@ -175,7 +173,7 @@ async def test_an_open_refused_for_want_of_room_names_servers_that_have_some(
     assert asked == ([line.catalog.facts.model_id] if is_named else [])
 
 
-async def test_applied_seq_is_that_of_the_time_of_each_update(line: Line) -> None:
+async def test_updates_carry_the_applied_seq_of_their_time(line: Line) -> None:
     line.open()
     key = line.engine.events[0].session
     for number in (2, 3):
@@ -185,14 +183,14 @@ async def test_applied_seq_is_that_of_the_time_of_each_update(line: Line) -> Non
     assert [update.applied_seq for update in line.updates()] == [1, 1, 3]
 
 
-async def test_too_many_prompts_are_refused_before_any_is_encoded(line: Line) -> None:
+async def test_edit_with_too_many_prompts_is_refused(line: Line) -> None:
     line.open()
     spans = [motion_pb2.PromptSpan(prompt_id=index + 1, text=f"text {index}") for index in range(17)]
     line.send(2, edit_prompts=session_pb2.EditPrompts(upsert=spans))
     assert line.refusals() == [(2, "TOO_MANY_PROMPTS")]
 
 
-async def test_a_prompt_that_fails_to_encode_is_answered_and_the_session_goes_on(line: Line) -> None:
+async def test_prompt_that_fails_to_encode_is_answered_with_an_internal_error(line: Line) -> None:
     line.open()
 
     async def broken(texts: Sequence[str], asker: Asker) -> None:
@@ -209,7 +207,7 @@ async def test_a_prompt_that_fails_to_encode_is_answered_and_the_session_goes_on
     assert "error id" in update.outcome.message
 
 
-async def test_a_client_that_does_not_read_loses_its_sessions() -> None:
+async def test_session_of_a_client_that_does_not_read_is_closed_once() -> None:
     line = Line(make_catalog(soft_backlog_bytes=5_000, hard_backlog_bytes=10_000))
     line.open()
     key = line.engine.events[0].session
@@ -217,10 +215,10 @@ async def test_a_client_that_does_not_read_loses_its_sessions() -> None:
     (close,) = [event for event in line.engine.events if isinstance(event, Close)]
     assert close.reason is CloseReason.SLOW_READER
     line.stream.take(Chunk(key, 1, 1000, np.zeros((1000, 3), np.float32), 0))
-    assert line.engine.kinds() == [Open, Close], "it is closed once"
+    assert line.engine.kinds() == [Open, Close], "the session is closed once"
 
 
-async def test_a_full_mailbox_is_told(line: Line) -> None:
+async def test_refusal_by_a_full_mailbox_is_passed_on(line: Line) -> None:
     line.open()
     key = line.engine.events[0].session
     line.engine.submit = lambda event: Outcome(key, 2, Code.RESOURCE_EXHAUSTED, reason="TOO_MANY_PENDING_EVENTS")  # type: ignore[method-assign]
@@ -228,12 +226,12 @@ async def test_a_full_mailbox_is_told(line: Line) -> None:
     assert line.refusals() == [(2, "TOO_MANY_PENDING_EVENTS")]
 
 
-async def test_an_encoding_that_ends_in_the_moment_of_its_session_finds_nothing_left_to_do(line: Line) -> None:
+async def test_encoding_that_ends_together_with_its_session_causes_no_failure(line: Line) -> None:
     failures: list[dict[str, object]] = []
     asyncio.get_running_loop().set_exception_handler(lambda _, context: failures.append(context))
 
     async def stubborn(texts: Sequence[str], asker: Asker) -> dict[str, np.ndarray]:
-        """As `asyncio.wait_for` of Python 3.11, which gives a result that is there although it was cancelled."""
+        """Like `asyncio.wait_for` of Python 3.11, which returns an existing result although it was cancelled."""
         with contextlib.suppress(asyncio.CancelledError):
             await line.prompts.go.wait()
         return {text: np.ones(3, np.float32) for text in texts}
@@ -246,12 +244,12 @@ async def test_an_encoding_that_ends_in_the_moment_of_its_session_finds_nothing_
     line.stream.take(fault(line))
     for _ in range(5):
         await asyncio.sleep(0)
-    gc.collect()  # asyncio tells of a task that failed when it is collected
+    gc.collect()  # asyncio reports a failed task when it is collected
     assert failures == []
     assert line.refusals() == [(2, "SESSION_CLOSED")]
 
 
-async def test_constraints_and_paths_cost_their_stream_what_it_takes_to_convert_and_place_them(line: Line) -> None:
+async def test_constraints_and_paths_are_charged_to_their_stream(line: Line) -> None:
     line.open()
     now, rate = time.monotonic(), line.catalog.limits.stream_events_per_second
     line.stream.budget.charge(rate, now)
@@ -267,8 +265,8 @@ async def test_constraints_and_paths_cost_their_stream_what_it_takes_to_convert_
     assert costs == pytest.approx([CONSTRAINT_COST, CONSTRAINT_COST + PATH_COST, 3 * CONSTRAINT_COST + 2 * PATH_COST])
 
 
-async def test_constraints_are_charged_though_they_are_refused(line: Line) -> None:
-    """The last of many is wrong, which is found once all others are converted."""
+async def test_refused_constraints_are_charged(line: Line) -> None:
+    """The last of many is invalid, which is found only after all others have been converted."""
     line.open()
     now = time.monotonic()
     before = line.stream.budget.charged
@@ -280,7 +278,7 @@ async def test_constraints_are_charged_though_they_are_refused(line: Line) -> No
     assert line.stream.budget.charged - before == 20 * CONSTRAINT_COST + REFUSAL_COST
 
 
-async def test_a_refusal_is_charged_though_the_engine_has_found_what_is_wrong(line: Line) -> None:
+async def test_engine_refusals_are_charged_only_if_the_client_caused_them(line: Line) -> None:
     line.open()
     key, before = line.engine.events[0].session, line.stream.budget.charged
     line.stream.take(Outcome(key, 2, Code.NOT_FOUND, reason="UNKNOWN_CONSTRAINT"))

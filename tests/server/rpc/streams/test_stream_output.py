@@ -1,4 +1,4 @@
-"""What waits to be written on a stream: how much that is, what is counted of it, and when it has gone."""
+"""Output that waits to be written on a stream: how many bytes count, which frames are dropped, and what is urgent."""
 
 from __future__ import annotations
 
@@ -15,7 +15,7 @@ PONG = service_pb2.StreamMotionResponse(pong=service_pb2.Pong(client_time_ns=1))
 
 
 class Metrics(NoStreamMetrics):
-    """Notes how many frames were dropped, each time."""
+    """Notes how many frames were dropped each time."""
 
     def __init__(self) -> None:
         self.dropped: list[int] = []
@@ -29,7 +29,7 @@ async def line() -> Line:
     return Line(metrics=Metrics())
 
 
-async def test_what_is_being_written_waits_until_it_is_written(line: Line) -> None:
+async def test_message_being_written_counts_as_waiting_until_it_is_written(line: Line) -> None:
     stream = line.stream
     for _ in range(2):
         stream.reply(PONG)
@@ -50,20 +50,20 @@ async def test_what_is_being_written_waits_until_it_is_written(line: Line) -> No
     assert stream.num_waiting_bytes == 0
 
 
-async def test_a_client_that_has_finished_is_there_once_it_has_taken_what_was_sent_after_that(line: Line) -> None:
+async def test_probe_is_done_once_a_message_sent_after_it_is_written(line: Line) -> None:
     stream = line.stream
     stream.reply(PONG)
     assert stream.next_response() is not None
     is_there = stream.probe()
     stream.note_written()
-    assert not is_there.done(), "that was on its way before"
+    assert not is_there.done(), "that message was on its way before the probe"
     assert stream.next_response() == b""
     assert not is_there.done()
     stream.note_written()
     assert is_there.done()
 
 
-async def test_frames_that_a_plan_replaces_unsent_are_counted_once(line: Line) -> None:
+async def test_unsent_frames_replaced_by_a_plan_are_counted_once(line: Line) -> None:
     metrics = line.metrics
     assert isinstance(metrics, Metrics)
     line.open()
@@ -76,7 +76,7 @@ async def test_frames_that_a_plan_replaces_unsent_are_counted_once(line: Line) -
     assert metrics.dropped == [10, 5]
 
 
-async def test_the_end_and_what_is_said_of_the_stream_do_not_wait_for_the_flush_interval(line: Line) -> None:
+async def test_pongs_and_the_end_do_not_wait_for_the_flush_interval(line: Line) -> None:
     stream = line.stream
     line.open()
     assert not stream.urgent.is_set()

@@ -1,4 +1,4 @@
-"""What is told of a window: when its first frame was written, or that it will not be."""
+"""Traces of windows: when the first frame of each was written, or that it will not be."""
 
 from __future__ import annotations
 
@@ -15,20 +15,20 @@ TIMING = WindowTiming(1.0, 1.1, 1.2, 1.5, 4, "pid 7")
 
 
 class Opened:
-    """As much of a session's as traces tell."""
+    """The part of an opened session that traces report."""
 
     session_id, model_id = "1-1-abc", "fake"
 
 
 class Entry:
-    """A session that a stream carries by a handle."""
+    """A session of a stream, by its handle."""
 
     def __init__(self, handle: int) -> None:
         self.handle, self.request_id, self.opened = handle, f"request {handle}", Opened()
 
 
 class Traced:
-    """A stream's queue, its tracing, and what is told. now: what its clock says."""
+    """A stream's queue, its tracing, and the traces it has reported. now: the time of its clock."""
 
     def __init__(self) -> None:
         self.now = 2.0
@@ -56,7 +56,7 @@ def told(traced: Traced) -> list[tuple[int, bool, float]]:
     return [(trace.plan, trace.is_sent, trace.sent_at) for trace in traced.told]
 
 
-def test_a_window_is_told_of_once_when_its_first_frame_is_written() -> None:
+def test_window_is_traced_once_when_its_first_frame_is_written() -> None:
     traced = Traced()
     traced.plan(1, 1, num_events=2)
     traced.chunk(1, 1)
@@ -72,7 +72,7 @@ def test_a_window_is_told_of_once_when_its_first_frame_is_written() -> None:
     assert trace == WindowTrace(**expected)
 
 
-def test_a_plan_that_is_announced_alone_waits_for_its_frames() -> None:
+def test_plan_written_without_frames_is_traced_with_its_first_frames() -> None:
     traced = Traced()
     traced.plan(1, 1)
     traced.write(3.0)
@@ -82,7 +82,7 @@ def test_a_plan_that_is_announced_alone_waits_for_its_frames() -> None:
     assert told(traced) == [(1, True, 5.0)]
 
 
-def test_a_plan_that_another_replaces_unwritten_was_not_sent() -> None:
+def test_plan_replaced_before_it_is_written_is_traced_as_not_sent() -> None:
     traced = Traced()
     traced.plan(1, 1)
     traced.plan(1, 2)
@@ -91,8 +91,8 @@ def test_a_plan_that_another_replaces_unwritten_was_not_sent() -> None:
     assert told(traced) == [(1, False, 2.0), (2, True, 3.0)]
 
 
-def test_a_plan_that_another_replaces_while_it_is_written_was_sent_and_the_other_is_when_its_own_frames_are() -> None:
-    """To who reads slowly a write takes long."""
+def test_plan_replaced_while_being_written_is_traced_as_sent() -> None:
+    """A write to a slow reader takes long."""
     traced = Traced()
     traced.plan(1, 1)
     traced.chunk(1, 1)
@@ -105,7 +105,7 @@ def test_a_plan_that_another_replaces_while_it_is_written_was_sent_and_the_other
     assert told(traced) == [(1, True, 3.0), (2, True, 4.0)]
 
 
-def test_what_was_being_written_as_its_stream_ended_was_not_sent() -> None:
+def test_plan_being_written_when_its_stream_ends_is_traced_as_not_sent() -> None:
     traced = Traced()
     traced.plan(1, 1)
     traced.chunk(1, 1)
@@ -116,7 +116,7 @@ def test_what_was_being_written_as_its_stream_ended_was_not_sent() -> None:
     assert told(traced) == [(1, False, 2.0), (2, False, 2.0)]
 
 
-def test_frames_of_an_older_plan_do_not_count_for_the_newest() -> None:
+def test_frames_of_an_older_plan_do_not_count_for_the_newest_plan() -> None:
     traced = Traced()
     traced.chunk(1, 1)
     traced.plan(1, 2)
@@ -124,7 +124,7 @@ def test_frames_of_an_older_plan_do_not_count_for_the_newest() -> None:
     assert traced.told == []
 
 
-def test_sessions_of_a_stream_are_told_apart() -> None:
+def test_sessions_of_a_stream_are_traced_separately() -> None:
     traced = Traced()
     traced.plan(1, 1)
     traced.plan(2, 5)
@@ -134,7 +134,7 @@ def test_sessions_of_a_stream_are_told_apart() -> None:
     assert traced.told[0].request_id == "request 2"
 
 
-def test_at_the_end_of_a_stream_the_rest_was_not_sent() -> None:
+def test_unwritten_plans_are_traced_as_not_sent_at_the_stream_s_end() -> None:
     traced = Traced()
     traced.plan(1, 1)
     traced.tracing.end_all()

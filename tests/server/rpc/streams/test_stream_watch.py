@@ -1,4 +1,4 @@
-"""Streams that hold a place and do nothing with it, are more than there may be, or send what is no message."""
+"""Streams that use their place for nothing, exceed the limit of streams, or send bytes that are no message."""
 
 from __future__ import annotations
 
@@ -41,7 +41,7 @@ def talk_on(channel: grpc.aio.Channel, catalog: service_pb2.GetCatalogResponse) 
 
 
 async def end_of(talk: Talk) -> tuple[grpc.StatusCode, str]:
-    """Status and reason with which the server ends a stream."""
+    """The status and the reason with which the server ends a stream."""
     code = await talk.to_the_end()
     status = rpc_status.from_call(
         grpc.aio.AioRpcError(
@@ -62,7 +62,9 @@ async def end_of(talk: Talk) -> tuple[grpc.StatusCode, str]:
     ],
     ids=["no hello", "no session"],
 )
-async def test_a_stream_that_does_nothing_is_ended(limits: ServiceLimits, says_hello: bool, reason: str) -> None:
+async def test_stream_without_hello_or_without_sessions_is_ended(
+    limits: ServiceLimits, says_hello: bool, reason: str
+) -> None:
     async with (
         asyncio.timeout(LIMIT_S),
         LocalServer(service_limits=limits) as server,
@@ -75,7 +77,7 @@ async def test_a_stream_that_does_nothing_is_ended(limits: ServiceLimits, says_h
         await until_true(lambda: not server.service.num_streams)
 
 
-async def test_a_stream_with_a_session_is_not_empty() -> None:
+async def test_stream_is_ended_as_empty_only_without_sessions() -> None:
     # As the clock leaps, what is being written at that moment would be stuck.
     limits = ServiceLimits(empty_timeout_s=300.0, silent_timeout_s=1e6, stuck_timeout_s=1e6)
     async with (
@@ -95,7 +97,7 @@ async def test_a_stream_with_a_session_is_not_empty() -> None:
 
 
 @pytest.mark.parametrize("limits", [ServiceLimits(max_streams=1), ServiceLimits(peer=PeerLimits(streams=1))])
-async def test_one_stream_too_many_is_refused_and_the_place_can_be_taken_again(limits: ServiceLimits) -> None:
+async def test_streams_are_limited_and_an_ended_one_frees_its_place(limits: ServiceLimits) -> None:
     async with (
         asyncio.timeout(LIMIT_S),
         LocalServer(service_limits=limits) as server,
@@ -108,7 +110,7 @@ async def test_one_stream_too_many_is_refused_and_the_place_can_be_taken_again(l
         await talk_on(channel, catalog).hello()
 
 
-async def test_what_is_no_message_ends_its_stream_alone() -> None:
+async def test_bytes_that_are_no_message_end_only_their_stream() -> None:
     async with asyncio.timeout(LIMIT_S), LocalServer() as server, connected(server) as (channel, catalog):
         other = await talk_on(channel, catalog).hello()
         await other.open(1)
@@ -122,7 +124,7 @@ async def test_what_is_no_message_ends_its_stream_alone() -> None:
         await other.plays_on(1)
 
 
-async def test_of_what_has_too_many_parts_nothing_is_read_and_others_play_on() -> None:
+async def test_event_and_clip_with_too_many_fields_are_refused_and_a_session_plays_on() -> None:
     parts = [motion_pb2.Constraint()] * 100_000
     async with asyncio.timeout(LIMIT_S), LocalServer() as server, connected(server) as (channel, catalog):
         talk = await talk_on(channel, catalog).hello()
@@ -138,8 +140,8 @@ async def test_of_what_has_too_many_parts_nothing_is_read_and_others_play_on() -
         assert failed.value.code() is grpc.StatusCode.RESOURCE_EXHAUSTED
 
 
-async def test_calls_of_a_peer_that_owes_are_refused_with_the_time_to_wait() -> None:
-    limits = ServiceLimits(peer=PeerLimits(calls_per_second=1e-6))  # however slow the machine, one is owed for longer
+async def test_calls_of_a_peer_in_debt_are_refused_with_the_time_to_wait() -> None:
+    limits = ServiceLimits(peer=PeerLimits(calls_per_second=1e-6))  # the debt of one call outlasts any test
     async with (
         asyncio.timeout(LIMIT_S),
         LocalServer(service_limits=limits) as server,
@@ -164,7 +166,7 @@ def holding(num_frames: int) -> Stream:
 FRAMES = np.zeros((1000, ROW_WIDTH), np.float32)
 
 
-async def test_memory_is_taken_back_from_those_that_hold_most() -> None:
+async def test_streams_with_most_waiting_are_ended_when_memory_runs_out() -> None:
     streams = {stream.number: stream for stream in map(holding, (100, 200, 400, 500))}
     most = sum(stream.num_waiting_bytes for stream in streams.values()) // 2
     StreamWatch(ServiceLimits(max_waiting_bytes=most), streams).look(time.monotonic())
@@ -172,7 +174,7 @@ async def test_memory_is_taken_back_from_those_that_hold_most() -> None:
     assert sum(stream.num_waiting_bytes for stream in streams.values()) <= most
 
 
-async def test_streams_and_memory_are_watched_though_files_cannot_be_looked_at(
+async def test_streams_and_memory_are_watched_although_reading_of_files_fails(
     monkeypatch: pytest.MonkeyPatch, caplog: pytest.LogCaptureFixture
 ) -> None:
     def fail(_callers: Callers) -> NoReturn:
@@ -186,10 +188,10 @@ async def test_streams_and_memory_are_watched_though_files_cannot_be_looked_at(
     for seconds in range(29, 33):
         watch.look(now + seconds)
     assert [stream.refusal is not None for stream in (stuck, greedy)] == [True, True]
-    assert len(caplog.messages) == 1, "it is told once in ten seconds, not four times a second"
+    assert len(caplog.messages) == 1, "it is logged once in ten seconds, not four times a second"
 
 
-async def test_a_client_that_takes_nothing_for_long_loses_its_stream() -> None:
+async def test_stream_with_a_write_pending_for_too_long_is_ended() -> None:
     stream, now = holding(10), time.monotonic()
     watch = StreamWatch(ServiceLimits(stuck_timeout_s=30.0), {stream.number: stream})
     stream.writing_since = now
@@ -204,7 +206,7 @@ async def test_a_client_that_takes_nothing_for_long_loses_its_stream() -> None:
     assert stream.num_waiting_bytes == 0
 
 
-async def test_a_client_from_which_nothing_comes_is_lost_and_may_come_back() -> None:
+async def test_stream_of_a_silent_client_is_ended_and_its_session_can_be_resumed() -> None:
     async with (
         asyncio.timeout(LIMIT_S),
         # As the clock leaps, what is being written at that moment would be stuck.
@@ -219,18 +221,18 @@ async def test_a_client_from_which_nothing_comes_is_lost_and_may_come_back() -> 
             server.service.watch.look(time.monotonic() + 91.0)
             return not server.service.num_streams
 
-        await until_true(is_lost)  # it is not silent while the server reads what it has said
+        await until_true(is_lost)  # it is not silent while the server still reads what it has sent
         assert await end_of(talk) == (grpc.StatusCode.UNAVAILABLE, "CLIENT_SILENT")
         again = await talk_on(channel, catalog).hello()
         await again.resume(1, heard)
         await again.plays_on(1)
 
 
-async def test_a_client_is_silent_when_the_server_has_listened_to_it_in_vain_for_so_long() -> None:
+async def test_silence_counts_only_while_the_server_reads_the_stream() -> None:
     stream, now = holding(1), time.monotonic()
     watch = StreamWatch(ServiceLimits(silent_timeout_s=90.0, empty_timeout_s=1e6), {stream.number: stream})
     watch.look(now + 1000.0)
-    assert stream.refusal is None, "it owes, and is not read at present"
+    assert stream.refusal is None, "it is in debt, and is not being read"
     stream.listening_since = now
     watch.look(now + 89.0)
     assert stream.refusal is None

@@ -1,4 +1,4 @@
-"""What waits for the flush interval, and what does not."""
+"""Writing to clients: what waits for the flush interval, and how streams end during a write."""
 
 from __future__ import annotations
 
@@ -24,7 +24,7 @@ ROW_WIDTH = 11
 
 
 class Context:
-    """A client that reads everything at once. messages: what was written to it."""
+    """The context of a client that reads everything at once. messages: what was written to it."""
 
     def __init__(self) -> None:
         self.messages: asyncio.Queue[bytes] = asyncio.Queue()
@@ -37,14 +37,14 @@ class Context:
         return list(service_pb2.StreamMotionResponse.FromString(message).updates)
 
     async def is_silent(self) -> bool:
-        """Whether nothing comes though the loop goes round."""
+        """Whether nothing is written during 50 iterations of the event loop."""
         for _ in range(50):
             await asyncio.sleep(0)
         return self.messages.empty()
 
 
 def line_to(context: Context) -> tuple[Line, asyncio.Task[None]]:
-    """A line to that client, and what writes to it until it is cut."""
+    """A stream to that client, and the task that writes to it until it is cut."""
     line = Line()
     writer = asyncio.create_task(stream_writer.write(line.stream, context))  # type: ignore[arg-type]
     line.stream.cut = lambda: stream_writer.cut(line.stream, writer)
@@ -53,7 +53,7 @@ def line_to(context: Context) -> tuple[Line, asyncio.Task[None]]:
 
 @asynccontextmanager
 async def written() -> AsyncIterator[tuple[Line, SessionKey, Context, asyncio.Task[None]]]:
-    """A line to a client that was told something just now, and has an endless flush interval."""
+    """A stream with an endless flush interval to a client that has just been sent something."""
     context = Context()
     line, writer = line_to(context)
     line.stream.flush_s = ENDLESS_S
@@ -75,7 +75,7 @@ async def test_frames_wait_for_the_flush_interval() -> None:
         assert await context.is_silent()
 
 
-async def test_a_plan_that_answers_an_edit_goes_at_once_with_its_frames_and_what_waits() -> None:
+async def test_plan_that_answers_an_edit_is_sent_at_once_with_its_frames() -> None:
     async with written() as (line, key, context, _):
         line.stream.take(chunk(key, 1))
         assert await context.is_silent()
@@ -88,7 +88,7 @@ async def test_a_plan_that_answers_an_edit_goes_at_once_with_its_frames_and_what
 
 
 class GoneContext(Context):
-    """A client that goes while the first message is written, which gRPC has not seen yet."""
+    """A client that leaves while its first message is being written, which gRPC has not noticed yet."""
 
     async def read(self) -> bytes:
         await asyncio.Event().wait()
@@ -98,7 +98,7 @@ class GoneContext(Context):
         raise grpc.aio.InternalError("a write of the call has failed")
 
 
-async def test_a_call_whose_client_has_gone_is_cancelled_and_its_sessions_with_it() -> None:
+async def test_call_whose_client_has_gone_is_cancelled_and_its_session_closed() -> None:
     line = Line()
     line.open()
     service = MotionService(line.models)
@@ -108,7 +108,7 @@ async def test_a_call_whose_client_has_gone_is_cancelled_and_its_sessions_with_i
 
 
 class SlowContext(Context):
-    """A client that takes a message when the test says so."""
+    """A client that takes messages only while `reads` is set."""
 
     def __init__(self) -> None:
         super().__init__()
@@ -119,8 +119,8 @@ class SlowContext(Context):
         await super().write(message)
 
 
-async def test_what_is_being_written_is_finished_before_a_refused_stream_is_told_so() -> None:
-    """gRPC takes no status beside the first response of a call: the client heard none."""
+async def test_pending_write_is_finished_before_a_refused_stream_ends() -> None:
+    """gRPC drops a status that is set while the first response is being written: the client would not get it."""
     context = SlowContext()
     line, writer = line_to(context)
     line.open()
@@ -131,10 +131,10 @@ async def test_what_is_being_written_is_finished_before_a_refused_stream_is_told
     assert not writer.done()
     context.reads.set()
     await asyncio.wait_for(writer, SOON_S)
-    assert context.messages.qsize() == 1, "and nothing after it"
+    assert context.messages.qsize() == 1, "nothing is written after it"
 
 
-async def test_who_takes_nothing_more_does_not_hold_up_the_end(monkeypatch: pytest.MonkeyPatch) -> None:
+async def test_client_that_takes_nothing_more_does_not_hold_up_the_end(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(stream_writer, "LAST_WRITE_S", 0.01)
     context = SlowContext()
     line, writer = line_to(context)
@@ -149,8 +149,8 @@ async def test_who_takes_nothing_more_does_not_hold_up_the_end(monkeypatch: pyte
     assert writer.cancelled()
 
 
-async def test_a_first_message_that_is_not_taken_is_never_given_up(monkeypatch: pytest.MonkeyPatch) -> None:
-    """gRPC would hold the call, without anybody who counts it."""
+async def test_pending_write_of_the_first_message_is_never_given_up(monkeypatch: pytest.MonkeyPatch) -> None:
+    """gRPC would hold the call without anything counting it."""
     monkeypatch.setattr(stream_writer, "LAST_WRITE_S", 0.0)
     context = SlowContext()
     line, writer = line_to(context)
@@ -163,7 +163,7 @@ async def test_a_first_message_that_is_not_taken_is_never_given_up(monkeypatch: 
     await asyncio.wait_for(writer, SOON_S)
 
 
-async def test_a_stream_that_writes_nothing_ends_at_once() -> None:
+async def test_refused_stream_without_a_pending_write_ends_at_once() -> None:
     async with written() as (line, _, context, writer):
         line.stream.refuse(stream_empty(300.0))
         await asyncio.wait({writer}, timeout=SOON_S)
@@ -171,7 +171,7 @@ async def test_a_stream_that_writes_nothing_ends_at_once() -> None:
         assert context.messages.empty()
 
 
-async def test_a_stream_that_fails_ends_with_what_is_being_written_though_it_has_sessions() -> None:
+async def test_failed_stream_ends_after_its_pending_write_despite_open_sessions() -> None:
     context = SlowContext()
     line, writer = line_to(context)
     line.open()
@@ -182,12 +182,12 @@ async def test_a_stream_that_fails_ends_with_what_is_being_written_though_it_has
     await asyncio.wait_for(writer, SOON_S)
 
 
-async def test_a_stream_that_ends_tells_of_the_ends_of_its_sessions_before() -> None:
+async def test_ending_stream_sends_the_ends_of_its_sessions_first() -> None:
     async with written() as (line, key, context, writer):
         line.stream.close_all(CloseReason.DRAINED)
         line.stream.end()
         assert await context.is_silent()
-        assert not writer.done(), "its engine has not said yet that it is over"
+        assert not writer.done(), "the engine has not confirmed the end yet"
         line.stream.take(Closed(key, CloseReason.DRAINED, Code.OK, "", 0, 0))
         (told,) = await context.next_updates()
         assert told.HasField("closed")

@@ -1,4 +1,4 @@
-"""What is told of a session, and what is not: while it is resumed, for who does not read, and of none that is there."""
+"""What is sent about a session and what is not: during a resume, to a slow reader, and without a session."""
 
 from __future__ import annotations
 
@@ -35,7 +35,7 @@ FRAMES = (
 
 
 class Metrics(NoStreamMetrics):
-    """Counts what is refused for want of room, and what becomes of resumes."""
+    """Counts refusals for lack of room, and what becomes of resumes."""
 
     def __init__(self) -> None:
         self.rejects: Counter[str] = Counter()
@@ -52,9 +52,7 @@ def kinds(line: Line) -> list[str | None]:
     return [update.WhichOneof("update") for update in line.updates()]
 
 
-async def test_a_session_that_is_resumed_has_its_frames_once_its_engine_goes_on_and_its_answers_with_the_welcome() -> (
-    None
-):
+async def test_resumed_session_sends_answers_with_opened_and_then_frames() -> None:
     kept = KeptSessions(30.0)
     line = Line(kept=kept)
     line.open()
@@ -66,7 +64,7 @@ async def test_a_session_that_is_resumed_has_its_frames_once_its_engine_goes_on_
     assert kinds(other) == ["opened", "outcome", "plan", "chunk"]
 
 
-async def test_a_session_is_told_of_by_the_handle_that_it_was_resumed_with() -> None:
+async def test_updates_of_a_resumed_session_use_its_new_handle() -> None:
     kept = KeptSessions(30.0)
     line, other = Line(kept=kept), Line(kept=kept, number=2)
     line.open()
@@ -77,10 +75,10 @@ async def test_a_session_is_told_of_by_the_handle_that_it_was_resumed_with() -> 
     other.stream.take(Resumed(KEY, 1, 0), *FRAMES, Outcome(KEY, 2, Code.OK))
     other.stream.take(Closed(KEY, CloseReason.IDLE, Code.OK, "", 0, 0))
     assert [update.session for update in other.updates()] == [99] * 5
-    assert kinds(line)[-1] == "closed", "on the stream that had it"
+    assert kinds(line)[-1] == "closed", "the stream that had the session is told that it was closed there"
 
 
-async def test_what_waits_behind_an_open_that_an_engine_refuses_is_answered_and_is_nothing_to_the_next() -> None:
+async def test_events_behind_a_refused_open_are_answered_and_not_reused() -> None:
     line = Line()
     line.send(1, open=session_pb2.OpenSession())
     line.send(2, edit_prompts=WALK)
@@ -93,7 +91,7 @@ async def test_what_waits_behind_an_open_that_an_engine_refuses_is_answered_and_
     assert line.engine.kinds() == [Open, Open]
 
 
-async def test_an_older_attempt_takes_nothing_over() -> None:
+async def test_resume_with_an_older_attempt_is_superseded() -> None:
     kept = KeptSessions(30.0)
     line = Line(kept=kept)
     line.open()
@@ -104,7 +102,7 @@ async def test_an_older_attempt_takes_nothing_over() -> None:
     assert resume(kept, line.engine, token, attempt=4).refusals() == []
 
 
-async def test_of_no_session_there_are_no_frames() -> None:
+async def test_frames_and_playheads_without_a_session_are_dropped() -> None:
     line = Line()
     line.stream.take(*FRAMES)
     line.send(0, playhead=session_pb2.Playhead(frame=3))
@@ -112,7 +110,7 @@ async def test_of_no_session_there_are_no_frames() -> None:
     assert line.engine.events == []
 
 
-async def test_who_does_not_read_has_no_more_frames_and_his_sessions_are_not_kept() -> None:
+async def test_slow_reader_gets_no_more_frames_and_its_session_is_not_kept() -> None:
     kept = KeptSessions(30.0)
     line = Line(make_catalog(hard_backlog_bytes=4_000, soft_backlog_bytes=4_000), kept=kept)
     line.open()
@@ -126,7 +124,7 @@ async def test_who_does_not_read_has_no_more_frames_and_his_sessions_are_not_kep
     assert kept.num_parked == 0
 
 
-async def test_reports_that_come_too_fast_are_refused_and_have_no_number() -> None:
+async def test_playheads_beyond_the_rate_limit_are_refused_and_use_no_number() -> None:
     line, now = Line(make_catalog(events_per_second=3.0)), time.monotonic()
     line.open()
     for _ in range(5):
@@ -137,7 +135,7 @@ async def test_reports_that_come_too_fast_are_refused_and_have_no_number() -> No
 
 
 @pytest.mark.parametrize("is_full", [True, False])
-async def test_opens_that_are_refused_for_want_of_room_are_counted_by_their_reason_and_others_are_not(
+async def test_only_opens_refused_for_lack_of_room_are_counted_by_reason(
     is_full: bool,
 ) -> None:
     metrics = Metrics()
@@ -147,7 +145,7 @@ async def test_opens_that_are_refused_for_want_of_room_are_counted_by_their_reas
     assert metrics.rejects == ({"TOO_MANY_SESSIONS": 1} if is_full else {})
 
 
-async def test_so_many_sessions_as_are_asked_to_be_closed_are_told_of() -> None:
+async def test_close_all_returns_the_number_of_sessions_it_closes() -> None:
     line = Line()
     line.open()
     assert line.stream.close_all(CloseReason.MODEL_UNLOADED, line.models.default) == 1

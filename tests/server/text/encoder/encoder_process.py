@@ -1,4 +1,4 @@
-"""An encoder service as a process, which can be killed, stopped, and started again at the same address."""
+"""An encoder service as a process that can be killed, paused, stopped, and started again at the same address."""
 
 from __future__ import annotations
 
@@ -16,7 +16,7 @@ ROOT = Path(__file__).resolve().parents[4]
 
 
 class EncoderProcess:
-    """`with EncoderProcess(log, ...)` starts it, and ends it in any state. options: of the command."""
+    """`with EncoderProcess(log, ...)` starts it, and ends it in whatever state it is. options: those of the command."""
 
     def __init__(self, log: Path, *options: str) -> None:
         self._log = log
@@ -31,7 +31,7 @@ class EncoderProcess:
 
     def start(self, *options: str) -> None:
         """Start it at its earlier address, or on a free port the first time. options: additional ones."""
-        # Its port may be taken for a moment: each outgoing connection takes one.
+        # Tried twice: an outgoing connection of another process may hold its port for a moment.
         line = self._begun(options) or self._begun(options)
         if not line:
             raise RuntimeError(f"the encoder did not start:\n{self._log.read_text()}")
@@ -39,7 +39,7 @@ class EncoderProcess:
         self.port, self.ops_port = told["grpc_port"], told["ops_port"]
 
     def _begun(self, options: Sequence[str]) -> str:
-        """What it prints once it is ready; nothing if it has not started."""
+        """Start the process. Returns the line that it prints once it is ready, "" if it has ended instead."""
         ports = ["--port", str(self.port), "--ops-port", "0", "--print-ports", "--drain-grace-s", "1"]
         with self._log.open("a", encoding="utf-8") as errors:
             self._process = subprocess.Popen(
@@ -64,7 +64,7 @@ class EncoderProcess:
         return self._process.wait(LIMIT_S)
 
     def halt(self) -> None:
-        """Stop it: it answers nothing, while its connections stay open."""
+        """Pause it: it answers nothing, while its connections stay open."""
         self._process.send_signal(signal.SIGSTOP)
 
     def go_on(self) -> None:

@@ -1,4 +1,4 @@
-"""The encoder service as a process, and its client: killed, halted, started again, started as another."""
+"""The encoder service as a process, and its client, while the process is killed, paused and restarted."""
 
 from __future__ import annotations
 
@@ -27,7 +27,7 @@ def hashed(tmp_path: Path) -> Iterator[EncoderProcess]:
 
 
 def encode_when_back(encoder: RemoteEncoder, prompts: list[str]) -> np.ndarray:
-    """As `encode`, tried again as long as it fails: at most so long as the test may take."""
+    """The result of `encode`, retried while the encoder is unavailable, at most for the time of a test."""
 
     def attempt() -> list[np.ndarray]:
         try:
@@ -40,7 +40,7 @@ def encode_when_back(encoder: RemoteEncoder, prompts: list[str]) -> np.ndarray:
     return until(attempt)[0]
 
 
-def test_its_vectors_are_the_encoder_s_however_many_are_asked_for(hashed: EncoderProcess) -> None:
+def test_vectors_equal_the_encoders_own_for_any_number_of_texts(hashed: EncoderProcess) -> None:
     encoder = RemoteEncoder(hashed.address, LIMIT_S)
     own = HashedTextEncoder(16)
     assert (encoder.identity, encoder.width) == (own.identity, 16)
@@ -49,7 +49,7 @@ def test_its_vectors_are_the_encoder_s_however_many_are_asked_for(hashed: Encode
     encoder.close()
 
 
-def test_killed_it_is_away_and_back_it_is_found_again(hashed: EncoderProcess) -> None:
+def test_killed_service_is_unavailable_and_found_again_once_restarted(hashed: EncoderProcess) -> None:
     encoder = RemoteEncoder(hashed.address, LIMIT_S)
     hashed.kill()
     with pytest.raises(TextEncoderUnavailable) as away:
@@ -60,7 +60,7 @@ def test_killed_it_is_away_and_back_it_is_found_again(hashed: EncoderProcess) ->
     encoder.close()
 
 
-def test_back_as_another_it_is_refused_with_both_names(hashed: EncoderProcess) -> None:
+def test_service_restarted_with_another_encoder_is_refused_with_both_names(hashed: EncoderProcess) -> None:
     encoder = RemoteEncoder(hashed.address, LIMIT_S)
     hashed.kill()
     hashed.start("--width", "17")
@@ -69,9 +69,9 @@ def test_back_as_another_it_is_refused_with_both_names(hashed: EncoderProcess) -
     encoder.close()
 
 
-def test_halted_it_takes_too_long(hashed: EncoderProcess) -> None:
+def test_paused_service_takes_too_long(hashed: EncoderProcess) -> None:
     encoder = RemoteEncoder(hashed.address, LIMIT_S)
-    impatient = RemoteEncoder(hashed.address, 0.2, ("hashed-16", 16))  # asks nothing before it is halted
+    impatient = RemoteEncoder(hashed.address, 0.2, ("hashed-16", 16))  # sends nothing yet: its identity is given
     hashed.halt()
     with pytest.raises(TextEncoderUnavailable, match="takes too long"):
         impatient.encode(PROMPTS)
@@ -81,7 +81,7 @@ def test_halted_it_takes_too_long(hashed: EncoderProcess) -> None:
     impatient.close()
 
 
-def test_what_it_kept_on_the_disk_the_next_process_knows(tmp_path: Path) -> None:
+def test_restarted_service_reads_vectors_from_its_store(tmp_path: Path) -> None:
     prompts, store = ["a person walks"], str(tmp_path / "store.db")
     counted = 'motiongen_encoder_texts_total{source="store"} 1.0'
     with EncoderProcess(tmp_path / "log.txt", "--text-encoder", "hashed", "--width", "16", "--store", store) as process:
@@ -96,7 +96,7 @@ def test_what_it_kept_on_the_disk_the_next_process_knows(tmp_path: Path) -> None
             process.start()
 
 
-def test_one_that_is_known_is_not_asked_what_it_is_and_checked_when_it_comes(hashed: EncoderProcess) -> None:
+def test_given_identity_is_not_requested_but_checked_with_the_first_answer(hashed: EncoderProcess) -> None:
     hashed.kill()
     encoder = RemoteEncoder(hashed.address, LIMIT_S, ("hashed-16", 16))
     other = RemoteEncoder(hashed.address, LIMIT_S, ("hashed-15", 15))
@@ -110,7 +110,7 @@ def test_one_that_is_known_is_not_asked_what_it_is_and_checked_when_it_comes(has
     other.close()
 
 
-def test_where_nobody_answers_the_client_gives_up(hashed: EncoderProcess) -> None:
+def test_client_gives_up_when_no_service_answers(hashed: EncoderProcess) -> None:
     hashed.kill()
     with pytest.raises(TextEncoderUnavailable, match="does not answer"):
         RemoteEncoder(hashed.address, 0.2)
@@ -130,7 +130,7 @@ def test_where_nobody_answers_the_client_gives_up(hashed: EncoderProcess) -> Non
         "localhost:\u00b2",
     ],
 )
-def test_what_is_no_address_is_refused(address: str) -> None:
+def test_invalid_address_is_refused(address: str) -> None:
     with pytest.raises(UnknownTextEncoder, match="not the address"):
         RemoteEncoder(address)
 
@@ -146,7 +146,7 @@ def test_what_is_no_address_is_refused(address: str) -> None:
         (["--colour", "red"], "python -m motiongen_server.text.encoder --help"),
     ],
 )
-def test_a_wrong_setting_ends_it_with_a_line(options: list[str], said: str) -> None:
+def test_invalid_setting_ends_the_process_with_a_message(options: list[str], said: str) -> None:
     command = [sys.executable, "-m", "motiongen_server.text.encoder", "--port", "0", "--ops-port", "0", *options]
     ended = subprocess.run(command, cwd=ROOT, capture_output=True, text=True, timeout=LIMIT_S)
     assert ended.returncode == 2
@@ -170,8 +170,8 @@ main()
 
 
 @pytest.mark.parametrize("number", [signal.SIGTERM, signal.SIGINT])
-def test_asked_to_end_before_it_has_begun_it_ends_with_0(number: signal.Signals) -> None:
-    """As a server does: the first process of a container is not ended by a signal that it does not handle."""
+def test_signal_before_the_service_has_started_ends_it_with_code_0(number: signal.Signals) -> None:
+    """In a container it is the first process, which signals without a handler do not end."""
     command = [sys.executable, "-c", ENDED_EARLY, str(int(number))]
     done = subprocess.run(command, cwd=ROOT, stderr=subprocess.PIPE, text=True, check=False)
     assert (done.returncode, done.stderr) == (0, "")

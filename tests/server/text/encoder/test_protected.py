@@ -1,4 +1,4 @@
-"""The encoder service where it asks who calls, by TLS: what its callers need, and what they are told without."""
+"""The encoder service with TLS and tokens: what its callers need, and how they are refused without it."""
 
 from __future__ import annotations
 
@@ -18,7 +18,7 @@ from tests.server.text.encoder.encoder_process import EncoderProcess
 from tests.waiting import LIMIT_S
 
 
-def test_it_serves_those_that_show_a_token_by_tls(tmp_path: Path) -> None:
+def test_service_with_tls_serves_callers_with_a_token_for_text(tmp_path: Path) -> None:
     certificate, key = copy_pair("server-1", tmp_path)
     tenants = TenantsFile(tmp_path)
     token = tenants.one("roles = ['text']")
@@ -46,14 +46,14 @@ def test_it_serves_those_that_show_a_token_by_tls(tmp_path: Path) -> None:
 
 
 @pytest.mark.parametrize("host", ["host", "ops_host"])
-def test_what_other_machines_reach_needs_protection(host: str) -> None:
+def test_listening_for_other_machines_needs_tls_and_tenants(host: str) -> None:
     with pytest.raises(SettingError, match=f"^{host} is '0.0.0.0'"):
         EncoderConfig(**{host: "0.0.0.0"})  # type: ignore[arg-type]
     protection = {"tls_certificate": "a.pem", "tls_key": "a.key", "tenants": "tenants.toml"}
     assert EncoderConfig(**{host: "0.0.0.0"}, **protection).tenants  # type: ignore[arg-type]
 
 
-def test_a_token_crosses_no_network_in_plain_text(tmp_path: Path) -> None:
+def test_token_is_not_sent_over_a_network_in_plain_text(tmp_path: Path) -> None:
     (tmp_path / "token").write_text("mg_1")
     settings = ServerConfig(text_encoder="grpc:x:1", text_encoder_token=str(tmp_path / "token"))
     with pytest.raises(SettingError, match="plain text; give grpcs:"):
@@ -63,7 +63,7 @@ def test_a_token_crosses_no_network_in_plain_text(tmp_path: Path) -> None:
     assert present() == "mg_1"
 
 
-def test_files_that_are_not_there_are_refused(tmp_path: Path) -> None:
+def test_missing_authority_or_token_file_is_refused(tmp_path: Path) -> None:
     nowhere = str(tmp_path / "nowhere")
     with pytest.raises(SettingError, match="text_encoder_ca"):
         encoder_credentials(ServerConfig(text_encoder="grpcs:x:1", text_encoder_ca=nowhere))
@@ -72,7 +72,7 @@ def test_files_that_are_not_there_are_refused(tmp_path: Path) -> None:
 
 
 @pytest.mark.parametrize("content", ["", "\n", "mg_1 mg_2", "mg_1\nmg_2", "\ufeffmg_1", "mg_\u00e9", "mg_\0"])
-def test_a_token_that_no_call_can_carry_is_refused_and_the_one_before_holds(tmp_path: Path, content: str) -> None:
+def test_malformed_token_file_is_refused_and_the_previous_token_kept(tmp_path: Path, content: str) -> None:
     path = tmp_path / "token"
     settings = ServerConfig(text_encoder="grpc:x:1", text_encoder_token=str(path))
     path.write_text("mg_before\n")

@@ -1,4 +1,4 @@
-"""What the client makes of an encoder service that refuses a text, or does not say what it is."""
+"""The client of an encoder service that refuses a text, or does not give its name."""
 
 from __future__ import annotations
 
@@ -23,7 +23,7 @@ TOO_LONG = "the text has 9 characters; at most 8 are allowed"
 
 @contextmanager
 def service(name: str = "ones", width: int = 4, most_texts: int = 8) -> Iterator[str]:
-    """The address of one that takes short texts only, and no more at once than it says by now: two."""
+    """The address of a service that takes only short texts, and at most two a request whatever it says."""
 
     def describe(request: Any, call: grpc.ServicerContext) -> encoder_pb2.GetTextEncoderResponse:
         return encoder_pb2.GetTextEncoderResponse(text_encoder=name, width=width, max_texts=most_texts)
@@ -56,7 +56,7 @@ def service(name: str = "ones", width: int = 4, most_texts: int = 8) -> Iterator
         server.stop(None).wait()
 
 
-def test_a_text_that_is_refused_is_told_with_the_reason_and_costs_no_other_its_vector() -> None:
+def test_refused_text_gets_the_reason_and_the_other_texts_their_vectors() -> None:
     with service() as address:
         encoder = RemoteEncoder(address, LIMIT_S)
         said = answers_to(["walk", "x" * 9], encoder)
@@ -68,7 +68,7 @@ def test_a_text_that_is_refused_is_told_with_the_reason_and_costs_no_other_its_v
     assert refused.retry_after_s is None
 
 
-def test_a_service_that_takes_fewer_texts_than_at_the_start_is_asked_for_each() -> None:
+def test_texts_are_sent_singly_when_the_service_takes_fewer_than_it_said() -> None:
     with service() as address:
         encoder = RemoteEncoder(address, LIMIT_S)
         said = answers_to(["walk", "wave", "jump"], encoder)
@@ -76,13 +76,13 @@ def test_a_service_that_takes_fewer_texts_than_at_the_start_is_asked_for_each() 
     assert [isinstance(answer, Exception) for answer in said.values()] == [False] * 3
 
 
-def test_what_has_no_name_or_no_width_is_no_encoder() -> None:
+def test_service_without_a_name_or_width_is_refused() -> None:
     for name, width in (("", 4), ("ones", 0)):
         with service(name, width) as address, pytest.raises(UnknownTextEncoder, match="does not tell"):
             RemoteEncoder(address, LIMIT_S)
 
 
-def test_other_refusals_still_may_pass() -> None:
+def test_closed_service_is_unavailable_with_a_time_to_retry() -> None:
     with service() as address:
         encoder = RemoteEncoder(address, LIMIT_S)
     with pytest.raises(TextEncoderUnavailable) as away:
@@ -93,7 +93,7 @@ def test_other_refusals_still_may_pass() -> None:
 
 
 @pytest.mark.parametrize("host", ["127.0.0.1", "localhost"])
-def test_a_service_of_this_machine_is_asked_by_no_proxy(host: str, monkeypatch: pytest.MonkeyPatch) -> None:
+def test_service_on_this_machine_is_called_without_the_proxy(host: str, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setenv("http_proxy", "http://127.0.0.1:9")
     monkeypatch.delenv("no_proxy", raising=False)
     with service() as address:

@@ -1,4 +1,4 @@
-"""The encoder service on the wire: what it answers, shares and refuses."""
+"""The encoder service over gRPC: what it answers, shares and refuses."""
 
 from __future__ import annotations
 
@@ -26,7 +26,7 @@ from tests.waiting import LIMIT_S
 
 
 class GatedEncoder(LengthEncoder):
-    """Answers when the test lets it, and fails where it is told to."""
+    """Answers once the test sets `go`, with `error` if there is one."""
 
     def __init__(self) -> None:
         self.go = threading.Event()
@@ -44,7 +44,7 @@ class GatedEncoder(LengthEncoder):
 
 @asynccontextmanager
 async def serving(encoder: GatedEncoder, limits: PeerLimits | None = None, **settings: Any) -> AsyncIterator[Any]:
-    """A stub of the service, which knows 10 texts at most and takes 3 of 20 characters in a request."""
+    """A stub of a service that caches 10 texts and takes requests of at most 3 texts with 20 characters each."""
     prompts = PromptEncoder(encoder, 10, **settings)
     server = grpc.aio.server()
     service = TextEncoderService(prompts, 2, 3, 20, limits=limits)
@@ -63,7 +63,7 @@ def asking(*texts: str, expected: str = "") -> encoder_pb2.EncodeTextsRequest:
 
 
 async def refusal(call: Any) -> tuple[grpc.StatusCode, str, str, float | None]:
-    """Code, reason, message, and seconds after which to try again."""
+    """Status code, reason, message, and seconds after which to retry."""
     with pytest.raises(grpc.aio.AioRpcError) as refused:
         await call
     error, info, retry = refused.value, error_details_pb2.ErrorInfo(), error_details_pb2.RetryInfo()
@@ -75,7 +75,7 @@ async def refusal(call: Any) -> tuple[grpc.StatusCode, str, str, float | None]:
     return error.code(), info.reason, str(error.details()), after
 
 
-async def test_it_says_what_it_is_and_answers_in_order() -> None:
+async def test_service_describes_itself_and_answers_in_order() -> None:
     encoder = GatedEncoder()
     async with serving(encoder) as stub:
         told = await stub.GetTextEncoder(encoder_pb2.GetTextEncoderRequest())
@@ -86,7 +86,7 @@ async def test_it_says_what_it_is_and_answers_in_order() -> None:
         assert sorted(encoder.asked) == ["", "walk"]
 
 
-async def test_callers_that_ask_for_the_same_text_share_it() -> None:
+async def test_calls_for_the_same_text_share_one_encoding() -> None:
     encoder = GatedEncoder()
     encoder.go.clear()
     async with serving(encoder) as stub:
@@ -113,7 +113,7 @@ async def test_callers_that_ask_for_the_same_text_share_it() -> None:
         ),
     ],
 )
-async def test_a_wrong_request_is_refused(
+async def test_invalid_request_is_refused(
     request_message: encoder_pb2.EncodeTextsRequest, code: grpc.StatusCode, reason: str, said: str
 ) -> None:
     encoder = GatedEncoder()
@@ -124,7 +124,7 @@ async def test_a_wrong_request_is_refused(
     assert encoder.asked == []
 
 
-async def test_when_too_many_wait_the_next_is_refused_at_once_and_when_it_is_slow_it_says_so() -> None:
+async def test_full_queue_is_refused_at_once_and_a_slow_encoding_times_out() -> None:
     encoder = GatedEncoder()
     async with serving(encoder, max_waiting=2, timeout_s=0.05) as stub:
         encoder.go.clear()
@@ -136,7 +136,7 @@ async def test_when_too_many_wait_the_next_is_refused_at_once_and_when_it_is_slo
         assert slow[3] is not None
 
 
-async def test_a_failing_encoder_is_an_answer_and_what_is_known_goes_on() -> None:
+async def test_encoder_errors_are_returned_and_cached_texts_still_answered() -> None:
     encoder = GatedEncoder()
     async with serving(encoder) as stub:
         await stub.EncodeTexts(asking("walk"))
@@ -151,7 +151,7 @@ async def test_a_failing_encoder_is_an_answer_and_what_is_known_goes_on() -> Non
     assert "secret" not in broken[2]
 
 
-async def test_new_texts_of_a_caller_have_a_rate_and_known_ones_go_on() -> None:
+async def test_new_texts_of_a_caller_are_rate_limited_and_cached_ones_are_not() -> None:
     encoder = GatedEncoder()
     async with serving(encoder, PeerLimits(prompts_per_second=0.01)) as stub:
         await stub.EncodeTexts(asking("a", "bb", "ccc"))
@@ -164,7 +164,7 @@ async def test_new_texts_of_a_caller_have_a_rate_and_known_ones_go_on() -> None:
     assert sorted(encoder.asked) == ["a", "bb", "ccc"]
 
 
-async def test_calls_of_a_caller_have_a_rate_whatever_they_ask_for() -> None:
+async def test_calls_of_a_caller_are_rate_limited_even_invalid_ones() -> None:
     async with serving(GatedEncoder(), PeerLimits(calls_per_second=0.01)) as stub:
         await stub.GetTextEncoder(encoder_pb2.GetTextEncoderRequest())
         code, reason, _, after_s = await refusal(stub.EncodeTexts(asking()))

@@ -1,4 +1,5 @@
-// Compare two takes at the same frame, of two characters or of one and a file; and repeat a take with other options.
+// Compare two takes at the same time, of two characters or of one and a file; and repeat a take with other options.
+// Times are counted in frames of the first take; the frame rate of the second may differ.
 import * as THREE from "three";
 import { colourOf } from "../scene/bodies.js";
 import { labelled, make, note, trying } from "./dom.js";
@@ -73,8 +74,8 @@ export class Compare {
 
   /** First and last of the frames that both have. */
   _range() {
-    const begins = this.pair.map((one) => one.track?.first ?? 0);
-    const ends = this.pair.map((one) => (one.info ? Math.floor(one.track.playhead()) : one.numFrames - 1));
+    const begins = this.pair.map((one) => (one.track?.first ?? 0) * this._framesPer(one));
+    const ends = this.pair.map((one) => (one.info ? Math.floor(one.track.playhead()) : one.numFrames - 1) * this._framesPer(one));
     return [Math.max(...begins), Math.max(Math.min(...ends), Math.max(...begins))];
   }
 
@@ -87,7 +88,7 @@ export class Compare {
       const [x, z] = [this._side.x * apart * (2 * n - 1), this._side.z * apart * (2 * n - 1)];
       const into = n && !apart ? ghosts : bodies;
       if (one.info) {
-        const row = one.track.sample(this.frame);
+        const row = one.track.sample(this._placeIn(one));
         if (!row) return null; // it has no frames yet
         one.rig.pose(row);
         one.rig.shift(x, z);
@@ -98,9 +99,15 @@ export class Compare {
     this._say(places);
   }
 
-  /** The frame rate of a file may differ. */
+  /** Frames of the first take for each frame of a take. */
+  _framesPer(one) {
+    return this.pair[0].rig.frameRate / (one.frameRate ?? one.rig.frameRate);
+  }
+
+  /** The current frame, in frames of a take; may be between two. */
   _placeIn(one) {
-    return Math.min((this.frame / this.pair[0].rig.frameRate) * one.frameRate, one.numFrames - 1);
+    const place = this.frame / this._framesPer(one);
+    return one.info ? place : Math.min(place, one.numFrames - 1);
   }
 
   _say([a, b]) {

@@ -241,9 +241,9 @@ class Conversation(Recovery):
             if event is not None:
                 playhead = self.playback.playhead
                 effective = playhead if answer.effective_frame is None else answer.effective_frame
-                self._wishes.take(event, effective, playhead, answer.placements)
                 if event.HasField("seek") and answer.effective_frame is not None:
-                    self.playback.note_cut(answer.effective_frame)
+                    effective = self.playback.note_cut(effective)
+                self._wishes.take(event, effective, playhead, answer.placements)
             if edit is not None and edit.is_replacement:
                 self._reached.replaced(edit.constraint_ids[0], is_accepted=True)
         if edit is not None:

@@ -141,7 +141,7 @@ void SessionState::take_outcome(const v1::EditOutcome& message, double now_s, Ev
     taken = Taken{outcome.effective_frame.value_or(playhead), outcome.placements, playhead};
   }
   if (taken && timeline && outcome.effective_frame && book.is_cut(message.event_seq())) {
-    timeline->note_cut(*outcome.effective_frame);
+    taken->effective_frame = timeline->note_cut(*outcome.effective_frame);
   }
   const std::vector<std::uint32_t> targets = book.targets_of(message.event_seq());
   const EditId num_others = book.num_overtaken(message.event_seq());

@@ -54,6 +54,27 @@ TEST(Resumed, ACutThatWasMadeWhileTheLineWasLostIsKnownByItsAnswer) {
   EXPECT_EQ(stage.state.timeline->cut_before(30), kCutAt) << "or frames from before it would be history of after it";
 }
 
+TEST(Resumed, ACutThatWasPassedShowsAtTheNextFrameAndIsAskedForAgainWhereTheSessionIsOpenedAnew) {
+  Cutting stage;
+  const std::lock_guard<std::mutex> lock(stage.state.mutex);
+  stage.hold(40);
+  stage.lose();
+  ASSERT_TRUE(stage.state.timeline->advance_to(30));  // by hand, with the connection lost
+  stage.open();
+  stage.hear_opened();
+  ASSERT_TRUE(stage.state.timeline->announce_plan(3, 10));
+  stage.hear_answer();
+  EXPECT_EQ(cuts(*stage.state.timeline, 40), (std::vector<std::uint64_t>{31}));
+  stage.lose();  // before any frame after the cut has come
+  stage.open();
+  stage.hear_refused(Code::not_found);
+  stage.sent();
+  stage.open();
+  const auto cut = stage.sent(v1::SessionEvent::kSeek);
+  ASSERT_EQ(cut.size(), 1U);
+  EXPECT_EQ(cut[0].seek().start_pose().x(), 5);
+}
+
 TEST(Resumed, ACutThatIsRefusedIsNone) {
   Cutting stage;
   const std::lock_guard<std::mutex> lock(stage.state.mutex);

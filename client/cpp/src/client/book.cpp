@@ -58,6 +58,11 @@ std::vector<v1::SessionEvent> SessionBook::repetitions(std::uint64_t base, std::
   return events;
 }
 
+void SessionBook::drop_from(std::uint64_t event_seq) {
+  while (!pending_.empty() && pending_.back().event.event_seq() >= event_seq) pending_.pop_back();
+  next_seq_ = event_seq;
+}
+
 std::vector<v1::SessionEvent> SessionBook::unanswered(std::uint64_t base) {
   while (!pending_.empty() && pending_.front().edit == 0) pending_.pop_front();  // what an earlier reopening added
   const auto put_first = [this](v1::SessionEvent event) {

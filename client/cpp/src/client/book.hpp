@@ -79,6 +79,9 @@ class SessionBook {
   std::vector<v1::SessionEvent> repetitions(std::uint64_t base, std::uint64_t first_seq = 0,
                                             std::size_t most = std::numeric_limits<std::size_t>::max()) const;
 
+  // Drop the unanswered events from this number on, which the server has not received; the next event gets the number.
+  void drop_from(std::uint64_t event_seq);
+
   // The number of the newest event without an answer; 0 if there is none.
   std::uint64_t newest_seq() const { return pending_.empty() ? 0 : pending_.back().event.event_seq(); }
 

@@ -82,6 +82,40 @@ TEST(Resumed, ACutThatIsRefusedIsNone) {
   EXPECT_TRUE(cuts(*stage.state.timeline, 40).empty());
 }
 
+// What was said of a session that resumes at a server which accepts less, with two edits made in the meantime: the
+// first of them fits.
+std::vector<v1::SessionEvent> said_where_less_is_accepted(Stage& stage, bool is_closed_meanwhile) {
+  stage.open();
+  stage.hear_opened();
+  stage.lose();
+  for (const std::size_t length : {10U, 3000U}) {
+    v1::SessionEvent event;
+    event.mutable_edit_prompts()->add_upsert()->set_text(std::string(length, 'x'));
+    stage.state.send_edit(event, stage.outbox, stage.events);
+  }
+  stage.known.limits.max_request_bytes = 2048;
+  stage.open();
+  if (is_closed_meanwhile) stage.state.send_close(stage.outbox);
+  stage.sent();
+  stage.hear_opened();
+  return stage.sent();
+}
+
+TEST(Resumed, WhereAnEditIsTooBigItEndsThereTooAtTheNextNumber) {
+  for (const bool is_closed_meanwhile : {false, true}) {
+    Stage stage;
+    const std::lock_guard<std::mutex> lock(stage.state.mutex);
+    const auto said = said_where_less_is_accepted(stage, is_closed_meanwhile);
+    ASSERT_EQ(said.size(), 2U);
+    EXPECT_TRUE(said[0].has_edit_prompts());
+    EXPECT_EQ(said[0].event_seq(), kSeqOfEdit);
+    EXPECT_TRUE(said[1].has_close());
+    EXPECT_EQ(said[1].event_seq(), kSeqOfEdit + 1) << "or the server refuses it as a gap, and the session stays there";
+    EXPECT_EQ(stage.state.phase, is_closed_meanwhile ? Phase::closing : Phase::closed);
+    EXPECT_EQ(stage.num_closed(), is_closed_meanwhile ? 0 : 1);
+  }
+}
+
 // An open session with target 1, which is set, and replaced.
 struct Replacing : Stage {
   static constexpr std::uint32_t kTarget = 1;

@@ -80,7 +80,7 @@ Status ClientCore::connect() {
   Status why;
   for (double wait_s = Backoff::kFirstS;; wait_s = std::min(Backoff::kGrowth * wait_s, Backoff::kMostS)) {
     // while others might answer, do not wait long for a server that accepts the call but stays silent
-    why = try_connect(has_others ? std::min(deadline_s, now_s() + kAskTimeoutS) : deadline_s);
+    why = try_connect(has_others ? std::min(deadline_s, now_s() + ask_timeout_s_) : deadline_s);
     // the server is loading its model, was lost meanwhile, or is overloaded at the moment
     const bool may_pass = why.code() == Code::unavailable || why.code() == Code::resource_exhausted ||
                           (has_others && why.code() == Code::deadline_exceeded);
@@ -209,7 +209,7 @@ void ClientCore::forget_closed() {
 }
 
 void ClientCore::reconnect() {
-  Status begun = fetch_catalog(kAskTimeoutS);
+  Status begun = fetch_catalog(ask_timeout_s_);
   if (closing_) return;
   if (begun) begun = begin_call();
   if (!begun) lose(begun, options_.reconnect && is_loss(begun));

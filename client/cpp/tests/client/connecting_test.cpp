@@ -2,14 +2,17 @@
 #include <gtest/gtest.h>
 
 #include <atomic>
+#include <memory>
 #include <string>
 
+#include "client/core.hpp"
 #include "scripted_server.hpp"
 
 namespace motiongen {
 namespace {
 
 constexpr double kLimitS = 60;
+constexpr double kAskTimeoutOfTestsS = 0.25;  // for a server that answers: if it takes longer, it is asked again
 
 TEST(Connecting, AServerThatTakesCallsAndSaysNothingKeepsNobodyFromTheOthers) {
   ScriptedServer frozen;
@@ -20,10 +23,12 @@ TEST(Connecting, AServerThatTakesCallsAndSaysNothingKeepsNobodyFromTheOthers) {
   ClientOptions options = frozen.options();
   options.other_addresses = {silent.options().address, well.options().address};
   options.connect_timeout_s = kLimitS;
-  auto client = Client::connect(options);
-  ASSERT_TRUE(client) << client.status().message();
-  EXPECT_TRUE(client->is_connected());
-  EXPECT_EQ(well.num_catalogs, 1);
+  const auto core = std::make_shared<ClientCore>(options, kAskTimeoutOfTestsS);
+  const Status connected = core->connect();
+  ASSERT_TRUE(connected) << connected.message();
+  EXPECT_TRUE(core->is_connected());
+  EXPECT_GE(well.num_catalogs, 1);
+  core->shut_down();
 }
 
 TEST(Connecting, AClipIsMadeByAModelThatWasLoadedSince) {

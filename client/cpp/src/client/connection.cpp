@@ -30,6 +30,19 @@ bool is_loss(const Status& status) {
 // Whether no call was made because there was no token; then no server is at fault.
 bool lacks_token(const Status& status) { return status.reason() == kTokenSource; }
 
+// What to tell of a server that could not be connected to. gRPC tells nobody why a handshake failed, so what to check
+// is named.
+std::string none_answers(const ClientOptions& options, const Status& why) {
+  std::string text = "no motiongen server answers at " + options.address + " (" + name_of(why.code()) + ": " +
+                     why.message() + "). Is it running and ready (/readyz), and are both with TLS, or both without it?";
+  if (options.tls && why.code() == Code::deadline_exceeded) {
+    text +=
+        " Its certificate must name this address and come from an authority that is trusted here, and it may "
+        "require one of the client.";
+  }
+  return text;
+}
+
 }  // namespace
 
 Status ClientCore::fetch_catalog(double timeout_s) {
@@ -92,9 +105,7 @@ Status ClientCore::connect() {
     shut_down();
     if (lacks_token(why)) return why;
     const Code code = why.code() == Code::deadline_exceeded ? Code::unavailable : why.code();
-    return {code, why.reason(),
-            "no motiongen server answers at " + options_.address + " (" + name_of(why.code()) + ": " + why.message() +
-                "). Is it running and ready?"};
+    return {code, why.reason(), none_answers(options_, why)};
   }
   worker_ = std::thread([core = shared_from_this()] { core->work(); });
   return {};

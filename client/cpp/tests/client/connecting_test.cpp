@@ -6,6 +6,7 @@
 #include <string>
 
 #include "client/core.hpp"
+#include "motiongen/c/structs.h"
 #include "scripted_server.hpp"
 
 namespace motiongen {
@@ -29,6 +30,19 @@ TEST(Connecting, AServerThatTakesCallsAndSaysNothingKeepsNobodyFromTheOthers) {
   EXPECT_TRUE(core->is_connected());
   EXPECT_GE(well.num_catalogs, 1);
   core->shut_down();
+}
+
+TEST(Connecting, ThatNoServerAnswersIsSaidWithWhatToCheck) {
+  ClientOptions options;
+  options.address = "127.0.0.1:1";
+  options.connect_timeout_s = 0.2;
+  for (const bool tls : {false, true}) {
+    options.tls = tls;
+    const std::string told = Client::connect(options).status().message();
+    EXPECT_NE(told.find("both with TLS, or both without it?"), std::string::npos) << told;
+    EXPECT_EQ(told.find("certificate") != std::string::npos, tls) << told;
+    EXPECT_LT(told.size(), sizeof(motiongen_error::message)) << "C programs would get a part of it";
+  }
 }
 
 TEST(Connecting, AClipIsMadeByAModelThatWasLoadedSince) {

@@ -17,7 +17,7 @@ bool same_rows(const Rig& a, const Rig& b) {
 }
 
 Status passed() {
-  return {Code::failed_precondition, "FRAME_COMMITTED", "the line was lost, and its frames have passed"};
+  return {Code::failed_precondition, "FRAME_COMMITTED", "its frames passed while the connection was lost"};
 }
 
 }  // namespace

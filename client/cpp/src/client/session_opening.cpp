@@ -180,6 +180,7 @@ void SessionState::take_resumed(const v1::SessionOpened& message, const Catalog&
   }
   phase = Phase::open;
   ++stats.recoveries;
+  reached_book.begin_replay();
   Event event = event_of(EventKind::recovered);
   event.frame = base_ + message.start_frame();
   event.exact = true;
@@ -206,6 +207,7 @@ void SessionState::take_opened(const v1::SessionOpened& message, const Catalog& 
   token_ = message.session_token();
   attempt_ = 0;
   phase = Phase::open;
+  reached_book.end_replay();
   const bool was_reopened = was_open_;
   Event event = event_of(was_reopened ? EventKind::recovered : EventKind::opened);
   event.outcome.warnings = opened.warnings;

@@ -102,8 +102,9 @@ def test_a_cut_is_neither_faded_nor_slid_over(stick_rig: Rig, playback: Playback
     assert set(np.round(seen, 3)) == {np.round(before[0], 3), np.float32(9.0)}
     assert playback.is_cut(2)
     assert (playback.cut_before(3), playback.cut_before(2)) == (2, None)
-    playback.announce_plan(3, 2)
-    assert playback.cut_before(3) is None, "another plan has taken its place"
+    playback.announce_plan(3, 8, is_cut=True)
+    playback.announce_plan(4, 8)
+    assert playback.cut_before(9) == 2, "another plan has taken the place of the one that was not shown"
 
 
 def test_after_a_wait_the_pose_does_not_jump(stick_rig: Rig, playback: Playback) -> None:

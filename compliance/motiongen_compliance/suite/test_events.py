@@ -42,7 +42,7 @@ async def test_every_numbered_event_is_answered_once_and_accepted(scene: Scene) 
 
 
 async def test_applied_seq_counts_no_event_before_it_and_all_earlier_ones_are_answered(target: Target) -> None:
-    """`Heard` compares it with the answers in every update. Those to SetPlayState need not wait for an earlier edit's."""
+    """`Heard` compares it with the answers in every update. A SetPlayState is answered before an earlier edit."""
     talk = await target.talk()
     heard = await talk.open(1)
     events = [edit_prompts(span("jump")), PAUSE, edit_constraints(waypoint(300, x=1.0)), RESUME, edit_prompts(span())]

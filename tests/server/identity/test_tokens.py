@@ -27,9 +27,14 @@ def test_hash_survives_its_text_form_and_does_not_reveal_the_secret() -> None:
     assert token.rpartition("_")[2] not in str(kept)
 
 
-def test_hashes_of_two_tokens_differ_in_salt() -> None:
-    (_, one), (_, two) = new_token(), new_token()
+def test_same_token_hashed_twice_has_different_salts_and_digests(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr("secrets.token_hex", lambda num_bytes: "5a" * num_bytes)
+    (token, one), (same, two) = new_token(), new_token()
+    assert token == same
     assert one.salt != two.salt
+    assert one.digest != two.digest
+    assert one.is_of(token)
+    assert two.is_of(token)
 
 
 @pytest.mark.parametrize("given", ["", "mg_12_34", "mg_" + "0" * 12 + "_" + "g" * 64, "x" * 100_000])

@@ -64,7 +64,7 @@ def test_what_the_hinges_cannot_do_is_told(tmp_path: Path) -> None:
 
 
 @pytest.mark.parametrize("rate_hz", [None, 50, 100, 500])
-def test_the_controllers_form_has_a_clock_limits_and_velocities(
+def test_the_controllers_form_has_a_clock_and_velocities_at_any_rate(
     tmp_path: Path, walk: StoredMotion, rate_hz: float | None
 ) -> None:
     report = write_controller_csv(tmp_path / "walk.controller.csv", walk, rate_hz)
@@ -85,16 +85,19 @@ def test_the_controllers_form_has_a_clock_limits_and_velocities(
     torch.testing.assert_close(again.positions()[-1], walk.positions()[-1], atol=1e-5, rtol=0)
 
 
-def test_angles_beyond_the_range_are_clamped_only_for_the_controller(tmp_path: Path) -> None:
+@pytest.mark.parametrize("rate_hz", [None, 50, 100, 500])
+def test_angles_beyond_the_range_are_clamped_only_for_the_controller_and_at_any_rate(
+    tmp_path: Path, rate_hz: float | None
+) -> None:
     qpos = walking_qpos(6, 25)
     qpos[3, KNEE] = -0.5
     stored = qpos_motion("bent", qpos, 25)
     assert write_qpos_csv(tmp_path / "raw.csv", stored).clamped == ()
     assert read_qpos(tmp_path / "raw.csv")[3, KNEE] == pytest.approx(-0.5, abs=1e-6)
-    report = write_controller_csv(tmp_path / "kept.csv", stored)
-    assert [one.joint for one in report.clamped] == ["left_knee"]
+    report = write_controller_csv(tmp_path / "kept.csv", stored, rate_hz)
+    assert [(one.joint, one.frames) for one in report.clamped] == [("left_knee", 1)]
     kept = read_trajectory(tmp_path / "kept.csv").qpos
-    assert kept[3, KNEE] == pytest.approx(-0.087267)
+    assert kept[3 * int(rate_hz or 25) // 25, KNEE] == pytest.approx(-0.087267)
     assert (kept[:, 7:] >= ROBOT.lower - 1e-8).all()
     assert (kept[:, 7:] <= ROBOT.upper + 1e-8).all()
 

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import json
 import os
 import subprocess
 import sys
@@ -79,7 +80,7 @@ def test_a_process_has_its_device_before_anything_is_put_there(monkeypatch: pyte
     assert done == ["joined", "put on cuda"], "else every process would put it on the first device"
 
 
-def test_two_processes_train_one_model(tmp_path: Path) -> None:
+def test_two_processes_end_with_equal_weights_trained_on_their_averaged_gradients(tmp_path: Path) -> None:
     command = [sys.executable, "-m", "torch.distributed.run", "--standalone", "--nproc_per_node", "2"]
     environment = os.environ | {"PYTHONPATH": os.pathsep.join([str(ROOT), *sys.path]), "OMP_NUM_THREADS": "1"}
     result = subprocess.run(
@@ -91,4 +92,11 @@ def test_two_processes_train_one_model(tmp_path: Path) -> None:
         check=False,
     )
     assert result.returncode == 0, result.stderr[-3000:]
-    assert load_checkpoint(tmp_path / "denoiser").config.horizon == 16
+    trained = load_checkpoint(tmp_path / "denoiser")
+    assert trained.config.horizon == 16
+    first, second = (torch.load(tmp_path / f"weights-{rank}.pt", weights_only=True) for rank in range(2))
+    assert first.keys() == second.keys() == trained.denoiser.state_dict().keys()
+    assert all(torch.equal(weights, second[name]) for name, weights in first.items())
+    steps = [json.loads((tmp_path / f"step-{rank}.json").read_text(encoding="utf-8")) for rank in range(2)]
+    assert [step["gradient"] for step in steps] == [2.0, 2.0], "the mean of 1 and 3, which the processes drew"
+    assert steps[0]["weight"] == steps[1]["weight"], "though the second began with another"

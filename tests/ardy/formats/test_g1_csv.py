@@ -56,6 +56,13 @@ def test_the_columns_are_upstreams(tmp_path: Path) -> None:
     np.testing.assert_allclose(table[:, 7:], qpos[:, 7:], atol=1e-5)
 
 
+def test_a_table_saved_by_a_spreadsheet_with_a_byte_order_mark_is_read(tmp_path: Path, walk: StoredMotion) -> None:
+    for write, read in ((write_qpos_csv, read_qpos_csv), (write_controller_csv, read_controller_csv)):
+        write(tmp_path / "walk.csv", walk)
+        (tmp_path / "marked.csv").write_bytes(b"\xef\xbb\xbf" + (tmp_path / "walk.csv").read_bytes())
+        assert torch.equal(read(tmp_path / "marked.csv").positions(), read(tmp_path / "walk.csv").positions())
+
+
 def test_what_the_hinges_cannot_do_is_told(tmp_path: Path) -> None:
     report = write_qpos_csv(tmp_path / "odd.csv", random_motion(ROBOT.skeleton, 4, seed=1))
     (line,) = report.lines

@@ -5,10 +5,12 @@ from __future__ import annotations
 import json
 import os
 import signal
+import subprocess
 import sys
 import tempfile
 from collections.abc import Callable
 from pathlib import Path
+from typing import Any
 
 import pytest
 
@@ -46,9 +48,20 @@ def test_an_invalid_setting_is_reported_with_the_log() -> None:
     assert "denoise_steps is 0" in failure.value.log_tail
 
 
-def test_a_server_that_is_not_ready_in_time_is_reported() -> None:
+def test_a_server_that_is_not_ready_in_time_is_killed_and_waited_for(monkeypatch: pytest.MonkeyPatch) -> None:
+    started: list[subprocess.Popen[str]] = []
+
+    class Noted(subprocess.Popen[str]):
+        def __init__(self, *arguments: Any, **settings: Any) -> None:
+            super().__init__(*arguments, **settings)
+            started.append(self)
+
+    monkeypatch.setattr(subprocess, "Popen", Noted)
+    server = ServerProcess(TINY, ready_timeout_s=0.01)
     with pytest.raises(ServerFailed, match=r"not ready within 0\.01 s"):
-        ServerProcess(TINY, ready_timeout_s=0.01).start()
+        server.start()
+    assert [process.returncode for process in started] == [-signal.SIGKILL], "set once it has been waited for"
+    assert server.pid is None
 
 
 @pytest.mark.parametrize("line", ["fetching 15 GiB", "fetching 1 GiB\\rfetching 15 GiB\\r"])

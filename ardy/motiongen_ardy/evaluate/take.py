@@ -57,13 +57,16 @@ class Take:
 
     def steer_at(self, frame: int, after: int = 0) -> Steer | None:
         """The velocity in force at a frame, or one that ended at most `after` frames before it."""
-        known = [steer for steer in self.steers if steer.frame <= frame < steer.frame + steer.hold_frames + after]
-        return known[-1] if known else None
+        begun = [steer for steer in self.steers if steer.frame <= frame]  # each replaces the one before it, for good
+        return begun[-1] if begun and frame < begun[-1].frame + begun[-1].hold_frames + after else None
 
     def next_change(self, frame: int) -> int:
         """The first frame after `frame` at which an event takes effect; num_frames if there is none."""
         changes = [first for first, _ in self.prompts] + [steer.frame for steer in self.steers]
-        changes += [steer.frame + steer.hold_frames for steer in self.steers[-1:]]
+        replaced_at = [steer.frame for steer in self.steers[1:]] + [self.num_frames]
+        changes += [
+            min(steer.frame + steer.hold_frames, later) for steer, later in zip(self.steers, replaced_at, strict=False)
+        ]
         return min((change for change in changes if frame < change < self.num_frames), default=self.num_frames)
 
 

@@ -101,9 +101,15 @@ def test_a_take_continues_from_its_history(model: Model, sampler: Sampler) -> No
     assert second.window_starts == (16,)
 
 
-def test_a_velocity_is_in_force_from_its_frame_until_the_next() -> None:
-    take = Take("a", 0, 100, ((0, ""),), steers=(Steer(20, 0.0, 1.0, hold_frames=30), Steer(40, 1.0, 0.0)))
-    assert take.steer_at(19) is None
-    assert take.steer_at(20) == take.steers[0]
-    assert take.steer_at(40) == take.steers[1]
-    assert [take.next_change(frame) for frame in (0, 20, 40)] == [20, 40, 100]
+def test_a_velocity_is_in_force_for_its_hold_frames_unless_another_replaces_it() -> None:
+    first, second = Steer(20, 0.0, 1.0, hold_frames=30), Steer(60, 1.0, 0.0, hold_frames=10)
+    apart = Take("a", 0, 100, ((0, ""),), steers=(first, second))
+    expected = {19: None, 20: first, 49: first, 50: None, 59: None, 60: second, 69: second, 70: None}
+    assert {frame: apart.steer_at(frame) for frame in expected} == expected
+    assert [apart.steer_at(frame, after=5) for frame in (54, 55, 74, 75)] == [first, None, second, None]
+    assert [apart.next_change(frame) for frame in (0, 20, 50, 60, 70)] == [20, 50, 60, 70, 100]
+
+    longer = Steer(20, 0.0, 1.0, hold_frames=70)
+    replaced = Take("a", 0, 100, ((0, ""),), steers=(longer, second))
+    assert [replaced.steer_at(frame) for frame in (59, 60, 70, 89)] == [longer, second, None, None]
+    assert [replaced.next_change(frame) for frame in (20, 60, 70)] == [60, 70, 100]

@@ -141,6 +141,24 @@ def test_invalid_files_and_foreign_skeletons_are_refused(
         read_bvh(path)
 
 
+def test_a_bone_may_be_a_centimetre_off_and_no_more_and_the_root_anywhere(tmp_path: Path) -> None:
+    stored = random_motion(CORE, 3, seed=1)
+    write_bvh(tmp_path / "motion.bvh", stored)
+    written = (tmp_path / "motion.bvh").read_text()
+
+    def moved(joint: str, by_cm: float) -> Path:
+        line = re.compile(rf"({joint}\n\s*{{\n\s*OFFSET )(\S+)")
+        text, count = line.subn(lambda found: f"{found[1]}{float(found[2]) + by_cm:.6f}", written)
+        assert count == 1
+        (tmp_path / "moved.bvh").write_text(text)
+        return tmp_path / "moved.bvh"
+
+    for path in (moved("JOINT LeftForeArm", 0.9), moved("ROOT Hips", 50.0)):
+        torch.testing.assert_close(read_bvh(path).positions(), stored.positions(), atol=1e-5, rtol=0)
+    with pytest.raises(FormatError, match=r"the bone of LeftForeArm differs by 1\.1 cm"):
+        read_bvh(moved("JOINT LeftForeArm", 1.1))
+
+
 def test_a_skeleton_with_too_many_joints_is_refused(tmp_path: Path) -> None:
     opened = "HIERARCHY\nROOT j\n{\nOFFSET 0 0 0\nCHANNELS 1 Xrotation\n"
     opened += "".join(f"JOINT j{index}\n{{\nOFFSET 0 0 0\nCHANNELS 1 Xrotation\n" for index in range(3000))

@@ -56,6 +56,13 @@ def test_the_columns_are_those_of_ardy(tmp_path: Path) -> None:
     np.testing.assert_allclose(table[:, 7:], qpos[:, 7:], atol=1e-5)
 
 
+def test_a_table_saved_by_a_spreadsheet_with_a_byte_order_mark_is_read(tmp_path: Path, walk: StoredMotion) -> None:
+    for write, read in ((write_qpos_csv, read_qpos_csv), (write_controller_csv, read_controller_csv)):
+        write(tmp_path / "walk.csv", walk)
+        (tmp_path / "marked.csv").write_bytes(b"\xef\xbb\xbf" + (tmp_path / "walk.csv").read_bytes())
+        assert torch.equal(read(tmp_path / "marked.csv").positions(), read(tmp_path / "walk.csv").positions())
+
+
 def test_rotation_that_the_hinges_cannot_do_is_reported(tmp_path: Path) -> None:
     report = write_qpos_csv(tmp_path / "odd.csv", random_motion(ROBOT.skeleton, 4, seed=1))
     (line,) = report.lines
@@ -64,7 +71,7 @@ def test_rotation_that_the_hinges_cannot_do_is_reported(tmp_path: Path) -> None:
 
 
 @pytest.mark.parametrize("rate_hz", [None, 50, 100, 500])
-def test_the_controller_format_has_times_and_joint_velocities(
+def test_the_controller_format_has_times_and_joint_velocities_at_any_rate(
     tmp_path: Path, walk: StoredMotion, rate_hz: float | None
 ) -> None:
     report = write_controller_csv(tmp_path / "walk.controller.csv", walk, rate_hz)
@@ -85,16 +92,17 @@ def test_the_controller_format_has_times_and_joint_velocities(
     torch.testing.assert_close(again.positions()[-1], walk.positions()[-1], atol=1e-5, rtol=0)
 
 
-def test_angles_out_of_range_are_clamped_only_in_the_controller_format(tmp_path: Path) -> None:
+@pytest.mark.parametrize("rate_hz", [None, 50, 100, 500])
+def test_angles_out_of_range_are_clamped_only_in_the_controller_format(tmp_path: Path, rate_hz: float | None) -> None:
     qpos = walking_qpos(6, 25)
     qpos[3, KNEE] = -0.5
     stored = qpos_motion("bent", qpos, 25)
     assert write_qpos_csv(tmp_path / "raw.csv", stored).clamped == ()
     assert read_qpos(tmp_path / "raw.csv")[3, KNEE] == pytest.approx(-0.5, abs=1e-6)
-    report = write_controller_csv(tmp_path / "kept.csv", stored)
-    assert [one.joint for one in report.clamped] == ["left_knee"]
+    report = write_controller_csv(tmp_path / "kept.csv", stored, rate_hz)
+    assert [(one.joint, one.frames) for one in report.clamped] == [("left_knee", 1)]
     kept = read_trajectory(tmp_path / "kept.csv").qpos
-    assert kept[3, KNEE] == pytest.approx(-0.087267)
+    assert kept[3 * int(rate_hz or 25) // 25, KNEE] == pytest.approx(-0.087267)
     assert (kept[:, 7:] >= ROBOT.lower - 1e-8).all()
     assert (kept[:, 7:] <= ROBOT.upper + 1e-8).all()
 

@@ -186,10 +186,11 @@ def test_the_result_of_a_vector_does_not_depend_on_its_batch(width: int, outputs
     with torch.inference_mode():
         layer.weight[:, width // 2 : 2 * (width // 2)] = layer.weight[:, : width // 2]
         packed = PackedLinear.of(layer, dtype)
-        if packed.onednn:
-            among_all = packed(values)
-            for count in (1, 7, 20, 48, 130, 225, 300, 500):
-                assert torch.equal(packed(values[:count]), among_all[:count]), count
+        if not packed.onednn:
+            pytest.skip(f"oneDNN multiplies no {dtype} on this processor")
+        among_all = packed(values)
+        for count in (1, 7, 20, 48, 130, 225, 300, 500):
+            assert torch.equal(packed(values[:count]), among_all[:count]), count
 
 
 @pytest.mark.parametrize("shape", [(3, 8), (2, 5, 8), (1, 0, 8)])

@@ -9,7 +9,7 @@ import torch
 
 from motiongen_ardy.checkpoint.checkpoint import load_checkpoint, load_tokenizer, save_checkpoint
 from motiongen_ardy.model.config import ConfigError
-from motiongen_ardy.model.precision import PRECISIONS, matrix_names, set_precision
+from motiongen_ardy.model.precision import PRECISIONS, InWeightPrecision, matrix_names, set_precision
 from motiongen_ardy.model.rollout import RolloutRequest, rollout
 from tests.ardy.conftest import GoldenModel
 
@@ -54,10 +54,15 @@ def test_a_bfloat16_model_is_saved_as_float32(golden: GoldenModel, tmp_path: Pat
         assert torch.equal(before.float(), after), name
 
 
-def test_a_bfloat16_model_can_be_set_back_to_float32(golden: GoldenModel) -> None:
+def test_a_model_set_back_to_float32_has_the_values_that_bfloat16_kept(golden: GoldenModel) -> None:
     model = load_checkpoint(golden.folder / "checkpoint", dtype=torch.bfloat16)
+    kept = {name: part.to(torch.float32, copy=True) for name, part in model.state_dict().items()}
+    assert any(not torch.equal(part, kept[name]) for name, part in golden.model.state_dict().items())
     set_precision(model, torch.float32)
     assert {part.dtype for part in model.parameters()} == {torch.float32}
+    assert all(torch.equal(part.float(), kept[name]) for name, part in model.state_dict().items())
+    networks = [part for part in model.modules() if isinstance(part, InWeightPrecision)]
+    assert {network.precision for network in networks} == {torch.float32}
 
 
 @pytest.mark.parametrize("dtype", [torch.float16, torch.float64, torch.int8])

@@ -153,14 +153,19 @@ def test_a_later_prompt_changes_nothing_before_it(golden: Any) -> None:
     assert not torch.equal(changed[22:40], plain[22:40])
 
 
-def test_a_start_position_moves_the_motion_and_changes_nothing_else(golden: Any) -> None:
-    """The same motion, moved over the ground to the start position."""
-    layout = golden.model.representation
-    here = RolloutRequest(golden.model.config.horizon, text_of(golden.model), num_steps=2)
-    origin = layout.denormalize(rollout(golden.model, here))
-    moved = layout.denormalize(rollout(golden.model, replace(here, start=(3.0, -1.0, 0.0))))
-    expected = layout.translate_ground(origin[None], torch.tensor([[3.0, -1.0]]))[0]
-    torch.testing.assert_close(moved, expected, atol=1e-4, rtol=0)
+@pytest.mark.parametrize("heading", [0.0, 0.7, -2.5])
+def test_a_start_elsewhere_with_the_same_heading_gives_the_same_motion_moved_over_the_ground(
+    golden: Any, heading: float
+) -> None:
+    model, layout = golden.model, golden.model.representation
+
+    def motion(*start: float) -> Tensor:
+        request = RolloutRequest(model.config.horizon, text_of(model), num_steps=2, start=start)
+        return layout.denormalize(rollout(model, request))
+
+    expected = layout.translate_ground(motion(0.0, 0.0, heading)[None], torch.tensor([[3.0, -1.0]]))[0]
+    torch.testing.assert_close(motion(3.0, -1.0, heading), expected, atol=1e-4, rtol=0)
+    assert not torch.allclose(motion(0.0, 0.0, heading + 1.0), motion(0.0, 0.0, heading), atol=1e-2)
 
 
 def test_goals_move_with_the_character(golden: Any) -> None:

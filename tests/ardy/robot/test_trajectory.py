@@ -9,13 +9,14 @@ import torch
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from motiongen_ardy.core.rotation import quaternion_to_matrix
+from motiongen_ardy.core.rotation import quaternion_to_matrix, rotation_vector
 from motiongen_ardy.robot.g1 import RobotError, load_g1, qpos_to_motion
 from motiongen_ardy.robot.trajectory import (
     clamp_to_range,
     continuous_signs,
     controller_trajectory,
     motion_trajectory,
+    relative_rotation,
     resample_qpos,
     velocities,
 )
@@ -24,6 +25,16 @@ from tests.ardy.robot.poses import random_qpos, walking_qpos
 ROBOT = load_g1()
 KNEE = 7 + ROBOT.hinges.index("left_knee")
 SHOULDER = 7 + ROBOT.hinges.index("left_shoulder_pitch")
+
+
+def test_a_turn_between_two_poses_is_the_short_one_whichever_sign_their_quaternions_have() -> None:
+    start, end = (random_qpos(20, seed)[:, 3:7] for seed in (1, 2))
+    turn = relative_rotation(start, end)
+    assert turn.norm(dim=1).max() <= math.pi + 1e-9
+    expected = quaternion_to_matrix(start).transpose(-1, -2) @ quaternion_to_matrix(end)
+    torch.testing.assert_close(turn, rotation_vector(expected), atol=1e-6, rtol=0)
+    torch.testing.assert_close(relative_rotation(start, -end), turn)
+    torch.testing.assert_close(relative_rotation(-start, end), turn)
 
 
 def test_angles_out_of_range_are_clamped_and_counted() -> None:

@@ -56,15 +56,19 @@ def test_the_attention_mask_hides_no_token() -> None:
 
 
 @given(st.lists(st.text(alphabet="abc", min_size=1, max_size=30), min_size=1, max_size=200))
-def test_a_long_text_is_cut_to_a_beginning_of_allowed_length(words: list[str]) -> None:
+def test_a_text_that_is_too_long_is_cut_after_a_word(words: list[str]) -> None:
     text = " ".join(words)
     kept = shortened(text, len)
-    assert text.startswith(kept)
+    assert kept.split() == words[: len(kept.split())]
     assert len(kept) <= MAX_TEXT_TOKENS
-    if len(text) <= MAX_TEXT_TOKENS:
-        assert kept == text
-    else:
-        assert kept
+    assert (kept == text) == (len(text) <= MAX_TEXT_TOKENS)
+
+
+@given(st.integers(1, 40), st.integers(1, 1000))
+def test_of_words_that_are_equally_long_none_is_cut_that_had_room(length: int, count: int) -> None:
+    text = " ".join(["a" * length] * count)
+    with_room = (MAX_TEXT_TOKENS + 1) // (length + 1)  # the last one needs no space after it
+    assert len(shortened(text, len).split()) == min(count, with_room)
 
 
 def test_one_long_word_is_left_for_the_tokenizer_to_cut() -> None:

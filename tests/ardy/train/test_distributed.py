@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import json
 import os
 import subprocess
 import sys
@@ -77,7 +78,7 @@ def test_a_process_joins_before_it_puts_anything_on_its_device(monkeypatch: pyte
     assert done == ["joined", "put on cuda"], "otherwise every process would use the first device"
 
 
-def test_training_in_two_processes_gives_a_checkpoint_that_loads(tmp_path: Path) -> None:
+def test_two_processes_end_with_equal_weights_trained_on_their_averaged_gradients(tmp_path: Path) -> None:
     command = [sys.executable, "-m", "torch.distributed.run", "--standalone", "--nproc_per_node", "2"]
     environment = os.environ | {"PYTHONPATH": os.pathsep.join([str(ROOT), *sys.path]), "OMP_NUM_THREADS": "1"}
     result = subprocess.run(
@@ -89,4 +90,11 @@ def test_training_in_two_processes_gives_a_checkpoint_that_loads(tmp_path: Path)
         check=False,
     )
     assert result.returncode == 0, result.stderr[-3000:]
-    assert load_checkpoint(tmp_path / "denoiser").config.horizon == 16
+    trained = load_checkpoint(tmp_path / "denoiser")
+    assert trained.config.horizon == 16
+    first, second = (torch.load(tmp_path / f"weights-{rank}.pt", weights_only=True) for rank in range(2))
+    assert first.keys() == second.keys() == trained.denoiser.state_dict().keys()
+    assert all(torch.equal(weights, second[name]) for name, weights in first.items())
+    steps = [json.loads((tmp_path / f"step-{rank}.json").read_text(encoding="utf-8")) for rank in range(2)]
+    assert [step["gradient"] for step in steps] == [2.0, 2.0], "the mean of 1 and 3, which the processes drew"
+    assert steps[0]["weight"] == steps[1]["weight"], "though the second began with another"

@@ -67,6 +67,19 @@ def test_the_moving_average_forgets_the_untrained_weights() -> None:
     assert float(average.count) == 100
 
 
+def test_a_moving_average_that_is_loaded_goes_on_as_if_it_had_never_been_saved() -> None:
+    module = torch.nn.Linear(1, 1, bias=False)
+    average = MovingAverage(module, 0.999)
+    average.update(module, 100)
+    loaded = MovingAverage(torch.nn.Linear(1, 1, bias=False), 0.999)
+    loaded.load_state_dict(average.state_dict())
+    torch.nn.init.constant_(module.weight, 5.0)
+    for each in (average, loaded):
+        each.update(module, 5)
+    assert torch.equal(loaded.module.weight, average.module.weight)
+    assert float(loaded.count) == 105
+
+
 def test_a_learning_rate_may_be_a_tensor() -> None:
     results = []
     for rate in (0.1, torch.tensor(0.1)):

@@ -20,9 +20,11 @@ from motiongen_tools.bench.recorder import (
     EVENT,
     GENERATOR,
     LATENCIES,
+    LATENESS,
     LOOP_LAG,
     OPEN,
     SEND_LAG,
+    SLACK,
     Recorder,
 )
 from motiongen_tools.bench.scenario import load_scenario
@@ -32,8 +34,8 @@ from tests.client.synthetic import catalog
 
 
 @pytest.fixture
-def server() -> Iterator[FakeServer]:
-    with FakeServer(frame_rate=20) as running:
+def server(request: pytest.FixtureRequest) -> Iterator[FakeServer]:
+    with FakeServer(frame_rate=getattr(request, "param", 20)) as running:
         yield running
 
 
@@ -134,7 +136,13 @@ async def test_a_refused_open_ends_the_character(server: FakeServer, load: Load)
     assert recorder.histogram(EVENT).get_total_count() == 0
 
 
-async def test_lost_streams_and_their_sessions_are_counted(server: FakeServer, load: Load) -> None:
+@pytest.mark.parametrize("server", [100], indirect=True)
+async def test_characters_of_a_lost_stream_miss_every_frame_once_they_have_played_what_came(
+    server: FakeServer, load: Load
+) -> None:
+    load = replace(load, seconds=2)
+    last_s = load.schedule().phases.measure_to_s
+
     def lose(progress: Progress) -> None:
         if progress.at_s >= 1:
             for stream in server.streams:
@@ -145,6 +153,9 @@ async def test_lost_streams_and_their_sessions_are_counted(server: FakeServer, l
     # gRPC says INTERNAL of a call that it loses in the middle of a write, so the status is not always the server's
     assert sum(n for name, n in recorder.counts.items() if name.startswith("stream_lost: ")) == len(server.streams)
     assert recorder.counts["sessions_lost: STREAM_LOST"] > 0
+    due = load.scenario.tail_s * server.frame_rate * load.characters / 2  # that group is half of them, and stays
+    assert recorder.total("due", last_s, last_s + 1, "near") == pytest.approx(due)
+    assert recorder.total("missed", last_s, last_s + 1, "near") == pytest.approx(due, abs=load.characters / 2)
 
 
 async def test_characters_that_cannot_be_opened_count_as_without_a_frame(server: FakeServer, load: Load) -> None:
@@ -202,5 +213,5 @@ async def test_an_unreachable_server_is_reported(load: Load, server: FakeServer)
         await generator.connect()
 
 
-def test_every_latency_with_a_printed_name_is_recorded() -> None:
-    assert set(LATENCY_NAMES) <= set(LATENCIES)
+def test_every_latency_has_a_printed_name_except_those_drawn_as_histograms() -> None:
+    assert {*LATENCY_NAMES, LATENESS, SLACK} == set(LATENCIES)

@@ -85,10 +85,17 @@ def pytest_fail(name: str) -> None:
     raise AssertionError(f"{name} is not JSON")
 
 
-def test_a_void_run_is_reported_as_void(tmp_path: Path) -> None:
-    written = write_report(tmp_path, Standard(), make_result(lag_ms=9.0))
+def test_a_page_says_below_its_title_that_a_run_is_void_before_what_was_not_served(tmp_path: Path) -> None:
+    result = make_result(lag_ms=9.0, missed=30)
+    written = write_report(tmp_path, Standard(), result)
     text = Page(written[1].read_text()).text
-    assert re.search(r"VOID: the generator's send lag was 9\.0 ms \(p99\); 5 ms is allowed", text)
+    said = re.search(
+        rf"motiongen bench: {re.escape(result.headline())}\s*VOID: the generator's send lag was 9\.0 ms \(p99\); "
+        r"5 ms is allowed[^.]*\. These figures do not count\.",
+        text,
+    )
+    assert said
+    assert "Not served in full" in text[said.end() :]
     assert json.loads(written[0].read_text())["result"]["void"]
 
 

@@ -5,7 +5,7 @@ from __future__ import annotations
 import asyncio
 import json
 import struct
-from collections.abc import AsyncIterator
+from collections.abc import AsyncIterator, Callable
 from typing import Any
 
 import numpy as np
@@ -73,14 +73,19 @@ def _no_browser_reads(constant: str) -> None:
     raise ValueError(f"{constant} is no JSON, though Python writes and reads it")
 
 
+async def beats_until(bridge: Bridge, condition: Callable[[], bool]) -> None:
+    """Let a running bridge beat until a condition holds."""
+    async with asyncio.timeout(LIMIT_S):
+        while not condition():
+            await bridge.beat()
+
+
 @pytest.fixture
 async def bridge(server: FakeServer) -> AsyncIterator[Bridge]:
     """A running bridge that has received the catalogue."""
     bridge = Bridge(Line(lambda: MotionClient(server.address)))
     running = asyncio.create_task(bridge.run())
-    async with asyncio.timeout(LIMIT_S):
-        while not bridge.line.has_catalog:
-            await bridge.beat()
+    await beats_until(bridge, lambda: bridge.line.has_catalog)
     yield bridge
     running.cancel()
     await asyncio.gather(running, return_exceptions=True)

@@ -7,16 +7,25 @@ from pathlib import Path
 import numpy as np
 import pytest
 
+from motiongen_ardy.core.skeleton import load_skeleton
+from motiongen_ardy.formats.bvh import write_bvh as write_person
 from motiongen_client import InvalidInput, Motion
-from motiongen_client.errors import MotiongenError
 from motiongen_tools.bvh import write_bvh
+from motiongen_tools.conversion import ConversionFailed
 from motiongen_tools.npz import write_npz
 from motiongen_tools.view.motion_files import read_upload
+from tests.ardy.formats.motions import random_motion
 
 
-def test_a_bvh_file_of_an_unknown_skeleton_is_refused(tmp_path: Path, stick_motion: Motion) -> None:
+def test_a_bvh_file_of_a_skeleton_unknown_to_the_server_is_refused(tmp_path: Path, stick_motion: Motion) -> None:
+    write_person(tmp_path / "walk.bvh", random_motion(load_skeleton("core27"), 2, seed=0))
+    with pytest.raises(InvalidInput, match=r"motion of 27 joints.*the server's rigs: stick9 \(9 joints\)"):
+        read_upload("walk.bvh", (tmp_path / "walk.bvh").read_bytes(), [stick_motion.rig])
+
+
+def test_a_bvh_file_of_a_skeleton_unknown_to_the_converter_is_refused(tmp_path: Path, stick_motion: Motion) -> None:
     write_bvh(tmp_path / "walk.bvh", stick_motion)
-    with pytest.raises(MotiongenError):
+    with pytest.raises(ConversionFailed, match=r"^walk\.bvh: "):
         read_upload("walk.bvh", (tmp_path / "walk.bvh").read_bytes(), [stick_motion.rig])
 
 

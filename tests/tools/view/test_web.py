@@ -26,7 +26,7 @@ from motiongen_tools.view.page_files import PAGE, ThreeMissing, three_folder
 from motiongen_tools.view.room import Room
 from motiongen_tools.view.session_file import FORMAT
 from motiongen_tools.view.web import DENIED, MOST_MADE_AT_ONCE, UNKNOWN_ROOM, _first_free, web_app
-from tests.tools.view.conftest import LIMIT_S
+from tests.tools.view.conftest import LIMIT_S, beats_until
 
 LOCAL = "http://localhost:8321"
 HOST = {"host": "localhost:8321"}
@@ -151,8 +151,7 @@ async def site_of(bridge: Bridge, three: Path) -> httpx.AsyncClient:
 async def test_takes_can_be_downloaded(bridge: Bridge, room: Room, three: Path, tmp_path: Path) -> None:
     (number,) = await room.add({"text": "a person stands"})
     playback = room.character(number).session.playback
-    while playback.playhead < 5:
-        await bridge.beat()
+    await beats_until(bridge, lambda: playback.playhead >= 5)
     async with await site_of(bridge, three) as site:
         answer = await site.get(f"/take/main/{number}/walk.npz?first=1&end=4")
         (tmp_path / "walk.npz").write_bytes(answer.content)
@@ -244,8 +243,7 @@ async def test_constraints_are_read_and_written_outside_the_event_loop(
 
     (number,) = await room.add({})
     playback = room.character(number).session.playback
-    while not playback.started:
-        await bridge.beat()
+    await beats_until(bridge, lambda: playback.started)
     monkeypatch.setattr("motiongen_tools.view.web.read_list", after_a_beat([WAYPOINT]))
     monkeypatch.setattr("motiongen_tools.view.recording.write_constraint_list", after_a_beat(("[]", [])))
     async with await site_of(bridge, three) as site:
@@ -258,8 +256,7 @@ async def test_constraints_are_read_and_written_outside_the_event_loop(
 
 async def test_errors_of_a_file_use_the_name_that_the_user_knows(bridge: Bridge, room: Room, three: Path) -> None:
     (number,) = await room.add({})
-    while not room.character(number).session.playback.started:
-        await bridge.beat()
+    await beats_until(bridge, lambda: room.character(number).session.playback.started)
     async with await site_of(bridge, three) as site:
         refused = await site.post("/motion?name=a walk.glb", content=b"glTF")
         assert refused.json()["error"].startswith("a walk.glb: gltf is only written")

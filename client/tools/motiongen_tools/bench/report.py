@@ -87,10 +87,10 @@ def _page(result: Result | None, found: Found | None, figures: Iterable[Figure])
     parts = []
     title = "the most characters" if result is None else result.headline()
     if result is not None:
-        parts += [f"<p>Not served in full: {escape(shortfall)}.</p>" for shortfall in result.shortfalls()]
         parts += [
             f'<p class="void">VOID: {escape(why)}. These figures do not count.</p>' for why in result.void_reasons()
         ]
+        parts += [f"<p>Not served in full: {escape(shortfall)}.</p>" for shortfall in result.shortfalls()]
     if found is not None:
         parts.append(f"<p>{escape(terminal.describe_found(found))}</p>")
         parts.append(_table(("trials",), [(terminal.describe_trial(trial),) for trial in found.trials]))

@@ -123,7 +123,10 @@ def figure_rows(result: Result) -> list[tuple[str, ...]]:
 
 
 def latency_rows(result: Result) -> list[tuple[str, ...]]:
-    """Name, count, p50, p95, p99 and maximum in milliseconds of everything that was recorded."""
+    """Name, count, p50, p95, p99 and maximum in milliseconds of each of LATENCY_NAMES and of pings, if recorded.
+
+    How early or late chunks came is drawn instead: it counts from no event.
+    """
     rows = []
     for what, name in LATENCY_NAMES.items():
         for group in result.groups():

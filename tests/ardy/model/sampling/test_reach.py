@@ -106,8 +106,16 @@ def test_a_position_goal_of_the_head_is_met(layout: Representation, stand: Stand
     asked = pose[base] + lean @ (pose[head] - pose[base])
     targets = Targets(layout.skeleton)
     targets.add_joints(FIRST + GOAL, [0, head], torch.stack([pose[0], asked]))
-    positions, _ = reached(layout, features, targets)
+    positions, rotations = reached(layout, features, targets)
     assert (positions[GOAL, head] - asked).norm() < 1e-3
+    before, after = pose[head] - pose[base], asked - pose[base]
+    angle = torch.acos(before @ after / (before.norm() * after.norm()))
+    assert angle > 0.4
+    for joint in (base, layout.skeleton.index("Neck"), head):
+        assert rotation_vector(rotations[GOAL, joint]).norm() == pytest.approx(float(angle), abs=1e-3)
+    legs = [0, *layout.skeleton.left_foot, *layout.skeleton.right_foot]
+    assert (positions[:, legs] - pose[legs]).norm(dim=-1).max() < 1e-3
+    assert rotation_vector(rotations[GOAL + 10, base]).norm() < 1e-3
 
 
 def test_goals_for_elbow_and_hand_at_one_frame_are_both_met(layout: Representation, stand: Stand) -> None:

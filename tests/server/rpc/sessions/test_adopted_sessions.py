@@ -10,7 +10,7 @@ from pathlib import Path
 import pytest
 
 from motiongen.v1 import session_pb2
-from motiongen_server.engine.types import Close, Closed, CloseReason, Code, Open, Outcome, Resumed
+from motiongen_server.engine.types import Close, Closed, CloseReason, Code, Open, Outcome, Resumed, SetPlayState
 from motiongen_server.rpc.budgets.peer import Peer
 from motiongen_server.rpc.limits import PeerLimits
 from motiongen_server.rpc.sessions.durability import Durability, lease_of
@@ -22,7 +22,7 @@ from motiongen_server.snapshots.record import write_record
 from motiongen_server.snapshots.sqlite_store import SqliteStore
 from motiongen_server.snapshots.store import Lease, Renewal
 from tests.server.rpc.sessions.test_taking_over import NOBODY, RECORD, TOKEN, of_model, resuming
-from tests.server.rpc.streams.test_event_order import WALK, Line
+from tests.server.rpc.streams.test_event_order import PAUSE, WALK, Line
 from tests.server.snapshots.records import KEY
 from tests.waiting import until_true
 
@@ -80,6 +80,19 @@ async def test_idle_adopted_session_is_closed_once_another_server_has_taken_it(a
     end = adopting.line.engine.events[1]
     assert isinstance(end, Close)
     assert end.reason is CloseReason.TAKEN_OVER
+
+
+async def test_resume_behind_another_on_its_handle_is_taken_over_in_its_turn_with_its_events(adopting: Adopting) -> None:
+    line, unknown = adopting.line, resuming(9)
+    unknown.resume_token = "unknown.1"
+    line.send(1, open=unknown)
+    line.send(1, open=resuming(9))
+    line.send(RECORD.taken_seq + 1, set_play_state=PAUSE)
+    await until_true(lambda: len(line.engine.events) == 2)
+    assert line.refusals() == [(1, "SESSION_NOT_KEPT")]
+    assert line.engine.kinds() == [Open, SetPlayState]
+    assert line.engine.events[1].event_seq == RECORD.taken_seq + 1
+    await until_true(lambda: not line.stream.peer.waiting_bytes)
 
 
 async def test_adoption_refused_by_the_engine_after_the_stream_was_lost_is_undone(adopting: Adopting) -> None:

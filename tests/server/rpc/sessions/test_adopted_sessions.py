@@ -82,7 +82,7 @@ async def test_idle_adopted_session_is_closed_once_another_server_has_taken_it(a
     assert end.reason is CloseReason.TAKEN_OVER
 
 
-async def test_resume_behind_another_on_its_handle_is_taken_over_in_its_turn_with_its_events(adopting: Adopting) -> None:
+async def test_resume_behind_another_on_its_handle_is_taken_over_with_its_events(adopting: Adopting) -> None:
     line, unknown = adopting.line, resuming(9)
     unknown.resume_token = "unknown.1"
     line.send(1, open=unknown)

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from collections.abc import Iterator
+
 import pytest
 
 from motiongen_server.engine.ports import Deliver, Inbox, Observe
@@ -24,23 +26,43 @@ class Open(Process):
         return super()._build(source, deliver, observe, inbox)
 
 
-def test_full_inbox_is_given_nothing_but_closes(monkeypatch: pytest.MonkeyPatch) -> None:
+@pytest.fixture
+def process(monkeypatch: pytest.MonkeyPatch) -> Iterator[Open]:
+    """One whose engine has more waiting than it may."""
     monkeypatch.setattr(slot, "MOST_WAITING", 2)
     process = Open()
-    try:
-        process.load()
-        for seq in (2, 3, 4):
-            process.inbox.put(play(seq))
-        process.tell(Events(1, 1, (opening(),)))
-        process.tell(CloseAhead(1, close(9, OTHER), 0, 0))
-        for _ in range(2):  # by the second answer, everything that had arrived would have been taken
-            process.tell(Load(2, "unsound"))
-            process.hear_of(Unloaded)
-        assert seqs(process.engine.wait_for(1)) == [9]
-        process.inbox.take_all()
-        assert seqs(process.engine.wait_for(2)) == [9, 1]
-    finally:
-        process.tell(Stop())
-        assert process.ended() is None
-        process.end.close()
-        process.gateway.close()
+    process.load()
+    for seq in (2, 3, 4):
+        process.inbox.put(play(seq))
+    yield process
+    process.tell(Stop())
+    ended = process.ended()
+    process.end.close()
+    process.gateway.close()
+    assert ended is None
+
+
+def let_arrive(process: Open) -> None:
+    for _ in range(2):  # by the second answer, everything that had arrived would have been taken
+        process.tell(Load(2, "unsound"))
+        process.hear_of(Unloaded)
+
+
+def test_full_inbox_is_given_nothing_but_closes(process: Open) -> None:
+    process.tell(Events(1, 1, (opening(),)))
+    process.tell(CloseAhead(1, close(9, OTHER), 0, 0))
+    let_arrive(process)
+    assert seqs(process.engine.wait_for(1)) == [9]
+    process.inbox.take_all()
+    assert seqs(process.engine.wait_for(2)) == [9, 1]
+
+
+def test_close_that_overtakes_its_open_while_no_events_are_read_follows_the_open(process: Open) -> None:
+    process.tell(Events(1, 1, (opening(), play(2))))
+    process.tell(CloseAhead(1, close(9), 1, 2))
+    let_arrive(process)
+    assert process.engine.taken == []
+    process.inbox.take_all()
+    assert seqs(process.engine.wait_for(2)) == [1, 9]
+    process.tell(Events(1, 3, (opening(OTHER),)))
+    assert seqs(process.engine.wait_for(3)) == [1, 9, 1], "the event that it overtook is dropped"

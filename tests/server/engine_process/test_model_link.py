@@ -129,3 +129,20 @@ def test_lost_engine_has_no_load() -> None:
     opened(link, 2, 2)
     link.lose(CloseReason.ENGINE_FAULT, "lost")
     assert (link.load, link.asked) == (0.0, 0.0)
+
+
+def test_lost_engine_has_no_clips_and_no_new_sessions() -> None:
+    link = link_with_four_sessions()
+    opened(link, 2, 3, clip_frames=200)
+    opened(link, 3, 2)
+    link.lose(CloseReason.ENGINE_FAULT, "lost")
+    assert (link.num_sessions, link.num_clips, link._ledger.num_new) == (0, 0, 0)
+
+
+def test_clips_take_no_places_of_sessions() -> None:
+    link = link_with_four_sessions()
+    link.take_pulse(Pulse(1, 0.0, (StepReport(places={Priority.NEAR: 1.0}),)))
+    opened(link, 2, 16, clip_frames=200)
+    assert not link.refuses(Priority.NEAR, FACTS.default_steps)
+    opened(link, 3, 1)
+    assert link.refuses(Priority.NEAR, FACTS.default_steps)

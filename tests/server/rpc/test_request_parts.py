@@ -89,12 +89,17 @@ def test_random_bytes_are_malformed_or_read_as_protobuf_reads_them(data: bytes) 
 
 
 @pytest.mark.parametrize(
-    "data",
-    [b"\x0a\x05ab", b"\x0a", b"\x0b\x00", b"\xff" * 12, b"\x0d\x00"],
-    ids=["cut", "no length", "group", "tag", "fixed"],
+    ("data", "what"),
+    [
+        (b"\x0a\x05ab", "a field at byte 2 ends beyond the message"),
+        (b"\x0d\x00", "a field at byte 1 ends beyond the message"),
+        (b"\x0a", "a number before byte 1 does not end"),
+        (b"\xf8\x81", "a number before byte 2 does not end"),
+    ],
+    ids=["text", "four bytes", "no length", "half a tag"],
 )
-def test_invalid_wire_bytes_are_malformed(data: bytes) -> None:
-    with pytest.raises(Malformed):
+def test_message_that_ends_within_a_field_is_malformed(data: bytes, what: str) -> None:
+    with pytest.raises(Malformed, match=what):
         walked(data)
 
 
@@ -103,6 +108,16 @@ def test_a_number_that_does_not_end_is_read_no_further_than_ten_bytes() -> None:
     assert varint(b"\xff" * 9 + b"\x01", 0) == (2**64 - 1, 10)
     with pytest.raises(Malformed, match="before byte 10 "):
         varint(b"\xff" * 10 + b"\x01", 0)
+
+
+def test_groups_are_malformed() -> None:
+    with pytest.raises(Malformed, match="wire type 3 at byte 1"):
+        walked(b"\x0b\x0c\x0a\x00")  # a whole group, and an event
+
+
+def test_tag_of_more_than_ten_bytes_is_malformed_wherever_the_message_ends() -> None:
+    with pytest.raises(Malformed, match="a number before byte 10 does not end"):
+        walked(b"\xff" * 10 + b"\x01\x00")
 
 
 def edit(num_constraints: int, sequence: int = 2) -> session_pb2.SessionEvent:

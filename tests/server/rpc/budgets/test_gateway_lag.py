@@ -175,7 +175,7 @@ async def test_no_session_is_admitted_while_the_lag_is_too_long() -> None:
     assert told.retry_after.seconds > 0
     assert [each.address for each in told.other_servers] == ["b:50051"]
     assert line.engine.kinds() == [Open], "the engine is not asked"
-    assert line.prompts.asked == []
+    assert await line.texts_asked() == []
     assert (line.stream.num_sessions, line.stream.peer.num_sessions) == (1, 1)
     line.send(2, set_play_state=session_pb2.SetPlayState(state=session_pb2.PLAY_STATE_PAUSED))
     assert len(line.engine.events) == 2, "a session that was admitted is served"

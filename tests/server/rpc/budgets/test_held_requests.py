@@ -5,7 +5,7 @@ from __future__ import annotations
 import asyncio
 from contextlib import ExitStack
 from dataclasses import dataclass
-from typing import cast
+from typing import Any, cast
 
 import grpc
 import pytest
@@ -175,10 +175,21 @@ async def test_message_is_freed_once_processed_and_not_when_the_next_comes() -> 
     reading.cancel()
 
 
-async def test_message_is_freed_once_its_stream_is_ended() -> None:
+async def test_rest_of_a_message_is_dropped_and_freed_once_its_stream_is_ended() -> None:
     line, context = Line(), Context()
+    receive, taken = line.stream.receive, [0]
+
+    def counted(*event: Any) -> None:
+        taken[0] += 1
+        receive(*event)
+
+    line.stream.receive = counted  # type: ignore[method-assign]
     reading = asyncio.create_task(StreamReader(line.models, "replica").read(line.stream, cast(StreamContext, context)))
     await until_true(lambda: line.stream.peer.held.num_bytes)
+    before = taken[0]
     line.stream.refuse(hello_expected())
-    await reading
+    goes_on = asyncio.create_task(context.is_waited_for.wait())
+    await asyncio.wait({reading, goes_on}, return_when=asyncio.FIRST_COMPLETED)
+    assert (reading.done(), taken[0] - before) == (True, 0)
     assert (line.stream.peer.held.num_bytes, Message.num_alive) == (0, 0)
+    goes_on.cancel()

@@ -15,6 +15,8 @@ from motiongen_server.engine.types import (
     CloseReason,
     Code,
     Guidance,
+    HeadingTarget,
+    JointRotations,
     JointTargets,
     Keyframe,
     Open,
@@ -24,6 +26,7 @@ from motiongen_server.engine.types import (
     Playhead,
     PlayState,
     Priority,
+    RootPath,
     RootTrajectory,
     ServiceLevel,
     ServiceTier,
@@ -32,6 +35,7 @@ from motiongen_server.engine.types import (
     SetPrompts,
     SetVelocity,
     StartPose,
+    Unplaced,
     Waypoint,
 )
 from motiongen_server.errors import EventRefused
@@ -87,8 +91,11 @@ def test_absent_frames_of_a_prompt_arrive_as_none() -> None:
     assert (event.upsert[0].start_frame, event.upsert[0].end_frame) == (None, None)
 
 
+QUARTER_TURN = [math.cos(math.pi / 4), 0.0, math.sin(math.pi / 4), 0.0]
+"""About +Y, from +Z to +X."""
+
+
 def test_waypoint_trajectory_joint_targets_and_keyframe_arrive() -> None:
-    turn = [math.cos(math.pi / 4), 0.0, math.sin(math.pi / 4), 0.0]  # a quarter turn about +Y
     upsert = [
         motion_pb2.Constraint(constraint_id=1, frame=8, waypoint=motion_pb2.Waypoint(x=1, z=2, heading=0.5)),
         motion_pb2.Constraint(
@@ -97,7 +104,7 @@ def test_waypoint_trajectory_joint_targets_and_keyframe_arrive() -> None:
         motion_pb2.Constraint(
             constraint_id=3,
             frame=10,
-            joint_targets=motion_pb2.JointTargets(joints=[0], positions=[1, 2, 3], rotations=turn),
+            joint_targets=motion_pb2.JointTargets(joints=[0], positions=[1, 2, 3], rotations=QUARTER_TURN),
         ),
         motion_pb2.Constraint(constraint_id=4, frame=11, keyframe=motion_pb2.Keyframe(positions=[4, 5, 6])),
     ]
@@ -111,10 +118,35 @@ def test_waypoint_trajectory_joint_targets_and_keyframe_arrive() -> None:
     assert isinstance(joints, JointTargets)
     assert isinstance(pose, Keyframe)
     assert (path.first_frame, path.last_frame, path.xz.tolist()) == (9, 10, [[1, 2], [3, 4]])
+    assert path.heading is not None
+    assert path.heading.tolist() == [0, 1]
+    assert (joints.constraint_id, joints.frame, joints.joints) == (3, 10, (0,))
     assert joints.rotations is not None
     np.testing.assert_allclose(joints.rotations[0] @ [0, 0, 1], [1, 0, 0], atol=1e-6)
     assert joints.positions.tolist() == [[1, 2, 3]]
-    assert pose.positions.tolist() == [[4, 5, 6]]
+    assert (pose.constraint_id, pose.frame, pose.positions.tolist()) == (4, 11, [[4, 5, 6]])
+
+
+def test_heading_joint_rotations_and_root_path_arrive() -> None:
+    upsert = [
+        motion_pb2.Constraint(constraint_id=1, frame=8, heading=motion_pb2.HeadingTarget(heading=-0.5)),
+        motion_pb2.Constraint(
+            constraint_id=2, frame=9, joint_rotations=motion_pb2.JointRotations(joints=[0], rotations=QUARTER_TURN)
+        ),
+        motion_pb2.Constraint(constraint_id=3, root_path=motion_pb2.RootPath(positions=[1, 2, 3, 4])),
+    ]
+    edit = session_pb2.EditConstraints(upsert=upsert)
+    event = convert(session_pb2.SessionEvent(event_seq=2, edit_constraints=edit))
+    assert isinstance(event, SetConstraints)
+    heading, turn, way = event.upsert
+    assert isinstance(heading, HeadingTarget)
+    assert (heading.constraint_id, heading.frame, heading.heading) == (1, 8, -0.5)
+    assert isinstance(turn, JointRotations)
+    assert (turn.constraint_id, turn.frame, turn.joints) == (2, 9, (0,))
+    np.testing.assert_allclose(turn.rotations[0] @ [0, 0, 1], [1, 0, 0], atol=1e-6)
+    assert isinstance(way, Unplaced)
+    assert isinstance(way.target, RootPath)
+    assert (way.target.constraint_id, way.target.corners.tolist()) == (3, [[1, 2], [3, 4]])
 
 
 @pytest.mark.parametrize("heading", [7.0, -100.5, 1e7, -3.4e38])

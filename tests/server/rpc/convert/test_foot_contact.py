@@ -8,15 +8,19 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from motiongen.v1 import motion_pb2
+from motiongen.v1 import motion_pb2, session_pb2
 from motiongen_ardy.checkpoint.checkpoint import load_checkpoint
 from motiongen_server.engine.session.kinematics import Posed
 from motiongen_server.engine.session.residuals import Residual, nearest_frame
-from motiongen_server.engine.types import JointTargets, RigLayout
+from motiongen_server.engine.types import Guidance, JointTargets, RigLayout, SetConstraints
 from motiongen_server.errors import EventRefused
+from motiongen_server.rpc.catalog import Catalog
+from motiongen_server.rpc.convert import engine_event
 from motiongen_server.rpc.convert.foot_contact import SOLE_M, foot_contact_of
+from motiongen_server.rpc.limits import Limits
 from motiongen_server.runner.facts import model_facts
 from tests.conftest import ROOT
+from tests.server.rpc.convert.conversion import KEY
 
 TINY = ROOT / "tests" / "data" / "golden" / "tiny-core27" / "checkpoint"
 
@@ -39,6 +43,22 @@ def test_with_a_heading_the_toes_are_ahead_of_the_ankle(rig: RigLayout) -> None:
     assert toes[1] == pytest.approx(SOLE_M)
     assert ankle[1] > toes[1]
     np.testing.assert_allclose(toes[[0, 2]], [1.0 + 0.1606, 2.0], atol=1e-3)
+
+
+def test_foot_contact_of_an_edit_arrives_as_targets_of_its_joints(rig: RigLayout) -> None:
+    facts = model_facts(load_checkpoint(TINY), "tiny", 4)
+    catalog = Catalog(facts, Limits(), Guidance(2.0, 2.0), "CC0-1.0", text_encoder="hashed-1", history_frames=16)
+    contact = motion_pb2.FootContact(limb="LeftFoot", x=1.0, z=2.0, heading=0.5)
+    edit = session_pb2.EditConstraints(
+        upsert=[motion_pb2.Constraint(constraint_id=7, frame=30, weight=0.25, foot_contact=contact)]
+    )
+    event = engine_event(session_pb2.SessionEvent(event_seq=2, edit_constraints=edit), KEY, 1.0, {}, catalog)
+    assert isinstance(event, SetConstraints)
+    (target,), same = event.upsert, asked(rig, x=1.0, z=2.0, heading=0.5)
+    assert isinstance(target, JointTargets)
+    assert (target.constraint_id, target.frame, target.weight) == (7, 30, 0.25)
+    assert (target.joints, target.contacts) == (same.joints, same.contacts)
+    np.testing.assert_array_equal(target.positions, same.positions)
 
 
 def test_without_a_heading_only_the_ankle_is_targeted(rig: RigLayout) -> None:

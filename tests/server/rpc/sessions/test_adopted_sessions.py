@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import asyncio
+import time
 from collections.abc import AsyncIterator
 from dataclasses import dataclass
 from pathlib import Path
@@ -10,7 +11,17 @@ from pathlib import Path
 import pytest
 
 from motiongen.v1 import session_pb2
-from motiongen_server.engine.types import Close, Closed, CloseReason, Code, Open, Outcome, Resumed
+from motiongen_server.engine.types import (
+    Close,
+    Closed,
+    CloseReason,
+    Code,
+    Open,
+    Outcome,
+    Playhead,
+    Resumed,
+    SetPlayState,
+)
 from motiongen_server.rpc.budgets.peer import Peer
 from motiongen_server.rpc.limits import PeerLimits
 from motiongen_server.rpc.sessions.durability import Durability, lease_of
@@ -22,7 +33,7 @@ from motiongen_server.snapshots.record import write_record
 from motiongen_server.snapshots.sqlite_store import SqliteStore
 from motiongen_server.snapshots.store import Lease, Renewal
 from tests.server.rpc.sessions.test_taking_over import NOBODY, RECORD, TOKEN, of_model, resuming
-from tests.server.rpc.streams.test_event_order import WALK, Line
+from tests.server.rpc.streams.test_event_order import PAUSE, WALK, Line
 from tests.server.snapshots.records import KEY
 from tests.waiting import until_true
 
@@ -80,6 +91,30 @@ async def test_idle_adopted_session_is_closed_once_another_server_has_taken_it(a
     end = adopting.line.engine.events[1]
     assert isinstance(end, Close)
     assert end.reason is CloseReason.TAKEN_OVER
+
+
+async def test_resume_behind_another_on_its_handle_is_taken_over_with_its_events(adopting: Adopting) -> None:
+    line, unknown = adopting.line, resuming(9)
+    unknown.resume_token = "unknown.1"
+    line.send(1, open=unknown)
+    line.send(1, open=resuming(9))
+    line.send(RECORD.taken_seq + 1, set_play_state=PAUSE)
+    await until_true(lambda: len(line.engine.events) == 2)
+    assert line.refusals() == [(1, "SESSION_NOT_KEPT")]
+    assert line.engine.kinds() == [Open, SetPlayState]
+    assert line.engine.events[1].event_seq == RECORD.taken_seq + 1
+    await until_true(lambda: not line.stream.peer.waiting_bytes)
+
+
+async def test_playhead_of_an_adopted_session_does_not_wait_behind_events_that_must_be_paid(adopting: Adopting) -> None:
+    line = adopting.line
+    line.stream.budget.charge(1e6, time.monotonic())
+    line.send(1, open=resuming(9))
+    line.send(RECORD.taken_seq + 1, set_play_state=PAUSE)
+    await until_true(lambda: bool(line.engine.events))
+    line.send(0, playhead=session_pb2.Playhead(frame=70))
+    assert line.engine.kinds() == [Open, Playhead]
+    line.stream.lose()
 
 
 async def test_adoption_refused_by_the_engine_after_the_stream_was_lost_is_undone(adopting: Adopting) -> None:

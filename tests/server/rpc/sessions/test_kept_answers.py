@@ -141,3 +141,16 @@ async def test_reached_constraint_is_kept_until_a_frame_sent_after_it_is_shown()
     line.stream.take(Chunk(key, 1, 60, rows, 80))
     line.send(0, playhead=session_pb2.Playhead(frame=60))
     assert reached not in entry.welcome_back(60, None)
+
+
+async def test_plan_that_replaces_frames_does_not_lower_how_far_its_session_was_sent() -> None:
+    """Otherwise news of constraints would be dropped before the client shows frames that were sent after them."""
+    kept = KeptSessions(30.0)
+    line = Line(kept=kept)
+    line.open()
+    (update,) = (each for each in line.updates() if each.HasField("opened"))
+    for plan, first_frame, count in ((1, 0, 20), (2, 8, 4)):
+        line.stream.take(Chunk(KEY, plan, first_frame, np.zeros((count, 3), np.float32), 0))
+    entry = kept.find(update.opened.session_token)
+    assert entry is not None
+    assert entry.sent_to == 20

@@ -19,12 +19,15 @@ from motiongen_server.engine.types import (
     Resume,
     Resumed,
     SessionKey,
+    SnapshotTaken,
 )
-from motiongen_server.rpc.sessions.durability import Durability
+from motiongen_server.rpc.sessions.durability import Durability, lease_of
 from motiongen_server.rpc.sessions.kept_sessions import KeptSessions
 from tests.server.rpc.sessions.test_kept_answers import placed
 from tests.server.rpc.streams.test_event_order import HANDLE, PAUSE, Engine, Line
-from tests.server.snapshots.test_writer import Store
+from tests.server.snapshots.kept import Store
+from tests.server.snapshots.records import a_record
+from tests.waiting import until_true
 
 KEY = SessionKey(1, HANDLE)
 
@@ -152,12 +155,17 @@ async def test_session_refused_after_its_stream_was_lost_is_forgotten(line: Line
     assert not kept.has_away, "its end is reported only once"
 
 
-async def test_session_without_resume_grace_has_a_token_if_there_is_a_store() -> None:
-    """Its server may be lost as well, and a session without a token is not saved."""
-    durability = Durability(Store(), asyncio.get_running_loop(), lambda _: None)
+async def test_session_without_resume_grace_is_saved_if_there_is_a_store() -> None:
+    """Its server may be lost as well."""
+    store = Store()
+    durability = Durability(store, asyncio.get_running_loop(), lambda _: None)
     line = Line(kept=KeptSessions(0.0, durability=durability))
     line.open()
-    assert token_of(line)
+    token = token_of(line)
+    assert token, "a session without one is not saved"
+    line.stream.take(SnapshotTaken(KEY, a_record().snapshot))
+    await until_true(lambda: store.records)
+    assert [*store.records] == [lease_of(token).name]
     line.stream.lose()
     assert line.engine.kinds() == [Open, Close], "it is closed at once nevertheless"
     await asyncio.to_thread(durability.close)

@@ -18,6 +18,7 @@ from motiongen_server.engine.types import Guidance
 from motiongen_server.errors import EventRefused
 from motiongen_server.models.registry import LoadedModel, ModelRegistry
 from motiongen_server.rpc.budgets.peer import Peer
+from motiongen_server.rpc.budgets.stream_budget import REFUSAL_COST
 from motiongen_server.rpc.catalog import Catalog
 from motiongen_server.rpc.limits import Limits, PeerLimits
 from motiongen_server.rpc.sessions import taking_over
@@ -205,6 +206,7 @@ async def test_events_behind_a_take_over_are_bounded_and_processed_as_they_are_p
         line.send(event_seq, edit_constraints=path(event_seq))
     assert [seq for seq, _ in line.refusals()] == [8, 9, 10, 11], "there was no room for these"
     assert {reason for _, reason in line.refusals()} == {"TOO_MANY_PENDING_EVENTS"}
+    assert stream.budget.charged == 5 * REFUSAL_COST, "the resume until it succeeds, and each refusal"
     assert 16_000 < peer.waiting_bytes == stream.num_waiting_bytes <= 20_000
 
     stream.budget.charge(1e6, time.monotonic())

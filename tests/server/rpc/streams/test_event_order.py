@@ -132,6 +132,12 @@ class Line:
         self.prompts.go.set()
         await self.stream.ready.wait()
 
+    async def texts_asked(self) -> list[str]:
+        """The texts that the encoder was asked for, once every task has run that would ask it."""
+        for _ in range(5):
+            await asyncio.sleep(0)
+        return self.prompts.asked
+
     def updates(self) -> list[session_pb2.SessionUpdate]:
         """All updates that the client was sent so far."""
         while (response := self.stream.next_response()) is not None:

@@ -3,14 +3,20 @@
 from __future__ import annotations
 
 import asyncio
+import itertools
 import time
+from typing import cast
 
+import grpc
 import pytest
 
 from motiongen.v1 import service_pb2, session_pb2
 from motiongen_server.engine.types import Code, Outcome, SessionKey
+from motiongen_server.rpc.budgets.stream_budget import BYTES_A_TOKEN, EVENT_COST, MESSAGE_COST
+from motiongen_server.rpc.handlers import StreamContext
 from motiongen_server.rpc.streams.output import MAX_WAITING_REPLIES
-from tests.server.rpc.streams.test_event_order import Line, make_catalog
+from motiongen_server.rpc.streams.reader import StreamReader
+from tests.server.rpc.streams.test_event_order import HANDLE, PAUSE, Line, make_catalog
 
 PONG = service_pb2.StreamMotionResponse(pong=service_pb2.Pong(client_time_ns=1))
 ROUNDS = 10
@@ -78,3 +84,31 @@ async def test_two_refusals_put_a_stream_of_ten_events_a_second_in_debt() -> Non
     assert line.stream.budget.owed_s(now) == 0
     line.send(5, set_play_state=session_pb2.SetPlayState())
     assert line.stream.budget.owed_s(now) > 0
+
+
+class Client:
+    """Sends messages. charged: what its stream had been charged before each message, and before the end."""
+
+    def __init__(self, line: Line, *said: service_pb2.StreamMotionRequest) -> None:
+        self.charged: list[float] = []
+        self._line, self._said = line, iter(said)
+
+    async def read(self) -> object:
+        self.charged.append(self._line.stream.budget.charged)
+        said = next(self._said, None)
+        return grpc.aio.EOF if said is None else said.SerializeToString()
+
+
+async def test_refused_event_is_charged_ten_times_as_much_as_an_accepted_one() -> None:
+    line = Line()
+    line.open()
+    accepted, refused = (
+        session_pb2.SessionEvent(session=HANDLE, event_seq=seq, set_play_state=PAUSE) for seq in (2, 9)
+    )
+    hello = service_pb2.StreamMotionRequest(hello=service_pb2.ClientHello())
+    client = Client(line, hello, *(service_pb2.StreamMotionRequest(events=[each]) for each in (accepted, refused)))
+    await StreamReader(line.models, "replica").read(line.stream, cast(StreamContext, client))
+    assert line.refusals() == [(9, "SEQUENCE_GAP")]
+    _, *costs = (after - before for before, after in itertools.pairwise(client.charged))
+    message = MESSAGE_COST + (accepted.ByteSize() + 2) / BYTES_A_TOKEN
+    assert costs == [message + EVENT_COST, message + 10 * EVENT_COST]

@@ -3,7 +3,8 @@
 from __future__ import annotations
 
 import asyncio
-from collections.abc import AsyncIterator
+import threading
+from collections.abc import AsyncIterator, Sequence
 from contextlib import asynccontextmanager
 
 import grpc.aio
@@ -117,14 +118,28 @@ async def test_session_whose_client_sends_nothing_is_closed_as_idle() -> None:
         assert heard.closed.reason == session_pb2.CLOSE_REASON_IDLE
 
 
-async def test_cancelled_call_ends_its_sessions() -> None:
+async def test_cancelled_call_ends_its_sessions_and_their_running_windows() -> None:
+    running, goes_on = set[int](), threading.Event()
+
+    def fails(call: str, job_ids: Sequence[int]) -> bool:
+        """Holds the engine within the first step of a window of ten steps."""
+        held = {each for each in job_ids if call == "denoise" and server.runner.jobs[each].num_steps == 10}
+        running.update(held)
+        return bool(held) and not goes_on.wait(LIMIT_S)
+
     limits = Limits(resume_grace_s=0)
     async with asyncio.timeout(LIMIT_S), LocalServer(limits) as server, talking(server) as other:
+        server.runner.fails = fails
         await other.open(1)
         async with talking(server) as gone:
             for handle in range(20):
                 await gone.open(handle)
+            await gone.ask_open(20, denoise_steps=10)
+            await until_true(lambda: running)
             gone.call.cancel()
-        while server.engine.num_sessions > 1 or server.service.num_streams > 1:
+            await until_true(lambda: server.service.num_streams == 1)
+        goes_on.set()
+        while server.engine.num_sessions > 1:
             await other.ping(1)
         await other.plays_on(1)
+        assert running <= {*server.runner.discarded} - {*server.runner.decoded}

@@ -58,7 +58,7 @@ async def test_invalid_open_is_refused_before_its_prompts_are_encoded(line: Line
     line.send(1, open=session_pb2.OpenSession(rig_id="none", prompts=WALK.upsert))
     line.send(2, edit_prompts=WALK)
     assert line.refusals() == [(1, "UNKNOWN_RIG"), (2, "SESSION_NOT_OPEN")]
-    assert line.prompts.asked == []
+    assert await line.texts_asked() == []
     assert line.stream.num_sessions == 0
 
 
@@ -83,7 +83,7 @@ async def test_open_refused_as_overloaded_has_no_prompts_encoded(line: Line) -> 
     line.engine.most_steps = 0
     line.send(1, open=session_pb2.OpenSession(prompts=WALK.upsert))
     assert line.refusals() == [(1, "OVERLOADED")]
-    assert line.prompts.asked == []
+    assert await line.texts_asked() == []
     assert line.stream.num_sessions == 0
 
 
@@ -98,7 +98,7 @@ async def test_overloaded_engine_refuses_an_open_before_the_rest_is_checked(line
     assert "with 4 denoising steps" in told.message
     assert told.retry_after.seconds == 2
     assert [each.address for each in told.other_servers] == ["b:50051"]
-    assert (line.engine.events, line.prompts.asked, line.stream.num_sessions) == ([], [], 0)
+    assert (line.engine.events, await line.texts_asked(), line.stream.num_sessions) == ([], [], 0)
     assert line.stream.budget.charged > charged
     line.send(1, open=session_pb2.OpenSession(denoise_steps=3))
     assert line.engine.kinds() == [Open], "its handle is free"
@@ -183,11 +183,12 @@ async def test_updates_carry_the_applied_seq_of_their_time(line: Line) -> None:
     assert [update.applied_seq for update in line.updates()] == [1, 1, 3]
 
 
-async def test_edit_with_too_many_prompts_is_refused(line: Line) -> None:
+async def test_edit_with_too_many_prompts_is_refused_before_any_is_encoded(line: Line) -> None:
     line.open()
     spans = [motion_pb2.PromptSpan(prompt_id=index + 1, text=f"text {index}") for index in range(17)]
     line.send(2, edit_prompts=session_pb2.EditPrompts(upsert=spans))
     assert line.refusals() == [(2, "TOO_MANY_PROMPTS")]
+    assert await line.texts_asked() == []
 
 
 async def test_prompt_that_fails_to_encode_is_answered_with_an_internal_error(line: Line) -> None:

@@ -239,3 +239,14 @@ async def test_silence_counts_only_while_the_server_reads_the_stream() -> None:
     watch.look(now + 91.0)
     assert stream.refusal is not None
     assert stream.refusal.reason == "CLIENT_SILENT"
+
+
+@pytest.mark.parametrize("is_greeted", [False, True])
+async def test_stream_that_is_ending_is_refused_neither_as_late_nor_as_empty(is_greeted: bool) -> None:
+    """Its client has finished, and is told how the stream ended as slowly as it reads."""
+    stream = Line().stream
+    stream.greeted = is_greeted
+    watch, much_later = StreamWatch(ServiceLimits(), {}), time.monotonic() + 1e6
+    assert watch.refusal(stream, much_later) is not None
+    stream.end()
+    assert watch.refusal(stream, much_later) is None

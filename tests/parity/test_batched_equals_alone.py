@@ -47,27 +47,20 @@ def test_rows_joining_and_leaving_at_different_steps_match_rows_run_alone(
     assert np.mean(shares) > 0.98, shares
 
 
-def test_row_with_nan_history_does_not_change_its_neighbour(model: Model) -> None:
+def test_row_with_nan_history_is_told_as_not_finite_and_does_not_change_its_neighbour(model: Model) -> None:
     random = np.random.default_rng(0)
     good, bad = make_job(1, model, random), make_job(2, model, random)
     poisoned = np.full((8, model.representation.feature_dim), np.nan, np.float32)
-
-    def run(history: np.ndarray) -> tuple[WindowResult, bool]:
-        runner = TorchRunner(model, "tiny")
-        neighbour = WindowJob(**{name: getattr(bad, name) for name in bad.__slots__} | {"history": history})
-        runner.prepare([good])
-        runner.prepare([neighbour])
-        finite = True
-        for _ in range(good.num_steps):
-            statuses = {status.job_id: status for status in runner.denoise([1, 2] if finite else [1])}
-            assert statuses[1].finite
-            finite = finite and statuses[2].finite
-            if not finite or statuses[2].steps_done == bad.num_steps:
-                runner.discard([2])
-                finite = False
-        return runner.decode([1])[0], finite
-
-    with_bad, _ = run(poisoned)
+    runner = TorchRunner(model, "tiny")
+    runner.prepare([good])
+    runner.prepare([replace(bad, history=poisoned, start_pose=None)])
+    assert [status.finite for status in runner.denoise([1, 2])] == [True, False], "in its first step"
+    for _ in range(min(good.num_steps, bad.num_steps) - 1):
+        assert [status.finite for status in runner.denoise([1, 2])] == [True, False]
+    runner.discard([2])
+    for _ in range(good.num_steps - bad.num_steps):
+        assert [status.finite for status in runner.denoise([1])] == [True]
+    (with_bad,) = runner.decode([1])
     alone = run_alone(model, good)
     assert np.abs(with_bad.features - alone.features).max() < TOLERANCE
 

@@ -60,9 +60,15 @@ def test_results_of_corrected_windows_carry_no_tokens(correcting: Model) -> None
     assert run_alone(correcting, job).tokens is None
 
 
-def test_corrections_change_the_frames_of_the_rollout(model: Model, correcting: Model, embedding: np.ndarray) -> None:
-    plain, corrected = (expected(one, embedding, None, reuse_tokens=False) for one in (model, correcting))
-    assert not torch.allclose(plain, corrected, atol=0.01)
+@pytest.mark.parametrize("correction", ["clean_feet", "join_tokens"])
+def test_correction_of_feet_or_seams_changes_the_frames_that_a_session_streams(
+    correcting: Model, embedding: np.ndarray, correction: str, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    corrected = stream(correcting, embedding, (), reuse_tokens=False)
+    others = replace(correcting.sampling, **{correction: False})  # type: ignore[arg-type]
+    monkeypatch.setattr(correcting, "sampling", others)
+    plain = stream(correcting, embedding, (), reuse_tokens=False)
+    assert np.abs(plain - corrected)[:, :-4].max() > 0.01, "places and rotations"
 
 
 def test_corrected_rows_are_the_same_in_a_batch_and_alone(correcting: Model) -> None:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import replace
 
 import numpy as np
@@ -13,12 +14,33 @@ from motiongen_ardy.model.config import ConfigError, ModelConfig
 from motiongen_ardy.model.model import Model, build_model
 from motiongen_ardy.model.rollout import usual_history
 from motiongen_server.config import ServerConfig
-from motiongen_server.engine.types import Waypoint
+from motiongen_server.engine.types import (
+    Closed,
+    Guidance,
+    Open,
+    Output,
+    Priority,
+    SessionSpec,
+    Waypoint,
+    WindowJob,
+)
 from motiongen_server.engine_process.model_loading import build_engine
 from motiongen_server.runner import TorchRunner
-from tests.parity.test_streamed_equals_rollout import compare, expected, stream
+from tests.parity.test_streamed_equals_rollout import KEY, compare, expected, stream
 
 PATCHES = (1, 5, 8)
+
+
+class Recording(TorchRunner):
+    """A runner that keeps the jobs of its sessions."""
+
+    def __init__(self, model: Model, model_id: str) -> None:
+        super().__init__(model, model_id)
+        self.begun: list[WindowJob] = []
+
+    def prepare(self, jobs: Sequence[WindowJob]) -> None:
+        self.begun += [job for job in jobs if job.job_id > 0]
+        super().prepare(jobs)
 
 
 def with_patch(config: ModelConfig, patch: int) -> ModelConfig:
@@ -49,15 +71,19 @@ def test_session_streams_the_frames_of_the_rollout(other: Model, corrects: bool,
     compare(other, stream(other, embedding, constraints, reuse_tokens), features)
 
 
-def test_history_is_rounded_to_whole_tokens_and_an_engine_can_be_built(other: Model) -> None:
-    patch = other.config.patch
-    runner = TorchRunner(other, "other")
-    assert (runner.facts.patch, runner.facts.whole_patches(18)) == (patch, max(1, 18 // patch) * patch)
-    engine = build_engine(
-        ServerConfig(history_frames=18, profile_s=0.01), runner, lambda outputs: None, lambda report: None
-    )
-    assert engine is not None
+def test_built_engine_gives_its_windows_whole_tokens_of_history(other: Model) -> None:
+    patch, runner, outputs = other.config.patch, Recording(other, "other"), list[Output]()
     assert usual_history(patch) % patch == 0
+    engine = build_engine(
+        ServerConfig(history_frames=18, profile_s=0.01, max_rows=1), runner, outputs.extend, lambda report: None
+    )
+    spec = SessionSpec(
+        KEY, 7, "other", Priority.BATCH, lookahead=80, denoise_steps=2, guidance=Guidance(1.0, 0.0), clip_frames=80
+    )
+    engine.submit(Open(spec, 1, 0.0))
+    while not any(isinstance(output, Closed) for output in outputs):
+        engine.step()
+    assert [len(job.history) for job in runner.begun] == [0, 18 // patch * patch]
 
 
 def test_partial_token_horizon_and_unequal_patches_are_refused(model: Model) -> None:

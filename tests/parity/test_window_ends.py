@@ -1,4 +1,4 @@
-"""Windows that end early because a target follows: a session matches the rollout, and a joint rotation is met."""
+"""Windows that end early because a target follows: a session matches the rollout, and goals of joints are met."""
 
 from __future__ import annotations
 
@@ -16,7 +16,7 @@ from motiongen_server.engine.types import Constraint, HeadingTarget, JointRotati
 from tests.parity.conftest import TINY
 from tests.parity.test_streamed_equals_rollout import compare, expected, stream
 
-HEAD = 6
+HEAD, HAND = 6, 16
 
 
 @pytest.fixture(scope="module")
@@ -49,12 +49,17 @@ def test_targets_around_window_ends_match_the_rollout_and_turn_the_head(obeying:
     assert torch.allclose(turned, head, atol=5e-3)
 
 
-def test_closely_spaced_joint_targets_match_the_rollout(obeying: Model) -> None:
+def test_closely_spaced_joint_targets_match_the_rollout_and_are_reached(obeying: Model) -> None:
     embedding = np.random.default_rng(5).standard_normal(32).astype(np.float32)
-    places = np.array([[1.0, 0.9, -1.9], [1.3, 1.2, -1.6]], np.float32)
+    places, goals = np.array([[1.0, 0.9, -1.9], [1.3, 1.2, -1.6]], np.float32), (34, 42, 50)
     targets, constraints = Targets(obeying.skeleton), []
-    for number, goal in enumerate((34, 42, 50), 1):
-        targets.add_joints(goal, [0, 16], torch.from_numpy(places))
-        constraints.append(JointTargets(number, goal, (0, 16), places))
+    for number, goal in enumerate(goals, 1):
+        targets.add_joints(goal, [0, HAND], torch.from_numpy(places))
+        constraints.append(JointTargets(number, goal, (0, HAND), places))
     features = expected(obeying, embedding, targets, False)
     compare(obeying, stream(obeying, embedding, tuple(constraints), False), features)
+    reached = obeying.representation.motion(features).positions(obeying.skeleton)[list(goals)][:, [0, HAND]]
+    away = (reached - torch.from_numpy(places)).norm(dim=-1)
+    # 20 to 70 cm away before it is corrected, which limits how fast it may move
+    assert (away[:, 1] < 0.1).all()
+    assert torch.cat([away[:, 0], away[1:, 1]]).max() < 1e-3

@@ -77,6 +77,13 @@ def test_a_path_that_takes_too_long_is_refused_with_its_duration() -> None:
     assert caught.value.seconds == pytest.approx(1000.0, rel=0.01)
 
 
+def test_a_path_too_long_only_by_its_bends_is_refused_before_its_frames_are_computed() -> None:
+    bends = np.array([[(-1.0) ** number * 11.0, 0.1 * number] for number in range(256)])
+    too_many_to_hold = 10**15
+    with pytest.raises(WayTooLong):
+        walked(bends, 10.0, 0.0, STANDING, too_many_to_hold, 600.0)
+
+
 def test_a_corner_is_cut_by_the_allowed_distance() -> None:
     line = np.array([(0.0, 0.0), (0.0, 5.0), (5.0, 5.0)])
     way = rounded(line, 0.3)

@@ -6,7 +6,16 @@ import numpy as np
 import pytest
 
 from motiongen_server.engine.config import EngineConfig
-from motiongen_server.engine.types import CloseReason, Code, Playhead, Priority, SessionKey, Waypoint, WindowJob
+from motiongen_server.engine.types import (
+    CloseReason,
+    Code,
+    Playhead,
+    Priority,
+    ServiceLevel,
+    SessionKey,
+    Waypoint,
+    WindowJob,
+)
 from tests.server.engine.fakes import CONSTRAINTS, FRAME, PROMPT, ROW_WIDTH, SEED
 from tests.server.engine.stage import Stage, prompt
 
@@ -155,7 +164,7 @@ def test_clips_affect_neither_measured_load_nor_degradation_nor_deadlines() -> N
     stage.run(20.0)
     loads = [report.load for report in stage.reports if report.load is not None]
     assert max(loads) < 0.5, "what clips take is free for sessions"
-    assert not [output for output in stage.outputs if type(output).__name__ == "ServiceLevel"]
+    assert not [output for output in stage.outputs if isinstance(output, ServiceLevel)]
     assert [hero.underruns for hero in heroes] == [0] * 4
     assert stage.total("deadline_misses") == 0
     assert all(any(job.session == SessionKey(1, handle) for job in stage.runner.prepared) for handle in range(2, 18))
@@ -187,8 +196,8 @@ def test_steps_with_session_rows_hold_few_background_rows() -> None:
     assert max(shared) <= 3, "its own row and those owed to the class of clips"
 
 
-@pytest.mark.parametrize("lost_plans", [{2}, {2, 3}, set(range(2, 100))])
-def test_clip_whose_character_is_lost_is_still_completed(lost_plans: set[int]) -> None:
+@pytest.mark.parametrize("lost_plans", [set(), {2}, {2, 3}, set(range(2, 100))])
+def test_clip_takes_no_longer_if_its_character_is_lost_and_continues_from_a_fresh_start(lost_plans: set[int]) -> None:
     """No playhead is reported, so that only its own windows wake the session."""
     stage = Stage()
     stage.runner.rights = True
@@ -198,7 +207,9 @@ def test_clip_whose_character_is_lost_is_still_completed(lost_plans: set[int]) -
             frames[:, 1] = 9.0
 
     stage.runner.moves = move
-    clip = stage.open_clip(1, 300)
-    stage.run(5.0)
+    clip, begun_at = stage.open_clip(1, 300), stage.clock.now()
+    stage.run_until(lambda: clip.closed is not None)
+    assert stage.clock.now() - begun_at == pytest.approx(0.32), "eight windows of four steps of 0.01 s"
     assert len(clip.rows) == 300
-    assert clip.closed is not None
+    fresh = {job.plan for job in stage.runner.prepared if job.start_pose is not None}
+    assert fresh == {1, *(plan + 1 for plan in lost_plans if plan < 8)}

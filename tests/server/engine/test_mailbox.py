@@ -1,9 +1,12 @@
 import threading
+from collections.abc import Callable
+
+import pytest
 
 from motiongen_server.engine.mailbox import Mailbox
 from motiongen_server.engine.types import Close, Event, Open, Playhead, SessionKey, SetPrompts
 from tests.server.engine.stage import spec
-from tests.waiting import LIMIT_S
+from tests.waiting import until
 
 ONE, TWO = SessionKey(1, 1), SessionKey(1, 2)
 
@@ -52,22 +55,54 @@ def test_playhead_of_a_new_session_stays_behind_its_open() -> None:
     assert mailbox.take_all() == events
 
 
-def test_wait_ends_when_an_event_comes_or_the_mailbox_is_rung() -> None:
+class _Notified(threading.Condition):
+    """Counts its notifications."""
+
+    count = 0
+
+    def notify(self, n: int = 1) -> None:
+        self.count += 1
+        super().notify(n)
+
+
+def _sleeper(mailbox: Mailbox) -> threading.Thread:
+    """A thread that waits without a limit, and ends afterwards."""
+    thread = threading.Thread(target=mailbox.wait, args=(threading.TIMEOUT_MAX,), daemon=True)
+    thread.start()
+    return thread
+
+
+def _sleeps(mailbox: Mailbox, thread: threading.Thread) -> bool:
+    """Whether the thread, once it has looked, still waits."""
+    until(lambda: mailbox._asleep or not thread.is_alive())
+    return thread.is_alive()
+
+
+@pytest.mark.parametrize("wake", [lambda mailbox: mailbox.put(_edit(1)), Mailbox.ring], ids=["event", "ring"])
+def test_event_or_ring_ends_a_wait_once_and_the_next_wait_before_it_sleeps(wake: Callable[[Mailbox], object]) -> None:
     mailbox = Mailbox(8)
-    woken = threading.Event()
+    mailbox._arrived = notified = _Notified(mailbox._lock)
+    first = _sleeper(mailbox)
+    assert _sleeps(mailbox, first), "nothing has come"
+    wake(mailbox)
+    assert notified.count == 1
+    assert not _sleeps(mailbox, first)
+    assert not _sleeps(mailbox, _sleeper(mailbox)), "what came has not been taken"
+    mailbox.take_all()
+    assert _sleeps(mailbox, third := _sleeper(mailbox))
+    mailbox.ring()
+    assert not _sleeps(mailbox, third)
 
-    def sleeper() -> None:
-        mailbox.wait(LIMIT_S)
-        woken.set()
 
-    for wake in (lambda: mailbox.put(_edit(1)), mailbox.ring):
-        woken.clear()
-        thread = threading.Thread(target=sleeper)
-        thread.start()
-        wake()
-        thread.join(LIMIT_S)
-        assert woken.is_set()
-        mailbox.take_all()
+def test_events_that_come_while_nobody_sleeps_notify_nobody() -> None:
+    mailbox = Mailbox(8)
+    mailbox._arrived = notified = _Notified(mailbox._lock)
+    assert _sleeps(mailbox, thread := _sleeper(mailbox))
+    for seq in range(1, 4):
+        mailbox.put(_edit(seq))
+    assert not _sleeps(mailbox, thread)
+    mailbox.put(_edit(4))
+    assert notified.count == 1
 
 
 def test_no_event_is_lost_or_reordered_between_threads() -> None:

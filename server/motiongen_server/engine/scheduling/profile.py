@@ -18,9 +18,9 @@ from motiongen_server.engine.scheduling.costs import CostTable
 from motiongen_server.engine.scheduling.trial_jobs import plain_job, trial_job
 from motiongen_server.engine.types import Float32Array, ModelFacts, WindowJob, WindowResult
 
-# Each size runs once untimed, to allocate memory and build what is built per size, then this often to be timed. The
-# least time counts: delays by others on the machine are no property of the call; the real cost is tracked later.
-_TIMES = 2
+# How often each size runs. The least time counts: what is allocated and built per size is paid for by the first run,
+# and delays by others on the machine are no property of the call; the real cost is tracked later.
+_TIMES = 3
 
 _MakeJob = Callable[[ModelFacts, int, Float32Array], WindowJob]
 
@@ -71,9 +71,9 @@ def profile(
         begun_at = clock.now()
         try:
             least = _Least()
-            for round_number in range(1 + _TIMES):
+            for _ in range(_TIMES):
                 jobs = [make(runner.facts, next(job_ids), history) for _ in range(size)]
-                results = _windows(runner, jobs, timer, least if round_number else _Least())
+                results = _windows(runner, jobs, timer, least)
         except OutOfMemory as error:
             if size == 1:
                 raise UnsoundModel(

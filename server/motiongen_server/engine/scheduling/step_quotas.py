@@ -32,7 +32,7 @@ class _Account:
         """owner: with its current quota."""
         most = _SAVED_S * owner.steps_per_s
         self.left = min(most, self.left + max(0.0, now - self.at) * owner.steps_per_s)
-        self.owner, self.at = owner, now
+        self.owner, self.at = owner, max(self.at, now)
 
 
 class StepQuotas:

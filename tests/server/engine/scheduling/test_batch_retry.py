@@ -7,10 +7,17 @@ from motiongen_server.engine.scheduling.batch_retry import BatchRetry, CallTime
 
 
 class Memory:
-    """Calls for which at most `room` items fit in memory; a call with a `broken` item fails."""
+    """Calls for which at most `room` items fit in memory, but no `large` one; a call with a `broken` item fails."""
 
-    def __init__(self, room: int = 1000, broken: frozenset[int] = frozenset(), most: int = 32) -> None:
+    def __init__(
+        self,
+        room: int = 1000,
+        broken: frozenset[int] = frozenset(),
+        most: int = 32,
+        large: frozenset[int] = frozenset(),
+    ) -> None:
         self.room = room
+        self.large = large
         self.broken = broken
         self.sizes: list[int] = []
         self.failed: list[tuple[int, Exception]] = []
@@ -26,7 +33,7 @@ class Memory:
 
     def _call(self, items: Sequence[int]) -> list[int]:
         self.sizes.append(len(items))
-        if len(items) > self.room:
+        if len(items) > self.room or self.large & set(items):
             raise OutOfMemory
         if self.broken & set(items):
             raise ValueError
@@ -63,7 +70,17 @@ def test_calls_grow_again_slowly_once_there_is_memory() -> None:
     assert memory.attempts.most == 32
 
 
-def test_items_that_do_not_fit_even_alone_fail_as_out_of_memory() -> None:
+def test_item_that_does_not_fit_even_alone_fails_as_out_of_memory_and_the_others_are_answered() -> None:
+    memory = Memory(large=frozenset({3}))
+    assert memory.attempts([1, 2, 3, 4, 5]) == [10, 20, 40, 50]
+    assert memory.sizes == [5, 2, 2, 1, 1, 1], "and none is tried again"
+    ((job_id, error),) = memory.failed
+    assert job_id == 3
+    assert isinstance(error, OutOfMemory)
+    assert (memory.attempts.faults, memory.attempts.splits) == (1, 2)
+
+
+def test_items_that_all_do_not_fit_fail_each_once() -> None:
     memory = Memory(room=0)
     assert memory.attempts([1, 2]) == []
     assert [job_id for job_id, _ in memory.failed] == [1, 2]

@@ -1,43 +1,14 @@
 import itertools
-from collections.abc import Mapping
 
 import pytest
 
 from motiongen_server.engine.scheduling.degradation import Degradation, DegradationLimits, Demand
-from motiongen_server.engine.scheduling.levels import FULL, levels_of
+from motiongen_server.engine.scheduling.levels import FULL
 from motiongen_server.engine.types import Priority, ServiceTier
 from tests.server.engine.fakes import FACTS
+from tests.server.engine.scheduling.degrading import ALL, EVERY_S, LEVELS, Day
 
 HERO, NEAR, CROWD, BATCH = Priority
-LEVELS = levels_of(FACTS)
-EVERY_S = 0.25
-ALL = dict.fromkeys(Priority, 10)
-
-
-class Day:
-    """A Degradation that is updated four times a second, under a load and with a share of windows late."""
-
-    def __init__(self, present: Mapping[Priority, int] | None = None) -> None:
-        self.now = 0.0
-        self.present = ALL if present is None else present
-        self.degradation = Degradation(LEVELS, self.now)
-        self.moved: list[Priority] = []
-        self.shed = 0
-
-    def pass_time(
-        self, seconds: float, load: float = 0.3, late: float = 0.0, demand: Demand | None = None
-    ) -> list[Priority]:
-        """Returns the classes whose level changed meanwhile, in order."""
-        moved: list[Priority] = []
-        for _ in range(round(seconds / EVERY_S)):
-            self.now += EVERY_S
-            self.degradation.note_windows(self.now, 100, round(100 * late))
-            moved += self.degradation.update(self.now, load, self.present, demand=demand)
-            self.shed += self.degradation.shed
-        return moved
-
-    def levels(self) -> list[int]:
-        return [self.degradation.depth(priority) for priority in Priority]
 
 
 def test_no_class_is_degraded_while_the_machine_keeps_up() -> None:
@@ -129,15 +100,6 @@ def test_old_deadline_misses_are_forgotten() -> None:
     degradation.note_windows(1.0, 100, 100)
     assert list(degradation.update(1.0 + DegradationLimits().miss_window_s + 0.1, 0.1, ALL)) == []
     assert degradation.missed_share == 0.0
-
-
-def test_lasting_overload_sheds_crowd_sessions_but_not_near_ones() -> None:
-    day = Day({HERO: 2, CROWD: 5})
-    day.pass_time(40.0, late=0.5)
-    assert day.shed > 0
-    heroes = Day({HERO: 2, NEAR: 5})
-    heroes.pass_time(60.0, late=0.5)
-    assert heroes.shed == 0
 
 
 def test_each_level_gives_no_more_than_the_one_before() -> None:

@@ -143,7 +143,8 @@ def _too_large(call: str, room: int) -> Callable[[str, Sequence[int]], bool]:
 
 
 @pytest.mark.parametrize("times", [(0.5, 0.05, 0.02), (0.5, 0.02, 0.05)])
-def test_shortest_measured_time_of_a_size_counts(times: tuple[float, ...]) -> None:
+def test_shortest_of_three_runs_of_a_size_counts(times: tuple[float, ...]) -> None:
+    """The first one also pays for what is built for the size, and others on the machine may delay any."""
     runner, steps = FakeRunner(FakeClock()), itertools.count()
     runner.step_s = lambda rows: times[next(steps) // FACTS.min_steps]
 
@@ -154,6 +155,7 @@ def test_shortest_measured_time_of_a_size_counts(times: tuple[float, ...]) -> No
 
     runner.fails = slow
     costs = profile(runner, runner.clock, max_rows=1, history_frames=16).costs
+    assert len(runner.decoded) == len(times)
     assert costs.step.seconds(1) == pytest.approx(0.02)
     assert costs.prepare.seconds(1) == pytest.approx(0.002)
     assert costs.decode.seconds(1) == pytest.approx(0.002)

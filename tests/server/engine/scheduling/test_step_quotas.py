@@ -94,10 +94,12 @@ def test_steps_taken_by_other_engines_are_owed_in_full() -> None:
     assert quotas.ready_at(STUDIO, 0.0) == 201 / 40
 
 
-def test_clock_that_goes_back_does_not_change_what_is_owed() -> None:
+def test_time_that_goes_back_neither_takes_steps_nor_gives_any_twice() -> None:
     quotas = StepQuotas()
     quotas.charge(STUDIO, 80, 10.0)
     assert quotas.ready_at(STUDIO, 9.0) == 9.0 + 41 / 40
+    assert quotas.ready_at(STUDIO, 10.0) == 10.0 + 41 / 40
+    assert quotas.ready_at(STUDIO, 10.5) == 10.5 + 21 / 40
 
 
 def test_owner_with_partly_used_savings_is_not_forgotten() -> None:

@@ -46,13 +46,19 @@ def test_remaining_steps_share_the_remaining_time() -> None:
     assert sum(sizes) >= 60
 
 
-def test_step_is_smaller_if_decoding_takes_time() -> None:
-    scheduler = scheduler_of(
-        64, window_job(1, HERO, 0.12), *[window_job(n, CROWD) for n in range(2, 65)], costs=step_costs()
-    )
-    before = len(next_ids(scheduler))
-    scheduler.costs.decode.observe(1, 0.04)
-    assert len(next_ids(scheduler)) < before
+@pytest.mark.parametrize(("begun", "prepare_s", "decode_s"), [(0, 0.04, 0.0), (0, 0.0, 0.04), (1, 0.04, 0.04)])
+def test_step_leaves_time_to_decode_its_tightest_job_and_to_prepare_it_unless_begun(
+    begun: int, prepare_s: float, decode_s: float
+) -> None:
+    # of 0.121 s, 0.081 are left for 4 steps: 0.02 s each, which is 10 rows
+    jobs = [window_job(1, HERO, 0.121), *[window_job(n, CROWD) for n in range(2, 65)]]
+    costs, free = step_costs(), step_costs()
+    costs.prepare.begin(1, prepare_s)
+    costs.decode.begin(1, decode_s)
+    scheduler = scheduler_of(64, *jobs, costs=costs)
+    scheduler.mark_prepared([1] if begun else [])
+    assert len(next_ids(scheduler)) == 10
+    assert len(next_ids(scheduler_of(64, *jobs, costs=free))) == 20, "if neither takes any time"
 
 
 def test_step_is_not_reduced_for_a_job_that_will_be_late_anyway() -> None:

@@ -1,5 +1,7 @@
 """Cuts: the character is put elsewhere at the first frame that can still change, and nothing continues across it."""
 
+import math
+
 import numpy as np
 import pytest
 
@@ -16,7 +18,7 @@ from motiongen_server.engine.types import (
     Waypoint,
     WindowJob,
 )
-from tests.server.engine.fakes import FEATURE_DIM, FRAME, ROW_WIDTH
+from tests.server.engine.fakes import FACTS, FEATURE_DIM, FRAME, ROW_WIDTH
 from tests.server.engine.session.playing import playing, playing_state, start_job
 from tests.server.engine.stage import Stage, prompt
 
@@ -54,27 +56,38 @@ def test_cut_with_prior_frames_continues_from_them() -> None:
     assert stage.runner.breaches == [f"history before {cut.first_frame} is not contiguous"]
 
 
-@pytest.mark.parametrize("steps", [0, 1, 3])
-def test_cut_is_made_once_however_far_a_running_window_is(steps: int) -> None:
-    stage, viewer = playing()
-    if steps:
-        start_job(stage, steps)
+@pytest.mark.parametrize(("done", "more"), [(0, 4), (1, 4), (2, 6), (3, 5)])
+def test_cut_replaces_a_running_window_in_its_first_half_and_follows_it_otherwise(done: int, more: int) -> None:
+    """done: steps of the running window when the cut comes; more: steps from then on until the cut's plan is told."""
+    stage, viewer, state = playing_state()
+    if done:
+        start_job(stage, done)
+    asked_at, floor = stage.clock.now(), state.replaceable_from(stage.clock.now(), state.delivery.commit_s)
     seq = stage.seek(viewer, THERE)
+    stage.run_until(lambda: seq in viewer.outcomes)
+    assert stage.clock.now() - asked_at == pytest.approx(0.01 * more)
+    frame = viewer.outcomes[seq].effective_frame
+    assert frame is not None
+    assert floor < frame <= floor + math.ceil(0.01 * more * FACTS.fps), "at the first frame that can still change then"
     stage.run(3.0)
     assert viewer.outcomes[seq].code is Code.OK
-    assert [job.start_pose for job in stage.runner.prepared if job.cause is PlanCause.CUT][-1] == THERE
+    assert [job.start_pose for job in stage.runner.prepared if job.cause is PlanCause.CUT] == [THERE]
     assert sum(notice.cause is PlanCause.CUT for notice in viewer.notices) == 1
     stage.check_finished()
 
 
-def test_cut_is_made_once_although_windows_are_slow() -> None:
+def test_cut_whose_window_came_too_late_is_made_again_further_on() -> None:
     stage, viewer = playing()
     stage.runner.step_s = lambda rows: 0.12
-    stage.seek(viewer, THERE)
+    seq = stage.seek(viewer, THERE)
     stage.run(6.0)
-    cuts = [job for job in stage.runner.prepared if job.cause is PlanCause.CUT]
-    assert len(cuts) >= 1
-    assert sum(notice.cause is PlanCause.CUT for notice in viewer.notices) == 1
+    assert stage.total("windows_discarded") == 1
+    late, again = (job for job in stage.runner.prepared if job.cause is PlanCause.CUT)
+    assert again.start_pose == late.start_pose == THERE
+    assert again.first_frame > late.first_frame
+    (notice,) = (notice for notice in viewer.notices if notice.cause is PlanCause.CUT)
+    assert (notice.valid_from, notice.event_seqs) == (again.first_frame, (seq,))
+    stage.check_finished()
 
 
 def test_cut_for_a_client_at_the_end_of_the_plan_is_named_by_its_notice() -> None:
@@ -170,16 +183,26 @@ def test_cut_with_prior_frames_that_the_runner_cannot_convert_is_refused() -> No
     assert (viewer.outcomes[seq].reason, viewer.outcomes[seq].field) == ("PRIOR_FRAMES_FAILED", "seek.prior_frames")
 
 
-def test_no_snapshot_is_taken_while_a_cut_waits() -> None:
-    stage, viewer = playing(EngineConfig(snapshots=True))
-    seq = stage.seek(viewer, THERE)
+@pytest.mark.parametrize("begun", [False, True])
+def test_no_snapshot_is_taken_until_a_cut_has_its_frames(begun: bool) -> None:
+    """begun: the cut's window runs. The answer to the pause would be saved at once otherwise."""
+    stage, viewer, state = playing_state(EngineConfig(snapshots=True))
+    if not begun:
+        state.edits.wait_until(stage.clock.now() + 1.0)
     told = len(stage.outputs)
-    stage.run(3.0)
-    taken = [each for each in stage.outputs[told:] if isinstance(each, SnapshotTaken)]
-    assert taken
-    for each in taken:
-        before = each.snapshot.last_seq < seq
-        assert before or each.snapshot.end_frame > (viewer.outcomes[seq].effective_frame or 0)
+    seq = stage.seek(viewer, THERE)
+    stage.step()
+    assert (state.running is not None) is begun
+    paused = stage.pause(viewer, True)
+    stage.step()
+    assert paused in viewer.outcomes
+    assert seq not in viewer.outcomes
+    assert not [each for each in stage.outputs[told:] if isinstance(each, SnapshotTaken)]
+    stage.run_until(lambda: seq in viewer.outcomes)
+    stage.step()
+    taken = [each.snapshot for each in stage.outputs[told:] if isinstance(each, SnapshotTaken)]
+    assert [(each.plan, each.last_seq) for each in taken] == [(viewer.notices[-1].plan, paused)]
+    assert taken[0].end_frame == (viewer.outcomes[seq].effective_frame or 0) + FACTS.horizon
 
 
 @pytest.mark.parametrize("slow_s", [0.03, 0.15, 0.3])

@@ -7,7 +7,7 @@ from motiongen_server.engine.config import EngineConfig
 from motiongen_server.engine.session.delivery import Delivery
 from motiongen_server.engine.session.playback import PlaybackClock, RoundTrip
 from motiongen_server.engine.session.timeline import Timeline
-from motiongen_server.engine.types import Playhead, SessionKey
+from motiongen_server.engine.types import PlanCause, PlanNotice, Playhead, Resume, Resumed, SessionKey
 
 KEY = SessionKey(1, 1)
 
@@ -29,6 +29,15 @@ def test_unshown_from_advances_while_no_playhead_is_reported() -> None:
     delivery = playing_at(10, 100.0)
     assert [delivery.unshown_from(100.0 + wait_s, 0.1) for wait_s in (0.01, 0.05, 1.0)] == [14, 14, 33]
     assert delivery.unshown_from(200.0, 0.1) == 83, "playback waits at the end of what was sent"
+
+
+def test_frames_already_shown_stay_valid_on_resuming_although_a_missed_plan_replaced_them() -> None:
+    delivery = playing_at(10, 100.0)
+    delivery.plan_log.note(PlanNotice(KEY, 2, 30, PlanCause.EDIT, (7,)), 80)
+    delivery.report(Playhead(KEY, 0, 101.75, 45, 80, 0))  # it plays on what it has
+    (resumed,) = delivery.resume(Resume(KEY, 0, 102.0, attempt=3, plan=1, next_frame=80), 2, 0)
+    assert resumed == Resumed(KEY, 3, 45, PlanNotice(KEY, 2, 45, PlanCause.RESUME, (7,)))
+    assert delivery.sent_to == 45
 
 
 TIMELINE = Timeline.empty(2, 1).spliced(0, np.zeros((80, 2), np.float32), np.zeros((80, 1), np.float32))

@@ -7,9 +7,10 @@ import re
 import numpy as np
 
 from motiongen_server.engine.config import EngineConfig
+from motiongen_server.engine.scheduling.levels import FULL, Level
 from motiongen_server.engine.session.cutting import own_frames
 from motiongen_server.engine.session.state import SessionState
-from motiongen_server.engine.types import Code, Outcome, PlanCause, StartPose, WindowJob
+from motiongen_server.engine.types import Code, Outcome, PlanCause, ServiceTier, StartPose, WindowJob
 from tests.server.engine.fakes import FRAME
 from tests.server.engine.session.playing import playing_state
 from tests.server.engine.stage import Stage
@@ -112,6 +113,29 @@ def test_timeline_knows_where_held_poses_end_and_motion_begins() -> None:
     assert held.held_to == held.end == timeline.end + 8
     assert held.stretches == ((held.motion_from if held.motion_from > held.first else held.first, held.end),)
     assert held.spliced(held.end, timeline.rows[:4], timeline.features[:4]).held_to == held.end
+
+
+def test_frames_of_a_held_pose_and_those_before_it_are_not_gone_back_to() -> None:
+    """The histories held there are of other frames: the motion before the pose was moved to its end."""
+    stage, viewer, state = later()
+    stage.runner.holds = True
+    state.set_tier(Level(ServiceTier.HOLD, hold=True))
+    stage.engine.sessions.touch(state)
+    stage.run_until(lambda: state.holding)
+    stood_from = state.timeline.held_to - state.config.hold_frames
+    state.set_tier(FULL)
+    stage.engine.sessions.touch(state)
+    stage.run_until(lambda: state.delivery.sent_to > state.timeline.held_to + 8)
+    assert state.timeline.motion_from + 4 < stood_from, "without the pose, one could go back to before it"
+    moves_from = state.timeline.held_to
+    for frame in (stood_from - 1, stood_from + 4, moves_from - 1):
+        assert gone_back(stage, viewer, frame).reason == "FRAME_NOT_HELD"
+    ((low, _),) = allowed(stage, viewer)
+    assert low == moves_from
+    assert gone_back(stage, viewer, moves_from + 8).code is Code.OK
+    history = cuts(stage)[-1].history[:, 0]
+    np.testing.assert_array_equal(history[-8:], np.arange(moves_from, moves_from + 8))
+    np.testing.assert_array_equal(history[:-8], np.arange(stood_from - 8, stood_from))
 
 
 def test_own_frames_are_whole_patches_up_to_the_history_and_at_least_one() -> None:

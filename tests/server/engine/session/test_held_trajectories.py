@@ -12,7 +12,7 @@ from motiongen_ardy.locomotion import way
 from motiongen_server.engine.config import EngineConfig
 from motiongen_server.engine.session import placing
 from motiongen_server.engine.types import RootPath, RootTrajectory, Unplaced
-from tests.server.engine.session.playing import playing
+from tests.server.engine.session.playing import playing, playing_state
 from tests.server.engine.stage import Stage
 from tests.server.engine.viewer import Viewer
 
@@ -68,12 +68,14 @@ def test_paths_beyond_the_limit_are_not_computed(monkeypatch: pytest.MonkeyPatch
 
 def test_path_that_takes_too_long_because_of_its_bends_is_refused() -> None:
     corners = np.array([[(-1.0) ** number * 11.0, 0.1 * number] for number in range(256)], np.float32)
+    assert np.hypot(*np.diff(corners, axis=0).T).sum() / 10.0 < placing.MOST_PATH_S, "straight on it would be allowed"
     asked = Unplaced(RootPath(1, corners, 10.0, 0.0), False, True, None, True)
-    stage, viewer = playing(EngineConfig())
+    stage, viewer, state = playing_state()
     seq = stage.set_constraints(viewer, asked)
     stage.run(0.6)
     outcome = viewer.outcomes[seq]
     assert (outcome.reason, outcome.field) == ("PATH_TOO_LONG", "edit_constraints.upsert[0].root_path")
+    assert state.conditions.constraints == ()
 
 
 def test_waiting_edits_keep_no_replaced_path_in_memory() -> None:

@@ -111,12 +111,12 @@ def test_save_again_takes_a_snapshot_of_a_paused_session_but_not_of_a_clip() -> 
     assert not any(isinstance(output, Outcome) for output in stage.outputs)
 
 
-def test_another_engine_continues_the_frames_of_the_first_without_a_gap() -> None:
+def test_another_engine_continues_frames_without_a_gap_and_with_what_was_asked_for() -> None:
     stage = Stage(SAVING)
     viewer = stage.open(prompts=(prompt(1),))
     stage.run(2.0)
-    stage.set_prompts(viewer, prompt(3, 2, start=140))
-    stage.set_constraints(viewer, Waypoint(1, 160, 1.0, 1.0))
+    stage.set_prompts(viewer, prompt(3, 2, start=90))
+    stage.set_constraints(viewer, Waypoint(1, 120, 1.0, 1.0))
     stage.run(1.0)
     snapshot = through_a_store(snapshots(stage)[-1])
     assert snapshot.plan == viewer.notices[-1].plan
@@ -128,9 +128,12 @@ def test_another_engine_continues_the_frames_of_the_first_without_a_gap() -> Non
     assert first.first_frame == len(viewer.rows)
     assert first.plan >= snapshot.plan
     rows = [row for output in said if isinstance(output, Chunk) for row in output.rows]
-    assert [row[FRAME] for row in rows] == list(range(len(viewer.rows), len(viewer.rows) + len(rows)))
+    end = len(viewer.rows) + len(rows)
+    assert [row[FRAME] for row in rows] == list(range(len(viewer.rows), end))
+    assert [row[PROMPT] for row in rows] == [1] * (90 - len(viewer.rows)) + [3] * (end - 90)
     jobs = other.runner.prepared
     assert all(job.seed == snapshot.spec.seed and job.plan > snapshot.plan for job in jobs)
+    assert [job.constraints for job in jobs] == [(Waypoint(1, 120, 1.0, 1.0),)] * 2
     assert other.runner.breaches == []
 
 

@@ -105,7 +105,7 @@ def test_a_server_in_real_time_replaces_no_frame_that_was_taken(program: Program
     """The server of the other tests allows for clients that play a thousand times faster than real time."""
     settings = ["--model", str(TINY_MODEL), "--text-encoder", "hashed", "--devices", "cpu:1"]
     settings += ["--profile-s", "0.3", "--admit-load", "1000", "--degrade", "false"]
-    test = "--gtest_filter=Stream.WhatIsToldWhileFramesAreTakenAsFastAsTheyComeReplacesNoneThatWasTaken"
+    test = "--gtest_filter=Stream.EditsWhileFramesAreTakenAsTheyComeReplaceNoTakenFrame"
     with ServerProcess(settings) as server:
         environment = {**os.environ, "MOTIONGEN_ADDRESS": server.address}
         subprocess.run([program("stream_tests"), "--gtest_brief=1", test], check=True, cwd=tmp_path, env=environment)

@@ -11,7 +11,7 @@ namespace {
 
 constexpr double kLimitS = 60;
 
-TEST(Connecting, AServerThatTakesCallsAndSaysNothingKeepsNobodyFromTheOthers) {
+TEST(Connecting, SilentServersDoNotKeepAClientFromTheNextAddress) {
   ScriptedServer frozen;
   ScriptedServer silent;
   ScriptedServer well;
@@ -26,7 +26,7 @@ TEST(Connecting, AServerThatTakesCallsAndSaysNothingKeepsNobodyFromTheOthers) {
   EXPECT_EQ(well.num_catalogs, 1);
 }
 
-TEST(Connecting, AClipIsMadeByAModelThatWasLoadedSince) {
+TEST(Connecting, ClipCanUseAModelThatWasLoadedSince) {
   ScriptedServer server;
   std::atomic<bool> is_loaded{false};
   server.add_to_catalog = [&](v1::GetCatalogResponse& catalog) {

@@ -1,4 +1,4 @@
-// A resumed session: what it is told then shows what happened while its connection was lost.
+// A resumed session: the messages that follow show what happened while its connection was lost.
 #include <vector>
 
 #include "session_stage.hpp"
@@ -41,7 +41,7 @@ std::vector<std::uint64_t> cuts(const Timeline& timeline, std::uint64_t end) {
   return found;
 }
 
-TEST(Resumed, ACutThatWasMadeWhileTheLineWasLostIsKnownByItsAnswer) {
+TEST(Resumed, CutMadeWhileDisconnectedIsKnownFromItsAnswer) {
   Cutting stage;
   const std::lock_guard<std::mutex> lock(stage.state.mutex);
   stage.lose();
@@ -54,7 +54,7 @@ TEST(Resumed, ACutThatWasMadeWhileTheLineWasLostIsKnownByItsAnswer) {
   EXPECT_EQ(stage.state.timeline->cut_before(30), kCutAt) << "or frames from before it would be history of after it";
 }
 
-TEST(Resumed, ACutThatIsRefusedIsNone) {
+TEST(Resumed, RefusedCutIsNotACut) {
   Cutting stage;
   const std::lock_guard<std::mutex> lock(stage.state.mutex);
   stage.hear_answer(Code::failed_precondition);
@@ -148,7 +148,7 @@ TEST(Resumed, NewsOfTheOneBeforeIsOfNoneWhoseReplacementIsRefused) {
   EXPECT_TRUE(stage.state.book.expects(Replacing::kTarget));
 }
 
-TEST(Resumed, ItIsServedInFullUntilItIsTold) {
+TEST(Resumed, ServiceLevelIsFullAgainUntilTheServerReportsLess) {
   Stage stage;
   const std::lock_guard<std::mutex> lock(stage.state.mutex);
   stage.open();
@@ -166,7 +166,7 @@ TEST(Resumed, ItIsServedInFullUntilItIsTold) {
     for (Event event; stage.events.take(event);) {
       if (event.kind == EventKind::service_level) tiers.push_back(event.level.tier);
     }
-    EXPECT_EQ(tiers, std::vector<std::uint32_t>(expected, v1::SERVICE_TIER_FULL)) << "told where it differs";
+    EXPECT_EQ(tiers, std::vector<std::uint32_t>(expected, v1::SERVICE_TIER_FULL)) << "reported only if it changes";
   }
 }
 

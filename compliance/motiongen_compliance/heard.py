@@ -35,7 +35,8 @@ class Heard:
 
     row_bytes: size of a frame row: as F32_LE at first, and in the session's own form once SessionOpened has come.
     num_joints: of the rig. sent_seq: the last event number that the test has used. said_seq: the greatest one that was
-    sent. lookahead: frames, as agreed last. goes_on_at: start_frame of the last resume.
+    sent. lookahead: frames, as agreed last. goes_on_at: start_frame of the last resume. answered: numbers of events;
+    answered_to: all up to this one are among them.
     """
 
     row_bytes: int
@@ -56,6 +57,8 @@ class Heard:
     levels: list[session_pb2.ServiceLevel] = field(default_factory=list)
     reached: list[session_pb2.ConstraintReached] = field(default_factory=list)
     applied_seq: int = 0
+    answered: set[int] = field(default_factory=set)
+    answered_to: int = 0
     durable_seq: int = 0
     next_frame: int = 0
     end: int = 0
@@ -71,6 +74,10 @@ class Heard:
             require(update.applied_seq >= self.applied_seq, "applied_seq never falls")
             require(update.applied_seq <= self._most_seq, "applied_seq is not above what was sent")
             self.applied_seq = update.applied_seq
+            self._count_answers(update)
+            # SessionClosed answers what is left, and after a resume the answers follow updates that count them
+            is_told = kind == "closed" or self.attempt > 0 or self.applied_seq <= self.answered_to
+            require(is_told, "every event up to applied_seq has been answered")
         require(kind is not None, "an update has a member")
         require(kind == "durability" or not update.durable_seq, "durable_seq is set beside durability only")
         before, self.last_kind = self.last_kind, kind or ""
@@ -116,6 +123,14 @@ class Heard:
             require(update.closed.reason != session_pb2.CLOSE_REASON_UNSPECIFIED, "a session is closed for a reason")
             self.closed = update.closed
 
+    def _count_answers(self, update: session_pb2.SessionUpdate) -> None:
+        if update.HasField("opened"):
+            self.answered.add(1)
+        elif update.HasField("outcome"):
+            self.answered.add(update.outcome.event_seq)
+        while self.answered_to + 1 in self.answered:
+            self.answered_to += 1
+
     @property
     def _most_seq(self) -> int:
         return max(self.sent_seq, self.said_seq)
@@ -137,6 +152,10 @@ class Heard:
         self.goes_on_at = self.next_frame = opened.start_frame
 
     def _take_outcome(self, outcome: session_pb2.EditOutcome) -> None:
+        if outcome.HasField("effective_frame") and self.attempt == 0:
+            is_planned = any(outcome.event_seq in plan.event_seqs for plan in self.plans)
+            is_ahead = outcome.effective_frame >= self.next_frame
+            require(is_planned or is_ahead, "an edit of frames that were sent is answered after the notice of its plan")
         self.outcomes.append(outcome)
         require(outcome.event_seq <= self._most_seq, "an outcome is for an event that was sent")
         if outcome.code == 0:

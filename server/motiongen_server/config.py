@@ -25,6 +25,7 @@ SNAPSHOT_STORES = (
     "where sessions are saved for another server to resume: auto (a file in the state folder), none, sqlite:FILE, "
     "redis://HOST:PORT/0 (Valkey too), rediss://, unix://PATH"
 )
+AS_PEERS_CALL = "2000, or peer_calls_per_second if that is more"
 BY_ADDRESS = "Limits of one address (of a tenant, quotas in --tenants take their place)"
 
 
@@ -152,6 +153,14 @@ class ServerConfig:
     peer_events_per_second: float = setting(20_000.0, "events per second", 1, 1e9)
     peer_prompts_per_second: float = setting(200.0, "new prompts per second", 0.1, 1e6)
     peer_calls_per_second: float = setting(100.0, "new streams, clips and catalogues per second", 1, 1e6)
+    address_calls_per_second: float | None = setting(
+        None,
+        "calls of one service begun per second, whichever tenants call from the address; more end with CANCELLED",
+        1,
+        1e9,
+        kind=float,
+        unset=AS_PEERS_CALL,
+    )
     peer_bytes_per_second: float = setting(16e6, "bytes received per second", 1024, 1e12)
     peer_session_weight: int = setting(4096, "open sessions; a HERO counts 4, a NEAR 2, others 1", 4, 1_000_000)
     peer_heroes: int = setting(128, "open sessions of the class HERO", 0, 1_000_000)

@@ -8,6 +8,7 @@ from pathlib import Path
 import grpc.aio
 
 from motiongen_server.config import ServerConfig
+from motiongen_server.rpc.calls.call_pace import calls_a_second
 from motiongen_server.rpc.grpc_server import make_server
 from motiongen_server.rpc.limits import HEALTH_CALLS, OTHER_CALLS
 from motiongen_server.settings import SettingError
@@ -52,6 +53,7 @@ def make_grpc_server(config: ServerConfig) -> grpc.aio.Server:
         ],
         # The sum of the limits of all kinds of calls. Each of these is enforced elsewhere, so that no kind takes all.
         most_calls=config.max_streams + config.max_clip_calls + OTHER_CALLS + HEALTH_CALLS + SPARE_CALLS,
+        calls_a_second=calls_a_second(config.address_calls_per_second, config.peer_calls_per_second),
     )
 
 

@@ -209,7 +209,11 @@ def _cell(numbers: Sequence[float]) -> str:
 
 
 def main() -> None:
-    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
+    parser = argparse.ArgumentParser(
+        prog="python -m tests.bench.control_surface",
+        description=__doc__,
+        formatter_class=argparse.RawDescriptionHelpFormatter,
+    )
     parser.add_argument("--server", required=True, help="HOST:PORT of a server")
     parser.add_argument("--denoise-steps", type=int, help="of each window (default: the model's own number)")
     parser.add_argument("--frame", type=int, default=36, help="of single-frame targets, below 60; 40 begins a window")

@@ -76,7 +76,7 @@ def row(revision: Revision, model: str, precision: str, engines: int) -> str:
 
 
 def main() -> None:
-    parser = argparse.ArgumentParser(description=__doc__)
+    parser = argparse.ArgumentParser(prog="python -m tests.bench.engine_memory", description=__doc__)
     parser.add_argument("--engines", type=int, nargs="+", default=[1, 2, 4])
     parser.add_argument("--before", metavar="COMMIT", help="also measure this commit")
     parser.add_argument("--model", default="motiongen-mini")

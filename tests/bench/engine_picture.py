@@ -5,9 +5,10 @@
 
 from __future__ import annotations
 
+import argparse
 import json
 import sys
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import Any
 
@@ -74,13 +75,14 @@ def _draw_latencies(axes: Any, found: list[Any]) -> None:
     axes.legend(frameon=False, ncols=3, loc="upper right")
 
 
-def main(arguments: list[str]) -> int:
-    if len(arguments) != 2:
-        print("usage: python -m tests.bench.engine_picture ENGINE.json PICTURE.png", file=sys.stderr)
-        return 2
-    draw(json.loads(Path(arguments[0]).read_text(encoding="utf-8")), Path(arguments[1]))
+def main(arguments: Sequence[str] | None = None) -> int:
+    parser = argparse.ArgumentParser(prog="python -m tests.bench.engine_picture", description=__doc__)
+    parser.add_argument("engine", type=Path, metavar="ENGINE.json", help="the measurements")
+    parser.add_argument("picture", type=Path, metavar="PICTURE.png", help="where the picture is written")
+    given = parser.parse_args(arguments)
+    draw(json.loads(given.engine.read_text(encoding="utf-8")), given.picture)
     return 0
 
 
 if __name__ == "__main__":
-    sys.exit(main(sys.argv[1:]))
+    sys.exit(main())

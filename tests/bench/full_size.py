@@ -126,7 +126,7 @@ def measure(name: str, precision: str, folder: Path, served: bool) -> Row:
 
 
 def main() -> None:
-    parser = argparse.ArgumentParser(description=__doc__)
+    parser = argparse.ArgumentParser(prog="python -m tests.bench.full_size", description=__doc__)
     parser.add_argument("--models", nargs="+", default=["core", "g1"], choices=list(NICKNAMES))
     parser.add_argument("--precisions", nargs="+", default=list(PRECISIONS), choices=list(PRECISIONS))
     parser.add_argument("--serve", action="store_true", help="also start a server with each model and play it")

@@ -81,7 +81,7 @@ def fuzz(reader: Reader, num_cases: int, start: int) -> tuple[int, int]:
 
 
 def main() -> None:
-    parser = argparse.ArgumentParser(description=__doc__)
+    parser = argparse.ArgumentParser(prog="python -m tests.bench.fuzz_checkpoints", description=__doc__)
     parser.add_argument("--cases", type=int, default=10_000, help="broken files in all (default %(default)s)")
     parser.add_argument("--seed", type=int, default=1, help="seed of the first reader (default %(default)s)")
     parser.add_argument("--only", help="only readers whose name contains this")

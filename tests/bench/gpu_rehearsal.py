@@ -71,7 +71,9 @@ def rehearse(
 
 
 def main() -> int:
-    parser = argparse.ArgumentParser(description=(__doc__ or "").splitlines()[0])
+    parser = argparse.ArgumentParser(
+        prog="python -m tests.bench.gpu_rehearsal", description=(__doc__ or "").splitlines()[0]
+    )
     parser.add_argument("--characters", type=int, nargs="+", default=[1400])
     parser.add_argument(
         "--slower", type=float, nargs="+", default=[1.5, 2.0, 3.0], help="factor on the engine's own CPU time"

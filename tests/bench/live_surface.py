@@ -137,7 +137,11 @@ def reached_row(name: str, told: Sequence[ConstraintReached]) -> str:
 
 
 def main() -> None:
-    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
+    parser = argparse.ArgumentParser(
+        prog="python -m tests.bench.live_surface",
+        description=__doc__,
+        formatter_class=argparse.RawDescriptionHelpFormatter,
+    )
     parser.add_argument("--server", required=True, help="HOST:PORT of a server")
     parser.add_argument("--samples", type=int, default=2, help="sessions of each prompt")
     parser.add_argument("--denoise-steps", type=int, help="of each window (default: the model's own number)")

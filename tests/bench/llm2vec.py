@@ -6,6 +6,7 @@ adapters merged, prompts cut and precisions kept correctly; not that the release
 
 from __future__ import annotations
 
+import argparse
 import json
 import sys
 import tempfile
@@ -137,6 +138,7 @@ def check(what: str, found: float, most: float) -> bool:
 
 
 def main() -> int:
+    argparse.ArgumentParser(prog="python -m tests.bench.llm2vec", description=__doc__).parse_args()
     with tempfile.TemporaryDirectory() as home:
         folders = make_folders(Path(home))
         encoder = Llm2VecEncoder(folders, precision="float32")

@@ -105,7 +105,9 @@ def rehearse(
 
 
 def main() -> int:
-    parser = argparse.ArgumentParser(description=(__doc__ or "").splitlines()[0])
+    parser = argparse.ArgumentParser(
+        prog="python -m tests.bench.rehearsal", description=(__doc__ or "").splitlines()[0]
+    )
     parser.add_argument("--scenario", nargs="+", default=["mixed"])
     parser.add_argument("--characters", type=int, nargs="+", help="for each scenario (default: the scenario's)")
     parser.add_argument("--seconds", type=int, default=20)

@@ -23,7 +23,7 @@ NUM_WINDOWS = 4  # of each character: the first without history, the others with
 
 
 def main() -> int:
-    parser = argparse.ArgumentParser(description=__doc__)
+    parser = argparse.ArgumentParser(prog="python -m tests.bench.rollout_baseline", description=__doc__)
     parser.add_argument("--steps", type=int, required=True, help="denoising steps of a window")
     parser.add_argument("--seconds", type=float, default=10.0, help="how long to measure")
     parser.add_argument("--guidance", type=float, default=2.0, help="weight of text and of constraints")

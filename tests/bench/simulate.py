@@ -53,7 +53,7 @@ def simulate(ticks: int, first_seed: int, limit_s: float) -> tuple[int, Counter[
 
 
 def main() -> int:
-    parser = argparse.ArgumentParser(description=__doc__)
+    parser = argparse.ArgumentParser(prog="python -m tests.bench.simulate", description=__doc__)
     parser.add_argument("--ticks", type=int, default=1_000_000)
     parser.add_argument("--seed", type=int, default=1, help="of the first day; each further day has the next one")
     parser.add_argument("--seconds", type=float, default=float("inf"), help="begin no more days after so many")

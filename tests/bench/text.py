@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import argparse
 import asyncio
 import sys
 import tempfile
@@ -35,6 +36,7 @@ def measure(what: str, act: Callable[[int], object]) -> None:
 
 
 def main() -> int:
+    argparse.ArgumentParser(prog="python -m tests.bench.text", description=__doc__).parse_args()
     print(f"{f'{ROUNDS} prompts, one after another, of {WIDTH} numbers':56} {'p50 µs':>8} {'p99 µs':>8}")
     static, hashed = load_text_encoder("static"), HashedTextEncoder(WIDTH)
     measure("static (256 numbers), in the process", lambda number: static.encode([f"a person walks {number} steps"]))

@@ -7,8 +7,9 @@ import pytest
 
 from motiongen.v1 import session_pb2
 from motiongen_client import convert
+from motiongen_client.errors import InvalidInput
 from motiongen_client.session import Session
-from tests.client.line import TOKEN, Line, open_session, opened
+from tests.client.line import TOKEN, Line, open_session, opened, said_since_opened
 from tests.client.synthetic import catalog
 from tests.client.waiting import until
 
@@ -52,6 +53,27 @@ async def test_unanswered_edit_is_sent_again_when_the_session_is_resumed(
     assert line.said[-1].edit_prompts.upsert[0].text == "run"
     session.hear(session_pb2.SessionUpdate(session=1, outcome=session_pb2.EditOutcome(event_seq=2, effective_frame=4)))
     assert (await edit).effective_frame == 4
+
+
+async def test_where_an_edit_is_too_big_the_session_ends_there_too_at_the_next_number(
+    session: Session, line: Line, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    too_big = InvalidInput("edit", "3000 bytes", "at most 2048")
+
+    def check(event: session_pb2.SessionEvent) -> None:
+        if event.ByteSize() > 2048:
+            raise too_big
+
+    session.interrupt()
+    edits = [session.set_prompt("run"), session.set_prompt("x" * 3000)]
+    monkeypatch.setattr(line, "check", check)  # this server accepts less
+    session.reattach(convert.catalog(catalog(100)))
+    session.hear(opened())
+    said = said_since_opened(line)
+    assert [(event.event_seq, event.WhichOneof("event")) for event in said] == [(2, "edit_prompts"), (3, "close")]
+    for edit in edits:
+        with pytest.raises(InvalidInput, match="3000 bytes"):
+            await edit
 
 
 async def test_resumed_session_has_the_denoising_steps_of_its_new_opening(session: Session, line: Line) -> None:

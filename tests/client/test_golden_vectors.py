@@ -29,9 +29,10 @@ def test_sampling_scripts_contain_fades_underruns_late_plans_and_cuts() -> None:
     """Late replans, cuts, underruns and jumps that fade: without them the vectors would prove little."""
     lines = (FOLDER / "sampling.txt").read_text(encoding="utf-8").splitlines()
     player = Player()
-    fading = underruns = late = 0
+    fading = underruns = late = passed_cuts = 0
     for line in lines:
         player.tell(line.partition(" ->")[0])
+        passed_cuts += player.num_passed_cuts if line.startswith("cut") else 0
         if line.startswith("sample"):
             fading += player.sampler.is_fading
             underruns = max(underruns, player.playback.underruns)
@@ -39,4 +40,5 @@ def test_sampling_scripts_contain_fades_underruns_late_plans_and_cuts() -> None:
     assert fading > 20
     assert underruns > 3
     assert late > 0
+    assert passed_cuts > 0
     assert sum(line.startswith("plan") and line.split()[3] == "1" for line in lines) > 3

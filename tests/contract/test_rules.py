@@ -113,6 +113,10 @@ def refusal(**fields: object) -> Response:
     return of(Update(outcome=session_pb2.EditOutcome(**said)), 2)  # type: ignore[arg-type]
 
 
+def edited(effective_frame: int) -> Response:
+    return of(Update(outcome=session_pb2.EditOutcome(event_seq=2, effective_frame=effective_frame)), 2)
+
+
 def answer(event_seq: int) -> Response:
     return of(Update(outcome=session_pb2.EditOutcome(event_seq=event_seq)), event_seq)
 
@@ -138,7 +142,9 @@ EXPIRING = Response(goodbye=service_pb2.Goodbye(reason=service_pb2.GOODBYE_REASO
         ([opened(start_frame=3)], "a new session begins with frame 0"),
         ([opened(), of(Update(chunk=motion_pb2.FrameChunk()), 3)], "applied_seq is not above what was sent"),
         ([opened(), answer(3)], "applied_seq is not above what was sent"),
-        ([opened(), durable(3)], "durable_seq never falls"),
+        ([opened(), durable(1)], "every event up to applied_seq has been answered"),
+        ([opened(), FIRST, chunk(1), edited(0), plan(2, EDIT, event_seqs=[2])], "after the notice of its plan"),
+        ([opened(), answer(2), durable(3)], "durable_seq never falls"),
         ([opened(), of(Update(durable_seq=1, plan=session_pb2.PlanNotice()))], "beside durability only"),
         ([opened(), FIRST, plan(2, EDIT)], "an edit's plan names its events"),
         ([opened(), FIRST, plan(2, EDIT, event_seqs=[9])], "a plan names events that were sent"),
@@ -169,13 +175,15 @@ async def test_breach_of_the_protocol_is_found(script: list[Response], rule: str
     [
         [opened(), FIRST, chunk(1), plan(2, FALLBACK, 1), chunk(2, first_frame=1)],
         [opened(), answer(2), durable(2)],
+        [opened(), FIRST, chunk(1), plan(2, EDIT, event_seqs=[2]), chunk(2), edited(0)],
+        [opened(), FIRST, chunk(1), edited(1)],
         [opened(), refusal(code=8, retry_after=Duration(seconds=1), reason="OVERLOADED")],
         [opened(), level(session_pb2.SERVICE_TIER_HOLD, 0), plan(1, FALLBACK)],
         [opened(F16), FIRST, chunk(1, 2 * WIDTH, scalar_type=F16, root_origin_m=[0.0] * 3)],
         [opened(QUANTISED), FIRST, chunk(1, 17, scalar_type=QUANTISED)],
         [EXPIRING, GOODBYE],
     ],
-    ids=["helps itself", "saved", "refused", "holds", "halves", "quantised", "two reasons"],
+    ids=["helps itself", "saved", "edited", "edited ahead", "refused", "holds", "halves", "quantised", "two reasons"],
 )
 async def test_allowed_messages_are_accepted(script: list[Response]) -> None:
     async with hearing(script) as talk:

@@ -36,13 +36,15 @@ class PythonTimeline:
         try:
             match name:
                 case "plan":
-                    playback.announce_plan(int(numbers[0]), int(numbers[1]))
+                    playback.announce_plan(int(numbers[0]), int(numbers[1]), is_cut=numbers[2] == "1")
                 case "chunk":
                     plan, first, count, committed = map(int, numbers)
                     rows = np.repeat(plan * 1000 + np.arange(first, first + count)[:, None], WIDTH, axis=1)
                     if count < 1:
                         return "-"  # the client refuses it before it reaches playback
                     playback.add_chunk(plan, first, rows.astype(np.float32), committed)
+                case "cut":
+                    return str(playback.note_cut(int(numbers[0])))
                 case "advance":
                     return shown(playback.advance(float(numbers[0])))
                 case "to":
@@ -59,9 +61,10 @@ class PythonTimeline:
         playback = self.playback
         held = range(playback.first_kept, playback.buffered_to)
         total = sum(float(playback.row(frame)[0]) for frame in held)
+        newest_cut = playback.cut_before(playback.buffered_to + 1) or 0
         return (
             f"{playback.playhead} {playback.buffered_to} {playback.first_kept} {playback.committed_to} "
-            f"{playback.underruns} {playback.late_plans} {total:.0f}"
+            f"{playback.underruns} {playback.late_plans} {total:.0f} {newest_cut}"
         )
 
 
@@ -79,8 +82,11 @@ def draw_trace(seed: int) -> list[str]:
             case "plan":
                 valid_from = draw.randint(committed, max(received, committed)) if draw.random() < 0.8 else received + 2
                 plan += 1
-                lines.append(f"plan {plan} {valid_from}")
+                is_cut = draw.random() < 0.2
+                lines.append(f"plan {plan} {valid_from} {int(is_cut)}")
                 received = min(received, valid_from)
+                if draw.random() < 0.2:  # after a loss, the answer tells of it
+                    lines.append(f"cut {valid_from + draw.randint(0, 3)}")
             case "chunk":
                 count = draw.randint(1, 12)
                 committed = draw.randint(committed, max(received, committed))
@@ -92,7 +98,7 @@ def draw_trace(seed: int) -> list[str]:
             case "to":
                 lines.append(f"to {draw.randint(0, received + 2)}")
             case "break":
-                broken = [f"plan {max(plan, 1)} {received}", f"chunk {plan} {received + 1} 2 {committed}"]
+                broken = [f"plan {max(plan, 1)} {received} 0", f"chunk {plan} {received + 1} 2 {committed}"]
                 broken += [f"chunk {plan + 1} {received} 2 {committed}", f"chunk {plan} {received} 0 {committed}"]
                 lines.append(draw.choice(broken))
             case other:
@@ -123,3 +129,7 @@ def test_playback_traces_contain_refusals_underruns_and_late_plans(program: Call
     assert refused > 100
     assert max(int(answer[5]) for answer in answers) > 10, "underruns"
     assert max(int(answer[6]) for answer in answers) > 3, "late plans"
+    lines = [line for seed in range(40) for line in draw_trace(seed)]
+    asked_at = [line.split()[1] for line in lines if line.startswith("cut")]
+    told_at = [answer[0] for line, answer in zip(lines, answers, strict=True) if line.startswith("cut")]
+    assert sum(told != asked for told, asked in zip(told_at, asked_at, strict=True)) > 5, "cuts that were passed"

@@ -138,7 +138,7 @@ ROOMS = (
     room(f"{SERVER}/identity/setup.py", "grpc ~.identity ~.addresses ~.protection ~.settings", never="asyncio"),
     room(f"{SERVER}/identity", "grpc jwt ~.identity ~.errors ~.settings ~.addresses", never="asyncio"),
     room(f"{SERVER}/errors.py", "grpc grpc_status google ~.engine.types"),
-    room(f"{SERVER}/transport.py", "grpc ~.config ~.settings ~.rpc.grpc_server ~.rpc.limits"),
+    room(f"{SERVER}/transport.py", "grpc ~.config ~.settings ~.rpc.calls.call_pace ~.rpc.grpc_server ~.rpc.limits"),
     room(
         f"{SERVER}/grpc_port.py",
         f"{GRPC} ~.addresses ~.config ~.identity.setup ~.identity.tls ~.rpc.handlers ~.rpc.calls ~.settings"

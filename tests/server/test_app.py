@@ -165,8 +165,10 @@ async def test_start_message_names_model_licence_ports_and_engines(caplog: pytes
         async with running(config()) as application:
             pass
     (line,) = [line for line in caplog.messages if line.startswith("serving")]
-    for part in ("fake", "CC0-1.0", str(application.grpc_port), str(application.ops_port), "an engine of this process"):
-        assert part in line
+    assert line == (
+        f"serving fake (weights: CC0-1.0) on port {application.grpc_port}, ops on port {application.ops_port}, "
+        "with an engine of this process"
+    )
 
 
 @pytest.mark.parametrize(

@@ -55,6 +55,14 @@ def test_encoder_service_has_its_own_settings_in_the_same_environment() -> None:
         ENCODER.parse(["--port", "70000"], {})
 
 
+def test_settings_of_ports_and_tls_mean_the_same_for_the_server_and_the_encoder_service() -> None:
+    server, encoder = ({each.name: each.metadata for each in fields(kind)} for kind in (ServerConfig, EncoderConfig))
+    shared = [name for name in server if name in encoder and re.match("host|port|ops_|tls_|insecure|print_ports", name)]
+    assert len(shared) == 10
+    for name in shared:
+        assert {**server[name], "section": ""} == {**encoder[name], "section": ""}, name
+
+
 @pytest.mark.parametrize("name", ["MOTIONGEN_Port", "MOTIONGEN_port"])
 def test_environment_variable_with_wrong_capitals_is_refused(name: str) -> None:
     with pytest.raises(SettingError, match=f"unknown environment settings {name}"):

@@ -55,6 +55,18 @@ def test_another_encoder_drops_presets_gaits_and_the_domain(caplog: pytest.LogCa
     assert "length-1, not other" in caplog.text
 
 
+def test_distance_of_a_prompt_from_the_captions_equals_the_library_s() -> None:
+    directions = np.array([[0.6, 0.8, 0], [0, -1, 0]], np.float32)
+    library = PromptDomain("length-1", np.array([0.25, 0.5, -0.125], np.float32), directions, 0.25)
+    domain = as_abilities(Capabilities(domain=library)).domain
+    assert domain is not None
+    prompts = np.array([[3, 4, 0], [0, 0, 2], [-0.5, 0.25, 0.1], [0, 0, 0]], np.float32)
+    distances = [domain.distance(prompt) for prompt in prompts]
+    assert distances == pytest.approx(library.distances(prompts).tolist(), abs=1e-6)
+    assert [domain.is_outside(prompt) for prompt in prompts] == [distance > 0.25 for distance in distances]
+    assert {True, False} == {domain.is_outside(prompt) for prompt in prompts}
+
+
 def test_unavailable_encoder_drops_only_presets_and_gaits(caplog: pytest.LogCaptureFixture) -> None:
     with caplog.at_level(logging.WARNING):
         found = encoded(as_abilities(WHOLE), AwayEncoder(), "m")

@@ -168,6 +168,7 @@ class Conversation(Recovery):
                 self._edits.plan(update.plan.event_seqs, valid_from)
             case "chunk":
                 chunk, offset = update.chunk, self._offset
+                self._reached.end_replay()
                 first = convert.frame(chunk.first_frame, offset)
                 held = self.playback.held_rows(first - 1, first)
                 rows = self._reader.rows(chunk, held[0] if held else None)
@@ -177,12 +178,11 @@ class Conversation(Recovery):
                 self._hear_outcome(update.outcome)
             case "constraint_reached":
                 reached = convert.constraint_reached(update.constraint_reached, self._offset)
-                is_former = self._wishes.begins_after(
-                    reached.constraint_id, reached.frame
-                )  # a repeated report of a constraint replaced since
+                key = reached.constraint_id
+                is_former = self._wishes.excludes(key, reached.frame, self._reached.replaced_from(key))
                 if self._reached.note(reached, is_former=is_former):
                     if not is_former:
-                        self._wishes.end(reached.constraint_id)
+                        self._wishes.end(key)
                     call_back(self.on_constraint_reached, reached)
             case "durability":
                 self.durable_seq = max(update.durable_seq, self.durable_seq)
@@ -253,11 +253,12 @@ class Conversation(Recovery):
             if event is not None:
                 playhead = self.playback.playhead
                 effective = playhead if answer.effective_frame is None else answer.effective_frame
-                self._wishes.take(event, effective, playhead, answer.placements)
                 if event.HasField("seek") and answer.effective_frame is not None:
-                    self.playback.note_cut(answer.effective_frame)
+                    effective = self.playback.note_cut(effective)
+                self._wishes.take(event, effective, playhead, answer.placements)
             if edit is not None and edit.is_replacement:
-                self._reached.replaced(edit.constraint_ids[0], is_accepted=True)
+                key, effective_frame = edit.constraint_ids[0], answer.effective_frame
+                self._reached.replaced(key, is_accepted=True, effective_frame=effective_frame)
         if edit is not None:
             self._edits.answer(edit, answer)
 

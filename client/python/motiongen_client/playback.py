@@ -65,6 +65,7 @@ class Playback:
         self._first_kept = start_frame
         self._received_to = start_frame  # where the next chunk must begin; below buffered_to only after a late plan
         self._cuts: list[int] = []  # ascending
+        self._passed = range(0)  # frames that the latest late plan should have replaced, but that were shown
         self._started = False
         self._playing = True
         self._due_s: float | None = None  # when the frame after the playhead is due; None: the clock starts anew
@@ -94,7 +95,7 @@ class Playback:
     def announce_plan(self, plan: int, valid_from: int, *, is_cut: bool = False) -> int:
         """Take a plan notice: drop the frames it replaces. Returns how many were dropped.
 
-        is_cut: its first frame does not continue the one before.
+        is_cut: its first frame does not continue the one before. If that was shown already, the next one does not.
 
         Raises ProtocolViolation if the plan is not newer, would replace committed frames, or is one cut too many.
         """
@@ -104,29 +105,36 @@ class Playback:
             raise ProtocolViolation(
                 f"plan {plan} replaces frames from {valid_from}, but frames below {self.committed_to} are committed"
             )
-        replaced = bisect_left(self._cuts, valid_from)
+        first_replaceable = max(valid_from, self.playhead + 1) if self._started else valid_from
+        replaced = bisect_left(self._cuts, first_replaceable)
         if is_cut and replaced - bisect_right(self._cuts, self._received_to, hi=replaced) >= MOST_CUTS_AHEAD:
             raise ProtocolViolation(f"more than {MOST_CUTS_AHEAD} cuts were announced before their frames")
         self.plan, self.plan_from = plan, valid_from
         del self._cuts[replaced:]
-        del self._cuts[: bisect_right(self._cuts, self._first_kept)]
+        # the newest cut behind the frames kept stays: a sampler may not have shown a frame since
+        del self._cuts[: max(bisect_right(self._cuts, self._first_kept) - 1, 0)]
+        if first_replaceable > valid_from:
+            self._passed = range(valid_from, first_replaceable)
         if is_cut:
-            self._cuts.append(valid_from)
+            self._cuts.append(first_replaceable)
         if valid_from > self._received_to:
             return 0  # frames before valid_from that are still to come will carry this plan's number
         self._received_to = valid_from
-        first_replaceable = max(valid_from, self.playhead + 1) if self._started else valid_from
         if valid_from < first_replaceable:
             self.late_plans += 1
         dropped = max(self.buffered_to - first_replaceable, 0)
         del self._rows[len(self._rows) - dropped :]
         return dropped
 
-    def note_cut(self, frame: int) -> None:
-        """Record a requested cut at a frame: if the session was away when it was made, no plan notice tells of it."""
-        place = bisect_left(self._cuts, frame)
-        if not self.is_cut(frame):
-            self._cuts.insert(place, frame)
+    def note_cut(self, frame: int) -> int:
+        """Record a requested cut at a frame: if the session was away when it was made, no plan notice tells of it.
+
+        Returns the frame at which it shows: the first that can be replaced, if its own was shown before it was known.
+        """
+        shows_at = self._passed.stop if frame in self._passed else frame
+        if not self.is_cut(shows_at):
+            self._cuts.insert(bisect_left(self._cuts, shows_at), shows_at)
+        return shows_at
 
     def is_cut(self, frame: int) -> bool:
         """Whether a frame does not continue the one before it, so that nothing may be blended there."""

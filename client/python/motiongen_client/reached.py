@@ -26,6 +26,8 @@ class ReachedBook:
         self._before: dict[int, ConstraintReached | EventRefused] = {}  # what became of those being replaced
         self._awaited: dict[int, asyncio.Future[ConstraintReached]] = {}
         self._refused: dict[int, EventRefused] = {}
+        self._is_replay = False
+        self._replaced_from: dict[int, int] = {}  # id -> first frame of a replacement accepted in the replay
         self._failure: MotiongenError | None = None
 
     def note(self, reached: ConstraintReached, *, is_former: bool = False) -> bool:
@@ -47,6 +49,21 @@ class ReachedBook:
             self._tell(reached)
         return True
 
+    def begin_replay(self) -> None:
+        """The session was resumed. Until frames come, reports follow answers that may have been sent after them."""
+        self._is_replay = True
+        self._replaced_from.clear()
+
+    def end_replay(self) -> None:
+        """From now on, answers and reports come in the order in which the server makes them."""
+        if self._is_replay:
+            self._is_replay = False
+            self._replaced_from.clear()
+
+    def replaced_from(self, constraint_id: int) -> int | None:
+        """The first frame that a constraint can influence, if it replaced another one, whose report may still come."""
+        return self._replaced_from.get(constraint_id)
+
     def _tell(self, reached: ConstraintReached) -> None:
         key = reached.constraint_id
         self._told.pop(key, None)
@@ -64,8 +81,10 @@ class ReachedBook:
         if before is not None:
             self._before[constraint_id] = before
 
-    def replaced(self, constraint_id: int, *, is_accepted: bool) -> None:
+    def replaced(self, constraint_id: int, *, is_accepted: bool, effective_frame: int | None = None) -> None:
         """The replacement was accepted and has the id; or refused, so that what became of the old one counts again."""
+        if is_accepted and self._is_replay:
+            self._replaced_from[constraint_id] = effective_frame or 0
         if constraint_id not in self._replacing:
             return
         self._replacing[constraint_id] -= 1

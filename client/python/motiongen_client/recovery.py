@@ -97,8 +97,10 @@ class Recovery(Reopening):
         if self._line is Line.RESUMING:
             self._line = Line.OPEN
             self._num_resumes += 1
+            self._reached.begin_replay()
             self._send_unanswered()
         elif self._line is Line.REOPENING:
+            self._reached.end_replay()
             self._go_on_anew(opened)
         else:
             raise ProtocolViolation("a session was opened that had not been asked for")

@@ -8,7 +8,7 @@ from __future__ import annotations
 
 import enum
 import logging
-from collections.abc import Callable, Iterable
+from collections.abc import Callable
 from dataclasses import replace
 from typing import Any
 
@@ -164,28 +164,38 @@ class Reopening(Direction):
 
     def _send_opening(self, opening: session_pb2.OpenSession) -> None:
         event = session_pb2.SessionEvent(session=self.handle, event_seq=1, open=opening)
-        if self._fits([event]):
+        if (misfit := self._misfit(event)) is None:
             self._carrier.send(event)
+        else:
+            self._break_off(misfit)
 
     def _send_unanswered(self) -> None:
         """Send unanswered events again, under the same numbers; the server ignores those it has already accepted."""
-        if self._fits(self._unanswered):
-            self._repeating.begin(self._catalog.limits.max_events_per_second)
+        for event in self._unanswered:
+            if (misfit := self._misfit(event)) is not None:
+                self._break_off(misfit, event.event_seq)
+                return
+        self._repeating.begin(self._catalog.limits.max_events_per_second)
 
-    def _fits(self, events: Iterable[session_pb2.SessionEvent]) -> bool:
-        """Whether events fit in a message. If not, the session ends here, or the server would end the whole stream."""
+    def _misfit(self, event: session_pb2.SessionEvent) -> InvalidInput | None:
+        """Why an event does not fit in a message, if so: the server would end the whole stream."""
         try:
-            for event in events:
-                self._carrier.check(event)
+            self._carrier.check(event)
         except InvalidInput as too_big:
-            self._break_off(too_big)
-            return False
-        return True
+            return too_big
+        return None
 
-    def _break_off(self, failure: MotiongenError) -> None:
-        """End the session here, and on the server if that has it."""
+    def _break_off(self, failure: MotiongenError, number: int | None = None) -> None:
+        """End the session here, and on the server if that has it.
+
+        number: that of the first unanswered event that cannot be sent; None if all were sent. The close takes it, after
+        the events before: the server may have received a lower number, and a higher one would be a gap.
+        """
         if self._line is Line.OPEN:
-            number = self._unanswered.first(self._next_seq)
+            number = self._next_seq if number is None else number
+            for event in self._unanswered:
+                if event.event_seq < number:
+                    self._transmit(event)
             close = session_pb2.CloseSession()
             self._carrier.send(session_pb2.SessionEvent(session=self.handle, event_seq=number, close=close))
         self.fail(failure)

@@ -75,7 +75,8 @@ class Sampler:
     def _has_jumped(self, index: int, here: Float32, ahead: Float32) -> bool:
         if index == self._index:
             return ahead is not self._approached
-        if self._playback.is_cut(index):
+        cut = self._playback.cut_before(index + 1)
+        if cut is not None and cut > self._index:
             self._apart = None  # the difference being faded belongs to the motion before the cut
             return False
         return index == self._index + 1 and here is not self._approached

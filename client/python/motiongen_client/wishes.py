@@ -46,7 +46,20 @@ class Wishes:
                 self._constraints[key] = left
         self.place(placements)
 
-    def begins_after(self, constraint_id: int, frame: int) -> bool:
+    def excludes(self, constraint_id: int, frame: int, replaced_from: int | None) -> bool:
+        """Whether a report with this frame is of an earlier constraint with this id, which the present one replaced.
+
+        replaced_from: the first frame that the present one can influence, if the other's report may still come.
+        """
+        if self._begins_after(constraint_id, frame):
+            return True
+        if replaced_from is None:
+            return False
+        target = self._constraints.get(constraint_id)
+        reported_at = None if target is None else _reported_at(target)
+        return frame < replaced_from if reported_at is None else frame != reported_at
+
+    def _begins_after(self, constraint_id: int, frame: int) -> bool:
         """Whether the constraint that now has this id asks for nothing at or before a frame."""
         target, placement = self._constraints.get(constraint_id), self._placements.get(constraint_id)
         if placement is not None:
@@ -160,6 +173,17 @@ class Wishes:
             state = session_pb2.SetPlayState(state=self._play_state)
             events.append(session_pb2.SessionEvent(set_play_state=state))
         return events
+
+
+def _reported_at(target: motion_pb2.Constraint) -> int | None:
+    """The frame that a report of a constraint has; None if it may have one of several."""
+    if target.HasField("last_frame") or target.at_any_frame or target.frames_from_effect:
+        return None
+    if target.HasField("root_path"):
+        return None
+    if target.HasField("root_trajectory"):
+        return target.frame + max(len(target.root_trajectory.positions) // 2, 1) - 1
+    return target.frame
 
 
 def _from(frame: int, span: motion_pb2.PromptSpan) -> motion_pb2.PromptSpan:

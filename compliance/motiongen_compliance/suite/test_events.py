@@ -1,4 +1,4 @@
-"""Events and their answers: order, numbers, repetitions, and messages about the stream itself."""
+"""Events and their answers: numbers, order of effect, repetitions, and messages about the stream itself."""
 
 from __future__ import annotations
 
@@ -41,21 +41,37 @@ async def test_every_numbered_event_is_answered_once_and_accepted(scene: Scene) 
     await scene.others_play_on()
 
 
-async def test_applied_seq_counts_only_answered_events(target: Target) -> None:
+async def test_applied_seq_counts_no_event_before_it_and_all_earlier_ones_are_answered(target: Target) -> None:
+    """`Heard` compares it with the answers in every update. A SetPlayState is answered before an earlier edit."""
     talk = await target.talk()
     heard = await talk.open(1)
-    answered = {1}
-    for number in range(2, 8):
-        await talk.edit(1, edit_prompts(span(f"text {number}")))
-        await talk.plays_on(1)
-        answered.add(number)
-    seen = {1}
-    for response in talk.responses:
-        for update in response.updates:
-            if update.HasField("outcome"):
-                seen.add(update.outcome.event_seq)
-            assert set(range(1, update.applied_seq + 1)) <= seen
-    assert heard.applied_seq == 7
+    events = [edit_prompts(span("jump")), PAUSE, edit_constraints(waypoint(300, x=1.0)), RESUME, edit_prompts(span())]
+    last = len(events) + 1
+    await talk.send(*(addressed(event, 1, number) for number, event in enumerate(events, start=2)))
+    await talk.until(lambda: heard.applied_seq == last)
+    assert heard.answered == set(range(1, last + 1))
+
+
+async def test_events_of_one_message_take_effect_in_the_order_of_their_numbers(scene: Scene) -> None:
+    """In any other order, another of them would name an id that is not set, or the session would stay paused."""
+    talk = scene.talk
+    unknown = span("a text that nobody has asked for yet", 5, start=400)  # events after it wait while it is encoded
+    events = [
+        PAUSE,
+        edit_prompts(unknown),
+        edit_prompts(remove=[5]),
+        edit_prompts(remove=[5]),
+        edit_constraints(waypoint(300, 5, x=1.0)),
+        edit_constraints(remove=[5]),
+        edit_constraints(remove=[5]),
+        RESUME,
+    ]
+    await talk.send(*(addressed(event, 1, number) for number, event in enumerate(events, start=2)))
+    answers = [await talk.answer(1, number) for number in range(2, len(events) + 2)]
+    refused = {3: "UNKNOWN_PROMPT", 6: "UNKNOWN_CONSTRAINT"}
+    assert [answer.reason for answer in answers] == [refused.get(number, "") for number in range(len(events))]
+    await talk.plays_on(1)
+    await scene.others_play_on()
 
 
 async def test_repeated_event_is_dropped_and_a_gap_in_numbers_refused(scene: Scene) -> None:

@@ -163,7 +163,8 @@ class ModelLink:
         self.heartbeat_at = pulse.heartbeat_at
         for report in pulse.reports:
             if report.places is not None:
-                self.places, self._places_since = report.places, 0
+                with self._lock:  # else an event that is just being counted would bring back the count before it
+                    self.places, self._places_since = report.places, 0
             if report.load is not None:
                 with self._lock:
                     self._load, self._played_before = report.load, self._ledger.num_played

@@ -8,7 +8,7 @@ import sys
 import time
 from collections import Counter
 from collections.abc import Callable, Sequence
-from concurrent.futures import wait
+from concurrent.futures import FIRST_EXCEPTION, Future, wait
 from dataclasses import replace
 from functools import partial
 from operator import itemgetter
@@ -27,7 +27,7 @@ from motiongen_server.engine.types import ModelFacts, StepsOf
 from motiongen_server.engine_process.child import FreshChild, StartChild
 from motiongen_server.engine_process.forking import ForkServerLink
 from motiongen_server.engine_process.group import EngineGroup
-from motiongen_server.engine_process.messages import Begin, StepsElsewhere
+from motiongen_server.engine_process.messages import Begin, Ready, StepsElsewhere
 from motiongen_server.engine_process.process import HUNG_S, EngineProcess
 from motiongen_server.engine_process.restarts import REST_S
 from motiongen_server.engine_process.silence import LOAD_AGAIN_S
@@ -110,9 +110,10 @@ class EnginePool:
         links = [process.load_model(slot, source) for process in self.processes]
         ready = [link.ready for link in links]
         errors: list[BaseException] = []
-        while not errors and wait(ready, LOOK_EVERY_S).not_done:
-            errors = self._hindered()
-        errors += [error for future in ready if future.done() and (error := future.exception()) is not None]
+        # The first that fails ends the wait: others may hang, and the model is not served anyway.
+        while not errors and wait(ready, LOOK_EVERY_S, FIRST_EXCEPTION).not_done:
+            errors = self._hindered() + _errors(ready)
+        errors = errors or _errors(ready)
         ordered = sorted(zip(self._spare, self.processes, links, strict=True), key=itemgetter(0))
         members = tuple((process, link) for _, process, link in ordered)
         num_at_work = len(members) - sum(self._spare)
@@ -184,6 +185,10 @@ class EnginePool:
         spare = [" (spare)" if spare else "" for spare in self._spare]
         engines = zip(self.processes, spare, strict=True)
         return "engines on " + ", ".join(f"{process.name}: {process.device}{note}" for process, note in engines)
+
+
+def _errors(loads: Sequence[Future[Ready]]) -> list[BaseException]:
+    return [error for load in loads if load.done() and (error := load.exception()) is not None]
 
 
 def start_engine_processes(

@@ -51,6 +51,7 @@ class ModelManager:
         self._forget = forget
         self._kept: list[LoadedModel] = []
         self._loading: str | None = None
+        self._loading_since = 0.0
         self._models: ModelRegistry | None = None
         self._closer: Closer | None = None
         self._is_draining = False
@@ -178,9 +179,13 @@ class ModelManager:
 
     async def _load(self, source: str) -> LoadedModel:
         if self._loading is not None:
-            message = f"{self._loading!r} is being loaded; one model is loaded at a time"
+            loading_s = time.monotonic() - self._loading_since
+            message = (
+                f"{self._loading!r} has been loading for {loading_s:.0f} s, and one model is loaded at a time; if a "
+                "disk or a device hangs, end the engine processes, which are started anew without it"
+            )
             raise CannotKeep(Code.UNAVAILABLE, "LOADING", message)
-        self._loading = source
+        self._loading, self._loading_since = source, time.monotonic()
         _log.info("loading %r", source)
         try:
             made = await self._make(source)
@@ -250,13 +255,16 @@ class ModelManager:
 
     @property
     def heartbeat_at(self) -> float:
-        """The oldest heartbeat of models that have not failed, in monotonic seconds.
+        """The oldest heartbeat of models that an engine serves, in monotonic seconds; of those that have not failed if
+        none is served.
 
-        Models that are being unloaded are left out: at their end they send no more heartbeats.
+        A model that is being loaded again keeps the server from nothing that others are served for, however long that
+        takes. Models that are being unloaded are left out: at their end they send no more heartbeats.
         """
         held = [kept.engine for kept in self._kept if kept.state is not ModelState.UNLOADING]
-        beats = [engine.heartbeat_at for engine in held if engine.failure is None]
-        return min(beats, default=0.0)
+        working = [engine for engine in held if engine.failure is None]
+        served = [engine for engine in working if engine.num_engines]
+        return min((engine.heartbeat_at for engine in served or working), default=0.0)
 
     def drain(self) -> None:
         """Admit no new sessions. A model that is being loaded will not be finished."""

@@ -23,7 +23,7 @@ import grpc.aio
 from grpc._cython import cygrpc  # type: ignore[attr-defined]  # which has no stubs
 
 from motiongen_server.errors import StreamRefused
-from motiongen_server.rpc.calls.call_pace import CallPace
+from motiongen_server.rpc.calls.call_pace import CALLS_A_SECOND, CallPace
 from motiongen_server.rpc.calls.context import end_with, refuse
 from motiongen_server.rpc.calls.headers import HeaderTime
 from motiongen_server.rpc.errors.streams import failed_inside
@@ -39,10 +39,11 @@ class _WaryServer(cygrpc.AioServer):  # type: ignore[misc]
     address begins faster than it may (`CallPace`) get no answer of ours: gRPC ends them.
     """
 
-    def __init__(self, *given: Any) -> None:
+    def __init__(self, *given: Any, calls_a_second: float) -> None:
+        """given: by gRPC. calls_a_second: of a service, that an address may begin."""
         super().__init__(*given)
         self._header_times: defaultdict[bytes, HeaderTime] = defaultdict(HeaderTime)  # by service
-        self._paces: defaultdict[bytes, CallPace] = defaultdict(CallPace)
+        self._paces: defaultdict[bytes, CallPace] = defaultdict(partial(CallPace, calls_a_second))
         self._refusals: set[asyncio.Task[None]] = set()  # the event loop keeps only weak references to tasks
 
     def _make_request_call_future(self, method: bytes | None) -> asyncio.Future[Any]:
@@ -102,11 +103,16 @@ def _context_of(call: Any) -> Any:
     return cygrpc._ServicerContext(call, None, None, asyncio.get_running_loop())
 
 
-def make_server(options: Sequence[tuple[str, int]] = (), most_calls: int | None = None) -> grpc.aio.Server:
-    """A server without methods or ports. most_calls: at once; None: unlimited."""
+def make_server(
+    options: Sequence[tuple[str, int]] = (), most_calls: int | None = None, calls_a_second: float = CALLS_A_SECOND
+) -> grpc.aio.Server:
+    """A server without methods or ports.
+
+    most_calls: at once; None: unlimited. calls_a_second: of a service, that an address may begin (`CallPace`).
+    """
     # A logger adds the same filter only once.
     logging.getLogger(cygrpc.__name__).addFilter(_is_not_of_a_client)
-    with _wary():
+    with _wary(calls_a_second):
         return grpc.aio.server(options=list(options), maximum_concurrent_rpcs=most_calls)
 
 
@@ -121,10 +127,10 @@ def serve_methods(
 
 
 @contextlib.contextmanager
-def _wary() -> Iterator[None]:
+def _wary(calls_a_second: float) -> Iterator[None]:
     """Have gRPC make servers of that class within the block: there is no other way to give it one."""
     usual = cygrpc.AioServer
-    cygrpc.AioServer = _WaryServer
+    cygrpc.AioServer = partial(_WaryServer, calls_a_second=calls_a_second)
     try:
         yield
     finally:

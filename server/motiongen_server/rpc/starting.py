@@ -8,7 +8,7 @@ import grpc
 
 from motiongen.v1 import service_pb2
 from motiongen_server.errors import StreamRefused
-from motiongen_server.rpc.calls.context import CallContext
+from motiongen_server.rpc.calls.context import CallContext, refuse
 from motiongen_server.rpc.handlers import StreamContext
 from motiongen_server.rpc.service import MotionService
 
@@ -43,7 +43,7 @@ class StartingService:
         try:
             service = self._opened()
         except StreamRefused as refusal:
-            await context.abort_with_status(refusal.status())
+            await refuse(context, refusal)
         await service.StreamMotion(request_iterator, context)
 
     async def GenerateClip(self, call: CallContext) -> None:

@@ -24,7 +24,7 @@ from motiongen_server.runner.stepping import Stepping
 
 
 class TorchRunner:
-    """Runs one model; a `motiongen_server.engine.ports.Runner`. weights: a fingerprint of the model's weights."""
+    """Runs one model; a `motiongen_server.engine.ports.Runner`. weights: the model's fingerprint."""
 
     def __init__(
         self,

@@ -11,9 +11,11 @@ from motiongen_client.playback import Playback
 from motiongen_client.sampling import Sampler
 from tests.client.golden.draws import RATE_HZ, RIG, drawn_rows, numbers
 
+OTHERS = ("pause", "resume", "scale", "wait")
+
 
 class Script:
-    """A possible session: replans, waits, cuts, pauses, another pace; and what is shown at each time."""
+    """A possible session: replans, waits, cuts, losses, pauses, another pace; and what is shown at each time."""
 
     def __init__(self, seed: int) -> None:
         self.draw = random.Random(seed)
@@ -24,22 +26,38 @@ class Script:
     def lines(self) -> Iterator[str]:
         yield f"begin {RATE_HZ}"
         for _ in range(60):
-            match self.draw.choices(("plan", "chunk", "pause", "resume", "scale", "wait"), (2, 5, 1, 1, 1, 10))[0]:
+            match self.draw.choices(("plan", "chunk", "loss", *OTHERS), (2, 5, 1, 1, 1, 1, 10))[0]:
                 case "plan":
                     yield self.new_plan()
                 case "chunk" if self.plan:
-                    count = self.draw.randint(1, 6)
-                    rows = drawn_rows(self.draw, count)
-                    yield f"chunk {self.plan} {self.received} {count} {numbers(rows)}"
-                    self.received += count
+                    yield self.new_chunk(self.draw.randint(1, 6))
+                case "loss" if self.plan:
+                    yield from self.loss()
                 case "scale":
                     yield f"scale {self.draw.choice([0.5, 1, 1, 2])}"
                 case "pause" | "resume" as name:
                     yield name
                 case _:
-                    for _ in range(self.draw.randint(1, 4)):
-                        self.now_s += self.draw.choice([1 / 60, 1 / 144, 0.0317])
-                        yield f"sample {self.now_s:.9f}"
+                    yield from self.wait(self.draw.randint(1, 4))
+
+    def new_chunk(self, count: int) -> str:
+        first, self.received = self.received, self.received + count
+        return f"chunk {self.plan} {first} {count} {numbers(drawn_rows(self.draw, count))}"
+
+    def wait(self, num_samples: int) -> Iterator[str]:
+        for _ in range(num_samples):
+            self.now_s += self.draw.choice([1 / 60, 1 / 144, 0.0317, 0.11])
+            yield f"sample {self.now_s:.9f}"
+
+    def loss(self) -> Iterator[str]:
+        """It plays on; then one plan for all that were missed, and a cut that is known by its answer."""
+        yield from self.wait(self.draw.randint(2, 15))
+        back = self.draw.randint(2, 8)
+        self.plan += 1
+        self.received = max(self.received - back, 0)
+        yield f"plan {self.plan} {self.received} 0"
+        yield f"cut {self.received + self.draw.randint(0, 3)}"
+        yield self.new_chunk(back + self.draw.randint(2, 4))
 
     def new_plan(self) -> str:
         self.plan += 1
@@ -54,6 +72,7 @@ class Player:
     def __init__(self) -> None:
         self.playback = Playback(RATE_HZ, RIG.row_width)
         self.sampler = Sampler(RIG, self.playback)
+        self.num_passed_cuts = 0
 
     def tell(self, line: str) -> str:
         """Execute a line. Returns its result: for `sample` the playhead and the row, or nothing before there is one."""
@@ -68,6 +87,9 @@ class Player:
                 plan, first, count = map(int, words[:3])
                 rows = np.array(words[3:], np.float32).reshape(count, RIG.row_width)
                 playback.add_chunk(plan, first, rows, 0)
+            case "cut":
+                frame = int(words[0])
+                self.num_passed_cuts += playback.note_cut(frame) > frame
             case "pause":
                 playback.pause()
             case "resume":

@@ -113,12 +113,18 @@ class Remote:
 
 @contextmanager
 def pool_of(
-    how: str = "nothing", engines: int = 1, hung_s: float = LIMIT_S, rest_s: float = LIMIT_S, **settings: object
+    how: str = "nothing",
+    engines: int = 1,
+    hung_s: float = LIMIT_S,
+    rest_s: float = LIMIT_S,
+    *,
+    threads: int = 1,
+    **settings: object,
 ) -> Iterator[tuple[EnginePool, Audience]]:
-    """Engine processes with the fake runner, ended when the test is over."""
+    """Engine processes with the fake runner and that many threads each, ended when the test is over."""
     audience = Audience()
     config = ServerConfig(**settings)  # type: ignore[arg-type]
-    devices = [EngineDevice("cpu", 0, 1)] * engines
+    devices = [EngineDevice("cpu", 0, threads)] * engines
     told = audience.deliver, audience.observer_of
     pool = EnginePool(config, devices, *told, command(how), hung_s=hung_s, rest_s=rest_s)
     try:

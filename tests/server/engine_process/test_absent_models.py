@@ -5,6 +5,7 @@ from __future__ import annotations
 import os
 import signal
 from collections.abc import Iterator
+from concurrent.futures import ThreadPoolExecutor
 from contextlib import contextmanager
 from dataclasses import dataclass
 from pathlib import Path
@@ -179,6 +180,19 @@ def test_model_stuck_while_loading_again_does_not_affect_others(
         there.kill()
         there.play(there.two, OTHER)
         assert there.two.failure is None
+
+
+def test_load_that_hangs_in_one_engine_process_ends_when_another_cannot_load_the_model(tmp_path: Path) -> None:
+    put(tmp_path, "three", "stuck")
+    with shelf(tmp_path, engines=2) as there, ThreadPoolExecutor(1) as operator:
+        try:
+            loading = operator.submit(there.pool.load, "three")
+            until(lambda: there.pool.processes[0]._control.is_loading)
+            there.kill(0)
+            assert isinstance(loading.exception(LIMIT_S), EngineLost)
+            there.play(there.one)
+        finally:
+            there.kill(1)
 
 
 def test_retries_of_loading_become_rarer_with_each_failure(monkeypatch: pytest.MonkeyPatch) -> None:

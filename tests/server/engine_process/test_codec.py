@@ -4,9 +4,10 @@ from __future__ import annotations
 
 import types
 import typing
-from dataclasses import dataclass, fields, is_dataclass
+from dataclasses import dataclass, fields, is_dataclass, make_dataclass
 from enum import Enum
 
+import msgpack
 import numpy as np
 import pytest
 from hypothesis import HealthCheck, given, settings
@@ -127,9 +128,22 @@ def test_numpy_number_in_a_field_is_decoded_as_a_plain_number() -> None:
 
 @pytest.mark.parametrize(
     "data",
-    [b"", b"\xc1", b"\x00", b"\x92\x07\x90", b"\x92\xff\x90", ROWS.encode(Row(np.zeros(3, np.float32)))[:-2]],
-    ids=["nothing", "no msgpack", "no message", "no such message", "a negative number", "half"],
-)
+    [
+        b"",
+        b"\xc1",
+        b"\x00",
+        b"\x92\x07\x90",
+        b"\x92\xff\x90",
+        ROWS.encode(Row(np.zeros(3, np.float32)))[:-2],
+        msgpack.packb((0, ((len(DTYPES), (1,), bytes(4)),))),
+        msgpack.packb((0, ((0, (2,), bytes(4)),))),
+        msgpack.packb((0, ((0, (1,), bytes(4)), 7))),
+    ],
+    ids=[
+        "nothing", "no msgpack", "no message", "no such message", "a negative number", "half", "no such type",
+        "another shape", "a field too many",
+    ],
+)  # fmt: skip
 def test_bytes_that_are_no_message_are_refused(data: bytes) -> None:
     with pytest.raises(CodecError, match="no message of schema"):
         ROWS.decode(data)
@@ -142,6 +156,49 @@ def test_values_that_fit_no_type_are_refused(message: typing.Any) -> None:
     with pytest.raises(CodecError, match="cannot encode"):
         ROWS.encode(message)
     assert len(ROWS.decode(ROWS.encode(Row(np.zeros(3, np.float32)))).values) == 3, "the next message is not affected"
+
+
+@pytest.mark.parametrize("more", [2**64, "\ud800", object()], ids=["a large number", "no Unicode", "an object"])
+def test_value_that_no_message_can_hold_is_refused(more: typing.Any) -> None:
+    with pytest.raises(CodecError, match="cannot encode Wider"):
+        Codec(Wider).encode(Wider(np.zeros(1, np.float32), more))
+
+
+def test_arrays_are_copies_or_views_of_the_message_as_asked() -> None:
+    data = ROWS.encode(Row(np.arange(3, dtype=np.float32)))
+    copied, viewed = ROWS.decode(data).values, Codec(Row, writable=False).decode(data).values
+    assert (copied == viewed).all()
+    assert copied.base is None
+    assert not viewed.flags.owndata
+
+
+class Red(Enum):
+    RED = 1
+
+
+class Pair(typing.NamedTuple):
+    one: int
+    two: str
+
+
+def holder_of(kind: type) -> type[typing.Any]:
+    """A message with a field of that type, which is called the same whatever it is."""
+    return make_dataclass("Holder", [("held", kind)])
+
+
+@pytest.mark.parametrize("held", [Red.RED, Pair(1, "a")], ids=repr)
+def test_enums_and_named_tuples_are_decoded_as_their_own_types(held: typing.Any) -> None:
+    holder = holder_of(type(held))
+    decoded = Codec(holder).decode(Codec(holder).encode(holder(held))).held
+    assert (type(decoded), decoded) == (type(held), held)
+
+
+def test_named_tuple_with_an_array_is_an_error_when_the_codec_is_made() -> None:
+    class Named(typing.NamedTuple):
+        values: NDArray[np.float32]
+
+    with pytest.raises(TypeError, match="Named may hold plain values only"):
+        Codec(holder_of(Named))
 
 
 def test_field_of_an_unsupported_type_is_an_error_when_the_codec_is_made() -> None:
@@ -184,4 +241,9 @@ def test_schema_changes_with_fields_and_order_of_messages() -> None:
     assert Codec(Row).schema == ROWS.schema
     assert Codec(Wider).schema != ROWS.schema
     assert Codec(Row, Wider).schema != Codec(Wider, Row).schema
+    kinds = [
+        Enum("Kind", {"RED": 1}), Enum("Kind", {"RED": 2}), Enum("Kind", {"BLUE": 1}),
+        typing.NamedTuple("Kind", [("one", int)]), typing.NamedTuple("Kind", [("one", str)]),
+    ]  # fmt: skip
+    assert len({Codec(holder_of(kind)).schema for kind in kinds}) == len(kinds)
     assert f"{TO_ENGINE.schema}-{TO_GATEWAY.schema}" == SCHEMA

@@ -2,17 +2,20 @@
 
 from __future__ import annotations
 
+import threading
 from dataclasses import replace
+from typing import cast
 
 import pytest
 
-from motiongen_server.engine.types import Closed, CloseReason, Code, Open, Outcome, Priority, SessionKey
+from motiongen_server.engine.types import Closed, CloseReason, Code, Open, Outcome, Priority, SessionKey, SessionSpec
 from motiongen_server.engine.types.report import StepReport
 from motiongen_server.engine_process.messages import Pulse, Ready
 from motiongen_server.engine_process.model_link import ModelLink
 from motiongen_server.rpc.abilities import NOTHING_CLAIMED
 from tests.server.engine.fakes import FACTS
 from tests.server.engine.stage import spec
+from tests.waiting import LIMIT_S
 
 
 def link_with_four_sessions() -> ModelLink:
@@ -70,6 +73,55 @@ def test_end_of_a_reported_session_does_not_raise_the_load_of_others() -> None:
     opened(link, 2, 2)
     link.take_outputs([Closed(SessionKey(1, 1), CloseReason.CLIENT, Code.OK, "", 0, 0)])
     assert link.load == pytest.approx(0.3)
+
+
+class WatchedLock:
+    """A lock that sets `reached` when a thread has to wait for it."""
+
+    def __init__(self, reached: threading.Event) -> None:
+        self._lock, self._reached = threading.Lock(), reached
+
+    def __enter__(self) -> None:
+        if not self._lock.acquire(blocking=False):
+            self._reached.set()
+            self._lock.acquire()
+
+    def __exit__(self, *error: object) -> None:
+        self._lock.release()
+
+
+class SpecReadDuringReport:
+    """The spec of a session that is known already, so that only the count looks at it. Meanwhile the engine reports
+    that it has a place for one session.
+    """
+
+    def __init__(self, link: ModelLink, session: SessionKey, reached: threading.Event) -> None:
+        self.session = session
+        self._link, self._reached = link, reached
+        self.thread = threading.Thread(target=self._report)
+
+    def _report(self) -> None:
+        self._link.take_pulse(Pulse(1, 0.0, (StepReport(places={Priority.NEAR: 1.0}),)))
+        self._reached.set()
+
+    @property
+    def is_clip(self) -> bool:
+        if not self.thread.ident:
+            self.thread.start()
+            assert self._reached.wait(LIMIT_S)
+        return False
+
+
+def test_report_that_comes_while_an_open_is_counted_is_not_mixed_with_the_count_before_it() -> None:
+    """Else sessions would be refused until the next report, although there are places."""
+    link = link_with_four_sessions()
+    link.take_pulse(Pulse(1, 0.0, (StepReport(places={Priority.NEAR: 8.0}),)))
+    keys, reached = opened(link, 2, 4), threading.Event()
+    link._lock = WatchedLock(reached)  # type: ignore[assignment]
+    read = SpecReadDuringReport(link, keys[0], reached)
+    assert link.submit(Open(cast(SessionSpec, read), 2, 0.0)) is None
+    read.thread.join(LIMIT_S)
+    assert not link.refuses(Priority.NEAR, FACTS.default_steps)
 
 
 def test_lost_engine_has_no_load() -> None:

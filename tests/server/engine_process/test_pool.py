@@ -34,6 +34,12 @@ def test_engines_that_loaded_different_weights_do_not_serve_together() -> None:
         assert [process.num_sessions for process in pool.processes] == [0, 0]
 
 
+def test_text_of_a_pool_gives_the_device_and_threads_of_its_engine() -> None:
+    """`Application` logs the text of its engines: see `tests/server/test_app.py`."""
+    with pool_of(engines=1, threads=2) as (pool, _):
+        assert str(pool) == "engines on 0: cpu x 2"
+
+
 def test_engine_for_which_no_core_is_left_gets_no_session(caplog: pytest.LogCaptureFixture) -> None:
     with remote(engines=3) as there:
         with there.stopped():  # no load is reported meanwhile, which on a busy machine would differ between them

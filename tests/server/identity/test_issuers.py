@@ -9,6 +9,8 @@ from typing import NoReturn
 import grpc
 import grpc.aio
 import pytest
+from google.rpc import error_details_pb2
+from grpc_status import rpc_status
 
 from motiongen.v1 import service_pb2, service_pb2_grpc
 from motiongen_server.identity import callers
@@ -88,6 +90,10 @@ async def test_calls_before_the_first_key_fetch_get_unavailable(
             grpc.StatusCode.UNAVAILABLE,
             True,
         )
+        status = rpc_status.from_call(refused.value)
+        info, retry = error_details_pb2.ErrorInfo(), error_details_pb2.RetryInfo()
+        assert (status.details[0].Unpack(info), status.details[1].Unpack(retry)) == (True, True)
+        assert (info.reason, retry.retry_delay.ToSeconds()) == ("KEYS_UNAVAILABLE", 5)
         issuer.is_down = False
         assert (await line.catalog(issuer.token())).models
 

@@ -3,9 +3,11 @@
 from __future__ import annotations
 
 import tomllib
+from datetime import UTC, datetime, tzinfo
 
 import pytest
 
+from motiongen_server.identity import __main__ as command
 from motiongen_server.identity.__main__ import main
 from motiongen_server.identity.tokens import TokenHash, new_token, number_of
 
@@ -25,9 +27,14 @@ def test_hash_survives_its_text_form_and_does_not_reveal_the_secret() -> None:
     assert token.rpartition("_")[2] not in str(kept)
 
 
-def test_hashes_of_two_tokens_differ_in_salt() -> None:
-    (_, one), (_, two) = new_token(), new_token()
+def test_same_token_hashed_twice_has_different_salts_and_digests(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr("secrets.token_hex", lambda num_bytes: "5a" * num_bytes)
+    (token, one), (same, two) = new_token(), new_token()
+    assert token == same
     assert one.salt != two.salt
+    assert one.digest != two.digest
+    assert one.is_of(token)
+    assert two.is_of(token)
 
 
 @pytest.mark.parametrize("given", ["", "mg_12_34", "mg_" + "0" * 12 + "_" + "g" * 64, "x" * 100_000])
@@ -47,6 +54,26 @@ def test_command_prints_a_token_and_the_entry_that_admits_it(capsys: pytest.Capt
     (entry,) = tomllib.loads(printed.err)["tenants"]["studio"]["tokens"]
     assert TokenHash.parse(entry["hash"]).is_of(printed.out.strip())
     assert entry["expires"].tzinfo is not None
+
+
+def test_a_token_expires_after_its_days_to_the_second(
+    monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    class Clock(datetime):
+        @classmethod
+        def now(cls, tz: tzinfo | None = None) -> datetime:
+            return datetime(2027, 2, 27, 12, 30, 59, 999_999, tz)
+
+    monkeypatch.setattr(command, "datetime", Clock)
+    main(["studio", "--days", "2"])
+    (entry,) = tomllib.loads(capsys.readouterr().err)["tenants"]["studio"]["tokens"]
+    assert entry["expires"] == datetime(2027, 3, 1, 12, 30, 59, tzinfo=UTC)
+
+
+def test_a_token_without_days_never_expires(capsys: pytest.CaptureFixture[str]) -> None:
+    main(["studio"])
+    (entry,) = tomllib.loads(capsys.readouterr().err)["tenants"]["studio"]["tokens"]
+    assert list(entry) == ["hash"]
 
 
 @pytest.mark.parametrize("name", ["studio", 'the "best" studio', "a\\b.c", "Café 日本"])

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import asyncio
 import logging
+import re
 from typing import cast
 
 import grpc
@@ -48,6 +49,7 @@ async def test_model_is_loaded_while_other_models_play(stage: Stage) -> None:
     assert (await talk.answer(2, 1)).reason == "UNKNOWN_MODEL"
     busy = await refusal(stage.admin.LoadModel(load("four")))
     assert busy[:2] == (grpc.StatusCode.UNAVAILABLE, "LOADING")
+    assert re.match(r"'three' has been loading for \d+ s, .* end the engine processes", busy[2])
     stage.shop.go.set()
     status = (await loading).model
     assert (status.model_id, status.source, status.state) == ("three", "three", admin_pb2.MODEL_STATE_SERVING)
@@ -115,6 +117,7 @@ class Leaving:
 
     failure = None
     heartbeat_at = 7.0
+    num_engines = 1
 
 
 async def test_heartbeat_of_a_model_being_unloaded_is_ignored(stage: Stage) -> None:
@@ -125,6 +128,23 @@ async def test_heartbeat_of_a_model_being_unloaded_is_ignored(stage: Stage) -> N
     kept.state = ModelState.SERVING
     assert stage.manager.heartbeat_at == 7.0
     kept.engine = engine
+
+
+class LoadedAgain:
+    """An engine whose process was lost, while the next one loads its model."""
+
+    failure = None
+    heartbeat_at = 7.0
+    num_engines = 0
+
+
+async def test_server_is_ready_while_one_model_is_served_and_another_is_loaded_again(stage: Stage) -> None:
+    engines = [kept.engine for kept in stage.manager.kept]
+    for kept in stage.manager.kept:
+        kept.engine = cast(EnginePort, LoadedAgain())
+        assert (stage.manager.heartbeat_at == 7.0) == (kept is stage.manager.kept[1]), "not ready only without any"
+    for kept, engine in zip(stage.manager.kept, engines, strict=True):
+        kept.engine = engine
 
 
 async def test_second_model_of_the_same_name_is_refused(stage: Stage) -> None:

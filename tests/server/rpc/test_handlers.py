@@ -7,6 +7,8 @@ from typing import Any
 
 import grpc
 
+from motiongen.v1 import service_pb2
+from motiongen_server.rpc.calls.requests import Requests
 from motiongen_server.rpc.handlers import SERVICE, add_methods
 
 
@@ -30,3 +32,31 @@ def test_every_contract_method_is_registered_as_stream_stream() -> None:
     assert set(server.served) == {method.full_name for method in SERVICE.methods}
     for method in SERVICE.methods:
         assert server.served[method.full_name].stream_stream is not None
+
+
+async def test_the_methods_with_one_request_await_it_together_with_the_server_s_others() -> None:
+    """How long, and how many at once, is said for all calls of a server."""
+    awaited: list[object] = []
+
+    class Only(Requests):
+        async def only(self, *_: object) -> bytes:
+            awaited.append(self)
+            return b""
+
+    async def generate(call: Any) -> None:
+        await call.request()
+
+    async def catalog(call: Any) -> service_pb2.GetCatalogResponse:
+        await call.request()
+        return service_pb2.GetCatalogResponse()
+
+    async def write(_: object) -> None:
+        """Nobody reads it."""
+
+    server: Any = Server()
+    methods: Any = SimpleNamespace(GetCatalog=catalog, GenerateClip=generate, StreamMotion=None)
+    requests = Only()
+    add_methods(methods, server, requests)
+    for name in ("GetCatalog", "GenerateClip"):
+        await server.served[f"{SERVICE.full_name}.{name}"].stream_stream(None, SimpleNamespace(write=write))
+    assert awaited == [requests] * 2

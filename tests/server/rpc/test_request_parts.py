@@ -14,7 +14,7 @@ from motiongen_server.rpc.request_parts import (
     SMALL_EVENT_BYTES,
     RequestParts,
 )
-from motiongen_server.rpc.wire_fields import CLIP, Malformed, num_fields
+from motiongen_server.rpc.wire_fields import CLIP, EVENT, Malformed, num_fields, varint
 
 MOST = 500
 """The most fields that an event may have."""
@@ -53,6 +53,20 @@ def test_parts_together_equal_the_message(
     assert all(len(part.events) <= EVENTS_A_PART for part in given_back)
 
 
+def sizes_of(events: list[session_pb2.SessionEvent], **control: object) -> list[int]:
+    """How many events there are in each part of their message."""
+    parts, _ = walked(service_pb2.StreamMotionRequest(events=events, **control).SerializeToString())  # type: ignore[arg-type]
+    return [len(part.events) for part, _ in parts.events()]
+
+
+def test_parts_are_full_except_the_last_and_hold_nothing_but_events() -> None:
+    playhead = session_pb2.SessionEvent(session=7, playhead=session_pb2.Playhead(frame=5))
+    assert sizes_of([playhead] * (3 * EVENTS_A_PART + 8)) == [EVENTS_A_PART] * 3 + [8]
+    whole = service_pb2.StreamMotionRequest(events=[playhead] * 5).SerializeToString()
+    parts, _ = walked(whole + service_pb2.StreamMotionRequest(hello=HELLO).SerializeToString() + whole)
+    assert [part.WhichOneof("stream_event") for part, _ in parts.events()] == [None, None]
+
+
 def test_walk_stops_after_the_number_of_fields_asked_for() -> None:
     parts = RequestParts(b"\x0a\x00" * 1000, MOST)
     assert parts.walk(300) == 300
@@ -82,6 +96,13 @@ def test_random_bytes_are_malformed_or_read_as_protobuf_reads_them(data: bytes) 
 def test_invalid_wire_bytes_are_malformed(data: bytes) -> None:
     with pytest.raises(Malformed):
         walked(data)
+
+
+def test_a_number_that_does_not_end_is_read_no_further_than_ten_bytes() -> None:
+    """Else a megabyte of it would be put together a byte at a time."""
+    assert varint(b"\xff" * 9 + b"\x01", 0) == (2**64 - 1, 10)
+    with pytest.raises(Malformed, match="before byte 10 "):
+        varint(b"\xff" * 10 + b"\x01", 0)
 
 
 def edit(num_constraints: int, sequence: int = 2) -> session_pb2.SessionEvent:
@@ -127,8 +148,20 @@ def test_no_part_has_more_fields_than_are_parsed_at_once() -> None:
         edit_constraints=session_pb2.EditConstraints(upsert=[motion_pb2.Constraint()] * 400)
     )
     assert SMALL_EVENT_BYTES // 2 < small.ByteSize() < SMALL_EVENT_BYTES
-    parts, _ = walked(service_pb2.StreamMotionRequest(events=[small] * 100).SerializeToString())
-    assert max(len(part.events) for part, _ in parts.events()) <= FIELDS_A_PART // 400
+    assert sizes_of([small] * 100) == [FIELDS_A_PART // (small.ByteSize() // 2)] * 10
+
+
+def test_an_event_may_have_as_many_fields_as_fit_into_a_small_one_or_as_many_as_any() -> None:
+    small = b"\x6a\x00" * (SMALL_EVENT_BYTES // 2)
+    assert len(small) == SMALL_EVENT_BYTES > 2 * MOST
+    ((part, is_overgrown),) = walked(wrapped(small))[0].events()
+    assert (list(part.events), is_overgrown) == ([session_pb2.SessionEvent.FromString(small)], False)
+    full = edit((MOST - 2) // 3, 0).SerializeToString()
+    assert num_fields(full, 0, len(full), EVENT, MOST) == MOST
+    ((_, is_overgrown),) = walked(wrapped(full))[0].events()
+    assert not is_overgrown
+    ((_, is_overgrown),) = walked(wrapped(full + b"\x08\x07"))[0].events()
+    assert is_overgrown
 
 
 def test_fields_of_a_clip_are_counted_at_every_level() -> None:
@@ -137,14 +170,21 @@ def test_fields_of_a_clip_are_counted_at_every_level() -> None:
     assert num_fields(data, 0, len(data), CLIP, MOST) == 2 + 9 * 2
 
 
+def test_a_message_may_say_so_much_of_the_stream_itself() -> None:
+    said = service_pb2.StreamMotionRequest(hello=HELLO).SerializeToString()
+    parts, count = walked(said * MOST_CONTROL_FIELDS)
+    assert (parts.control().hello, count) == (HELLO, 0)
+
+
 @pytest.mark.parametrize(
     "data",
     [
         b"\x12\x00" * (MOST_CONTROL_FIELDS + 1),
         wrapped(b"\x6a\x00" * (MOST + 100)),
         wrapped(b"\x6a\x05\x0a\x7f" + bytes(1100)),
+        wrapped(edit(MOST // 3 + 1).SerializeToString() + b"\x00\x00"),
     ],
-    ids=["control fields", "kinds of one event", "a field beyond its event"],
+    ids=["control fields", "kinds of one event", "a field beyond its event", "a field of no number"],
 )
 def test_messages_that_no_client_sends_are_malformed(data: bytes) -> None:
     with pytest.raises(Malformed):

@@ -46,11 +46,14 @@ def test_device_errors_are_translated_for_the_engine(raised: Exception, expected
 
 def test_graphs_are_dropped_when_memory_runs_out() -> None:
     let_go = []
-    with pytest.raises(OutOfMemory), device_errors(lambda: let_go.append("graphs")):
-        raise torch.OutOfMemoryError("CUDA out of memory")
+    for error in (
+        torch.OutOfMemoryError("CUDA out of memory"), torch.AcceleratorError("CUDA error: out of memory", 2)
+    ):  # fmt: skip
+        with pytest.raises(OutOfMemory), device_errors(lambda: let_go.append("graphs")):
+            raise error
     with pytest.raises(ValueError, match="no"), device_errors(lambda: let_go.append("nothing")):
         raise ValueError("no")
-    assert let_go == ["graphs"]
+    assert let_go == ["graphs"] * 2
 
 
 def test_failed_allocation_of_torch_is_out_of_memory() -> None:

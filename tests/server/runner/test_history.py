@@ -35,6 +35,24 @@ def test_tokens_and_features_of_a_history_give_the_same_window() -> None:
     assert np.abs(first.frames - second.frames).max() < TOLERANCE
 
 
+def test_histories_with_and_without_tokens_stay_with_their_windows_in_one_batch() -> None:
+    model = load_checkpoint(TINY)
+    runner = TorchRunner(model, "tiny")
+    random = np.random.default_rng(6)
+    jobs = []
+    for number in range(4):
+        features = (0.3 * random.standard_normal((8, model.representation.feature_dim))).astype(np.float32)
+        tokens = model.codec.to_hybrid(torch.from_numpy(features)[None])[0].numpy() if number % 2 else None
+        job = replace(make_job(number, model, random), first_frame=100, start_pose=None, constraints=())
+        jobs.append(replace(job, history=features, history_tokens=tokens))
+    runner.prepare(jobs)
+    together = [runner.row(job.job_id).history for job in jobs]
+    for job, history in zip(jobs, together, strict=True):
+        alone = TorchRunner(model, "tiny")
+        alone.prepare([job])
+        assert (history - alone.row(job.job_id).history).abs().max() < TOLERANCE, job.job_id
+
+
 def test_root_part_of_a_window_s_tokens_equals_its_features() -> None:
     model = load_checkpoint(TINY)
     runner = TorchRunner(model, "tiny")

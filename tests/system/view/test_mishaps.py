@@ -67,7 +67,7 @@ def test_error_of_the_page_is_reported_once(page: Page) -> None:
     page.run("dispatchEvent(new ErrorEvent('error', { message: 'a ResizeObserver was late' }))")
     notes = page.run("return [...document.querySelectorAll('#notes p.error')].map(({ textContent }) => textContent)")
     assert len(notes) == 1
-    assert "failed at something: out of cheese" in notes[0]
+    assert notes[0].startswith("an error occurred in the page: out of cheese.")
 
 
 def test_silent_connection_is_replaced_by_another(view: str, open_page: Callable[..., Page]) -> None:

@@ -7,6 +7,22 @@
 #include "client/placing.hpp"
 
 namespace motiongen {
+namespace {
+
+// Of a target whose frames are known, and which applies to all of them.
+std::uint64_t num_frames_of(const v1::Constraint& constraint) {
+  const int frames = constraint.has_root_trajectory() ? constraint.root_trajectory().positions_size() / 2 : 1;
+  return static_cast<std::uint64_t>(std::max(frames, 1));
+}
+
+// The frame of a target's result; nothing if it may be one of several.
+std::optional<std::uint64_t> only_result_of(const v1::Constraint& constraint) {
+  const bool is_of_any = constraint.has_last_frame() || constraint.at_any_frame();
+  if (is_of_any || constraint.frames_from_effect() || constraint.has_root_path()) return std::nullopt;
+  return constraint.frame() + num_frames_of(constraint) - 1;
+}
+
+}  // namespace
 
 EditId SessionBook::add(v1::SessionEvent& event) {
   event.set_event_seq(take_seq());
@@ -56,6 +72,11 @@ std::vector<v1::SessionEvent> SessionBook::repetitions(std::uint64_t base, std::
     if (said) events.push_back(std::move(*said));
   }
   return events;
+}
+
+void SessionBook::drop_from(std::uint64_t event_seq) {
+  while (!pending_.empty() && pending_.back().event.event_seq() >= event_seq) pending_.pop_back();
+  next_seq_ = event_seq;
 }
 
 std::vector<v1::SessionEvent> SessionBook::unanswered(std::uint64_t base) {
@@ -140,14 +161,22 @@ bool SessionBook::expects(std::uint32_t target) const {
   return is_being_set(target) || std::any_of(constraints_.begin(), constraints_.end(), has_id);
 }
 
-bool SessionBook::begins_after(std::uint32_t target, std::uint64_t frame) const {
+bool SessionBook::excludes(std::uint32_t target, std::uint64_t frame,
+                           std::optional<std::uint64_t> took_over_from) const {
   const auto has_id = [target](const v1::Constraint& each) { return each.constraint_id() == target; };
   const auto found = std::find_if(constraints_.begin(), constraints_.end(), has_id);
-  if (found == constraints_.end()) return false;
-  const auto placement = placements_.find(target);
+  if (found != constraints_.end() && begins_after(*found, frame)) return true;
+  if (!took_over_from) return false;
+  const auto reported_at = found == constraints_.end() ? std::nullopt : only_result_of(*found);
+  return reported_at ? frame != *reported_at : frame < *took_over_from;
+}
+
+// Whether a target asks for nothing at a frame, or before it.
+bool SessionBook::begins_after(const v1::Constraint& constraint, std::uint64_t frame) const {
+  const auto placement = placements_.find(constraint.constraint_id());
   if (placement != placements_.end()) return frame < placement->second.first_frame;
-  if (found->at_any_frame() || found->frames_from_effect() || found->has_root_path()) return false;
-  return frame < found->frame();
+  if (constraint.at_any_frame() || constraint.frames_from_effect() || constraint.has_root_path()) return false;
+  return frame < constraint.frame();
 }
 
 std::vector<std::uint32_t> SessionBook::passed_at(std::uint64_t frame) const {
@@ -197,8 +226,7 @@ bool SessionBook::is_over(const v1::Constraint& constraint, std::uint64_t frame)
   if (placement != placements_.end()) return placement->second.last_frame < frame;
   if (constraint.at_any_frame() || constraint.frames_from_effect() || constraint.has_root_path()) return false;
   if (constraint.has_last_frame()) return constraint.last_frame() < frame;
-  const int frames = constraint.has_root_trajectory() ? constraint.root_trajectory().positions_size() / 2 : 1;
-  return constraint.frame() + static_cast<std::uint64_t>(std::max(frames, 1)) <= frame;
+  return constraint.frame() + num_frames_of(constraint) <= frame;
 }
 
 std::optional<v1::Constraint> SessionBook::left(const v1::Constraint& constraint, std::uint64_t frame) const {

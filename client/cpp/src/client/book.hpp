@@ -79,6 +79,9 @@ class SessionBook {
   std::vector<v1::SessionEvent> repetitions(std::uint64_t base, std::uint64_t first_seq = 0,
                                             std::size_t most = std::numeric_limits<std::size_t>::max()) const;
 
+  // Drop the unanswered events from this number on, which the server has not received; the next event gets the number.
+  void drop_from(std::uint64_t event_seq);
+
   // The number of the newest event without an answer; 0 if there is none.
   std::uint64_t newest_seq() const { return pending_.empty() ? 0 : pending_.back().event.event_seq(); }
 
@@ -114,8 +117,9 @@ class SessionBook {
   bool is_being_set(std::uint32_t target) const;
   // Whether a result for a target may still arrive: it is being set, or was accepted and is not over.
   bool expects(std::uint32_t target) const;
-  // Whether the accepted target with this id asks for nothing at a frame, or before it.
-  bool begins_after(std::uint32_t target, std::uint64_t frame) const;
+  // Whether a result at a frame is of an earlier target with this id, which the present one replaced. took_over_from:
+  // the first frame that the present one can influence, if the other's result may still come.
+  bool excludes(std::uint32_t target, std::uint64_t frame, std::optional<std::uint64_t> took_over_from) const;
   // The targets of which nothing is left at a frame; a session that is opened anew there does not get them.
   std::vector<std::uint32_t> passed_at(std::uint64_t frame) const;
 
@@ -165,6 +169,7 @@ class SessionBook {
   void put_prompt(v1::PromptSpan span, std::uint64_t playhead);
   std::vector<v1::PromptSpan> prompts_from(std::uint64_t base, std::size_t most) const;
   bool is_being_changed(std::uint32_t prompt_id) const;
+  bool begins_after(const v1::Constraint& constraint, std::uint64_t frame) const;
   bool is_over(const v1::Constraint& constraint, std::uint64_t frame) const;
   std::optional<v1::Constraint> left(const v1::Constraint& constraint, std::uint64_t frame) const;
 

@@ -9,14 +9,15 @@
 namespace motiongen {
 namespace {
 
-// ThreadSanitizer cannot see that reads happen one after another: the synchronisation is inside gRPC's libraries.
-void begin_read([[maybe_unused]] Call* call) {
+// ThreadSanitizer cannot see that the start, the reads and the end happen one after another: the synchronisation is
+// inside gRPC's libraries.
+void begin_step([[maybe_unused]] Call* call) {
 #if defined(__SANITIZE_THREAD__)
   __tsan_acquire(call);
 #endif
 }
 
-void end_read([[maybe_unused]] Call* call) {
+void end_step([[maybe_unused]] Call* call) {
 #if defined(__SANITIZE_THREAD__)
   __tsan_release(call);
 #endif
@@ -31,7 +32,7 @@ std::shared_ptr<Call> Call::start(grpc::GenericStub& stub, const Metadata& metad
   for (const auto& [key, text] : metadata) call->context_.AddMetadata(key, text);
   stub.PrepareBidiStreamingCall(&call->context_, "/motiongen.v1.MotionService/StreamMotion", grpc::StubOptions(),
                                 call.get());
-  end_read(call.get());
+  end_step(call.get());
   call->AddHold();  // lets writes begin outside the call's own callbacks; removed when nothing more can be read
   call->StartRead(&call->received_);
   call->StartCall();
@@ -71,7 +72,7 @@ void Call::send_next() {
 }
 
 void Call::OnReadDone(bool ok) {
-  begin_read(this);
+  begin_step(this);
   if (!ok) {
     {
       const std::lock_guard<std::mutex> lock(mutex_);
@@ -92,7 +93,7 @@ void Call::OnReadDone(bool ok) {
   }
   slices_.clear();
   received_.Clear();
-  end_read(this);
+  end_step(this);
   StartRead(&received_);
 }
 
@@ -103,6 +104,7 @@ void Call::OnWriteDone(bool ok) {
 }
 
 void Call::OnDone(const grpc::Status& status) {
+  begin_step(this);
   // Neither this call nor its user may be destroyed on this thread, which is one of gRPC's: both hold the channel, and
   // when the last reference to the last channel goes, gRPC 1.51 joins its own threads. So the user takes over the call,
   // and whoever releases either of them first waits for the end (`wait_ended`), even if the user was done with the call

@@ -75,7 +75,7 @@ Result<std::vector<Clip>> ClientCore::generate_clip(const ClipOptions& options) 
   Status broken;
   while (broken && reader->Read(&part)) {
     if (part.has_opened() && !knows_rig_of(part.opened())) {  // a model loaded since the catalogue was fetched
-      static_cast<void>(fetch_catalog(kAskTimeoutS));
+      static_cast<void>(fetch_catalog(ask_timeout_s_));
       known = catalog();
     }
     broken = part.sample() < samples.size()

@@ -30,6 +30,19 @@ bool is_loss(const Status& status) {
 // Whether no call was made because there was no token; then no server is at fault.
 bool lacks_token(const Status& status) { return status.reason() == kTokenSource; }
 
+// What to tell of a server that could not be connected to. gRPC tells nobody why a handshake failed, so what to check
+// is named.
+std::string none_answers(const ClientOptions& options, const Status& why) {
+  std::string text = "no motiongen server answers at " + options.address + " (" + name_of(why.code()) + ": " +
+                     why.message() + "). Is it running and ready (/readyz), and are both with TLS, or both without it?";
+  if (options.tls && why.code() == Code::deadline_exceeded) {
+    text +=
+        " Its certificate must name this address and come from an authority that is trusted here, and it may "
+        "require one of the client.";
+  }
+  return text;
+}
+
 }  // namespace
 
 Status ClientCore::fetch_catalog(double timeout_s) {
@@ -80,7 +93,7 @@ Status ClientCore::connect() {
   Status why;
   for (double wait_s = Backoff::kFirstS;; wait_s = std::min(Backoff::kGrowth * wait_s, Backoff::kMostS)) {
     // while others might answer, do not wait long for a server that accepts the call but stays silent
-    why = try_connect(has_others ? std::min(deadline_s, now_s() + kAskTimeoutS) : deadline_s);
+    why = try_connect(has_others ? std::min(deadline_s, now_s() + ask_timeout_s_) : deadline_s);
     // the server is loading its model, was lost meanwhile, or is overloaded at the moment
     const bool may_pass = why.code() == Code::unavailable || why.code() == Code::resource_exhausted ||
                           (has_others && why.code() == Code::deadline_exceeded);
@@ -92,9 +105,7 @@ Status ClientCore::connect() {
     shut_down();
     if (lacks_token(why)) return why;
     const Code code = why.code() == Code::deadline_exceeded ? Code::unavailable : why.code();
-    return {code, why.reason(),
-            "no motiongen server answers at " + options_.address + " (" + name_of(why.code()) + ": " + why.message() +
-                "). Is it running and ready?"};
+    return {code, why.reason(), none_answers(options_, why)};
   }
   worker_ = std::thread([core = shared_from_this()] { core->work(); });
   return {};
@@ -209,7 +220,7 @@ void ClientCore::forget_closed() {
 }
 
 void ClientCore::reconnect() {
-  Status begun = fetch_catalog(kAskTimeoutS);
+  Status begun = fetch_catalog(ask_timeout_s_);
   if (closing_) return;
   if (begun) begun = begin_call();
   if (!begun) lose(begun, options_.reconnect && is_loss(begun));

@@ -10,8 +10,9 @@ namespace motiongen {
 
 double now_s() { return std::chrono::duration<double>(std::chrono::steady_clock::now().time_since_epoch()).count(); }
 
-ClientCore::ClientCore(ClientOptions options)
+ClientCore::ClientCore(ClientOptions options, double ask_timeout_s)
     : options_(std::move(options)),
+      ask_timeout_s_(ask_timeout_s),
       metadata_(options_),
       events_(options_.on_event),
       route_(addresses_of(options_), options_.routing_key) {}
@@ -238,7 +239,7 @@ bool ClientCore::take_update(const wire::Update& update, double now) {
     if (reason == "UNKNOWN_MODEL" || reason == "UNKNOWN_RIG") wants_catalog_ = true;
     // models come and go while the server runs; the session cannot begin without its rig, so fetch that first
     if (message.has_opened() && !knows_rig_of(message.opened()) && is_opening(*state)) {
-      static_cast<void>(fetch_catalog(kAskTimeoutS));
+      static_cast<void>(fetch_catalog(ask_timeout_s_));
     }
   }
   {

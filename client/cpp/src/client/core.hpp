@@ -29,7 +29,7 @@
 
 namespace motiongen {
 
-inline constexpr double kAskTimeoutS = 5;  // for the catalogue, and for the hello of one of several servers
+inline constexpr double kAskTimeoutS = 5;
 
 // Seconds of a monotonic clock.
 double now_s();
@@ -57,7 +57,8 @@ class ShortCall {
 
 class ClientCore final : public CallUser, public std::enable_shared_from_this<ClientCore> {
  public:
-  explicit ClientCore(ClientOptions options);
+  // ask_timeout_s: for the catalogue, and for the hello of one of several servers.
+  explicit ClientCore(ClientOptions options, double ask_timeout_s = kAskTimeoutS);
 
   // ---- for Client
 
@@ -135,6 +136,7 @@ class ClientCore final : public CallUser, public std::enable_shared_from_this<Cl
   void follow(const std::shared_ptr<SessionState>& state);
 
   const ClientOptions options_;
+  const double ask_timeout_s_;
   CallMetadata metadata_;
   EventQueue events_;
   Outbox outbox_;

@@ -69,6 +69,25 @@ void ReachedBook::forget(std::uint32_t target) {
   erase(refused_, target);
 }
 
+void ReachedBook::begin_replay() {
+  is_replay_ = true;
+  took_over_.clear();
+}
+
+void ReachedBook::end_replay() {
+  is_replay_ = false;
+  took_over_.clear();
+}
+
+void ReachedBook::take_over(std::uint32_t target, std::uint64_t effective_frame) {
+  if (is_replay_ && forgotten_.count(target) != 0) took_over_[target] = effective_frame;
+}
+
+std::optional<std::uint64_t> ReachedBook::took_over_from(std::uint32_t target) const {
+  const auto found = took_over_.find(target);
+  return found == took_over_.end() ? std::nullopt : std::optional<std::uint64_t>(found->second);
+}
+
 void ReachedBook::settle(std::uint32_t target, bool was_taken, bool is_last) {
   const auto kept = forgotten_.find(target);
   if (kept == forgotten_.end()) return;

@@ -25,6 +25,15 @@ class ReachedBook {
 
   // Another target is to take this id: what is known of the one before does not apply to it.
   void forget(std::uint32_t target);
+  // The session was resumed. Until frames come, results follow answers that may have been given after them.
+  void begin_replay();
+  // From now on, answers and results come in the order in which the server makes them.
+  void end_replay();
+  // An edit that takes this id was accepted; before `settle`. effective_frame: the first frame that it can influence.
+  void take_over(std::uint32_t target, std::uint64_t effective_frame);
+  // The first frame that a target can influence, if it has taken over from another, whose result may still come.
+  std::optional<std::uint64_t> took_over_from(std::uint32_t target) const;
+
   // The edit with the other target was answered: accepted, or refused so that what was forgotten applies again.
   // is_last: no other unanswered edit takes this id.
   void settle(std::uint32_t target, bool was_taken, bool is_last);
@@ -48,6 +57,8 @@ class ReachedBook {
   std::deque<Placement> placements_;
   std::deque<std::pair<std::uint32_t, Status>> refused_;
   std::map<std::uint32_t, Forgotten> forgotten_;  // by the ids that unanswered edits replace
+  bool is_replay_ = false;
+  std::map<std::uint32_t, std::uint64_t> took_over_;  // in the replay: id and first frame of those that did
 };
 
 }  // namespace motiongen

@@ -17,7 +17,7 @@ bool same_rows(const Rig& a, const Rig& b) {
 }
 
 Status passed() {
-  return {Code::failed_precondition, "FRAME_COMMITTED", "the line was lost, and its frames have passed"};
+  return {Code::failed_precondition, "FRAME_COMMITTED", "its frames passed while the connection was lost"};
 }
 
 }  // namespace
@@ -86,14 +86,14 @@ void SessionState::send_open(Outbox& outbox, const Catalog& catalog, EventQueue&
   repeating_.stop();
   if (resuming_) {
     const v1::SessionEvent resuming = resuming_event();
-    if (check_sizes({resuming}, catalog, outbox, events)) outbox.put(resuming);
+    if (check_sizes({resuming}, catalog, events)) outbox.put(resuming);
     return;
   }
   std::vector<v1::SessionEvent> said = {opening_event(catalog)};
   settle_passed(events);
   for (v1::SessionEvent& each : book.unanswered(base_)) said.push_back(std::move(each));
   said_to_ = 0;
-  if (!check_sizes(said, catalog, outbox, events)) return;
+  if (!check_sizes(said, catalog, events)) return;
   say(said.front(), outbox);
   say_again(static_cast<double>(catalog.limits.max_events_per_second), outbox);
 }
@@ -172,21 +172,23 @@ void SessionState::take_resumed(const v1::SessionOpened& message, const Catalog&
                                 Outbox& outbox) {
   resuming_ = false;
   token_ = message.session_token();
+  // the close takes the number of the first event that this server would not accept, or it would be refused as a gap
+  const Status fit = drop_misfits(catalog);
   if (phase == Phase::closing) {  // the close is numbered after the unanswered events
-    if (!check_sizes(book.repetitions(base_), catalog, outbox, events)) return;
     say_again(0, outbox);
     return send_close(outbox);
   }
   phase = Phase::open;
   ++stats.recoveries;
+  reached_book.begin_replay();
   Event event = event_of(EventKind::recovered);
   event.frame = base_ + message.start_frame();
   event.exact = true;
   events.push(std::move(event));
   serve_in_full(message.denoise_steps(), events);
   report_before_edit(outbox);  // the playhead may have moved meanwhile
-  if (!check_sizes(book.repetitions(base_), catalog, outbox, events)) return;
-  say_again(static_cast<double>(catalog.limits.max_events_per_second), outbox);
+  say_again(fit ? static_cast<double>(catalog.limits.max_events_per_second) : 0, outbox);
+  if (!fit) break_off(fit, events, outbox);
 }
 
 void SessionState::take_opened(const v1::SessionOpened& message, const Catalog& catalog, EventQueue& events,
@@ -205,6 +207,7 @@ void SessionState::take_opened(const v1::SessionOpened& message, const Catalog& 
   token_ = message.session_token();
   attempt_ = 0;
   phase = Phase::open;
+  reached_book.end_replay();
   const bool was_reopened = was_open_;
   Event event = event_of(was_reopened ? EventKind::recovered : EventKind::opened);
   event.outcome.warnings = opened.warnings;

@@ -29,15 +29,24 @@ void SessionState::say(const v1::SessionEvent& event, Outbox& outbox) {
   outbox.put(event);
 }
 
-bool SessionState::check_sizes(const std::vector<v1::SessionEvent>& said, const Catalog& catalog, Outbox& outbox,
-                               EventQueue& events) {
+bool SessionState::check_sizes(const std::vector<v1::SessionEvent>& said, const Catalog& catalog, EventQueue& events) {
   for (const v1::SessionEvent& each : said) {
     Status fits = convert::check_size(each.has_open() ? "the session" : "edit", each, catalog.limits);
     if (fits) continue;
-    phase == Phase::open ? break_off(fits, events, outbox) : end(std::move(fits), events);
+    end(std::move(fits), events);
     return false;
   }
   return true;
+}
+
+Status SessionState::drop_misfits(const Catalog& catalog) {
+  for (const v1::SessionEvent& each : book.repetitions(base_)) {
+    Status fits = convert::check_size("edit", each, catalog.limits);
+    if (fits) continue;
+    book.drop_from(each.event_seq());
+    return fits;
+  }
+  return {};
 }
 
 void SessionState::say_again(double per_second, Outbox& outbox) { say_next(repeating_.begin(per_second), outbox); }

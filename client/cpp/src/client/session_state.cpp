@@ -65,6 +65,7 @@ void SessionState::take_plan(const wire::Plan& plan, EventQueue& events, Outbox&
 
 void SessionState::take_chunk(const wire::Chunk& chunk, EventQueue& events, Outbox& outbox) {
   if (phase != Phase::open || !timeline) return;
+  reached_book.end_replay();
   if (chunk.scalar_type != static_cast<std::uint64_t>(options.frame_format)) {
     return break_off(violation("a chunk has scalar type " + std::to_string(chunk.scalar_type) + "; " +
                                std::to_string(static_cast<std::uint64_t>(options.frame_format)) + " was asked for"),
@@ -141,9 +142,12 @@ void SessionState::take_outcome(const v1::EditOutcome& message, double now_s, Ev
     taken = Taken{outcome.effective_frame.value_or(playhead), outcome.placements, playhead};
   }
   if (taken && timeline && outcome.effective_frame && book.is_cut(message.event_seq())) {
-    timeline->note_cut(*outcome.effective_frame);
+    taken->effective_frame = timeline->note_cut(*outcome.effective_frame);
   }
   const std::vector<std::uint32_t> targets = book.targets_of(message.event_seq());
+  if (taken) {
+    for (const std::uint32_t each : targets) reached_book.take_over(each, outcome.effective_frame.value_or(0));
+  }
   const EditId num_others = book.num_overtaken(message.event_seq());
   const auto edit = book.answer(message.event_seq(), taken);
   settle_targets(targets, outcome.status);
@@ -185,7 +189,8 @@ void SessionState::note_reached(const v1::ConstraintReached& message, EventQueue
   event.reached = convert::reached(message);
   event.reached.frame += base_;
   // to a session that resumes, what became of its targets is told behind the answers, replacements' too
-  const bool is_former = book.begins_after(event.reached.target, event.reached.frame);
+  const std::uint32_t target = event.reached.target;
+  const bool is_former = book.excludes(target, event.reached.frame, reached_book.took_over_from(target));
   if (!reached_book.note(event.reached, is_former)) return;
   if (!is_former) book.end_target(event.reached.target);
   events.push(std::move(event));

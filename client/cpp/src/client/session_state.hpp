@@ -128,9 +128,10 @@ class SessionState {
   // Say the unanswered events again: the first of them now, the others by and by. per_second: as for Repeating.
   void say_again(double per_second, Outbox& outbox);
   void say_next(std::size_t most, Outbox& outbox);
-  // Whether the server accepts events of this size; if not, the session ends.
-  bool check_sizes(const std::vector<v1::SessionEvent>& said, const Catalog& catalog, Outbox& outbox,
-                   EventQueue& events);
+  // Whether the server accepts events of this size; if not, the session ends, which no server has.
+  bool check_sizes(const std::vector<v1::SessionEvent>& said, const Catalog& catalog, EventQueue& events);
+  // Drop the first unanswered event that is bigger than the server accepts, and all after it. Returns why, if so.
+  Status drop_misfits(const Catalog& catalog);
   void set_level(const ServiceLevel& level, EventQueue& events);
   void serve_in_full(std::uint32_t denoise_steps, EventQueue& events);
   void take_outcome(const v1::EditOutcome& message, double now_s, EventQueue& events);

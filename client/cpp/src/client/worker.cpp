@@ -32,7 +32,7 @@ void ClientCore::work() {
     if (closing_) break;
     if (due) reconnect();
     if (connected_) tick(now_s());
-    if (connected_ && wants_catalog_.exchange(false)) static_cast<void>(fetch_catalog(kAskTimeoutS));
+    if (connected_ && wants_catalog_.exchange(false)) static_cast<void>(fetch_catalog(ask_timeout_s_));
     if (has_call && is_silent(now_s())) {
       drop_call(Status(Code::unavailable, "SERVER_SILENT", "no answer came from the server for too long"));
     }

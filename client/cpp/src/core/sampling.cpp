@@ -14,7 +14,7 @@ constexpr Quaternion kNoTurn = {1, 0, 0, 0};
 bool has_jumped(Timeline::State& s, bool is_there) {
   const bool same_next = s.approached && s.replaced_from > s.shown_frame + 1;
   if (s.playhead == s.shown_frame) return is_there ? !same_next : s.approached;
-  if (s.is_cut(s.playhead)) {
+  if (s.has_cut(s.shown_frame, s.playhead)) {
     s.fading = false;  // the fading gap belongs to the place before the cut
     return false;
   }

@@ -66,17 +66,20 @@ Status Timeline::announce_plan(std::uint32_t plan, std::uint64_t valid_from, boo
     return violation("plan " + number(plan) + " begins at frame " + number(valid_from) +
                      "; frames are numbered up to " + number(kLastFrame));
   }
-  const auto replaced = std::lower_bound(s.cuts.begin(), s.cuts.end(), valid_from);
+  const std::uint64_t first_replaceable = s.started ? std::max(valid_from, s.playhead + 1) : valid_from;
+  const auto replaced = std::lower_bound(s.cuts.begin(), s.cuts.end(), first_replaceable);
   if (is_cut && replaced - std::upper_bound(s.cuts.begin(), replaced, s.received_to) >= kMostCutsAhead) {
     return violation("more than " + std::to_string(kMostCutsAhead) + " cuts were announced before their frames");
   }
   s.plan = plan;
   s.cuts.erase(replaced, s.cuts.end());
-  s.cuts.erase(s.cuts.begin(), std::upper_bound(s.cuts.begin(), s.cuts.end(), s.first_kept));
-  if (is_cut) s.cuts.push_back(valid_from);
+  // the newest cut behind the frames kept stays: `sample` may not have been called since
+  const auto kept = std::upper_bound(s.cuts.begin(), s.cuts.end(), s.first_kept);
+  if (kept != s.cuts.begin()) s.cuts.erase(s.cuts.begin(), std::prev(kept));
+  if (first_replaceable > valid_from) s.passed = {valid_from, first_replaceable};
+  if (is_cut) s.cuts.push_back(first_replaceable);
   if (valid_from > s.received_to) return {};  // frames before it that are still to come will carry this plan's number
   s.received_to = valid_from;
-  const std::uint64_t first_replaceable = s.started ? std::max(valid_from, s.playhead + 1) : valid_from;
   if (valid_from < first_replaceable) ++s.late_plans;
   if (s.buffered_to() > first_replaceable) {
     s.rows.drop_back(s.buffered_to() - first_replaceable);
@@ -120,10 +123,13 @@ Status Timeline::add_chunk(const ChunkHeader& header, RowSource& rows) {
   return {};
 }
 
-void Timeline::note_cut(std::uint64_t frame) {
-  auto& cuts = state_->cuts;
-  const auto place = std::lower_bound(cuts.begin(), cuts.end(), frame);
-  if (place == cuts.end() || *place != frame) cuts.insert(place, frame);
+std::uint64_t Timeline::note_cut(std::uint64_t frame) {
+  State& s = *state_;
+  const bool was_shown = s.passed.first <= frame && frame < s.passed.end;
+  const std::uint64_t shows_at = was_shown ? s.passed.end : frame;
+  const auto place = std::lower_bound(s.cuts.begin(), s.cuts.end(), shows_at);
+  if (place == s.cuts.end() || *place != shows_at) s.cuts.insert(place, shows_at);
+  return shows_at;
 }
 
 void Timeline::continue_with_new_plans() {

@@ -45,6 +45,7 @@ struct Timeline::State {
   double held_since_s = kNever;
   std::uint64_t held_frames = 0;
   std::vector<std::uint64_t> cuts;  // kept frames that do not continue the one before, ascending
+  FrameRange passed;                // frames that the latest late plan should have replaced, but that were shown
 
   // ---- what `sample` showed last
   float blend = 0;  // the share of the frame after the playhead
@@ -60,6 +61,11 @@ struct Timeline::State {
   std::uint64_t buffered_to() const { return first_kept + rows.size(); }
   double frame_s() const { return 1 / pace_hz; }
   bool is_cut(std::uint64_t frame) const { return std::binary_search(cuts.begin(), cuts.end(), frame); }
+  // Whether any frame above `after`, up to `frame`, is a cut.
+  bool has_cut(std::uint64_t after, std::uint64_t frame) const {
+    const auto next = std::upper_bound(cuts.begin(), cuts.end(), after);
+    return next != cuts.end() && *next <= frame;
+  }
   Span<const float> row(std::uint64_t frame) const { return {rows.row(frame - first_kept), options.row_width}; }
 
   void start(std::uint64_t frame) {

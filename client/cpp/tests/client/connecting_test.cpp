@@ -2,14 +2,18 @@
 #include <gtest/gtest.h>
 
 #include <atomic>
+#include <memory>
 #include <string>
 
+#include "client/core.hpp"
+#include "motiongen/c/structs.h"
 #include "scripted_server.hpp"
 
 namespace motiongen {
 namespace {
 
 constexpr double kLimitS = 60;
+constexpr double kAskTimeoutOfTestsS = 0.25;  // for a server that answers: if it takes longer, it is asked again
 
 TEST(Connecting, SilentServersDoNotKeepAClientFromTheNextAddress) {
   ScriptedServer frozen;
@@ -20,10 +24,25 @@ TEST(Connecting, SilentServersDoNotKeepAClientFromTheNextAddress) {
   ClientOptions options = frozen.options();
   options.other_addresses = {silent.options().address, well.options().address};
   options.connect_timeout_s = kLimitS;
-  auto client = Client::connect(options);
-  ASSERT_TRUE(client) << client.status().message();
-  EXPECT_TRUE(client->is_connected());
-  EXPECT_EQ(well.num_catalogs, 1);
+  const auto core = std::make_shared<ClientCore>(options, kAskTimeoutOfTestsS);
+  const Status connected = core->connect();
+  ASSERT_TRUE(connected) << connected.message();
+  EXPECT_TRUE(core->is_connected());
+  EXPECT_GE(well.num_catalogs, 1);
+  core->shut_down();
+}
+
+TEST(Connecting, ThatNoServerAnswersIsSaidWithWhatToCheck) {
+  ClientOptions options;
+  options.address = "127.0.0.1:1";
+  options.connect_timeout_s = 0.2;
+  for (const bool tls : {false, true}) {
+    options.tls = tls;
+    const std::string told = Client::connect(options).status().message();
+    EXPECT_NE(told.find("both with TLS, or both without it?"), std::string::npos) << told;
+    EXPECT_EQ(told.find("certificate") != std::string::npos, tls) << told;
+    EXPECT_LT(told.size(), sizeof(motiongen_error::message)) << "C programs would get a part of it";
+  }
 }
 
 TEST(Connecting, ClipCanUseAModelThatWasLoadedSince) {

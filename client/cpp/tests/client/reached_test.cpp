@@ -200,6 +200,7 @@ TEST(Reached, UnansweredEditThatPassedIsRefusedByTheClientAndNotSent) {
   EXPECT_EQ(stage.refusal(3), "FRAME_COMMITTED");
   ASSERT_TRUE(stage.state.find_answer(1));
   EXPECT_EQ(stage.state.find_answer(1)->status.reason(), "FRAME_COMMITTED");
+  EXPECT_EQ(stage.state.find_answer(1)->status.message(), "its frames passed while the connection was lost");
   EXPECT_FALSE(stage.state.find_answer(2));
   v1::SessionEvent late;
   *late.mutable_edit_prompts()->add_upsert() = convert::span(2, Prompt("wave"), 5, 15);

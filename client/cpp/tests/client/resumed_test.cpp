@@ -54,6 +54,27 @@ TEST(Resumed, CutMadeWhileDisconnectedIsKnownFromItsAnswer) {
   EXPECT_EQ(stage.state.timeline->cut_before(30), kCutAt) << "or frames from before it would be history of after it";
 }
 
+TEST(Resumed, ACutThatWasPassedShowsAtTheNextFrameAndIsAskedForAgainWhereTheSessionIsOpenedAnew) {
+  Cutting stage;
+  const std::lock_guard<std::mutex> lock(stage.state.mutex);
+  stage.hold(40);
+  stage.lose();
+  ASSERT_TRUE(stage.state.timeline->advance_to(30));  // by hand, with the connection lost
+  stage.open();
+  stage.hear_opened();
+  ASSERT_TRUE(stage.state.timeline->announce_plan(3, 10));
+  stage.hear_answer();
+  EXPECT_EQ(cuts(*stage.state.timeline, 40), (std::vector<std::uint64_t>{31}));
+  stage.lose();  // before any frame after the cut has come
+  stage.open();
+  stage.hear_refused(Code::not_found);
+  stage.sent();
+  stage.open();
+  const auto cut = stage.sent(v1::SessionEvent::kSeek);
+  ASSERT_EQ(cut.size(), 1U);
+  EXPECT_EQ(cut[0].seek().start_pose().x(), 5);
+}
+
 TEST(Resumed, RefusedCutIsNotACut) {
   Cutting stage;
   const std::lock_guard<std::mutex> lock(stage.state.mutex);
@@ -61,91 +82,38 @@ TEST(Resumed, RefusedCutIsNotACut) {
   EXPECT_TRUE(cuts(*stage.state.timeline, 40).empty());
 }
 
-// An open session with target 1, which is set, and replaced.
-struct Replacing : Stage {
-  static constexpr std::uint32_t kTarget = 1;
-
-  Replacing() {
-    open();
-    hear_opened();
-    hold(10);
-    set(30);
-    hear_answer(kSeqOfEdit);
-  }
-
-  void set(std::uint64_t frame, bool at_any_frame = false) {
-    v1::SessionEvent event;
-    auto* constraint = event.mutable_edit_constraints()->add_upsert();
-    constraint->set_constraint_id(kTarget);
-    constraint->set_frame(frame);
-    constraint->set_at_any_frame(at_any_frame);
-    constraint->mutable_waypoint();
-    state.reached_book.forget(kTarget);
-    state.send_edit(std::move(event), outbox, events);
-  }
-
-  // first_frame: of its placement; 0: the answer has none.
-  void hear_answer(std::uint64_t seq, Code code = Code::ok, std::uint64_t first_frame = 0) {
-    v1::SessionUpdate update;
-    update.mutable_outcome()->set_event_seq(seq);
-    update.mutable_outcome()->set_code(static_cast<int>(code));
-    if (first_frame != 0) {
-      auto* placement = update.mutable_outcome()->add_placements();
-      placement->set_constraint_id(kTarget);
-      placement->set_first_frame(first_frame);
-      placement->set_last_frame(first_frame + 100);
-    }
-    hear(update);
-  }
-
-  void hear_reached(std::uint64_t frame) {
-    v1::SessionUpdate update;
-    update.mutable_constraint_reached()->set_constraint_id(kTarget);
-    update.mutable_constraint_reached()->set_frame(frame);
-    hear(update);
-  }
-
-  std::vector<std::uint64_t> reported() {
-    std::vector<std::uint64_t> frames;
-    for (Event event; events.take(event);) {
-      if (event.kind == EventKind::reached) frames.push_back(event.reached.frame);
-    }
-    return frames;
-  }
-};
-
-TEST(Resumed, NewsThatIsToldBehindTheAnswerOfAReplacementIsOfTheTargetBefore) {
-  for (const std::uint64_t placed_at : {0U, 40U}) {
-    Replacing stage;
-    const std::lock_guard<std::mutex> lock(stage.state.mutex);
-    stage.set(placed_at == 0 ? 900 : 0, placed_at != 0);
-    stage.lose();  // with the news of the first, and the answer of the second, under way
-    stage.open();
-    stage.hear_opened();
-    stage.hear_answer(kSeqOfEdit + 1, Code::ok, placed_at);
-    stage.hear_reached(30);
-    EXPECT_FALSE(stage.state.reached_book.find(Replacing::kTarget));
-    EXPECT_TRUE(stage.state.book.expects(Replacing::kTarget)) << "a session opened anew must be told of it";
-    stage.hear_reached(900);
-    ASSERT_TRUE(stage.state.reached_book.find(Replacing::kTarget));
-    EXPECT_FALSE(stage.state.book.expects(Replacing::kTarget));
-    EXPECT_EQ(stage.reported(), (std::vector<std::uint64_t>{30, 900})) << "the application hears both";
-  }
-}
-
-TEST(Resumed, NewsOfTheOneBeforeIsOfNoneWhoseReplacementIsRefused) {
-  Replacing stage;
-  const std::lock_guard<std::mutex> lock(stage.state.mutex);
-  stage.set(900);
-  stage.lose();
+// What was said of a session that resumes at a server which accepts less, with two edits made in the meantime: the
+// first of them fits.
+std::vector<v1::SessionEvent> said_where_less_is_accepted(Stage& stage, bool is_closed_meanwhile) {
   stage.open();
   stage.hear_opened();
-  stage.hear_answer(kSeqOfEdit + 1);
-  stage.set(50);
-  stage.hear_reached(30);
-  stage.hear_answer(kSeqOfEdit + 2, Code::failed_precondition);
-  EXPECT_FALSE(stage.state.reached_book.find(Replacing::kTarget)) << "the second applies, and is ahead";
-  EXPECT_TRUE(stage.state.book.expects(Replacing::kTarget));
+  stage.lose();
+  for (const std::size_t length : {10U, 3000U}) {
+    v1::SessionEvent event;
+    event.mutable_edit_prompts()->add_upsert()->set_text(std::string(length, 'x'));
+    stage.state.send_edit(event, stage.outbox, stage.events);
+  }
+  stage.known.limits.max_request_bytes = 2048;
+  stage.open();
+  if (is_closed_meanwhile) stage.state.send_close(stage.outbox);
+  stage.sent();
+  stage.hear_opened();
+  return stage.sent();
+}
+
+TEST(Resumed, WhereAnEditIsTooBigItEndsThereTooAtTheNextNumber) {
+  for (const bool is_closed_meanwhile : {false, true}) {
+    Stage stage;
+    const std::lock_guard<std::mutex> lock(stage.state.mutex);
+    const auto said = said_where_less_is_accepted(stage, is_closed_meanwhile);
+    ASSERT_EQ(said.size(), 2U);
+    EXPECT_TRUE(said[0].has_edit_prompts());
+    EXPECT_EQ(said[0].event_seq(), kSeqOfEdit);
+    EXPECT_TRUE(said[1].has_close());
+    EXPECT_EQ(said[1].event_seq(), kSeqOfEdit + 1) << "or the server refuses it as a gap, and the session stays there";
+    EXPECT_EQ(stage.state.phase, is_closed_meanwhile ? Phase::closing : Phase::closed);
+    EXPECT_EQ(stage.num_closed(), is_closed_meanwhile ? 0 : 1);
+  }
 }
 
 TEST(Resumed, ServiceLevelIsFullAgainUntilTheServerReportsLess) {

@@ -26,6 +26,8 @@ void tell(const testing::GoldenLine& line, Timeline& timeline) {
     const ChunkHeader header = {static_cast<std::uint32_t>(line.number(0)), static_cast<std::uint64_t>(line.number(1)),
                                 static_cast<std::uint32_t>(line.number(2)), 0};
     EXPECT_TRUE(timeline.add_chunk(header, source));
+  } else if (line.name == "cut") {
+    timeline.note_cut(static_cast<std::uint64_t>(line.number(0)));
   } else if (line.name == "pause") {
     timeline.pause();
   } else if (line.name == "resume") {

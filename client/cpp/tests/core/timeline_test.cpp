@@ -3,6 +3,7 @@
 #include <gtest/gtest.h>
 
 #include "core/rows.hpp"
+#include "core/walk.hpp"
 
 namespace motiongen {
 namespace {
@@ -12,6 +13,7 @@ using testing::chain_rig;
 using testing::chain_row;
 using testing::numbered_rows;
 using testing::small_timeline;
+using testing::Walk;
 
 float first_number(const Timeline& timeline, std::uint64_t frame) { return timeline.row(frame).value()[0]; }
 
@@ -123,43 +125,6 @@ TEST(Timeline, SamplesAreInterpolatedAndStandStillWhilePaused) {
   EXPECT_NEAR(x_at(9.0), 2.0, 1e-5);  // the last one is held
 }
 
-// Frames of a chain whose root moves along x, a metre a frame from `x_m` on.
-std::vector<float> walk(const Rig& rig, std::uint32_t num_frames, float x_m) {
-  std::vector<float> rows;
-  for (std::uint32_t frame = 0; frame < num_frames; ++frame) {
-    const std::vector<float> row = chain_row(rig, x_m + static_cast<float>(frame));
-    rows.insert(rows.end(), row.begin(), row.end());
-  }
-  return rows;
-}
-
-class Walk {
- public:
-  explicit Walk(double blend_s) : rig_(chain_rig()), out_(rig_.row_width), timeline_(make(rig_, blend_s)) {}
-  void plan(std::uint32_t number, std::uint64_t from, float x_m, bool is_cut = false) {
-    ASSERT_TRUE(timeline_.announce_plan(number, from, is_cut));
-    const std::vector<float> rows = walk(rig_, 5, x_m);
-    RowSpan source(rows);
-    ASSERT_TRUE(timeline_.add_chunk({number, from, 5, 0}, source));
-  }
-  float x_at(double now_s) {
-    EXPECT_TRUE(timeline_.sample(now_s, rig_, out_));
-    return out_[0];
-  }
-  Timeline& timeline() { return timeline_; }
-
- private:
-  static Timeline make(const Rig& rig, double blend_s) {
-    TimelineOptions options;
-    options.row_width = rig.row_width;
-    options.blend_s = blend_s;
-    return std::move(Timeline::make(options)).value();
-  }
-  Rig rig_;
-  std::vector<float> out_;
-  Timeline timeline_;
-};
-
 TEST(Timeline, ReplanFadesInFromThePoseShown) {
   Walk walk(0.1);
   walk.plan(1, 0, 0);
@@ -170,18 +135,6 @@ TEST(Timeline, ReplanFadesInFromThePoseShown) {
   EXPECT_NEAR(walk.x_at(0.075), 11.5 - 2.5, 1e-4) << "half of the gap after half of blend_s";
   EXPECT_NEAR(walk.x_at(0.126), 12.52, 1e-4);
   EXPECT_EQ(walk.timeline().late_plans(), 0U);
-}
-
-TEST(Timeline, NothingIsBlendedAtACut) {
-  Walk walk(0.1);
-  walk.plan(1, 0, 0);
-  walk.plan(2, 2, 50, true);
-  EXPECT_TRUE(walk.timeline().is_cut(2));
-  EXPECT_EQ(walk.timeline().cut_before(3), std::optional<std::uint64_t>(2));
-  EXPECT_FALSE(walk.timeline().cut_before(2));
-  EXPECT_NEAR(walk.x_at(0.0), 0.0, 1e-5);
-  EXPECT_NEAR(walk.x_at(0.09), 1.0, 1e-5) << "it stands until the cut";
-  EXPECT_NEAR(walk.x_at(0.105), 50.1, 1e-4);
 }
 
 TEST(Timeline, TimeScaleSetsThePaceAndExtremeOnesAreRefused) {

@@ -1,8 +1,9 @@
 // Plays a trace of calls on a timeline, one call for each line of input, and prints the result of each:
-//   new RATE WIDTH START KEEP | plan NUMBER VALID_FROM | chunk PLAN FIRST COUNT COMMITTED | advance NOW_S
-//   to FRAME | pause | resume
+//   new RATE WIDTH START KEEP | plan NUMBER VALID_FROM IS_CUT | chunk PLAN FIRST COUNT COMMITTED | advance NOW_S
+//   cut FRAME | to FRAME | pause | resume
 // KEEP -1 keeps all. The numbers of a row are plan * 1000 + frame. After each call: its answer ("-" a refusal), then
-// playhead, buffered_to, first_kept, committed_to, underruns, late_plans, and the sum of the first numbers held.
+// playhead, buffered_to, first_kept, committed_to, underruns, late_plans, the sum of the first numbers held, and the
+// newest cut among the frames held and the next one, or 0.
 #include <cstdio>
 #include <iostream>
 #include <optional>
@@ -37,8 +38,9 @@ std::string call(const std::string& name, std::istream& in, std::optional<Timeli
   if (name == "plan") {
     std::uint32_t plan = 0;
     std::uint64_t valid_from = 0;
-    in >> plan >> valid_from;
-    return timeline->announce_plan(plan, valid_from) ? "ok" : "-";
+    bool is_cut = false;
+    in >> plan >> valid_from >> is_cut;
+    return timeline->announce_plan(plan, valid_from, is_cut) ? "ok" : "-";
   }
   if (name == "chunk") {
     motiongen::ChunkHeader header;
@@ -54,6 +56,11 @@ std::string call(const std::string& name, std::istream& in, std::optional<Timeli
     double now_s = 0;
     in >> now_s;
     return shown(timeline->advance(now_s));
+  }
+  if (name == "cut") {
+    std::uint64_t frame = 0;
+    in >> frame;
+    return std::to_string(timeline->note_cut(frame));
   }
   if (name == "to") {
     std::uint64_t frame = 0;
@@ -81,10 +88,11 @@ int main() {
       sum += static_cast<double>(timeline->row(frame).value()[0]);
     }
     std::printf(
-        "%s %llu %llu %llu %llu %u %u %.0f\n", answer.c_str(), static_cast<unsigned long long>(timeline->playhead()),
-        static_cast<unsigned long long>(timeline->buffered_to()),
+        "%s %llu %llu %llu %llu %u %u %.0f %llu\n", answer.c_str(),
+        static_cast<unsigned long long>(timeline->playhead()), static_cast<unsigned long long>(timeline->buffered_to()),
         static_cast<unsigned long long>(timeline->first_kept()),
-        static_cast<unsigned long long>(timeline->committed_to()), timeline->underruns(), timeline->late_plans(), sum);
+        static_cast<unsigned long long>(timeline->committed_to()), timeline->underruns(), timeline->late_plans(), sum,
+        static_cast<unsigned long long>(timeline->cut_before(timeline->buffered_to() + 1).value_or(0)));
   }
   return 0;
 }

@@ -20,6 +20,7 @@ from motiongen_server.addresses import join_address
 from motiongen_server.identity.setup import listen, make_callers, make_ops_context, make_tls, warn_of_exposure
 from motiongen_server.ops.http import ops_app
 from motiongen_server.ops.port import OpsPort
+from motiongen_server.rpc.calls.call_pace import calls_a_second
 from motiongen_server.rpc.calls.health import Health, add_health
 from motiongen_server.rpc.calls.requests import Requests
 from motiongen_server.rpc.grpc_server import make_server
@@ -60,7 +61,8 @@ class EncoderApplication:
                 ("grpc.max_receive_message_length", most_bytes(config)),
                 ("grpc.max_allowed_incoming_connections", allowed_connections()),
                 ("grpc.server_handshake_timeout_ms", HANDSHAKE_MS),
-            ]
+            ],
+            calls_a_second=calls_a_second(config.address_calls_per_second, config.peer_calls_per_second),
         )
         limits = PeerLimits(
             calls=CALLS_OF_A_PEER,

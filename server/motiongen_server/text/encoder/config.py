@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 
-from motiongen_server.config import ENCODER_PREFIX, LOG_LEVELS, TEXT_PRECISIONS
+from motiongen_server.config import AS_PEERS_CALL, ENCODER_PREFIX, LOG_LEVELS, TEXT_PRECISIONS
 from motiongen_server.protection import check_protection
 from motiongen_server.settings import Program, check_settings, setting
 
@@ -13,7 +13,7 @@ from motiongen_server.settings import Program, check_settings, setting
 class EncoderConfig:
     """Every setting of the encoder service."""
 
-    host: str = setting("127.0.0.1", "address to serve gRPC on", section="Addresses")
+    host: str = setting("127.0.0.1", "address to serve gRPC on, or unix:PATH for a Unix socket", section="Addresses")
     port: int = setting(50052, "port to serve gRPC on; 0 picks a free one", 0, 65535)
     ops_host: str = setting("127.0.0.1", "address to serve health checks and metrics on (HTTP)")
     ops_port: int = setting(9465, "port for health checks and metrics; 0 picks a free one", 0, 65535)
@@ -47,6 +47,14 @@ class EncoderConfig:
         1000.0, "new texts per second of one address or tenant; more are refused for a while", 0.1, 1e9
     )
     peer_calls_per_second: float = setting(1000.0, "requests per second of one address or tenant", 0.1, 1e9)
+    address_calls_per_second: float | None = setting(
+        None,
+        "requests begun per second from one address, whichever tenants call from there; more end with CANCELLED",
+        1,
+        1e9,
+        kind=float,
+        unset=AS_PEERS_CALL,
+    )
     drain_grace_s: float = setting(5.0, "on SIGTERM: time for running requests to end", 0, 3600)
 
     log_level: str = setting("INFO", "least severity that is logged", choices=LOG_LEVELS, section="Logs")

@@ -1,4 +1,4 @@
-"""Calls that begin faster than one address may begin them: gRPC ends them, and those of other addresses begin."""
+"""Calls that come faster than one address may begin them: gRPC ends them, and others' are begun."""
 
 from __future__ import annotations
 
@@ -8,14 +8,25 @@ from typing import Any
 
 import pytest
 
+from motiongen_server.config import ServerConfig
 from motiongen_server.rpc import grpc_server
-from motiongen_server.rpc.calls import call_pace
-from motiongen_server.rpc.calls.call_pace import CALLS_A_SECOND, HEADERS_A_CALL, MOST_IDLE, CallPace
+from motiongen_server.rpc.calls.call_pace import (
+    CALLS_A_SECOND,
+    FORGET_AFTER_S,
+    HEADERS_A_CALL,
+    MOST_OWED_S,
+    CallPace,
+    calls_a_second,
+)
+from motiongen_server.text.encoder.config import EncoderConfig
+from motiongen_server.transport import make_grpc_server
 from tests.raw_calls import answer_to, status_in
 from tests.server.rpc.one_method import SERVED, serving
 
 HERE, ELSEWHERE = "ipv4:10.0.0.1", "ipv4:10.0.0.2"
 OK, CANCELLED, UNIMPLEMENTED = 0, 1, 12
+RATE = 256
+"""A power of two: its sums with the steps of the clock below are exact."""
 
 
 @pytest.fixture
@@ -25,61 +36,114 @@ def clock() -> list[float]:
 
 @pytest.fixture
 def pace(clock: list[float]) -> CallPace:
-    return CallPace(lambda: clock[0])
+    return CallPace(RATE, lambda: clock[0])
 
 
-def test_calls_a_second_of_an_address_are_limited_across_its_connections(pace: CallPace, clock: list[float]) -> None:
-    begun = [pace.allows(f"{HERE}:{port}") for port in range(3 * CALLS_A_SECOND)]
-    assert begun == [True] * CALLS_A_SECOND + [False] * (2 * CALLS_A_SECOND)
-    assert pace.allows(f"{ELSEWHERE}:55000")
-    clock[0] += 0.25
-    assert sum(pace.allows(f"{HERE}:55000") for _ in range(CALLS_A_SECOND)) == CALLS_A_SECOND // 4
+def begun(pace: CallPace, peer: str, asked: int = 3 * RATE) -> int:
+    """How many of so many calls are begun at once."""
+    return sum(pace.allows(peer) for _ in range(asked))
 
 
-def test_headers_beyond_those_of_an_ordinary_call_count_as_calls(pace: CallPace, clock: list[float]) -> None:
-    def begin(num_headers: int) -> int:
-        """How many calls with that many headers may begin at once."""
-        clock[0] += 1e6
+def test_address_begins_as_many_calls_a_second_as_its_rate(pace: CallPace, clock: list[float]) -> None:
+    assert begun(pace, f"{HERE}:1") == RATE + 1
+    assert begun(pace, f"{ELSEWHERE}:1") == RATE + 1
+    for _ in range(8):
+        clock[0] += 0.25
+        assert begun(pace, f"{HERE}:1") == RATE // 4
+
+
+def test_connection_within_its_share_begins_all_calls_while_another_of_its_address_floods(
+    pace: CallPace, clock: list[float]
+) -> None:
+    """As where both are behind one proxy or address translation."""
+    num_flooded = begun(pace, f"{HERE}:1")
+    for _ in range(64):
+        assert pace.allows(f"{HERE}:2")
+        num_flooded += begun(pace, f"{HERE}:1", RATE)
+        clock[0] += 1 / 32
+    assert num_flooded <= RATE + 1 + 2 * RATE - 64, "both together keep to the rate"
+
+
+def test_new_connections_are_ahead_of_the_pace_of_their_address_only_so_far(pace: CallPace, clock: list[float]) -> None:
+    def begun_on_new_connections(first: int) -> int:
+        return sum(pace.allows(f"{HERE}:{first + number}") for number in range(4 * RATE))
+
+    assert begun_on_new_connections(1) == RATE + MOST_OWED_S * RATE + 1
+    for second in range(1, 5):
+        clock[0] += 1.0
+        assert begun_on_new_connections(4 * RATE * second) == RATE
+
+
+def test_headers_beyond_those_of_a_caller_count_as_calls(pace: CallPace, clock: list[float]) -> None:
+    def begun_with(num_headers: int) -> int:
+        clock[0] += 1024.0
         num_begun = 0
         while pace.allows(f"{HERE}:1"):
             pace.charge(f"{HERE}:1", num_headers)
             num_begun += 1
         return num_begun
 
-    assert begin(HEADERS_A_CALL - 1) == CALLS_A_SECOND
-    assert begin(HEADERS_A_CALL) == CALLS_A_SECOND // 2
-    assert begin(7 * HEADERS_A_CALL) == CALLS_A_SECOND // 8
+    assert begun_with(HEADERS_A_CALL - 1) == RATE + 1
+    assert begun_with(HEADERS_A_CALL) == RATE // 2 + 1
+    assert begun_with(7 * HEADERS_A_CALL) == RATE // 8 + 1
 
 
-def test_idle_addresses_are_forgotten_once_there_are_many(pace: CallPace, clock: list[float]) -> None:
-    for number in range(1, MOST_IDLE):
-        pace.allows(f"ipv4:10.1.{number // 256}.{number % 256}:1")
-    for _ in range(CALLS_A_SECOND):
-        pace.allows(f"{HERE}:1")
-    clock[0] += 0.5
+def test_addresses_that_have_not_called_of_late_are_forgotten_once_they_owe_nothing(
+    pace: CallPace, clock: list[float]
+) -> None:
+    for number in range(1, RATE):
+        pace.allows(f"ipv4:10.1.0.{number}:1")
+    for number in range(2 * RATE):
+        pace.allows(f"{HERE}:{number}")
+    clock[0] += FORGET_AFTER_S / 2
+    pace.allows(f"{HERE}:1")
+    clock[0] += FORGET_AFTER_S / 2
     pace.allows(f"{ELSEWHERE}:1")
-    assert pace.num_addresses == 2, "an address that has used up its calls is remembered"
-    assert sum(pace.allows(f"{HERE}:1") for _ in range(CALLS_A_SECOND)) == CALLS_A_SECOND // 2
+    assert pace.num_addresses == 2
+    clock[0] += FORGET_AFTER_S
+    pace.allows(f"{ELSEWHERE}:1")
+    assert pace.num_addresses == 1
 
 
-async def test_calls_over_the_limit_are_cancelled_and_reach_no_method(
+@pytest.mark.parametrize(
+    ("asked", "of_peers", "rate"),
+    [(None, 100.0, CALLS_A_SECOND), (None, 5000.0, 5000.0), (50.0, 5000.0, 50.0), (1e6, 100.0, 1e6)],
+)
+def test_pace_is_what_is_asked_for_or_no_less_than_peers_may_call(
+    asked: float | None, of_peers: float, rate: float
+) -> None:
+    assert calls_a_second(asked, of_peers) == rate
+    for config in (
+        ServerConfig(address_calls_per_second=asked, peer_calls_per_second=of_peers),
+        EncoderConfig(address_calls_per_second=asked, peer_calls_per_second=of_peers),
+    ):
+        assert calls_a_second(config.address_calls_per_second, config.peer_calls_per_second) == rate
+
+
+async def test_server_has_the_pace_of_its_settings() -> None:
+    server = make_grpc_server(ServerConfig(address_calls_per_second=2.0))
+    assert server._server._paces[b"service"].rate == 2.0
+
+
+async def test_calls_beyond_the_pace_are_cancelled_before_any_method_and_services_count_separately(
     monkeypatch: pytest.MonkeyPatch, caplog: pytest.LogCaptureFixture
 ) -> None:
-    monkeypatch.setattr(call_pace, "CALLS_A_SECOND", 3)
-    monkeypatch.setattr(grpc_server, "CallPace", partial(CallPace, lambda: 0.0))
+    monkeypatch.setattr(grpc_server, "CallPace", partial(CallPace, clock=lambda: 0.0))
     reached: list[str] = []
 
     async def say(_messages: object, context: Any) -> None:
         reached.append(context.peer())
 
-    async with serving(say) as port:
-        said = [status_in(await asyncio.to_thread(answer_to, port, SERVED)) for _ in range(6)]
-        assert said == [OK] * 3 + [CANCELLED] * 3
-        assert len(reached) == 3
-        said = [status_in(await asyncio.to_thread(answer_to, port, b"/nobody.Serves/This")) for _ in range(6)]
-        assert said == [UNIMPLEMENTED] * 3 + [CANCELLED] * 3
-    async with serving(say) as port:
-        many = [(b"k", b"v")] * (3 * HEADERS_A_CALL)
+    rate = 2
+    most = rate + int(MOST_OWED_S * rate) + 1  # each call comes over a connection of its own
+    async with serving(say, rate) as port:
+        said = [status_in(await asyncio.to_thread(answer_to, port, SERVED)) for _ in range(most + 3)]
+        assert said == [OK] * most + [CANCELLED] * 3
+        assert len(reached) == most
+        said = [status_in(await asyncio.to_thread(answer_to, port, b"/nobody.Serves/This")) for _ in range(most + 3)]
+        assert said == [UNIMPLEMENTED] * most + [CANCELLED] * 3
+    async with serving(say, rate) as port:
+        many = [(b"k", b"v")] * (most * HEADERS_A_CALL)
         said = [status_in(await asyncio.to_thread(answer_to, port, SERVED, *many)) for _ in range(2)]
         assert said == [OK, CANCELLED]
     assert not caplog.records

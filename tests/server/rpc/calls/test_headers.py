@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import asyncio
+import gc
 from collections.abc import AsyncIterator
 from contextlib import asynccontextmanager
 from typing import Any
@@ -13,7 +14,8 @@ import pytest
 
 from motiongen_server.errors import StreamRefused
 from motiongen_server.rpc.budgets.loop_time import Clocks
-from motiongen_server.rpc.calls.headers import BYTES_A_HEADER, LOOP_SHARE, MOST_BYTES, HeaderTime
+from motiongen_server.rpc.calls import headers
+from motiongen_server.rpc.calls.headers import BYTES_A_HEADER, LOOP_SHARE, MOST_BYTES, MOST_OFFENCES, HeaderTime
 from tests.raw_calls import answer_to, status_in
 from tests.server.rpc.one_method import SERVED, serving
 
@@ -26,12 +28,14 @@ AS_MANY_AS_MAY_BE = TOO_MANY[1:]
 class Called:
     """The context of a call whose headers take `READING_S` to read if there are too many."""
 
-    def __init__(self, clock: list[float], address: str, headers: tuple[tuple[str, str], ...]) -> None:
-        self._clock, self._address, self._headers = clock, address, headers
+    def __init__(
+        self, clock: list[float], address: str, headers: tuple[tuple[str, str], ...], port: int = 55000
+    ) -> None:
+        self._clock, self._address, self._headers, self._port = clock, address, headers, port
         self.num_read = 0
 
     def peer(self) -> str:
-        return f"{self._address}:55000"
+        return f"{self._address}:{self._port}"
 
     def invocation_metadata(self) -> tuple[tuple[str, str], ...]:
         self.num_read += 1
@@ -72,6 +76,66 @@ def test_address_pays_for_too_many_headers_before_any_are_read_again(
     header_time.check(Called(clock, ELSEWHERE, AS_MANY_AS_MAY_BE))
     clock[0] += READING_S / LOOP_SHARE
     assert reason(header_time, Called(clock, HERE, TOO_MANY)) == "HEADERS_TOO_LONG"
+
+
+def test_connections_that_began_ordinary_calls_before_begin_more_while_their_address_owes(
+    header_time: HeaderTime, clock: list[float]
+) -> None:
+    """As where a hostile client is behind the same address translation."""
+    known, hostile, new = 1, 2, 3
+    header_time.check(Called(clock, HERE, AS_MANY_AS_MAY_BE, known))
+    assert reason(header_time, Called(clock, HERE, TOO_MANY, hostile)) == "HEADERS_TOO_LONG"
+    for _ in range(100):
+        header_time.check(Called(clock, HERE, AS_MANY_AS_MAY_BE, known))
+        assert reason(header_time, Called(clock, HERE, TOO_MANY, hostile)) == "TOO_MANY_CALLS"
+        assert reason(header_time, Called(clock, HERE, AS_MANY_AS_MAY_BE, new)) == "TOO_MANY_CALLS"
+
+
+def test_known_connections_that_send_too_many_headers_are_read_only_so_often(
+    header_time: HeaderTime, clock: list[float]
+) -> None:
+    for port in range(100):
+        header_time.check(Called(clock, HERE, AS_MANY_AS_MAY_BE, port))
+    began = clock[0]
+    reasons = [reason(header_time, Called(clock, HERE, TOO_MANY, port)) for port in range(50)]
+    assert reasons.count("HEADERS_TOO_LONG") == 1 + MOST_OFFENCES
+    assert reason(header_time, Called(clock, HERE, AS_MANY_AS_MAY_BE, 99)) == "TOO_MANY_CALLS"
+    clock[0] = began + (1 + MOST_OFFENCES) * READING_S * (1 + 1 / LOOP_SHARE)
+    header_time.check(Called(clock, HERE, AS_MANY_AS_MAY_BE, 99))
+
+
+def test_connection_that_sent_too_many_headers_is_known_no_longer(header_time: HeaderTime, clock: list[float]) -> None:
+    header_time.check(Called(clock, HERE, AS_MANY_AS_MAY_BE))
+    assert reason(header_time, Called(clock, HERE, TOO_MANY)) == "HEADERS_TOO_LONG"
+    assert reason(header_time, Called(clock, HERE, AS_MANY_AS_MAY_BE)) == "TOO_MANY_CALLS"
+
+
+def test_connections_that_have_been_silent_for_longest_are_forgotten(
+    header_time: HeaderTime, clock: list[float], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr(headers, "MOST_KNOWN", 2)
+    for port in (1, 2, 1, 3):
+        header_time.check(Called(clock, HERE, AS_MANY_AS_MAY_BE, port))
+    assert reason(header_time, Called(clock, HERE, TOO_MANY, 9)) == "HEADERS_TOO_LONG"
+    for port in (1, 3):
+        header_time.check(Called(clock, HERE, AS_MANY_AS_MAY_BE, port))
+    assert reason(header_time, Called(clock, HERE, AS_MANY_AS_MAY_BE, 2)) == "TOO_MANY_CALLS"
+
+
+def test_reading_headers_collects_no_garbage_and_collection_goes_on_afterwards(
+    header_time: HeaderTime, clock: list[float]
+) -> None:
+    """Of hundreds of thousands of headers, it would take the event loop twice as long as reading them."""
+    collecting: list[bool] = []
+
+    class Noted(Called):
+        def invocation_metadata(self) -> tuple[tuple[str, str], ...]:
+            collecting.append(gc.isenabled())
+            return super().invocation_metadata()
+
+    header_time.check(Noted(clock, HERE, AS_MANY_AS_MAY_BE))
+    reason(header_time, Noted(clock, HERE, TOO_MANY))
+    assert (collecting, gc.isenabled()) == ([False, False], True)
 
 
 def test_addresses_that_owe_nothing_any_more_are_forgotten(header_time: HeaderTime, clock: list[float]) -> None:

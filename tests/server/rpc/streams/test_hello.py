@@ -10,6 +10,7 @@ from google.protobuf.duration_pb2 import Duration
 from motiongen.v1 import service_pb2, session_pb2
 from motiongen_server.engine.types import Playhead
 from motiongen_server.errors import StreamRefused
+from motiongen_server.rpc.errors.streams import hello_expected, hello_repeated
 from motiongen_server.rpc.streams.reader import FLUSH_RANGE_S, MAX_AGENT_CHARACTERS, StreamReader
 from tests.server.rpc.streams.test_event_order import Line
 
@@ -56,13 +57,16 @@ async def test_hello_must_come_first_and_once_and_not_be_too_long() -> None:
     talk = Talk()
     with pytest.raises(StreamRefused, match=str(MAX_AGENT_CHARACTERS)):
         talk.say(hello=service_pb2.ClientHello(client_agent="a" * (MAX_AGENT_CHARACTERS + 1)))
-    with pytest.raises(StreamRefused, match="hello"):
+    with pytest.raises(StreamRefused) as early:
         talk.say(ping=service_pb2.Ping())
     assert (talk.told(), talk.stream.greeted) == ([], False)
     talk.say(hello=HELLO)
-    with pytest.raises(StreamRefused, match="hello"):
+    with pytest.raises(StreamRefused) as again:
         talk.say(hello=HELLO)
-    assert len(talk.told()) == 1
+    assert (early.value.reason, again.value.reason) == (hello_expected().reason, hello_repeated().reason)
+    (answer,) = talk.told()
+    assert answer.hello.limits == talk.line.models.limits_message
+    assert answer.hello.server_time_ns > 0
 
 
 async def test_playheads_carry_the_round_trip_that_the_client_measured() -> None:
@@ -76,6 +80,8 @@ async def test_playheads_carry_the_round_trip_that_the_client_measured() -> None
     reports = [event for event in talk.line.engine.events if isinstance(event, Playhead)]
     assert [report.rtt_s for report in reports] == [None, 0.25, None]
     assert [each.pong.client_time_ns for each in talk.told()[1:]] == [7, 7, 7]
+    times_ns = [each.pong.server_time_ns for each in talk.told()[1:]]
+    assert all(time_ns > 0 for time_ns in times_ns)
 
 
 async def test_client_of_a_draining_server_gets_goodbye_after_the_hello() -> None:

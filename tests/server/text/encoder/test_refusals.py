@@ -12,7 +12,7 @@ import numpy as np
 import pytest
 
 from motiongen.v1 import encoder_pb2, motion_pb2
-from motiongen_ardy.text import TextEncoderUnavailable, TextRefused, UnknownTextEncoder
+from motiongen_ardy.text import TextEncoderChanged, TextEncoderUnavailable, TextRefused, UnknownTextEncoder
 from motiongen_server.text.encoder.client import RemoteEncoder
 from motiongen_server.text.ports import answers_to
 from tests.waiting import LIMIT_S
@@ -22,13 +22,20 @@ TOO_LONG = "the text has 9 characters; at most 8 are allowed"
 
 
 @contextmanager
-def service(name: str = "ones", width: int = 4, most_texts: int = 8) -> Iterator[str]:
-    """The address of a service that takes only short texts, and at most two a request whatever it says."""
+def service(
+    name: str = "ones", width: int = 4, most_texts: int = 8, refusal: grpc.StatusCode | None = None
+) -> Iterator[str]:
+    """The address of a service that takes only short texts, and at most two a request whatever it says.
+
+    refusal: the status with which it refuses every text.
+    """
 
     def describe(request: Any, call: grpc.ServicerContext) -> encoder_pb2.GetTextEncoderResponse:
         return encoder_pb2.GetTextEncoderResponse(text_encoder=name, width=width, max_texts=most_texts)
 
     def encode(request: Any, call: grpc.ServicerContext) -> encoder_pb2.EncodeTextsResponse:
+        if refusal is not None:
+            call.abort(refusal, "not now")
         if len(request.texts) > 2:
             call.abort(grpc.StatusCode.INVALID_ARGUMENT, f"there are {len(request.texts)} texts; it must be 1 to 2")
         if any(len(text) > MOST_CHARACTERS for text in request.texts):
@@ -90,6 +97,18 @@ def test_closed_service_is_unavailable_with_a_time_to_retry() -> None:
     encoder.close()
     assert not isinstance(away.value, TextRefused)
     assert away.value.retry_after_s is not None
+
+
+@pytest.mark.parametrize("code", [code for code in grpc.StatusCode if code.name not in ("OK", "INVALID_ARGUMENT")])
+def test_refusal_that_is_not_of_the_text_has_a_time_to_retry(code: grpc.StatusCode) -> None:
+    with service(refusal=code) as address:
+        encoder = RemoteEncoder(address, LIMIT_S)
+        with pytest.raises(TextEncoderUnavailable) as refused:
+            encoder.encode(["walk"])
+        encoder.close()
+    assert refused.value.retry_after_s is not None
+    assert not isinstance(refused.value, TextRefused)
+    assert isinstance(refused.value, TextEncoderChanged) == (code is grpc.StatusCode.FAILED_PRECONDITION)
 
 
 @pytest.mark.parametrize("host", ["127.0.0.1", "localhost"])

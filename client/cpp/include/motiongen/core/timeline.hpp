@@ -91,7 +91,8 @@ class MOTIONGEN_API Timeline {
   // ---- from the server
 
   // Take a plan notice and drop the frames that it replaces. A violation if the plan would replace committed frames or
-  // is not newer; nothing has changed then. is_cut: the plan's first frame does not continue the one before.
+  // is not newer; nothing has changed then. is_cut: the plan's first frame does not continue the one before. If that
+  // was shown already, the first that can be replaced does not.
   [[nodiscard]] Status announce_plan(std::uint32_t plan, std::uint64_t valid_from, bool is_cut = false);
 
   // Take the frames of a chunk. A violation if they do not belong to the latest plan, do not follow the frames received
@@ -99,8 +100,9 @@ class MOTIONGEN_API Timeline {
   [[nodiscard]] Status add_chunk(const ChunkHeader& header, RowSource& rows);
 
   // Note that a requested cut is at a frame, for a session that was disconnected when the plan with the cut was
-  // announced.
-  void note_cut(std::uint64_t frame);
+  // announced. Returns the frame at which it shows: the first that could be replaced, if its own was shown before it
+  // was known.
+  std::uint64_t note_cut(std::uint64_t frame);
 
   // A new session continues this one: its plans count from 1 again, and its first frame is `buffered_to`. Frames that
   // are held stay.

@@ -55,7 +55,7 @@ async def test_unanswered_edit_is_sent_again_when_the_session_is_resumed(
     assert (await edit).effective_frame == 4
 
 
-async def test_where_an_edit_is_too_big_the_session_ends_there_too_at_the_next_number(
+async def test_session_with_an_edit_too_big_to_repeat_is_closed_at_the_next_number(
     session: Session, line: Line, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     too_big = InvalidInput("edit", "3000 bytes", "at most 2048")

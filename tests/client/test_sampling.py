@@ -106,7 +106,7 @@ def test_cut_is_not_interpolated_and_is_forgotten_when_replaced(stick_rig: Rig, 
     assert (playback.cut_before(3), playback.cut_before(2)) == (2, None)
     playback.announce_plan(3, 8, is_cut=True)
     playback.announce_plan(4, 8)
-    assert playback.cut_before(9) == 2, "another plan has taken the place of the one that was not shown"
+    assert playback.cut_before(9) == 2, "a later plan has replaced the cut not yet shown"
 
 
 def test_pose_does_not_jump_after_an_underrun(stick_rig: Rig, playback: Playback) -> None:

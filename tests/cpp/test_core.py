@@ -85,7 +85,7 @@ def draw_trace(seed: int) -> list[str]:
                 is_cut = draw.random() < 0.2
                 lines.append(f"plan {plan} {valid_from} {int(is_cut)}")
                 received = min(received, valid_from)
-                if draw.random() < 0.2:  # after a loss, the answer tells of it
+                if draw.random() < 0.2:  # known from its outcome, after a loss
                     lines.append(f"cut {valid_from + draw.randint(0, 3)}")
             case "chunk":
                 count = draw.randint(1, 12)

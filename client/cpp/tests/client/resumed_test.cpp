@@ -54,12 +54,12 @@ TEST(Resumed, CutMadeWhileDisconnectedIsKnownFromItsAnswer) {
   EXPECT_EQ(stage.state.timeline->cut_before(30), kCutAt) << "or frames from before it would be history of after it";
 }
 
-TEST(Resumed, ACutThatWasPassedShowsAtTheNextFrameAndIsAskedForAgainWhereTheSessionIsOpenedAnew) {
+TEST(Resumed, PassedCutShowsAtTheNextFrameAndIsSentAgainIfReopened) {
   Cutting stage;
   const std::lock_guard<std::mutex> lock(stage.state.mutex);
   stage.hold(40);
   stage.lose();
-  ASSERT_TRUE(stage.state.timeline->advance_to(30));  // by hand, with the connection lost
+  ASSERT_TRUE(stage.state.timeline->advance_to(30));  // by the application, while disconnected
   stage.open();
   stage.hear_opened();
   ASSERT_TRUE(stage.state.timeline->announce_plan(3, 10));
@@ -82,7 +82,7 @@ TEST(Resumed, RefusedCutIsNotACut) {
   EXPECT_TRUE(cuts(*stage.state.timeline, 40).empty());
 }
 
-// What was said of a session that resumes at a server which accepts less, with two edits made in the meantime: the
+// What a session sends when it resumes at a server which accepts less, with two edits made in the meantime: the
 // first of them fits.
 std::vector<v1::SessionEvent> said_where_less_is_accepted(Stage& stage, bool is_closed_meanwhile) {
   stage.open();
@@ -101,7 +101,7 @@ std::vector<v1::SessionEvent> said_where_less_is_accepted(Stage& stage, bool is_
   return stage.sent();
 }
 
-TEST(Resumed, WhereAnEditIsTooBigItEndsThereTooAtTheNextNumber) {
+TEST(Resumed, SessionWithAnEditTooBigToRepeatIsClosedAtTheNextNumber) {
   for (const bool is_closed_meanwhile : {false, true}) {
     Stage stage;
     const std::lock_guard<std::mutex> lock(stage.state.mutex);

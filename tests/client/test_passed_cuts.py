@@ -22,7 +22,7 @@ def playback(stick_rig: Rig) -> Playback:
     return playback
 
 
-@pytest.mark.parametrize("is_told_by_its_plan", [True, False])
+@pytest.mark.parametrize("is_in_plan", [True, False])
 def test_cut_already_passed_shows_at_the_next_frame(stick_rig: Rig, playback: Playback, is_in_plan: bool) -> None:
     sampler = Sampler(stick_rig, playback)
     playback.advance(0.26)

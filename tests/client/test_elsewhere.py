@@ -156,7 +156,7 @@ async def test_unreachable_servers_of_a_goodbye_are_skipped_and_the_own_one_is_l
         assert (len(other.streams), len(server.streams)) == (1, 2)
 
 
-async def test_sessions_continue_with_the_routing_key_named_in_a_goodbye(server: FakeServer) -> None:
+async def test_session_continues_with_the_routing_key_named_in_a_goodbye(server: FakeServer) -> None:
     async with MotionClient(server.address) as client:
         session = await client.open("walk")
         await say_goodbye(client, server, ("elsewhere:1", "0123456789abcdef"))

@@ -16,7 +16,7 @@ ROUNDS = 8
 
 
 async def test_updates_sent_before_a_call_fails_are_all_read(server: FakeServer) -> None:
-    """gRPC keeps a call with unread messages, and its connection; a failed write is told before they are read."""
+    """gRPC keeps a call with unread messages, and its connection; it reports a failed write before they are read."""
     told: list[bool] = []
     async with MotionClient(server.address) as client:
         session = await client.open("a person walks")

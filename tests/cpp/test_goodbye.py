@@ -55,7 +55,7 @@ def say_goodbye(walker: Character, server: FakeServer, *others: Named) -> None:
     walker.hear("recovered")
 
 
-def test_sessions_continue_on_the_server_named_in_a_goodbye(program: Program, servers: Sequence[FakeServer]) -> None:
+def test_session_continues_on_the_server_named_in_a_goodbye(program: Program, servers: Sequence[FakeServer]) -> None:
     own, following, other = servers
     with character_with_others(program, own.address, [following.address, other.address]) as walker:
         play(walker)
@@ -89,7 +89,7 @@ def test_server_at_an_address_the_application_did_not_name_is_not_contacted(
     assert other.metadata == []
 
 
-def test_sessions_continue_with_the_routing_key_named_in_a_goodbye(
+def test_session_continues_with_the_routing_key_named_in_a_goodbye(
     program: Program, servers: Sequence[FakeServer]
 ) -> None:
     own = servers[0]
